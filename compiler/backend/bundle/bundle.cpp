@@ -1,0 +1,159 @@
+// SPDX-License-Identifier: Apache-2.0
+// Verification of bundles: what FlatBuffers cannot know.
+#include "compiler/backend/bundle/bundle.h"
+
+#include <cstring>
+
+#include "compiler/ir/dim.h"
+
+namespace dr::bundle {
+
+std::vector<uint8_t> write(const BundleT& bundle) {
+  flatbuffers::FlatBufferBuilder builder(1 << 16);
+  builder.Finish(Bundle::Pack(builder, &bundle), BundleIdentifier());
+  return {builder.GetBufferPointer(), builder.GetBufferPointer() + builder.GetSize()};
+}
+
+std::variant<BundleT, std::string> read(std::span<const uint8_t> bytes) {
+  constexpr size_t kSmallest = 8, kLargest = size_t{1} << 30;
+  if (bytes.size() < kSmallest || !BundleBufferHasIdentifier(bytes.data())) return "not a bundle: the file does not start with DRB1";
+  if (bytes.size() > kLargest) return "the bundle is larger than 1 GiB";
+  // The tables are read in place and want alignment, which a caller's bytes need not have.
+  std::vector<uint64_t> aligned((bytes.size() + 7) / 8);
+  std::memcpy(aligned.data(), bytes.data(), bytes.size());
+  const auto* data = reinterpret_cast<const uint8_t*>(aligned.data());
+  flatbuffers::Verifier verifier(data, bytes.size(), 64, 1'000'000);
+  if (!VerifyBundleBuffer(verifier)) return "the bundle is damaged or cut off";
+  const Bundle* root = GetBundle(data);
+  if (root->version() != kVersion)
+    return "the bundle has version " + std::to_string(root->version()) + ", this program reads version " + std::to_string(kVersion) +
+           "; build it again";
+  BundleT bundle;
+  root->UnPackTo(&bundle);
+  if (std::string problem = check(bundle); !problem.empty()) return "the bundle is not sound: " + problem;
+  return bundle;
+}
+
+namespace {
+
+struct Checker {
+  const BundleT& b;
+  std::string problem;
+
+  bool fail(const std::string& what) {
+    if (problem.empty()) problem = what;
+    return false;
+  }
+  bool expression(const std::string& text, const std::string& where) {
+    if (text.size() > 4096) return fail(where + " has an extent of over 4096 characters");
+    const auto dim = ir::Dim::parse(text);
+    if (!dim) return fail(where + " has the extent '" + text.substr(0, 64) + "', which is no expression");
+    for (const std::string& s : dim->symbols()) {
+      bool known = false;
+      for (const std::string& k : b.symbols) known = known || k == s;
+      if (!known) return fail(where + " uses the unknown symbol '" + s + "'");
+    }
+    return true;
+  }
+  bool extent(const std::unique_ptr<ExtentT>& e, const std::string& where) {
+    if (!e) return fail(where + " has no extent");
+    return expression(e->w, where) && expression(e->h, where) && expression(e->l, where);
+  }
+  bool type(const std::unique_ptr<TypeT>& t, const std::string& where) {
+    if (!t) return fail(where + " has no type");
+    if (t->scalar > Scalar::MAX) return fail(where + " has an unknown scalar type");
+    if (t->rows < 1 || t->rows > 4 || t->cols < 1 || t->cols > 4) return fail(where + " has a type of " + std::to_string(t->rows) + " rows");
+    return true;
+  }
+  bool resource(int64_t index, const std::string& where) {
+    if (index < 0 || index >= static_cast<int64_t>(b.resources.size())) return fail(where + " names resource " + std::to_string(index));
+    return true;
+  }
+  bool storage(int64_t index, Storage wanted, const std::string& where) {
+    if (!resource(index, where)) return false;
+    if (b.resources[static_cast<size_t>(index)]->storage != wanted) return fail(where + " names a resource of the wrong storage");
+    return true;
+  }
+  bool shader(int64_t index, Stage stage, const std::string& where) {
+    if (index < 0 || index >= static_cast<int64_t>(b.shaders.size())) return fail(where + " names shader " + std::to_string(index));
+    if (b.shaders[static_cast<size_t>(index)]->stage != stage) return fail(where + " uses a shader of another stage");
+    return true;
+  }
+
+  bool command(const CommandT& c, const std::string& where) {
+    for (const auto& binding : c.bindings) {
+      if (!binding || !resource(binding->resource, where)) return fail(where + " has an empty binding");
+      if (binding->access > Access::MAX) return fail(where + " has an unknown access");
+      const Storage s = b.resources[binding->resource]->storage;
+      if (s == Storage::Depth || (s == Storage::Image && binding->access != Access::Read)) return fail(where + " binds an attachment for writing");
+    }
+    if (c.push.size() > 3) return fail(where + " pushes more than three constants");
+    switch (c.kind) {
+      case CommandKind::Dispatch: return shader(c.compute, Stage::Compute, where) && expression(c.elements, where);
+      case CommandKind::Draw: {
+        if (!shader(c.vertex, Stage::Vertex, where) || !shader(c.fragment, Stage::Fragment, where)) return false;
+        if (!expression(c.elements, where) || !extent(c.extent, where)) return false;
+        if (c.colors.empty() || c.colors.size() != c.clear.size()) return fail(where + " has no clear value for each colour attachment");
+        for (uint32_t color : c.colors)
+          if (!storage(color, Storage::Image, where)) return false;
+        return c.depth < 0 || storage(c.depth, Storage::Depth, where);
+      }
+      case CommandKind::Fill: return storage(c.target, Storage::Buffer, where);
+      case CommandKind::Copy: return resource(c.source, where) && storage(c.target, Storage::Buffer, where);
+      case CommandKind::Reduce:
+        return shader(c.compute, Stage::Compute, where) && shader(c.next, Stage::Compute, where) && storage(c.target, Storage::Buffer, where) &&
+               storage(c.scratch_a, Storage::Buffer, where) && storage(c.scratch_b, Storage::Buffer, where) && expression(c.outs, where) &&
+               expression(c.count, where);
+    }
+    return fail(where + " is of an unknown kind");
+  }
+
+  void run() {
+    for (const auto& r : b.resources) {
+      if (!r) { fail("a resource is empty"); return; }
+      const std::string where = "resource '" + r->name + "'";
+      if (r->storage > Storage::MAX || r->role > Role::MAX) { fail(where + " is of an unknown kind"); return; }
+      if (!type(r->type, where) || !extent(r->extent, where)) return;
+      if (r->storage != Storage::Buffer && r->type->cols != 1) { fail(where + " is an image of matrices"); return; }
+    }
+    for (const auto& l : b.leaves) {
+      if (!l) { fail("a leaf is empty"); return; }
+      const std::string where = "leaf '" + l->name + "'";
+      if (l->kind > LeafKind::MAX) { fail(where + " is of an unknown kind"); return; }
+      if (!type(l->type, where) || !extent(l->extent, where) || !storage(l->resource, Storage::Buffer, where)) return;
+      const size_t components = static_cast<size_t>(l->type->rows) * l->type->cols;
+      if (!l->initial.empty() && l->initial.size() != components) { fail(where + " has an initial value of the wrong size"); return; }
+    }
+    for (const auto& s : b.shaders) {
+      if (!s || s->stage > Stage::MAX) { fail("a shader is of an unknown stage"); return; }
+      if (s->spirv.size() < 5 || s->spirv[0] != 0x07230203u) { fail("shader '" + s->name + "' is not SPIR-V"); return; }
+    }
+    for (const auto& s : b.steps) {
+      if (!s) { fail("a step is empty"); return; }
+      if (s->step_index >= 0 && !storage(s->step_index, Storage::Buffer, "step '" + s->name + "'")) return;
+      for (const auto& c : s->commands) {
+        if (!c) { fail("a command is empty"); return; }
+        if (!command(*c, "command '" + c->label + "'")) return;
+      }
+      for (const auto& r : s->rasters) {
+        if (!r) { fail("a raster is empty"); return; }
+        for (uint32_t index : r->resources)
+          if (!resource(index, "a raster of step '" + s->name + "'")) return;
+      }
+      for (const auto& o : s->outputs) {
+        if (!o) { fail("an output is empty"); return; }
+        if (!resource(o->resource, "output '" + o->name + "'")) return;
+      }
+    }
+  }
+};
+
+}  // namespace
+
+std::string check(const BundleT& bundle) {
+  Checker checker{bundle, {}};
+  checker.run();
+  return checker.problem;
+}
+
+}  // namespace dr::bundle

@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+// Reading and writing bundles. A bundle from outside is verified, structure first and then meaning (indices in range,
+// expressions that parse, sizes that agree), before any field is used.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "bundle_generated.h"
+
+namespace dr::bundle {
+
+inline constexpr uint32_t kVersion = 1;
+
+// Deterministic bytes.
+std::vector<uint8_t> write(const BundleT& bundle);
+
+// The bundle, or one sentence on what is wrong with it.
+std::variant<BundleT, std::string> read(std::span<const uint8_t> bytes);
+
+// What read() checks beyond the FlatBuffers structure; empty when sound.
+std::string check(const BundleT& bundle);
+
+}  // namespace dr::bundle

@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: Apache-2.0
+// Pack, check, generate, assemble.
+#include "compiler/backend/compile.h"
+
+#include <algorithm>
+#include <atomic>
+#include <optional>
+#include <thread>
+
+#include "compiler/backend/generate.h"
+#include "compiler/backend/spirv.h"
+#include "compiler/ir/print.h"
+
+namespace dr::backend {
+
+PackOptions pack_options(const target::Profile& profile, const CompileOptions& options) {
+  PackOptions out;
+  out.fused = options.fused;
+  out.fragment = options.lower == Lower::Fragment || (options.lower == Lower::Auto && profile.lower == "fragment");
+  out.hardware_raster = options.raster == RasterLower::Hardware || (options.raster == RasterLower::Auto && profile.raster == "hardware");
+  return out;
+}
+
+namespace {
+
+// What a raster or scatter shader binds depends on the program alone: too much of it is a limit met, told by name.
+std::optional<std::string> over_limit(const bundle::BundleT& bundle, const target::Profile& profile) {
+  for (const auto& step : bundle.steps)
+    for (const auto& c : step->commands) {
+      const auto buffers = static_cast<uint32_t>(std::count_if(c->bindings.begin(), c->bindings.end(), [&](const auto& b) {
+        return bundle.resources[b->resource]->storage == bundle::Storage::Buffer;
+      }));
+      if (buffers > profile.max_per_stage_descriptor_storage_buffers)
+        return "pass '" + c->label + "' binds " + std::to_string(buffers) + " storage buffers, profile '" + profile.name + "' allows " +
+               std::to_string(profile.max_per_stage_descriptor_storage_buffers);
+      const bool fragment = c->fragment >= 0;
+      if (fragment && buffers + c->colors.size() > profile.max_fragment_combined_output_resources)
+        return "pass '" + c->label + "' binds " + std::to_string(buffers) + " storage buffers and " + std::to_string(c->colors.size()) +
+               " colour attachments in a fragment shader, profile '" + profile.name + "' allows " +
+               std::to_string(profile.max_fragment_combined_output_resources) + " together";
+      if (c->colors.size() > profile.max_color_attachments)
+        return "pass '" + c->label + "' writes " + std::to_string(c->colors.size()) + " colour attachments, profile '" + profile.name +
+               "' allows " + std::to_string(profile.max_color_attachments);
+    }
+  return std::nullopt;
+}
+
+std::string numbered(const std::string& source) {
+  std::string out;
+  size_t line = 1, begin = 0;
+  while (begin < source.size()) {
+    const size_t end = std::min(source.find('\n', begin), source.size());
+    out += std::to_string(line++) + ": " + source.substr(begin, end - begin) + "\n";
+    begin = end + 1;
+  }
+  return out;
+}
+
+}  // namespace
+
+std::variant<Compiled, std::string> compile(const ir::Graph& graph, const target::Profile& profile, const CompileOptions& options) {
+  Compiled out;
+  out.schedule = pack(graph, profile, pack_options(profile, options));
+  if (const auto problems = check_schedule(graph, out.schedule, profile); !problems.empty()) {
+    std::string all;
+    for (const std::string& p : problems) all += (all.empty() ? "" : "\n") + p;
+    return all;
+  }
+  bundle::BundleT& bundle = out.bundle;
+  const PackOptions packing = pack_options(profile, options);
+  bundle.version = bundle::kVersion;
+  bundle.profile = profile.name;
+  bundle.float_profile = "strict";
+  bundle.lowering = std::string(packing.fused ? "fused," : "naive,") + (packing.fragment ? "fragment," : "compute,") +
+                    (packing.hardware_raster ? "hardware" : "compute");
+  Generator(graph, out.schedule, profile).process(bundle, out.glsl);
+  bundle.graph = ir::print(graph);
+  if (auto limit = over_limit(bundle, profile)) return *limit;
+
+  // Shaders are independent; results go to fixed places, so the bytes do not depend on the number of threads.
+  std::vector<std::variant<std::vector<uint32_t>, std::string>> modules(out.glsl.size());
+  std::atomic<size_t> next{0};
+  auto work = [&] {
+    for (size_t k = next++; k < out.glsl.size(); k = next++) modules[k] = assemble(out.glsl[k]);
+  };
+  std::vector<std::thread> threads;
+  for (unsigned t = 1; t < std::max(1u, std::thread::hardware_concurrency()); ++t) threads.emplace_back(work);
+  work();
+  for (std::thread& t : threads) t.join();
+  bool wide = false;
+  for (size_t k = 0; k < modules.size(); ++k) {
+    if (const auto* problem = std::get_if<std::string>(&modules[k]))
+      DR_ICE("generated shader '" + out.glsl[k].name + "' is refused: " + *problem + "\n" + numbered(out.glsl[k].source));
+    auto shader = std::make_unique<bundle::ShaderT>();
+    shader->name = out.glsl[k].name;
+    shader->stage = out.glsl[k].stage;
+    shader->spirv = std::move(std::get<std::vector<uint32_t>>(modules[k]));
+    bundle.shaders.push_back(std::move(shader));
+    wide = wide || out.glsl[k].source.find("GL_EXT_shader_atomic_int64") != std::string::npos;
+  }
+  if (wide) bundle.features = {"shader_int64", "shader_buffer_int64_atomics"};
+  return out;
+}
+
+}  // namespace dr::backend

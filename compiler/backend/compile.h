@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: Apache-2.0
+// The second half of the compiler in one call: differentiated graph -> bundle.
+#pragma once
+
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "compiler/backend/bundle/bundle.h"
+#include "compiler/backend/schedule.h"
+#include "compiler/ir/graph.h"
+#include "compiler/target/profile.h"
+
+namespace dr::backend {
+
+enum class Lower : uint8_t { Auto, Fragment, Compute };
+enum class RasterLower : uint8_t { Auto, Hardware, Compute };
+
+struct CompileOptions {
+  bool fused = true;
+  Lower lower = Lower::Auto;
+  RasterLower raster = RasterLower::Auto;
+};
+
+struct GlslShader {
+  std::string name;
+  bundle::Stage stage = bundle::Stage::Compute;
+  std::string source;
+};
+
+struct Compiled {
+  Schedule schedule;
+  std::vector<GlslShader> glsl;  // as in bundle.shaders, in order
+  bundle::BundleT bundle;
+};
+
+// `graph` has no Grad ops. The error is a limit of the profile that cannot be met, in one sentence.
+std::variant<Compiled, std::string> compile(const ir::Graph& graph, const target::Profile& profile, const CompileOptions& options);
+
+PackOptions pack_options(const target::Profile& profile, const CompileOptions& options);
+
+}  // namespace dr::backend

@@ -1,0 +1,324 @@
+// SPDX-License-Identifier: Apache-2.0
+// Bundle tables, and the shaders and commands of map and reduce passes.
+#include "compiler/backend/generate.h"
+
+#include <algorithm>
+#include <set>
+
+namespace dr::backend {
+
+using glsl::dim_expression;
+using glsl::Shader;
+using ir::Dim;
+using ir::Extent;
+using ir::OpKind;
+using ir::ValueId;
+
+Dim element_count(const Extent& extent) { return extent.w * extent.h * extent.l; }
+
+std::unique_ptr<bundle::ExtentT> bundle_extent(const Extent& extent) {
+  auto out = std::make_unique<bundle::ExtentT>();
+  out->w = extent.w.str();
+  out->h = extent.h.str();
+  out->l = extent.l.str();
+  return out;
+}
+
+std::unique_ptr<bundle::TypeT> bundle_type(const ir::Type& type) {
+  auto out = std::make_unique<bundle::TypeT>();
+  out->scalar = static_cast<bundle::Scalar>(type.scalar);
+  out->rows = type.rows;
+  out->cols = type.cols;
+  return out;
+}
+
+namespace {
+
+std::vector<std::string> all_symbols(const ir::Graph& graph) {
+  std::set<std::string> symbols;
+  auto add = [&](const Dim& dim) {
+    for (std::string& s : dim.symbols()) symbols.insert(std::move(s));
+  };
+  for (const ir::Leaf& leaf : graph.leaves)
+    for (const Dim* d : {&leaf.extent.w, &leaf.extent.h, &leaf.extent.l}) add(*d);
+  for (uint32_t k = 0; k < graph.op_count(); ++k)
+    for (const Dim& d : graph.op(ir::OpId{k}).attrs.dims) add(d);
+  for (uint32_t k = 0; k < graph.value_count(); ++k) {
+    const Extent& e = graph.value(ValueId{k}).extent;
+    for (const Dim* d : {&e.w, &e.h, &e.l}) add(*d);
+  }
+  return {symbols.begin(), symbols.end()};
+}
+
+}  // namespace
+
+void Generator::process(bundle::BundleT& bundle, std::vector<GlslShader>& shaders) {
+  bundle_ = &bundle;
+  shaders_ = &shaders;
+  bundle.symbols = all_symbols(graph_);
+  for (const Resource& r : schedule_.resources) {
+    auto out = std::make_unique<bundle::ResourceT>();
+    out->name = r.name;
+    out->storage = r.storage == Resource::Storage::Image ? bundle::Storage::Image : bundle::Storage::Buffer;
+    out->role = r.leaf >= 0 ? bundle::Role::Leaf : r.step_index ? bundle::Role::StepIndex : bundle::Role::Value;
+    out->type = bundle_type(r.type);
+    out->extent = bundle_extent(r.extent);
+    bundle.resources.push_back(std::move(out));
+  }
+  for (size_t k = 0; k < graph_.leaves.size(); ++k) {
+    const ir::Leaf& leaf = graph_.leaves[k];
+    auto out = std::make_unique<bundle::LeafT>();
+    out->name = leaf.name;
+    out->kind = static_cast<bundle::LeafKind>(leaf.kind);
+    out->type = bundle_type(leaf.type);
+    out->extent = bundle_extent(leaf.extent);
+    out->initial = leaf.initial;
+    out->resource = static_cast<uint32_t>(k);
+    bundle.leaves.push_back(std::move(out));
+  }
+  for (const StepSchedule& s : schedule_.steps) step(s);
+}
+
+void Generator::step(const StepSchedule& schedule) {
+  step_ = &schedule;
+  bundle_->steps.push_back(std::make_unique<bundle::StepT>());
+  out_ = bundle_->steps.back().get();
+  out_->name = schedule.name;
+  for (const auto& [value, id] : schedule.stored)
+    if (schedule_.resources[id.index].step_index) out_->step_index = static_cast<int>(id.index);
+  for (const Pass& pass : schedule.passes) switch (pass.kind) {
+      case Pass::Kind::Map: pass.hardware ? fragment_pass(pass) : map_pass(pass); break;
+      case Pass::Kind::Reduce: reduce_pass(pass); break;
+      case Pass::Kind::Scatter: scatter_pass(pass); break;
+      case Pass::Kind::Raster: raster_pass(pass); break;
+    }
+  std::vector<const ir::Op*> rasters;
+  for (ir::OpId id : graph_.region(graph_.root()).ops)
+    if (graph_.op(id).kind == OpKind::Raster && schedule.stored.count(graph_.op(id).results[0]) != 0) rasters.push_back(&graph_.op(id));
+  for (const ir::Op* op : rasters) {
+    auto results = std::make_unique<bundle::RasterResultsT>();
+    for (ValueId v : op->results) results->resources.push_back(resource_index(v));
+    out_->rasters.push_back(std::move(results));
+  }
+  // Leaves change when the step ends: what else reads an old leaf then gets a copy of it first.
+  std::set<uint32_t> changing;
+  for (const auto& [leaf, value] : schedule.updates) changing.insert(leaf);
+  std::map<uint32_t, uint32_t> snapshots;
+  auto source = [&](ValueId value) {
+    const uint32_t index = resource_index(value);
+    if (schedule_.resources[index].leaf < 0 || changing.count(index) == 0) return index;
+    if (auto it = snapshots.find(index); it != snapshots.end()) return it->second;
+    auto copy = std::make_unique<bundle::ResourceT>(*bundle_->resources[index]);
+    copy->name += "_before";
+    copy->role = bundle::Role::Value;
+    bundle_->resources.push_back(std::move(copy));
+    const auto to = static_cast<uint32_t>(bundle_->resources.size() - 1);
+    auto& c = command(bundle::CommandKind::Copy, "keep " + schedule_.resources[index].name);
+    c.source = static_cast<int>(index);
+    c.target = static_cast<int>(to);
+    snapshots[index] = to;
+    return to;
+  };
+  for (const auto& [name, value] : schedule.outputs) {
+    auto output = std::make_unique<bundle::OutputT>();
+    output->name = name;
+    output->resource = source(value);
+    out_->outputs.push_back(std::move(output));
+  }
+  std::vector<std::pair<uint32_t, uint32_t>> copies;
+  for (const auto& [leaf, value] : schedule.updates) copies.emplace_back(source(value), leaf);
+  for (const auto& [from, to] : copies) {
+    auto& c = command(bundle::CommandKind::Copy, "update " + schedule_.resources[to].name);
+    c.source = static_cast<int>(from);
+    c.target = static_cast<int>(to);
+  }
+}
+
+int Generator::add_shader(const std::string& name, bundle::Stage stage, std::string source) {
+  // Equal text is one shader.
+  for (size_t k = 0; k < shaders_->size(); ++k)
+    if ((*shaders_)[k].stage == stage && (*shaders_)[k].source == source) return static_cast<int>(k);
+  shaders_->push_back({name, stage, std::move(source)});
+  return static_cast<int>(shaders_->size() - 1);
+}
+
+uint32_t Generator::add_scratch(const std::string& name, const std::string& words) {
+  auto out = std::make_unique<bundle::ResourceT>();
+  out->name = name;
+  out->role = bundle::Role::Scratch;
+  out->type = bundle_type(ir::kUint);
+  out->extent = bundle_extent({});
+  out->extent->w = words;
+  bundle_->resources.push_back(std::move(out));
+  return static_cast<uint32_t>(bundle_->resources.size() - 1);
+}
+
+bundle::CommandT& Generator::command(bundle::CommandKind kind, const std::string& label) {
+  out_->commands.push_back(std::make_unique<bundle::CommandT>());
+  bundle::CommandT& c = *out_->commands.back();
+  c.kind = kind;
+  c.label = label;
+  return c;
+}
+
+void Generator::fill(const std::string& label, uint32_t target, uint32_t value) {
+  auto& c = command(bundle::CommandKind::Fill, label);
+  c.target = static_cast<int>(target);
+  c.value = value;
+}
+
+bundle::CommandT& Generator::dispatch(const Pass& pass, const std::string& suffix, Shader& s, const std::string& elements,
+                                      std::vector<int> push) {
+  auto& c = command(bundle::CommandKind::Dispatch, pass.name + suffix);
+  c.compute = add_shader(pass.name + suffix, bundle::Stage::Compute, s.finish(compute_layout()));
+  c.bindings = s.take_bindings();
+  c.elements = elements;
+  c.push = std::move(push);
+  return c;
+}
+
+void Generator::linear_index(Shader& s, const std::string& elements) {
+  s.body().line(
+      "int index = int((gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x) * 64u + gl_LocalInvocationID.x);");
+  s.body().line("if (index >= " + elements + ") return;");
+}
+
+void Generator::place_from_index(Shader& s, const Extent& e) {
+  const std::string w = dim_expression(e.w), h = dim_expression(e.h);
+  s.body().line("ivec3 at = ivec3(index % " + w + ", (index / " + w + ") % " + h + ", index / (" + w + " * " + h + "));");
+}
+
+void Generator::map_pass(const Pass& pass) {
+  Shader s = shader();
+  linear_index(s, dim_expression(element_count(pass.domain)));
+  place_from_index(s, pass.domain);
+  s.element_ops(pass.ops);
+  for (ValueId v : pass.writes) s.store(v, "at", s.use(v));
+  dispatch(pass, "", s, element_count(pass.domain).str());
+}
+
+void Generator::fragment_pass(const Pass& pass) {
+  Shader vertex = shader();
+  vertex.body().line("gl_Position = vec4(gl_VertexIndex == 1 ? 3.0 : -1.0, gl_VertexIndex == 2 ? 3.0 : -1.0, 0.5, 1.0);");
+  Shader s = shader();
+  s.body().line("ivec3 at = ivec3(ivec2(gl_FragCoord.xy), pc.layer);");
+  s.element_ops(pass.ops);
+  auto& c = command(bundle::CommandKind::Draw, pass.name);
+  for (ValueId v : pass.writes) {
+    const ir::Type& t = resource(v).type;
+    const std::string out = "out_" + std::to_string(c.colors.size());
+    const ir::Type wide = t.is_bool() ? t.with_scalar(ir::Scalar::Uint) : t;
+    // Three components go into a four-component image.
+    const ir::Type texel = t.rows == 3 ? ir::vec(4, wide.scalar) : wide;
+    s.declare("layout(location = " + std::to_string(c.colors.size()) + ") out " + texel.str() + " " + out + ";\n");
+    std::string value = s.use(v);
+    if (t.is_bool()) value = wide.str() + "(" + value + ")";
+    s.body().line(out + " = " + (t.rows == 3 ? texel.str() + "(" + value + ", 0)" : value) + ";");
+    c.colors.push_back(resource_index(v));
+    c.clear.push_back(0);
+  }
+  c.vertex = add_shader("full_screen", bundle::Stage::Vertex, vertex.finish(""));
+  c.fragment = add_shader(pass.name, bundle::Stage::Fragment, s.finish(""));
+  c.bindings = s.take_bindings();
+  c.elements = "3";
+  c.extent = bundle_extent(pass.domain);
+  c.push = {0, 0, 0};
+}
+
+void Generator::reduce_pass(const Pass& pass) {
+  const ir::Op& op = graph_.op(pass.ops[0]);
+  const ValueId source = op.operands[0], target = op.results[0];
+  const ir::Type type = resource(target).type;
+  const Extent& from = resource(source).extent;
+  const Dim* const axes[] = {&from.w, &from.h, &from.l};
+  Dim outs = 1, count = 1;
+  for (size_t a = 0; a < 3; ++a) (op.attrs.ints[a] != 0 ? count : outs) = (op.attrs.ints[a] != 0 ? count : outs) * *axes[a];
+  const int n = type.components();
+
+  // Folds up to 64 inputs in groups of eight: a fixed tree, whatever the lowering.
+  auto fold = [&](Shader& s, const std::string& read, const std::string& target_name) {
+    const bool sum = op.kind == OpKind::ReduceSum;
+    std::string first = glsl::zero(type);
+    if (!sum) {
+      const bool least = op.kind == OpKind::ReduceMin;
+      const std::string limit = type.is_float()                        ? (least ? "uintBitsToFloat(0x7f800000u)" : "uintBitsToFloat(0xff800000u)")
+                                : type.scalar == ir::Scalar::Int ? (least ? "2147483647" : "(-2147483647 - 1)")
+                                                                       : (least ? "4294967295u" : "0u");
+      first = type.is_scalar() ? limit : type.str() + "(" + limit + ")";
+    }
+    auto combine = [&](const std::string& into, const std::string& what) {
+      if (sum) {
+        s.body().line(into + " = " + into + " + " + what + ";");
+        return;
+      }
+      for (int c = 0; c < n; ++c) {
+        const std::string part = type.is_scalar() ? "" : "[" + std::to_string(c) + "]";
+        s.body().line("if (" + what + part + (op.kind == OpKind::ReduceMin ? " < " : " > ") + into + part + ") " + into + part + " = " + what + part + ";");
+      }
+    };
+    s.body().line(type.str() + " total = " + first + ";");
+    s.body().line("int end = min(begin + 64, pc.a);");
+    s.body().line("for (int g = begin; g < end; g += 8) {");
+    s.body().line(type.str() + " part = " + first + ";");
+    s.body().line("int stop = min(g + 8, end);");
+    s.body().line("for (int r = g; r < stop; ++r) {");
+    s.body().line(type.str() + " x = " + read + ";");
+    combine("part", "x");
+    s.body().line("}");
+    combine("total", "part");
+    s.body().line("}");
+    for (int c = 0; c < n; ++c)
+      s.body().line(target_name + ".d[index * " + std::to_string(n) + " + " + std::to_string(c) + "] = total" +
+                    (type.is_scalar() ? "" : "[" + std::to_string(c) + "]") + ";");
+  };
+  auto begin = [&](Shader& s) {
+    linear_index(s, dim_expression(outs) + " * pc.b");
+    s.body().line("int o = index / pc.b;");
+    s.body().line("int begin = (index % pc.b) * 64;");
+  };
+  const std::string word = glsl::storage_scalar(type.scalar);
+
+  Shader first = shader();
+  begin(first);
+  // Element r of result o: both count through their axes, x fastest.
+  std::string function = "ivec3 source_place(int o, int r) {\n  ivec3 at = ivec3(0);\n";
+  for (const bool reduced : {true, false}) {
+    std::string counter = reduced ? "r" : "o";
+    for (size_t a = 0; a < 3; ++a) {
+      if ((op.attrs.ints[a] != 0) != reduced || axes[a]->is_one()) continue;
+      const std::string d = dim_expression(*axes[a]);
+      function += "  at[" + std::to_string(a) + "] = " + counter + " % " + d + "; " + counter + " /= " + d + ";\n";
+    }
+  }
+  first.load(source, "at");
+  first.declare(function + "  return at;\n}\n");
+  const std::string load = first.load(source, "source_place(o, r)");
+  // The target is bound by number: the first stage may write it or scratch.
+  const uint32_t a = add_scratch(pass.name + "_partials", ((count + 63).divided_by(64) * outs * Dim(n)).str());
+  const uint32_t b = add_scratch(pass.name + "_partials_2", ((count + 4095).divided_by(4096) * outs * Dim(n)).str());
+  const std::string out_name = first.bind_words(a, "partials", bundle::Access::Write, word.c_str());
+  fold(first, load, out_name);
+
+  Shader next = shader();
+  begin(next);
+  const std::string in = next.bind_words(a, "inputs", bundle::Access::Read, word.c_str());
+  const std::string out = next.bind_words(b, "partials", bundle::Access::Write, word.c_str());
+  std::string words;
+  for (int c = 0; c < n; ++c)
+    words += (c ? ", " : "") + in + ".d[(o * pc.a + r) * " + std::to_string(n) + " + " + std::to_string(c) + "]";
+  fold(next, type.is_scalar() ? words : type.str() + "(" + words + ")", out);
+
+  auto& c = command(bundle::CommandKind::Reduce, pass.name);
+  c.compute = add_shader(pass.name, bundle::Stage::Compute, first.finish(compute_layout()));
+  c.bindings = first.take_bindings();
+  c.bindings.pop_back();  // the output: target or scratch, as the sizes have it
+  c.next = add_shader(pass.name + "_next", bundle::Stage::Compute, next.finish(compute_layout()));
+  c.target = static_cast<int>(resource_index(target));
+  c.outs = outs.str();
+  c.count = count.str();
+  c.scratch_a = static_cast<int>(a);
+  c.scratch_b = static_cast<int>(b);
+  c.push = {0, 0, 0};
+}
+
+}  // namespace dr::backend

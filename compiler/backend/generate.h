@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: Apache-2.0
+// Schedule -> shaders and commands. One file a kind of pass; this header is private to them.
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "compiler/backend/compile.h"
+#include "compiler/backend/glsl/shader.h"
+
+namespace dr::backend {
+
+// Fills the bundle's symbols, leaves, resources and steps, and gives the GLSL of its shaders.
+class Generator {
+ public:
+  Generator(const ir::Graph& graph, const Schedule& schedule, const target::Profile& profile) : graph_(graph), schedule_(schedule), profile_(profile) {}
+  void process(bundle::BundleT& bundle, std::vector<GlslShader>& shaders);
+
+ private:
+  void step(const StepSchedule& step);
+  void map_pass(const Pass& pass);
+  void fragment_pass(const Pass& pass);
+  void reduce_pass(const Pass& pass);
+  void scatter_pass(const Pass& pass);
+  void scatter_resolve(const Pass& pass, ir::ValueId value, const glsl::Accumulator& accumulator, uint32_t words);
+  void raster_pass(const Pass& pass);
+  void raster_hardware(const Pass& pass, const ir::Op& op);
+  void raster_compute(const Pass& pass, const ir::Op& op);
+
+  glsl::Shader shader() const { return glsl::Shader(graph_, schedule_, *step_, bundle_->symbols); }
+  // Opens a compute shader's main: computes `index`, returns past `elements`.
+  static std::string compute_layout() { return "layout(local_size_x = 64) in;\n"; }
+  static void linear_index(glsl::Shader& shader, const std::string& elements);
+  static void place_from_index(glsl::Shader& shader, const ir::Extent& extent);
+
+  int add_shader(const std::string& name, bundle::Stage stage, std::string source);
+  uint32_t add_scratch(const std::string& name, const std::string& words);
+  bundle::CommandT& command(bundle::CommandKind kind, const std::string& label);
+  bundle::CommandT& dispatch(const Pass& pass, const std::string& suffix, glsl::Shader& shader, const std::string& elements,
+                             std::vector<int> push = {0, 0, 0});
+  void fill(const std::string& label, uint32_t target, uint32_t value);
+  uint32_t resource_index(ir::ValueId value) const { return step_->stored.at(value).index; }
+  const Resource& resource(ir::ValueId value) const { return schedule_.resources[resource_index(value)]; }
+
+  const ir::Graph& graph_;
+  const Schedule& schedule_;
+  const target::Profile& profile_;
+  bundle::BundleT* bundle_ = nullptr;
+  std::vector<GlslShader>* shaders_ = nullptr;
+  const StepSchedule* step_ = nullptr;
+  bundle::StepT* out_ = nullptr;
+};
+
+// The number of elements of an extent, as an extent expression.
+ir::Dim element_count(const ir::Extent& extent);
+std::unique_ptr<bundle::ExtentT> bundle_extent(const ir::Extent& extent);
+std::unique_ptr<bundle::TypeT> bundle_type(const ir::Type& type);
+
+}  // namespace dr::backend

@@ -1,0 +1,392 @@
+// SPDX-License-Identifier: Apache-2.0
+// Resources and element computation of a generated shader.
+#include "compiler/backend/glsl/shader.h"
+
+#include <algorithm>
+
+#include "compiler/ops/op.h"
+
+namespace dr::backend::glsl {
+
+using ir::Extent;
+using ir::Op;
+using ir::OpKind;
+using ir::Type;
+using ir::ValueId;
+using ir::Yield;
+
+namespace {
+
+// Component expressions of a stored element that starts at word `base` of a buffer.
+std::string from_words(const Type& type, const std::string& buffer, const std::string& base) {
+  auto word = [&](int c) {
+    const std::string w = buffer + ".d[" + base + (c ? " + " + std::to_string(c) : "") + "]";
+    return type.is_bool() ? "(" + w + " != 0u)" : w;
+  };
+  if (type.is_scalar()) return word(0);
+  std::string out = type.str() + "(";
+  for (int c = 0; c < type.components(); ++c) out += (c ? ", " : "") + word(c);
+  return out + ")";
+}
+
+std::string component(const Type& type, const std::string& name, int c) {
+  if (type.is_scalar()) return name;
+  if (type.is_matrix()) return name + "[" + std::to_string(c / type.rows) + "][" + std::to_string(c % type.rows) + "]";
+  return name + "[" + std::to_string(c) + "]";
+}
+
+}  // namespace
+
+Shader::Shader(const ir::Graph& graph, const Schedule& schedule, const StepSchedule& step, const std::vector<std::string>& symbols)
+    : graph_(graph), schedule_(schedule), step_(step), symbols_(symbols) {
+  for (const char* taken : {"at", "pc", "index", "face", "p", "main", "d"}) names_.insert(taken);
+  for (const std::string& s : symbols) names_.insert(symbol_name(s));
+}
+
+std::string Shader::unique(std::string_view base) {
+  const std::string stem = sanitize(base);
+  std::string name = stem + "_0";
+  for (int n = 1; !names_.insert(name).second; ++n) name = stem + "_" + std::to_string(n);
+  return name;
+}
+
+std::string Shader::bind(ResourceId id, bundle::Access access) {
+  const Resource& r = schedule_.resources[id.index];
+  if (auto it = bound_.find(id.index); it != bound_.end()) return it->second;
+  auto binding = std::make_unique<bundle::BindingT>();
+  binding->resource = id.index;
+  binding->access = access;
+  const std::string slot = "layout(set = 0, binding = " + std::to_string(bindings_.size()) + ") ";
+  bindings_.push_back(std::move(binding));
+  const std::string name = "r_" + sanitize(r.name) + "_" + std::to_string(id.index);
+  if (r.storage == Resource::Storage::Image) {
+    const char* prefix = r.type.is_float() ? "" : r.type.scalar == ir::Scalar::Int ? "i" : "u";
+    resources_text_ += slot + "uniform " + prefix + "texture2DArray " + name + ";\n";
+    extension("GL_EXT_samplerless_texture_functions");
+  } else {
+    const char* rights = access == bundle::Access::Read ? "readonly " : access == bundle::Access::Write ? "writeonly " : "";
+    resources_text_ += "layout(set = 0, binding = " + std::to_string(bindings_.size() - 1) + ", std430) " + rights + "restrict buffer " + name +
+                       "_block { " + storage_scalar(r.type.scalar) + " d[]; } " + name + ";\n";
+  }
+  bound_[id.index] = name;
+  return name;
+}
+
+std::string Shader::bind_words(uint32_t bundle_resource, const std::string& name, bundle::Access access, const char* word) {
+  if (auto it = bound_.find(bundle_resource); it != bound_.end()) return it->second;
+  auto binding = std::make_unique<bundle::BindingT>();
+  binding->resource = bundle_resource;
+  binding->access = access;
+  const char* rights = access == bundle::Access::Read ? "readonly " : "";
+  resources_text_ += "layout(set = 0, binding = " + std::to_string(bindings_.size()) + ", std430) " + rights + "restrict buffer " + name +
+                     "_block { " + word + " d[]; } " + name + ";\n";
+  bindings_.push_back(std::move(binding));
+  bound_[bundle_resource] = name;
+  return name;
+}
+
+std::string Shader::bind_image(uint32_t bundle_resource, const std::string& name, const char* prefix) {
+  if (auto it = bound_.find(bundle_resource); it != bound_.end()) return it->second;
+  auto binding = std::make_unique<bundle::BindingT>();
+  binding->resource = bundle_resource;
+  binding->access = bundle::Access::Read;
+  resources_text_ += "layout(set = 0, binding = " + std::to_string(bindings_.size()) + ") uniform " + prefix + "texture2DArray " + name + ";\n";
+  extension("GL_EXT_samplerless_texture_functions");
+  bindings_.push_back(std::move(binding));
+  bound_[bundle_resource] = name;
+  return name;
+}
+
+std::vector<std::unique_ptr<bundle::BindingT>> Shader::take_bindings() { return std::move(bindings_); }
+
+std::string Shader::element_index(const Extent& extent, const std::string& place) {
+  std::string index;
+  if (!extent.l.is_one()) index = place + ".z";
+  if (!extent.h.is_one()) index = index.empty() ? place + ".y" : "(" + index + " * " + dim_expression(extent.h) + " + " + place + ".y)";
+  else if (!index.empty() && extent.w.is_one()) return index;
+  if (!extent.w.is_one()) index = index.empty() ? place + ".x" : "(" + index + " * " + dim_expression(extent.w) + " + " + place + ".x)";
+  return index.empty() ? "0" : index;
+}
+
+std::string Shader::in_range(const Extent& extent, const std::string& place) {
+  return "all(greaterThanEqual(" + place + ", ivec3(0))) && all(lessThan(" + place + ", ivec3(" + dim_expression(extent.w) + ", " +
+         dim_expression(extent.h) + ", " + dim_expression(extent.l) + ")))";
+}
+
+std::string Shader::load(ValueId value, const std::string& place) {
+  const Resource& r = resource(value);
+  const std::string name = bind(step_.stored.at(value), bundle::Access::Read);
+  const std::string function = "load_" + name.substr(2);
+  if (functions_.insert(function).second) {
+    std::string text = r.type.str() + " " + function + "(ivec3 at) {\n";
+    if (r.storage == Resource::Storage::Image) {
+      const std::string fetch = "texelFetch(" + name + ", ivec3(" + (r.extent.w.is_one() ? "0" : "at.x") + ", " +
+                                (r.extent.h.is_one() ? "0" : "at.y") + ", " + (r.extent.l.is_one() ? "0" : "at.z") + "), 0)";
+      static const char* const kSwizzle[] = {".x", ".xy", ".xyz", ""};
+      const std::string texel = fetch + kSwizzle[r.type.rows - 1];
+      text += "  return " + (r.type.is_bool() ? r.type.str() + "(" + texel + ")" : texel) + ";\n";
+    } else {
+      text += "  int base = " + element_index(r.extent, "at") + (r.type.is_scalar() ? "" : " * " + std::to_string(r.type.components())) + ";\n";
+      text += "  return " + from_words(r.type, name, "base") + ";\n";
+    }
+    declarations_ += text + "}\n";
+  }
+  return function + "(" + place + ")";
+}
+
+std::string Shader::gather(ValueId value, const std::string& place) {
+  const Resource& r = resource(value);
+  load(value, "at");
+  const std::string name = bind(step_.stored.at(value), bundle::Access::Read).substr(2);
+  if (functions_.insert("gather_" + name).second)
+    declarations_ += r.type.str() + " gather_" + name + "(ivec3 at) {\n  if (!(" + in_range(r.extent, "at") + ")) return " + zero(r.type) +
+                     ";\n  return load_" + name + "(at);\n}\n";
+  return "gather_" + name + "(" + place + ")";
+}
+
+void Shader::store(ValueId value, const std::string& place, const std::string& expression) {
+  const Resource& r = resource(value);
+  const std::string name = bind(step_.stored.at(value), bundle::Access::Write);
+  const int n = r.type.components();
+  if (n == 1) {
+    body_.line(name + ".d[" + element_index(r.extent, place) + "] = " + (r.type.is_bool() ? "uint(" + expression + ")" : expression) + ";");
+    return;
+  }
+  const std::string base = unique("base");
+  body_.line("int " + base + " = " + element_index(r.extent, place) + " * " + std::to_string(n) + ";");
+  for (int c = 0; c < n; ++c) {
+    const std::string part = component(r.type, expression, c);
+    body_.line(name + ".d[" + base + (c ? " + " + std::to_string(c) : "") + "] = " + (r.type.is_bool() ? "uint(" + part + ")" : part) + ";");
+  }
+}
+
+void Shader::prelude(std::string_view text) {
+  if (text.empty() || std::find(preludes_.begin(), preludes_.end(), text) != preludes_.end()) return;
+  preludes_.emplace_back(text);
+}
+
+void Shader::define(ValueId value, std::string expression) { scopes_.back()[value] = std::move(expression); }
+
+std::string Shader::use(ValueId value) {
+  for (auto scope = scopes_.rbegin(); scope != scopes_.rend(); ++scope)
+    if (auto it = scope->find(value); it != scope->end()) return it->second;
+  DR_ASSERT(step_.stored.count(value) != 0);
+  const std::string name = unique(resource(value).name);
+  body_.line(resource(value).type.str() + " " + name + " = " + load(value, "at") + ";");
+  define(value, name);
+  return name;
+}
+
+std::string Shader::result(ValueId value, const std::string& expression) {
+  const ir::ValueInfo& info = graph_.value(value);
+  const std::string name = unique(info.name.empty() ? std::string(ir::op_name(graph_.op(info.op).kind)) : info.name);
+  body_.line(info.type.str() + " " + name + " = " + expression + ";");
+  define(value, name);
+  return name;
+}
+
+std::string Shader::place_of(ValueId index_value, const std::string& index, const Extent& extent) const {
+  const int n = graph_.value(index_value).type.rows;
+  const std::string layer = extent.l.is_one() ? "0" : "at.z";
+  if (n == 1) return "ivec3(" + index + ", 0, " + layer + ")";
+  if (n == 2) return "ivec3(" + index + ", " + layer + ")";
+  return index;
+}
+
+void Shader::element_ops(const std::vector<ir::OpId>& ops) {
+  for (ir::OpId id : ops) op(graph_.op(id));
+}
+
+std::vector<std::string> Shader::region(ir::RegionId id) {
+  const ir::Region& region = graph_.region(id);
+  element_ops(region.ops);
+  std::vector<std::string> out;
+  for (ValueId v : region.yields) out.push_back(graph_.value(v).accumulation ? std::string() : use(v));
+  return out;
+}
+
+void Shader::op(const Op& op) {
+  switch (op.kind) {
+    case OpKind::Const: define(op.results[0], literal(graph_.value(op.results[0]).type, op.attrs.floats)); return;
+    case OpKind::DimValue: define(op.results[0], dim_expression(op.attrs.dims[0])); return;
+    case OpKind::Coord: {
+      const auto axis = static_cast<size_t>(op.attrs.ints[0]);
+      static const char* const kAxis[] = {"at.x", "at.y", "at.z"};
+      define(op.results[0], op.attrs.dims[axis].is_one() ? "0" : kAxis[axis]);
+      return;
+    }
+    case OpKind::Leaf:
+    case OpKind::StepIndex: return;  // read where used
+    case OpKind::Broadcast:
+    case OpKind::Pin:
+    case OpKind::Detach: define(op.results[0], use(op.operands[0])); return;
+    case OpKind::Gather: {
+      const std::string index = use(op.operands[1]);
+      result(op.results[0], gather(op.operands[0], place_of(op.operands[1], index, graph_.value(op.operands[0]).extent)));
+      return;
+    }
+    case OpKind::Shift: {
+      const std::string place =
+          "at + ivec3(" + std::to_string(op.attrs.ints[0]) + ", " + std::to_string(op.attrs.ints[1]) + ", 0)";
+      const Extent& e = graph_.value(op.operands[0]).extent;
+      // On an axis of extent 1 every other place is outside.
+      result(op.results[0], gather(op.operands[0], e.l.is_one() ? "ivec3((" + place + ").xy, 0)" : place));
+      return;
+    }
+    case OpKind::If: if_op(op); return;
+    case OpKind::Reduce: reduce_op(op); return;
+    case OpKind::ScatterAdd: {
+      const auto it = accumulators_.find(op.results[0]);
+      DR_ASSERT(it != accumulators_.end());
+      const std::string index = use(op.operands[0]);
+      body_.line("scatter_" + it->second.name + "(" + place_of(op.operands[0], index, it->second.extent) + ", " + use(op.operands[1]) + ");");
+      return;
+    }
+    case OpKind::ScatterMax: {
+      const auto it = accumulators_.find(op.results[0]);
+      DR_ASSERT(it != accumulators_.end());
+      const std::string index = use(op.operands[0]);
+      body_.line("scatter_" + it->second.name + "(" + place_of(op.operands[0], index, it->second.extent) + ", " + use(op.operands[1]) + ");");
+      return;
+    }
+    case OpKind::ReduceSum:
+    case OpKind::ReduceMin:
+    case OpKind::ReduceMax:
+    case OpKind::Raster:
+    case OpKind::Grad: DR_ICE("op '" + std::string(ir::op_name(op.kind)) + "' has no element-wise form");
+    default: break;
+  }
+  const ops::OpInfo& info = ops::info(op.kind);
+  DR_ASSERT(info.glsl != nullptr);
+  std::vector<std::string> operands;
+  std::vector<Type> types;
+  for (ValueId v : op.operands) {
+    operands.push_back(use(v));
+    types.push_back(graph_.value(v).type);
+  }
+  const ops::GlslInput input{operands, types, op.attrs, graph_.value(op.results[0]).type};
+  for (std::string_view text : ops::prelude(info, input)) prelude(text);
+  result(op.results[0], info.glsl(input));
+}
+
+void Shader::forward_accumulators(const Op& op, ir::RegionId region) {
+  const std::vector<ValueId>& yields = graph_.region(region).yields;
+  size_t next = 0;
+  for (size_t k = 0; k < op.results.size(); ++k) {
+    if (op.attrs.yields[k] == Yield::Scatter) {
+      const bool forwarded = graph_.value(yields[next]).accumulation;
+      if (auto it = accumulators_.find(op.results[k]); forwarded && it != accumulators_.end()) accumulators_[yields[next]] = it->second;
+      next += forwarded ? 1 : 2;
+    } else {
+      ++next;
+    }
+  }
+}
+
+// Combines what a region yields into the op's results; `trip` is the loop variable of a Reduce.
+void Shader::yields(const Op& op, ir::RegionId region, const std::vector<std::string>& names, const std::string& trip) {
+  const std::vector<ValueId>& values = graph_.region(region).yields;
+  const std::vector<std::string> y = this->region(region);
+  size_t next = 0;
+  for (size_t k = 0; k < op.results.size(); ++k) {
+    const Type& type = graph_.value(op.results[k]).type;
+    switch (op.attrs.yields[k]) {
+      case Yield::Element: body_.line(names[k] + " = " + y[next++] + ";"); break;
+      case Yield::Sum: body_.line(names[k] + " = " + names[k] + " + " + y[next++] + ";"); break;
+      case Yield::Min:
+      case Yield::Max:
+        for (int c = 0; c < type.components(); ++c)
+          body_.line("if (" + component(type, y[next], c) + (op.attrs.yields[k] == Yield::Min ? " < " : " > ") + component(type, names[k], c) + ") " +
+                     component(type, names[k], c) + " = " + component(type, y[next], c) + ";");
+        ++next;
+        break;
+      case Yield::ArgMin:
+        body_.line("if (" + y[next] + " < " + names[k] + "_best || (" + names[k] + "_none && " + y[next] + " == " + names[k] + "_best)) {");
+        body_.line(names[k] + "_best = " + y[next] + ";");
+        body_.line(names[k] + "_none = false;");
+        body_.line(names[k] + " = " + trip + ";");
+        body_.line("}");
+        ++next;
+        break;
+      case Yield::Scatter:
+        if (graph_.value(values[next]).accumulation) {
+          ++next;
+          break;
+        }
+        if (auto it = accumulators_.find(op.results[k]); it != accumulators_.end())
+          body_.line("scatter_" + it->second.name + "(" + place_of(values[next], y[next], it->second.extent) + ", " + y[next + 1] + ");");
+        next += 2;
+        break;
+    }
+  }
+}
+
+void Shader::if_op(const Op& op) {
+  const std::string condition = use(op.operands[0]);
+  std::vector<std::string> names;
+  for (size_t k = 0; k < op.results.size(); ++k) {
+    const ir::ValueInfo& info = graph_.value(op.results[k]);
+    names.push_back(op.attrs.yields[k] == Yield::Scatter ? std::string() : unique(info.name.empty() ? "if" : info.name));
+    if (!names.back().empty()) body_.line(info.type.str() + " " + names.back() + ";");
+  }
+  for (size_t branch = 0; branch < 2; ++branch) {
+    forward_accumulators(op, op.regions[branch]);
+    body_.line(branch == 0 ? "if (" + condition + ") {" : "} else {");
+    push_scope();
+    yields(op, op.regions[branch], names, {});
+    pop_scope();
+  }
+  body_.line("}");
+  for (size_t k = 0; k < op.results.size(); ++k)
+    if (!names[k].empty()) define(op.results[k], names[k]);
+}
+
+void Shader::reduce_op(const Op& op) {
+  const std::string begin = use(op.operands[0]), end = use(op.operands[1]);
+  std::vector<std::string> names;
+  for (size_t k = 0; k < op.results.size(); ++k) {
+    const ir::ValueInfo& info = graph_.value(op.results[k]);
+    const Yield yield = op.attrs.yields[k];
+    names.push_back(yield == Yield::Scatter ? std::string() : unique(info.name.empty() ? "reduce" : info.name));
+    if (yield == Yield::Scatter) continue;
+    const std::string declare = info.type.str() + " " + names[k] + " = ";
+    const bool is_float = info.type.is_float();
+    auto every = [&](const std::string& s) { return info.type.is_scalar() ? s : info.type.str() + "(" + s + ")"; };
+    if (yield == Yield::Sum) body_.line(declare + zero(info.type) + ";");
+    if (yield == Yield::Min) body_.line(declare + every(is_float ? "uintBitsToFloat(0x7f800000u)" : "2147483647") + ";");
+    if (yield == Yield::Max) body_.line(declare + every(is_float ? "uintBitsToFloat(0xff800000u)" : "(-2147483647 - 1)") + ";");
+    if (yield == Yield::ArgMin) {
+      body_.line(declare + begin + " - 1;");
+      body_.line("float " + names[k] + "_best = uintBitsToFloat(0x7f800000u);");
+      body_.line("bool " + names[k] + "_none = true;");
+    }
+  }
+  forward_accumulators(op, op.regions[0]);
+  const std::string trip = unique("i");
+  body_.line("for (int " + trip + " = " + begin + "; " + trip + " < " + end + "; ++" + trip + ") {");
+  push_scope();
+  define(graph_.region(op.regions[0]).params[0], trip);
+  yields(op, op.regions[0], names, trip);
+  pop_scope();
+  body_.line("}");
+  for (size_t k = 0; k < op.results.size(); ++k)
+    if (!names[k].empty()) define(op.results[k], names[k]);
+}
+
+std::string Shader::finish(const std::string& layout) {
+  std::string out = "#version 450\n";
+  for (const std::string& e : extensions_) out += "#extension " + e + " : require\n";
+  out += layout;
+  for (size_t k = 0; k < symbols_.size(); ++k)
+    out += "layout(constant_id = " + std::to_string(k) + ") const int " + symbol_name(symbols_[k]) + " = 1;\n";
+  out += "layout(push_constant) uniform Push { int layer; int a; int b; int c; } pc;\n";
+  out += resources_text_;
+  for (const std::string& p : preludes_) out += p;
+  out += declarations_;
+  out += "\nvoid main() {\n";
+  out += body_.take();
+  out += "}\n";
+  return out;
+}
+
+}  // namespace dr::backend::glsl

@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: Apache-2.0
+// Literals, names and indentation of generated GLSL.
+#include "compiler/backend/glsl/text.h"
+
+#include <array>
+#include <bit>
+#include <cctype>
+#include <charconv>
+#include <cmath>
+#include <map>
+
+namespace dr::backend::glsl {
+
+void Writer::line(std::string_view text) {
+  if (!text.empty() && text.front() == '}') --depth_;
+  if (!text.empty()) {
+    out_.append(static_cast<size_t>(std::max(depth_, 0)) * 2, ' ');
+    out_ += text;
+  }
+  out_ += '\n';
+  if (!text.empty() && text.back() == '{') ++depth_;
+}
+
+std::string symbol_name(std::string_view symbol) {
+  if (!symbol.empty() && std::isupper(static_cast<unsigned char>(symbol.front())) != 0) return std::string(symbol);
+  return "ext_" + std::string(symbol);
+}
+
+std::string dim_expression(const ir::Dim& dim) {
+  std::map<std::string, ir::Dim, std::less<>> names;
+  for (const std::string& s : dim.symbols())
+    if (symbol_name(s) != s) names.emplace(s, ir::Dim::symbol(symbol_name(s)));
+  const std::string text = (names.empty() ? dim : dim.substitute(names)).str();
+  return dim.is_constant() || dim.as_symbol() ? text : "(" + text + ")";
+}
+
+namespace {
+
+std::string float_literal(double value) {
+  const float f = static_cast<float>(value);
+  if (!std::isfinite(f)) {
+    char hex[16];
+    const auto end = std::to_chars(hex, hex + sizeof hex, std::bit_cast<uint32_t>(f), 16).ptr;
+    return "uintBitsToFloat(0x" + std::string(hex, end) + "u)";
+  }
+  std::array<char, 32> text{};
+  const auto end = std::to_chars(text.data(), text.data() + text.size(), f).ptr;
+  std::string out(text.data(), end);
+  if (out.find_first_of(".e") == std::string::npos) out += ".0";
+  return std::signbit(f) ? "(" + out + ")" : out;
+}
+
+std::string scalar_literal(ir::Scalar scalar, double value) {
+  switch (scalar) {
+    case ir::Scalar::Bool: return value != 0 ? "true" : "false";
+    case ir::Scalar::Uint: return std::to_string(static_cast<uint32_t>(value)) + "u";
+    case ir::Scalar::Int: {
+      const auto i = static_cast<int32_t>(value);
+      if (i == INT32_MIN) return "(-2147483647 - 1)";
+      return i < 0 ? "(" + std::to_string(i) + ")" : std::to_string(i);
+    }
+    case ir::Scalar::Float: break;
+  }
+  return float_literal(value);
+}
+
+}  // namespace
+
+std::string literal(const ir::Type& type, std::span<const double> components) {
+  if (type.is_scalar()) return scalar_literal(type.scalar, components[0]);
+  std::string out = type.str() + "(";
+  for (size_t k = 0; k < components.size(); ++k) out += (k ? ", " : "") + scalar_literal(type.scalar, components[k]);
+  return out + ")";
+}
+
+std::string zero(const ir::Type& type) {
+  if (type.is_matrix()) return type.str() + "(0.0)";
+  const std::string s = scalar_literal(type.scalar, 0);
+  return type.is_scalar() ? s : type.str() + "(" + s + ")";
+}
+
+std::string storage_scalar(ir::Scalar scalar) {
+  switch (scalar) {
+    case ir::Scalar::Float: return "float";
+    case ir::Scalar::Int: return "int";
+    case ir::Scalar::Uint:
+    case ir::Scalar::Bool: break;
+  }
+  return "uint";
+}
+
+std::string sanitize(std::string_view name) {
+  std::string out;
+  for (char c : name) {
+    const bool fine = std::isalnum(static_cast<unsigned char>(c)) != 0;
+    if (fine) out += c;
+    else if (!out.empty() && out.back() != '_') out += '_';  // two underscores in a row are reserved
+  }
+  while (!out.empty() && out.back() == '_') out.pop_back();
+  if (out.empty() || std::isalpha(static_cast<unsigned char>(out.front())) == 0) out.insert(out.begin(), 'v');
+  return out;
+}
+
+}  // namespace dr::backend::glsl

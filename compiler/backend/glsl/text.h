@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: Apache-2.0
+// Small helpers of the GLSL printer: an indenting writer, literals, and extents as expressions.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <string_view>
+
+#include "compiler/ir/graph.h"
+
+namespace dr::backend::glsl {
+
+// Text with indentation by braces: a line that ends in '{' indents what follows, one that starts with '}' ends it.
+class Writer {
+ public:
+  explicit Writer(int depth = 0) : depth_(depth) {}
+  void line(std::string_view text);
+  std::string take() { return std::move(out_); }
+
+ private:
+  std::string out_;
+  int depth_;
+};
+
+// GLSL names of symbols: kept when they start with an upper-case letter (no keyword does), prefixed otherwise.
+std::string symbol_name(std::string_view symbol);
+// A Dim as a GLSL expression that needs no parentheses around it.
+std::string dim_expression(const ir::Dim& dim);
+// Components as a literal of the type, exact for float32.
+std::string literal(const ir::Type& type, std::span<const double> components);
+std::string zero(const ir::Type& type);
+// The type's scalar in a storage buffer (Bool is uint), and a buffer word <-> component.
+std::string storage_scalar(ir::Scalar scalar);
+// A user's name made fit for GLSL, without the number that makes it unique.
+std::string sanitize(std::string_view name);
+
+}  // namespace dr::backend::glsl

@@ -1,0 +1,432 @@
+// SPDX-License-Identifier: Apache-2.0
+// Packing: which ops share a shader. Naive gives each op a pass. Fused gives ops of one extent and one level a pass, where
+// the level counts the passes that must have finished before (a raster, a reduction, a scatter, a value that is
+// read at other places or stretched), and splits a pass where a limit of the profile is hit. Small cones over leaves
+// and constants are recomputed where they are used instead of stored.
+#include <algorithm>
+#include <functional>
+#include <set>
+
+#include "compiler/backend/schedule.h"
+#include "compiler/ops/op.h"
+
+namespace dr::backend {
+
+using ir::Extent;
+using ir::Graph;
+using ir::Op;
+using ir::OpId;
+using ir::OpKind;
+using ir::ValueId;
+
+bool is_inline(const Op& op) {
+  return op.kind == OpKind::Const || op.kind == OpKind::DimValue || op.kind == OpKind::Coord;
+}
+
+namespace {
+
+constexpr int kRecomputeLimit = 12;  // arithmetic that costs less than a store and a load
+constexpr int kNotCheap = 1 << 20;
+
+bool is_memory(const Op& op) { return op.kind == OpKind::Leaf || op.kind == OpKind::StepIndex; }
+
+// How an op uses a value of the root region: at its own element, or at other places (then it must be stored).
+struct Uses {
+  std::vector<ValueId> at_element;
+  std::vector<ValueId> elsewhere;
+};
+
+void add_region_uses(const Graph& graph, ir::RegionId region, Uses& uses) {
+  auto is_root = [&](ValueId v) { return graph.value(v).region == graph.root(); };
+  for (OpId id : graph.region(region).ops) {
+    const Op& op = graph.op(id);
+    for (size_t k = 0; k < op.operands.size(); ++k) {
+      if (!is_root(op.operands[k])) continue;
+      (op.kind == OpKind::Gather && k == 0 ? uses.elsewhere : uses.at_element).push_back(op.operands[k]);
+    }
+    for (ir::RegionId inner : op.regions) add_region_uses(graph, inner, uses);
+  }
+  for (ValueId v : graph.region(region).yields)
+    if (is_root(v)) uses.at_element.push_back(v);
+}
+
+Uses uses_of(const Graph& graph, const Op& op) {
+  Uses uses;
+  switch (op.kind) {
+    case OpKind::Gather:
+      uses.elsewhere.push_back(op.operands[0]);
+      uses.at_element.push_back(op.operands[1]);
+      break;
+    case OpKind::Shift:
+    case OpKind::ReduceSum:
+    case OpKind::ReduceMin:
+    case OpKind::ReduceMax: uses.elsewhere = op.operands; break;
+    case OpKind::Raster:  // reads its operands per face; constants are written down
+      for (ValueId v : op.operands)
+        if (graph.op(graph.value(v).op).kind != OpKind::Const) uses.elsewhere.push_back(v);
+      break;
+    default: uses.at_element = op.operands; break;
+  }
+  for (ir::RegionId region : op.regions) add_region_uses(graph, region, uses);
+  return uses;
+}
+
+bool has_scatter(const Op& op) {
+  return std::find(op.attrs.yields.begin(), op.attrs.yields.end(), ir::Yield::Scatter) != op.attrs.yields.end();
+}
+
+Pass::Kind pass_kind(const Op& op) {
+  switch (op.kind) {
+    case OpKind::ReduceSum:
+    case OpKind::ReduceMin:
+    case OpKind::ReduceMax: return Pass::Kind::Reduce;
+    case OpKind::ScatterAdd:
+    case OpKind::ScatterMax: return Pass::Kind::Scatter;
+    case OpKind::Raster: return Pass::Kind::Raster;
+    default: return has_scatter(op) ? Pass::Kind::Scatter : Pass::Kind::Map;
+  }
+}
+
+// Elements over which an op's shader runs.
+Extent domain_of(const Graph& graph, const Op& op) {
+  switch (pass_kind(op)) {
+    case Pass::Kind::Raster: return {op.attrs.dims[0], op.attrs.dims[1], op.attrs.dims[2]};
+    case Pass::Kind::Scatter:
+      if (!op.regions.empty()) return {op.attrs.dims[0], op.attrs.dims[1], op.attrs.dims[2]};
+      return *ir::broadcast(graph.value(op.operands[0]).extent, graph.value(op.operands[1]).extent);
+    case Pass::Kind::Reduce: return graph.value(op.operands[0]).extent;
+    case Pass::Kind::Map: break;
+  }
+  return graph.value(op.results[0]).extent;
+}
+
+int own_cost(OpKind kind) {
+  switch (kind) {
+    case OpKind::Const:
+    case OpKind::DimValue:
+    case OpKind::Coord:
+    case OpKind::Extract:
+    case OpKind::Compose:
+    case OpKind::Splat:
+    case OpKind::Broadcast:
+    case OpKind::Convert: return 0;
+    case OpKind::Add:
+    case OpKind::Sub:
+    case OpKind::Mul:
+    case OpKind::SMul:
+    case OpKind::Neg:
+    case OpKind::Abs:
+    case OpKind::Min:
+    case OpKind::Max:
+    case OpKind::Clamp:
+    case OpKind::Less:
+    case OpKind::LessEqual:
+    case OpKind::Equal:
+    case OpKind::NotEqual:
+    case OpKind::LogicalAnd:
+    case OpKind::LogicalOr:
+    case OpKind::LogicalNot:
+    case OpKind::Select:
+    case OpKind::Floor: return 1;
+    case OpKind::Dot: return 2;
+    default: return 4;
+  }
+}
+
+// Packs one step.
+class StepPacker {
+ public:
+  StepPacker(const Graph& graph, const ir::Step& step, const target::Profile& profile, const PackOptions& options,
+             std::vector<Resource>& resources, std::set<std::string>& names)
+      : graph_(graph), profile_(profile), options_(options), resources_(resources), names_(names) {
+    out_.name = step.name;
+    std::vector<ValueId> roots;
+    for (const ir::Output& o : step.outputs) roots.push_back(o.value);
+    for (const ir::Update& u : step.updates) roots.push_back(u.value);
+    live_ = ir::live_ops(graph, roots);
+    for (const ir::Output& o : step.outputs) out_.outputs.emplace_back(o.name, o.value);
+    for (const ir::Update& u : step.updates) {
+      out_.updates.emplace_back(u.leaf, u.value);
+      updated_.insert(u.value);
+    }
+    roots_.insert(roots.begin(), roots.end());
+  }
+
+  StepSchedule process() {
+    for (OpId id : graph_.region(graph_.root()).ops)
+      if (live_[id.index]) order_.push_back(id);
+    uses_.resize(graph_.op_count());
+    for (OpId id : order_) uses_[id.index] = uses_of(graph_, graph_.op(id));
+    find_recomputable();
+    find_levels();
+    find_stored();
+    make_passes();
+    return std::move(out_);
+  }
+
+ private:
+  const Op& def(ValueId v) const { return graph_.op(graph_.value(v).op); }
+  bool recomputable(ValueId v) const { return recompute_cost_[graph_.value(v).op.index] <= (options_.fused ? kRecomputeLimit : 0); }
+
+  void find_recomputable() {
+    recompute_cost_.assign(graph_.op_count(), kNotCheap);
+    for (OpId id : order_) {
+      const Op& op = graph_.op(id);
+      if (is_inline(op)) {
+        recompute_cost_[id.index] = 0;
+        continue;
+      }
+      if (!options_.fused || is_memory(op)) continue;
+      const bool element_wise = ops::info(op.kind).shape == ops::Shape::Elementwise || op.kind == OpKind::Broadcast;
+      if (!element_wise) continue;
+      int cost = own_cost(op.kind);
+      for (ValueId v : op.operands) {
+        const Op& from = def(v);
+        if (!is_memory(from)) cost += recompute_cost_[graph_.value(v).op.index];
+        cost = std::min(cost, kNotCheap);
+      }
+      recompute_cost_[id.index] = cost;
+    }
+  }
+
+  void find_levels() {
+    level_.assign(graph_.op_count(), 0);
+    for (OpId id : order_) {
+      const Op& op = graph_.op(id);
+      const bool map = pass_kind(op) == Pass::Kind::Map;
+      const Extent domain = domain_of(graph_, op);
+      int level = 0;
+      for (ValueId v : uses_[id.index].at_element) {
+        const Op& from = def(v);
+        if (is_memory(from) || recomputable(v)) continue;
+        const int ready = level_[graph_.value(v).op.index];
+        const bool same_pass = options_.fused && map && pass_kind(from) == Pass::Kind::Map && graph_.value(v).extent == domain;
+        level = std::max(level, ready + (same_pass ? 0 : 1));
+      }
+      for (ValueId v : uses_[id.index].elsewhere)
+        if (!is_memory(def(v))) level = std::max(level, level_[graph_.value(v).op.index] + 1);
+      level_[id.index] = level;
+    }
+  }
+
+  // Whether `user` finds `v` computed in its own pass.
+  bool in_same_pass(const Op& user, OpId user_id, ValueId v) const {
+    const OpId from = graph_.value(v).op;
+    return options_.fused && pass_kind(user) == Pass::Kind::Map && pass_kind(graph_.op(from)) == Pass::Kind::Map &&
+           level_[from.index] == level_[user_id.index] && graph_.value(v).extent == domain_of(graph_, user);
+  }
+
+  void find_stored() {
+    std::set<ValueId> stored;
+    // Only ops that some pass really computes make demands; walk back from the roots.
+    std::vector<bool> computed(graph_.op_count(), false);
+    for (ValueId v : roots_) stored.insert(v);
+    for (auto it = order_.rbegin(); it != order_.rend(); ++it) {
+      const Op& op = graph_.op(*it);
+      bool needed = computed[it->index];
+      for (ValueId v : op.results) needed = needed || stored.count(v) != 0;
+      if (!needed || is_memory(op)) continue;
+      computed[it->index] = true;
+      for (ValueId v : uses_[it->index].elsewhere) stored.insert(v);
+      for (ValueId v : uses_[it->index].at_element) {
+        if (is_memory(def(v))) continue;
+        if (recomputable(v) || in_same_pass(op, *it, v))
+          computed[graph_.value(v).op.index] = true;
+        else
+          stored.insert(v);
+      }
+    }
+    stored_ = std::move(stored);
+    for (OpId id : order_) {
+      const Op& op = graph_.op(id);
+      for (ValueId v : op.results) {
+        const bool raster = op.kind == OpKind::Raster;  // all results of a raster exist together
+        if (is_memory(op) || stored_.count(v) != 0 || (raster && any_stored(op))) add_resource(v, op);
+      }
+    }
+  }
+
+  bool any_stored(const Op& op) const {
+    return std::any_of(op.results.begin(), op.results.end(), [&](ValueId v) { return stored_.count(v) != 0; });
+  }
+  void add_resource(ValueId v, const Op& op) {
+    const ir::ValueInfo& info = graph_.value(v);
+    if (op.kind == OpKind::Leaf) {
+      const uint32_t leaf = *graph_.leaf_index(op.attrs.text);
+      out_.stored[v] = ResourceId{leaf};  // leaves come first, in order
+      return;
+    }
+    Resource r;
+    r.type = info.type;
+    r.extent = info.extent;
+    r.step_index = op.kind == OpKind::StepIndex;
+    r.name = unique_name(r.step_index ? "step_index" : info.name.empty() ? std::string(ir::op_name(op.kind)) : info.name);
+    const bool image_like = !info.extent.h.is_one() && !info.type.is_matrix() && updated_.count(v) == 0;
+    const Pass::Kind kind = pass_kind(op);
+    if ((kind == Pass::Kind::Map && !r.step_index && image_like && options_.fragment) || (kind == Pass::Kind::Raster && options_.hardware_raster))
+      r.storage = Resource::Storage::Image;
+    resources_.push_back(r);
+    out_.stored[v] = ResourceId{static_cast<uint32_t>(resources_.size() - 1)};
+  }
+
+  std::string unique_name(std::string base) {
+    for (char& c : base)
+      if (!std::isalnum(static_cast<unsigned char>(c))) c = '_';
+    std::string name = base;
+    for (int n = 2; !names_.insert(name).second; ++n) name = base + "_" + std::to_string(n);
+    return name;
+  }
+
+  const Resource& resource(ValueId v) const { return resources_[out_.stored.at(v).index]; }
+
+  // The ops that a shader must contain to compute `targets`, and the stored values it then reads.
+  void close_over(Pass& pass, const std::vector<ValueId>& targets, const std::set<OpId>& group) const {
+    std::set<OpId> ops;
+    std::set<ValueId> reads;
+    std::function<void(OpId)> need = [&](OpId id) {
+      if (!ops.insert(id).second) return;
+      for (ValueId v : uses_[id.index].elsewhere) reads.insert(v);
+      for (ValueId v : uses_[id.index].at_element) {
+        const OpId from = graph_.value(v).op;
+        if (is_memory(graph_.op(from))) reads.insert(v);
+        else if (group.count(from) != 0 || recomputable(v)) need(from);
+        else reads.insert(v);
+      }
+    };
+    for (ValueId v : targets) need(graph_.value(v).op);
+    pass.ops.assign(ops.begin(), ops.end());
+    std::sort(pass.ops.begin(), pass.ops.end(), [&](OpId a, OpId b) { return position_.at(a.index) < position_.at(b.index); });
+    pass.reads.assign(reads.begin(), reads.end());
+    pass.writes = targets;
+    std::sort(pass.writes.begin(), pass.writes.end());
+  }
+
+  bool within_limits(const Pass& pass) const {
+    std::set<uint32_t> buffers, images;
+    for (ValueId v : pass.reads)
+      (resource(v).storage == Resource::Storage::Image ? images : buffers).insert(out_.stored.at(v).index);
+    uint32_t written = 0;
+    for (ValueId v : pass.writes) {
+      if (pass.hardware) ++written;
+      else buffers.insert(out_.stored.at(v).index);
+    }
+    const uint32_t b = static_cast<uint32_t>(buffers.size()), i = static_cast<uint32_t>(images.size());
+    if (b > profile_.max_per_stage_descriptor_storage_buffers || i > profile_.max_per_stage_descriptor_sampled_images) return false;
+    if (b + i + written > profile_.max_per_stage_resources) return false;
+    if (!pass.hardware) return true;
+    return written <= profile_.max_color_attachments && b + written <= profile_.max_fragment_combined_output_resources;
+  }
+
+  void add_map_passes(const Extent& domain, const std::vector<OpId>& group_ops) {
+    const std::set<OpId> group(group_ops.begin(), group_ops.end());
+    for (const bool hardware : {true, false}) {
+      std::vector<ValueId> targets;
+      for (OpId id : group_ops)
+        for (ValueId v : graph_.op(id).results)
+          if (stored_.count(v) != 0 && (resource(v).storage == Resource::Storage::Image) == hardware) targets.push_back(v);
+      // As many of them into one shader as the limits allow; a cone two of the shaders need is computed twice.
+      size_t next = 0;
+      while (next < targets.size()) {
+        Pass best;
+        std::vector<ValueId> chosen;
+        while (next < targets.size()) {
+          chosen.push_back(targets[next]);
+          Pass trial;
+          trial.kind = Pass::Kind::Map;
+          trial.hardware = hardware;
+          trial.domain = domain;
+          close_over(trial, chosen, options_.fused ? group : std::set<OpId>{graph_.value(chosen[0]).op});
+          if (chosen.size() > 1 && !within_limits(trial)) break;
+          best = std::move(trial);
+          ++next;
+        }
+        best.name = pass_name(best);
+        out_.passes.push_back(std::move(best));
+      }
+    }
+  }
+
+  std::string pass_name(const Pass& pass) {
+    std::string base;
+    size_t count = 0;
+    for (ValueId v : pass.writes)
+      if (++count <= 3) base += (base.empty() ? "" : "_") + resource(v).name;
+    if (count > 3) base += "_and_" + std::to_string(count - 3);
+    return base;
+  }
+
+  void make_passes() {
+    for (size_t k = 0; k < order_.size(); ++k) position_[order_[k].index] = k;
+    int top = 0;
+    for (OpId id : order_) top = std::max(top, level_[id.index]);
+    for (int level = 0; level <= top; ++level) {
+      // Map groups by extent, in order of their first op.
+      std::vector<std::pair<Extent, std::vector<OpId>>> groups;
+      std::vector<OpId> single;
+      for (OpId id : order_) {
+        const Op& op = graph_.op(id);
+        if (level_[id.index] != level || is_memory(op)) continue;
+        if (pass_kind(op) != Pass::Kind::Map) {
+          if (any_stored(op)) single.push_back(id);
+          continue;
+        }
+        const Extent domain = domain_of(graph_, op);
+        auto group = std::find_if(groups.begin(), groups.end(), [&](const auto& g) { return g.first == domain; });
+        if (!options_.fused || group == groups.end()) groups.push_back({domain, {id}});
+        else group->second.push_back(id);
+      }
+      for (const auto& [domain, members] : groups) add_map_passes(domain, members);
+      for (OpId id : single) {
+        const Op& op = graph_.op(id);
+        Pass pass;
+        pass.kind = pass_kind(op);
+        pass.hardware = pass.kind == Pass::Kind::Raster && options_.hardware_raster;
+        pass.domain = domain_of(graph_, op);
+        std::vector<ValueId> targets;
+        for (ValueId v : op.results)
+          if (out_.stored.count(v) != 0) targets.push_back(v);
+        close_over(pass, targets, {id});
+        pass.name = pass_name(pass);
+        out_.passes.push_back(std::move(pass));
+      }
+    }
+  }
+
+  const Graph& graph_;
+  const target::Profile& profile_;
+  const PackOptions& options_;
+  std::vector<Resource>& resources_;
+  std::set<std::string>& names_;
+  StepSchedule out_;
+  std::vector<bool> live_;
+  std::vector<OpId> order_;
+  std::map<uint32_t, size_t> position_;
+  std::vector<Uses> uses_;
+  std::vector<int> recompute_cost_;
+  std::vector<int> level_;
+  std::set<ValueId> roots_, updated_, stored_;
+};
+
+}  // namespace
+
+Schedule pack(const Graph& graph, const target::Profile& profile, const PackOptions& options) {
+  Schedule schedule;
+  std::set<std::string> names;
+  for (size_t k = 0; k < graph.leaves.size(); ++k) {
+    const ir::Leaf& leaf = graph.leaves[k];
+    Resource r;
+    r.name = leaf.name;
+    for (char& c : r.name)
+      if (!std::isalnum(static_cast<unsigned char>(c))) c = '_';
+    r.type = leaf.type;
+    r.extent = leaf.extent;
+    r.leaf = static_cast<int>(k);
+    names.insert(r.name);
+    schedule.resources.push_back(std::move(r));
+  }
+  for (const ir::Step& step : graph.steps)
+    schedule.steps.push_back(StepPacker(graph, step, profile, options, schedule.resources, names).process());
+  return schedule;
+}
+
+}  // namespace dr::backend

@@ -1,0 +1,140 @@
+// SPDX-License-Identifier: Apache-2.0
+// The schedule's text form and its checker, which knows nothing of how packing decided.
+#include "compiler/backend/schedule.h"
+
+#include <algorithm>
+#include <set>
+
+#include "compiler/ops/op.h"
+
+namespace dr::backend {
+
+using ir::Graph;
+using ir::Op;
+using ir::OpId;
+using ir::OpKind;
+using ir::ValueId;
+
+namespace {
+
+void captured_operands(const Graph& graph, const Op& op, std::set<ValueId>& out) {
+  for (ValueId v : op.operands)
+    if (graph.value(v).region == graph.root()) out.insert(v);
+  for (ir::RegionId region : op.regions) {
+    for (OpId id : graph.region(region).ops) captured_operands(graph, graph.op(id), out);
+    for (ValueId v : graph.region(region).yields)
+      if (graph.value(v).region == graph.root()) out.insert(v);
+  }
+}
+
+const char* kind_name(const Pass& pass) {
+  switch (pass.kind) {
+    case Pass::Kind::Map: return pass.hardware ? "fragment" : "compute";
+    case Pass::Kind::Reduce: return "reduce";
+    case Pass::Kind::Scatter: return "scatter";
+    case Pass::Kind::Raster: return pass.hardware ? "raster hardware" : "raster compute";
+  }
+  return "";
+}
+
+bool is_memory(const Op& op) { return op.kind == OpKind::Leaf || op.kind == OpKind::StepIndex; }
+
+}  // namespace
+
+std::vector<std::string> check_schedule(const Graph& graph, const Schedule& schedule, const target::Profile& profile) {
+  std::vector<std::string> problems;
+  for (const StepSchedule& step : schedule.steps) {
+    std::set<ValueId> ready;
+    auto is_ready = [&](ValueId v) { return ready.count(v) != 0 || is_memory(graph.op(graph.value(v).op)); };
+    for (const Pass& pass : step.passes) {
+      auto report = [&](const std::string& what) { problems.push_back("step " + step.name + ", pass " + pass.name + ": " + what); };
+      std::set<ValueId> here;
+      for (ValueId v : pass.reads) {
+        if (step.stored.count(v) == 0) report("reads a value that is not stored");
+        else if (!is_ready(v)) report("reads '" + schedule.resources[step.stored.at(v).index].name + "' before it is written");
+        here.insert(v);
+      }
+      for (OpId id : pass.ops) {
+        const Op& op = graph.op(id);
+        std::set<ValueId> needs;
+        captured_operands(graph, op, needs);
+        for (ValueId v : needs)
+          if (here.count(v) == 0 && !(op.kind == OpKind::Raster && is_inline(graph.op(graph.value(v).op)))) report("op '" + std::string(ir::op_name(op.kind)) + "' lacks an operand");
+        for (ValueId v : op.results) here.insert(v);
+      }
+      std::set<uint32_t> buffers, images;
+      for (ValueId v : pass.reads) {
+        auto it = step.stored.find(v);
+        if (it == step.stored.end()) continue;
+        (schedule.resources[it->second.index].storage == Resource::Storage::Image ? images : buffers).insert(it->second.index);
+      }
+      uint32_t colors = 0;
+      for (ValueId v : pass.writes) {
+        if (here.count(v) == 0) report("stores a value that it does not compute");
+        auto it = step.stored.find(v);
+        if (it == step.stored.end()) {
+          report("stores a value without a resource");
+          continue;
+        }
+        if (schedule.resources[it->second.index].storage == Resource::Storage::Image) ++colors;
+        else buffers.insert(it->second.index);
+        if (!ready.insert(v).second && pass.kind != Pass::Kind::Map) report("stores a value twice");
+      }
+      if (pass.kind == Pass::Kind::Raster) continue;  // its draws and dispatches bind one result at a time
+      if (buffers.size() > profile.max_per_stage_descriptor_storage_buffers)
+        report(std::to_string(buffers.size()) + " storage buffers, device allows " +
+               std::to_string(profile.max_per_stage_descriptor_storage_buffers));
+      if (images.size() > profile.max_per_stage_descriptor_sampled_images)
+        report(std::to_string(images.size()) + " sampled images, device allows " +
+               std::to_string(profile.max_per_stage_descriptor_sampled_images));
+      if (colors > profile.max_color_attachments)
+        report(std::to_string(colors) + " colour attachments, device allows " + std::to_string(profile.max_color_attachments));
+      if (buffers.size() + images.size() + colors > profile.max_per_stage_resources)
+        report(std::to_string(buffers.size() + images.size() + colors) + " resources, device allows " +
+               std::to_string(profile.max_per_stage_resources));
+      if (pass.hardware && buffers.size() + colors > profile.max_fragment_combined_output_resources)
+        report(std::to_string(buffers.size() + colors) + " storage buffers and colour attachments, device allows " +
+               std::to_string(profile.max_fragment_combined_output_resources) + " in a fragment shader");
+    }
+    for (const auto& [name, v] : step.outputs)
+      if (step.stored.count(v) == 0 || !is_ready(v)) problems.push_back("step " + step.name + ": output '" + name + "' is never stored");
+    for (const auto& [leaf, v] : step.updates)
+      if (step.stored.count(v) == 0 || !is_ready(v))
+        problems.push_back("step " + step.name + ": the update of '" + graph.leaves[leaf].name + "' is never stored");
+  }
+  return problems;
+}
+
+std::string print(const Graph& graph, const Schedule& schedule) {
+  std::string out;
+  auto resource_text = [&](const StepSchedule& step, ValueId v) {
+    const Resource& r = schedule.resources[step.stored.at(v).index];
+    return r.name;
+  };
+  for (const StepSchedule& step : schedule.steps) {
+    out += "step " + step.name + " {\n";
+    std::set<uint32_t> declared;
+    for (const auto& [v, id] : step.stored)
+      if (declared.insert(id.index).second) {
+        const Resource& r = schedule.resources[id.index];
+        out += std::string("  ") + (r.leaf >= 0 ? "leaf" : r.storage == Resource::Storage::Image ? "image" : "buffer") + " " + r.name + " : " +
+               r.type.str() + r.extent.str() + "\n";
+      }
+    for (const Pass& pass : step.passes) {
+      out += "  pass " + pass.name + " " + kind_name(pass) + " " + (pass.domain.is_unit() ? "[1]" : pass.domain.str()) + "\n";
+      out += "    reads";
+      for (ValueId v : pass.reads) out += " " + resource_text(step, v);
+      out += "\n    ops";
+      for (OpId id : pass.ops) out += " " + std::string(ir::op_name(graph.op(id).kind));
+      out += "\n    writes";
+      for (ValueId v : pass.writes) out += " " + resource_text(step, v);
+      out += "\n";
+    }
+    for (const auto& [name, v] : step.outputs) out += "  output " + name + " = " + resource_text(step, v) + "\n";
+    for (const auto& [leaf, v] : step.updates) out += "  update " + graph.leaves[leaf].name + " <- " + resource_text(step, v) + "\n";
+    out += "}\n";
+  }
+  return out;
+}
+
+}  // namespace dr::backend

@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: Apache-2.0
+// The schedule: which ops run in which pass, and where values live between passes. Made by pack(), checked by
+// check_schedule(), turned into shaders and commands by generate().
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "compiler/ir/graph.h"
+#include "compiler/target/profile.h"
+
+namespace dr::backend {
+
+using ResourceId = ir::Id<struct ResourceTag>;
+
+// A value that is stored. See compiler/backend/bundle/bundle.fbs for the layouts.
+struct Resource {
+  enum class Storage : uint8_t { Buffer, Image };
+  std::string name;
+  ir::Type type;
+  ir::Extent extent;
+  Storage storage = Storage::Buffer;
+  int leaf = -1;  // index of the leaf whose memory it is
+  bool step_index = false;
+};
+
+// One pass. Its ops are root ops in graph order; what they need from outside is read from resources, what others
+// need of them is written to resources.
+struct Pass {
+  enum class Kind : uint8_t {
+    Map,      // element-wise over `domain`: ops, gathers, shifts, regions
+    Reduce,   // one ReduceSum/Min/Max
+    Scatter,  // one ScatterAdd/ScatterMax, or one region op with Scatter results
+    Raster,   // one Raster
+  };
+  Kind kind = Kind::Map;
+  bool hardware = false;  // Map: fragment shader. Raster: draws
+  std::string name;
+  ir::Extent domain;
+  std::vector<ir::OpId> ops;
+  std::vector<ir::ValueId> reads;   // stored values it loads, in id order
+  std::vector<ir::ValueId> writes;  // values it stores, in id order
+};
+
+struct StepSchedule {
+  std::string name;
+  std::vector<Pass> passes;
+  std::map<ir::ValueId, ResourceId> stored;       // every stored value of this step, leaves included
+  std::vector<std::pair<std::string, ir::ValueId>> outputs;
+  std::vector<std::pair<uint32_t, ir::ValueId>> updates;  // leaf index, value
+};
+
+struct Schedule {
+  std::vector<Resource> resources;
+  std::vector<StepSchedule> steps;
+};
+
+struct PackOptions {
+  bool fused = true;              // false: one op, one pass
+  bool fragment = false;          // maps over 2D extents as fragment passes that write images
+  bool hardware_raster = false;   // raster by draws
+};
+
+Schedule pack(const ir::Graph& graph, const target::Profile& profile, const PackOptions& options);
+
+// Replays the schedule independently of the packer: every read was written before (or is a leaf), every op's operands are
+// at hand, every limit of the profile holds, outputs and updates are stored. One line a violation.
+std::vector<std::string> check_schedule(const ir::Graph& graph, const Schedule& schedule, const target::Profile& profile);
+
+std::string print(const ir::Graph& graph, const Schedule& schedule);
+
+// Whether an op's value is written down wherever it is used (constants, extents, coordinates) rather than stored.
+bool is_inline(const ir::Op& op);
+
+}  // namespace dr::backend

@@ -1,0 +1,87 @@
+// SPDX-License-Identifier: Apache-2.0
+// The one place that talks to glslang and SPIRV-Tools.
+#include "compiler/backend/spirv.h"
+
+#include <glslang/Include/ResourceLimits.h>
+#include <glslang/Public/ResourceLimits.h>
+#include <glslang/Public/ShaderLang.h>
+#include <glslang/SPIRV/GlslangToSpv.h>
+#include <spirv-tools/libspirv.hpp>
+
+#include <mutex>
+#include <set>
+
+namespace dr::backend {
+
+namespace {
+
+// glslang needs one set-up a process.
+void initialize_glslang() {
+  static std::once_flag once;
+  std::call_once(once, [] { glslang::InitializeProcess(); });
+}
+
+constexpr uint32_t kOpExtInstImport = 11, kOpDecorate = 71, kNoContraction = 42;
+
+bool is_float_arithmetic(uint32_t opcode) {
+  switch (opcode) {
+    case 127:                                                        // OpFNegate
+    case 129: case 131: case 133: case 136: case 140: case 141:      // OpFAdd FSub FMul FDiv FRem FMod
+    case 142: case 143: case 144: case 145: case 146: case 147: case 148:  // vector, matrix products, OpOuterProduct, OpDot
+      return true;
+    default: return false;
+  }
+}
+
+}  // namespace
+
+std::vector<uint32_t> decorate_no_contraction(const std::vector<uint32_t>& module) {
+  constexpr size_t kHeader = 5;
+  std::set<uint32_t> decorated;
+  std::vector<uint32_t> ids;
+  size_t first_decoration = 0;
+  for (size_t at = kHeader; at < module.size(); at += std::max<uint32_t>(module[at] >> 16, 1)) {
+    const uint32_t opcode = module[at] & 0xffff;
+    if (opcode == kOpDecorate && first_decoration == 0) first_decoration = at;
+    if (opcode == kOpDecorate && module[at + 2] == kNoContraction) decorated.insert(module[at + 1]);
+    if (is_float_arithmetic(opcode)) ids.push_back(module[at + 2]);
+  }
+  std::vector<uint32_t> extra;
+  for (uint32_t id : ids)
+    if (decorated.count(id) == 0) extra.insert(extra.end(), {(3u << 16) | kOpDecorate, id, kNoContraction});
+  std::vector<uint32_t> out = module;
+  // A shader always has decorations (built-ins, bindings); new ones go before the first.
+  if (first_decoration != 0) out.insert(out.begin() + static_cast<ptrdiff_t>(first_decoration), extra.begin(), extra.end());
+  return out;
+}
+
+std::variant<std::vector<uint32_t>, std::string> assemble(const GlslShader& shader) {
+  initialize_glslang();
+  const EShLanguage stage = shader.stage == bundle::Stage::Vertex     ? EShLangVertex
+                            : shader.stage == bundle::Stage::Fragment ? EShLangFragment
+                                                                     : EShLangCompute;
+  glslang::TShader text(stage);
+  const char* source = shader.source.c_str();
+  text.setStrings(&source, 1);
+  text.setEnvInput(glslang::EShSourceGlsl, stage, glslang::EShClientVulkan, 110);
+  text.setEnvClient(glslang::EShClientVulkan, glslang::EShTargetVulkan_1_1);
+  text.setEnvTarget(glslang::EShTargetSpv, glslang::EShTargetSpv_1_3);
+  const auto rules = static_cast<EShMessages>(EShMsgSpvRules | EShMsgVulkanRules);
+  if (!text.parse(GetDefaultResources(), 450, false, rules)) return std::string(text.getInfoLog());
+  glslang::TProgram program;
+  program.addShader(&text);
+  if (!program.link(rules)) return std::string(program.getInfoLog());
+  std::vector<uint32_t> module;
+  glslang::SpvOptions options;
+  options.disableOptimizer = true;
+  glslang::GlslangToSpv(*program.getIntermediate(stage), module, &options);
+  module = decorate_no_contraction(module);
+
+  spvtools::SpirvTools tools(SPV_ENV_VULKAN_1_1);
+  std::string problems;
+  tools.SetMessageConsumer([&](spv_message_level_t, const char*, const spv_position_t&, const char* message) { problems += std::string(message) + "\n"; });
+  if (!tools.Validate(module)) return "invalid SPIR-V: " + problems;
+  return module;
+}
+
+}  // namespace dr::backend

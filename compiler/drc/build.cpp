@@ -1,0 +1,128 @@
+// SPDX-License-Identifier: Apache-2.0
+// `drc build`: one product for each --emit. A product is a row of the table below: a name, the end of its file's name, and a
+// function from the program to its content.
+#include <algorithm>
+#include <cstdio>
+#include <filesystem>
+#include <span>
+
+#include "compiler/drc/command.h"
+#include "compiler/drc/input.h"
+#include "compiler/drc/output.h"
+#include "compiler/ir/print.h"
+#include "compiler/passes/passes.h"
+#include "dsl/diagnostic.h"
+
+namespace dr::drc {
+namespace {
+
+// The program on its way, each stage made when it is first asked for. A stage that is missing has been reported.
+class Stages {
+ public:
+  explicit Stages(const BuildOptions& options) : options_(options) {}
+
+  const BuildOptions& options() const { return options_; }
+
+  const ir::Graph* lowered() {
+    if (!graph_tried_) graph_ = load_graph(options_.input);
+    graph_tried_ = true;
+    return graph_ ? &*graph_ : nullptr;
+  }
+
+  // After the passes: those of --passes, or all that are needed before code is made.
+  const ir::Graph* differentiated() {
+    if (result_) return &*result_;
+    if (!lowered()) return nullptr;
+    std::vector<passes::Pass> chosen(passes::default_passes().begin(), passes::default_passes().end());
+    if (options_.passes) chosen = passes_;
+    passes::PipelineOptions pipeline;
+    pipeline.after = [&](std::string_view name, const ir::Graph& graph, double milliseconds) {
+      const std::string pass(name);
+      if (options_.time_passes) std::fprintf(stderr, "%s: %.3f ms\n", pass.c_str(), milliseconds);
+      if (!options_.dump_ir || (!options_.dump_ir->empty() && *options_.dump_ir != name)) return;
+      std::fprintf(stderr, "// after %s\n%s", pass.c_str(), ir::print(graph).c_str());
+    };
+    result_ = passes::run_passes(*graph_, chosen, pipeline);
+    return &*result_;
+  }
+
+  // The passes that --passes names; false after a message.
+  bool find_passes() {
+    if (!options_.passes) return true;
+    std::vector<std::string> known;
+    for (const passes::Pass& pass : passes::default_passes()) known.emplace_back(pass.name);
+    for (const std::string& name : *options_.passes) {
+      const auto found = std::ranges::find(known, name);
+      if (found == known.end()) {
+        const auto nearest = dsl::nearest_name(name, known);
+        print_error("unknown pass '" + name + "'" + (nearest ? ", did you mean '" + *nearest + "'?" : ""));
+        return false;
+      }
+      passes_.push_back(passes::default_passes()[static_cast<size_t>(found - known.begin())]);
+    }
+    return true;
+  }
+
+ private:
+  const BuildOptions& options_;
+  std::optional<ir::Graph> graph_, result_;
+  std::vector<passes::Pass> passes_;
+  bool graph_tried_ = false;
+};
+
+struct Product {
+  std::string_view name;
+  std::string_view extension;
+  std::optional<std::string> (*make)(Stages&);
+};
+
+std::optional<std::string> make_ast(Stages& stages) { return load_tree(stages.options().input); }
+
+// As lowered, or after --passes.
+std::optional<std::string> make_ir(Stages& stages) {
+  const ir::Graph* graph = stages.options().passes ? stages.differentiated() : stages.lowered();
+  return graph ? std::optional(ir::print(*graph)) : std::nullopt;
+}
+
+std::optional<std::string> make_grad_ir(Stages& stages) {
+  const ir::Graph* graph = stages.differentiated();
+  return graph ? std::optional(ir::print(*graph)) : std::nullopt;
+}
+
+constexpr Product kProducts[] = {
+    {"ast", ".ast", make_ast},
+    {"ir", ".ir", make_ir},
+    {"grad-ir", ".grad.ir", make_grad_ir},
+};
+
+}  // namespace
+
+std::vector<std::string> product_names() {
+  std::vector<std::string> names;
+  for (const Product& product : kProducts) names.emplace_back(product.name);
+  return names;
+}
+
+int build(const BuildOptions& options) {
+  Stages stages(options);
+  if (!stages.find_passes()) return kBadUsage;
+  const bool several = options.emit.size() > 1;
+  if (several && !std::filesystem::is_directory(options.output)) {
+    print_error("expected a folder after -o for several products, found '" + options.output + "'");
+    return kBadUsage;
+  }
+  for (const std::string& name : options.emit) {
+    const auto product = std::ranges::find(kProducts, name, &Product::name);
+    const auto content = product->make(stages);
+    if (!content) return kUserError;
+    std::string file = options.output;
+    if (several || (file != "-" && std::filesystem::is_directory(file))) {
+      const std::string stem = options.input.file == "-" ? "stdin" : std::filesystem::path(options.input.file).stem().string();
+      file = (std::filesystem::path(file) / (stem + std::string(product->extension))).string();
+    }
+    if (!write_product(file, *content)) return kUserError;
+  }
+  return kOk;
+}
+
+}  // namespace dr::drc

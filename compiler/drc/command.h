@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the commands of drc share: exit codes and options. A command prints its products on stdout and everything else on
+// stderr.
+#pragma once
+
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "compiler/ir/graph.h"
+
+namespace dr::drc {
+
+// Documented in --help; scripts rely on them.
+enum ExitCode : int { kOk = 0, kUserError = 1, kBadUsage = 2, kInternalError = 3 };
+
+// A program and how to read it. `.ir` files are graphs in text form, anything else is source; `-` is stdin.
+struct InputOptions {
+  std::string file;
+  std::vector<std::string> include_dirs;  // -I
+  std::vector<std::string> defines;       // -D name=value
+};
+
+struct BuildOptions {
+  InputOptions input;
+  std::vector<std::string> emit = {"ir"};
+  std::string output = "-";
+  std::optional<std::vector<std::string>> passes;  // instead of those that the product needs
+  std::optional<std::string> dump_ir;              // after this pass, or all of them if empty
+  bool time_passes = false;
+};
+
+struct EvalOptions {
+  InputOptions input;
+  std::vector<std::string> binds;    // leaf=source
+  std::vector<std::string> symbols;  // W=32
+  std::string step;                  // empty: all, in the order written
+  int64_t steps = 1;
+  std::string out;                   // a folder, or empty
+};
+
+int check(const InputOptions& options);
+int build(const BuildOptions& options);
+int eval(const EvalOptions& options);
+
+// The products that `build` knows, for --help.
+std::vector<std::string> product_names();
+
+}  // namespace dr::drc

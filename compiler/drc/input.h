@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+// From a file to a graph, with messages on stderr.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
+
+#include "compiler/drc/command.h"
+#include "compiler/ir/graph.h"
+#include "dsl/ast.h"
+
+namespace dr::drc {
+
+// "error: message" on stderr.
+void print_error(const std::string& message);
+
+// `name=value` split, or nullopt after a message that names `option`.
+std::optional<std::pair<std::string, std::string>> split_assignment(const std::string& text, std::string_view option);
+
+// The text of a file; `-` is stdin. Messages go to stderr.
+std::optional<std::string> read_text(const std::string& file);
+
+// Reads, parses, lowers and verifies. Nullopt after messages.
+std::optional<ir::Graph> load_graph(const InputOptions& options);
+
+// The syntax tree as text. Nullopt after messages.
+std::optional<std::string> load_tree(const InputOptions& options);
+
+}  // namespace dr::drc

@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: Apache-2.0
+// drc: options in, library calls, exit code out.
+#include <CLI/CLI.hpp>
+#include <csignal>
+#include <cstdio>
+#include <exception>
+
+#include "compiler/drc/command.h"
+
+namespace {
+
+using namespace dr::drc;
+
+void add_input(CLI::App& command, InputOptions& input) {
+  command.add_option("file", input.file, "Program (.dr), graph (.ir), or - for stdin")->required();
+  command.add_option("-I", input.include_dirs, "Folder to look for imported modules in")->allow_extra_args(false)->type_name("DIR");
+  command.add_option("-D", input.defines, "Give a const of the program another value")->allow_extra_args(false)->type_name("NAME=VALUE");
+}
+
+// An internal error aborts with its message on stderr; scripts see it as an exit code.
+void on_abort(int) { std::_Exit(kInternalError); }
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  std::signal(SIGABRT, on_abort);
+  CLI::App app("drc compiles differentiable-rendering programs.", "drc");
+  app.set_version_flag("--version", "drc " DR_VERSION);
+  app.require_subcommand(1);
+  app.footer("Exit codes: 0 ok, 1 error in the input, 2 bad usage, 3 internal error.");
+
+  InputOptions check_options;
+  CLI::App* check_command = app.add_subcommand("check", "Say what is wrong with a program");
+  add_input(*check_command, check_options);
+
+  BuildOptions build_options;
+  CLI::App* build_command = app.add_subcommand("build", "Compile a program");
+  add_input(*build_command, build_options.input);
+  build_command->add_option("--emit", build_options.emit, "What to write, several with commas and a folder for -o")
+      ->delimiter(',')
+      ->allow_extra_args(false)
+      ->check(CLI::IsMember(product_names()))
+      ->capture_default_str();
+  build_command->add_option("-o", build_options.output, "File or folder to write, - for stdout")->capture_default_str()->type_name("FILE");
+  std::vector<std::string> passes;
+  const CLI::Option* passes_option = build_command->add_option("--passes", passes, "Run just these passes")->delimiter(',')->allow_extra_args(false);
+  std::string dump_ir;
+  const CLI::Option* dump_option =
+      build_command->add_option("--dump-ir", dump_ir, "Print the graph to stderr after a pass, or after each")->expected(0, 1)->type_name("PASS");
+  build_command->add_flag("--time-passes", build_options.time_passes, "Print the time of each pass to stderr");
+
+  EvalOptions eval_options;
+  CLI::App* eval_command = app.add_subcommand("eval", "Run steps on the CPU in float64");
+  add_input(*eval_command, eval_options.input);
+  eval_command->add_option("--bind", eval_options.binds, "Data of a leaf: a file, =number or =[list]")->allow_extra_args(false)->type_name("LEAF=SOURCE");
+  eval_command->add_option("--symbol", eval_options.symbols, "Value of a symbol of extents")->allow_extra_args(false)->type_name("NAME=N");
+  eval_command->add_option("--step", eval_options.step, "Step to run; without it all of them, one after another");
+  eval_command->add_option("--steps", eval_options.steps, "How often to run each")->check(CLI::Range(int64_t{0}, int64_t{1} << 31))->capture_default_str();
+  eval_command->add_option("--out", eval_options.out, "Folder for the last run's outputs, as name.npy")->type_name("DIR");
+
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    const bool asked = error.get_exit_code() == 0;
+    app.exit(error);
+    return asked ? kOk : kBadUsage;
+  }
+  if (passes_option->count() > 0) build_options.passes = passes;
+  if (dump_option->count() > 0) build_options.dump_ir = dump_ir;
+  try {
+    if (check_command->parsed()) return check(check_options);
+    if (build_command->parsed()) return build(build_options);
+    return eval(eval_options);
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "internal error: %s\n", error.what());
+    return kInternalError;
+  }
+}

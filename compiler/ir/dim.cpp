@@ -1,0 +1,545 @@
+// SPDX-License-Identifier: Apache-2.0
+// The normal form of extents. A sum of products of atoms, like terms collected; in a floor division every
+// coefficient of the numerator lies in [0, divisor), so that for non-negative symbols the numerator is
+// non-negative and the truncating division of C and GLSL is the floor.
+#include "compiler/ir/dim.h"
+
+#include <algorithm>
+#include <charconv>
+#include <limits>
+#include <numeric>
+#include <set>
+
+namespace dr::ir {
+namespace {
+
+struct Atom;
+using AtomPtr = std::shared_ptr<const Atom>;
+
+// coefficient * product of atoms. The atoms are sorted, with repeats.
+struct Term {
+  std::vector<AtomPtr> atoms;
+  int64_t coefficient = 0;
+};
+
+// What an extent's expression may weigh (symbols, terms and divisions together). Real ones weigh less than 50; the
+// bound keeps a hostile text from growing without limit. What is heavier is undefined.
+constexpr size_t kMaxWeight = 4096;
+// Terms that a product may have before like ones are collected.
+constexpr size_t kMaxProduct = 1 << 16;
+constexpr int kMaxParseDepth = 200;
+// A literal that fits no coefficient: how the undefined extent prints.
+constexpr std::string_view kUndefinedText = "9223372036854775808";
+
+uint64_t mix(uint64_t seed, uint64_t value) {
+  seed ^= value + 0x9e3779b97f4a7c15u + (seed << 6) + (seed >> 2);
+  return seed * 0xff51afd7ed558ccdu;
+}
+
+int64_t floor_div(int64_t a, int64_t b) {  // b > 0
+  const int64_t q = a / b;
+  return a % b < 0 ? q - 1 : q;
+}
+
+bool add_overflows(int64_t a, int64_t b, int64_t* sum) {
+  return __builtin_add_overflow(a, b, sum) || *sum == std::numeric_limits<int64_t>::min();
+}
+bool mul_overflows(int64_t a, int64_t b, int64_t* product) {
+  return __builtin_mul_overflow(a, b, product) || *product == std::numeric_limits<int64_t>::min();
+}
+
+}  // namespace
+
+// A polynomial that is not a constant, or the undefined extent (no terms): the result of arithmetic that does not fit.
+struct Dim::Node {
+  std::vector<Term> terms;  // sorted by atoms, no zero coefficients; the constant term has no atoms and is last
+  size_t weight = 0;
+  uint64_t hash = 0;
+
+  static const Node* of(const Dim& d) { return d.node_.get(); }
+  static Dim make(std::shared_ptr<const Node> node) { return Dim(std::move(node)); }
+};
+
+namespace {
+
+using Node = Dim::Node;
+
+// A symbol, or floor(inner / divisor).
+struct Atom {
+  std::string name;     // of a symbol
+  Dim inner;            // of a division
+  int64_t divisor = 0;  // 0: a symbol
+  size_t weight = 1;
+  uint64_t hash = 0;
+};
+
+std::strong_ordering compare(const Atom& a, const Atom& b) {
+  if (&a == &b) return std::strong_ordering::equal;
+  // Symbols before divisions.
+  if (auto c = (a.divisor != 0) <=> (b.divisor != 0); c != 0) return c;
+  if (a.divisor == 0) return a.name <=> b.name;
+  if (auto c = a.inner <=> b.inner; c != 0) return c;
+  return a.divisor <=> b.divisor;
+}
+
+// Products of higher degree first, so that the constant comes last.
+std::strong_ordering compare(const std::vector<AtomPtr>& a, const std::vector<AtomPtr>& b) {
+  if (auto c = b.size() <=> a.size(); c != 0) return c;
+  for (size_t i = 0; i < a.size(); ++i) {
+    if (auto c = compare(*a[i], *b[i]); c != 0) return c;
+  }
+  return std::strong_ordering::equal;
+}
+
+Dim undefined() {
+  static const auto node = std::make_shared<const Node>();
+  return Node::make(node);
+}
+bool is_undefined(const Dim& d) { return Node::of(d) && Node::of(d)->terms.empty(); }
+
+// The terms of any defined extent; a constant's go to `storage`.
+const std::vector<Term>& terms_of(const Dim& d, std::vector<Term>& storage) {
+  if (const Node* node = Node::of(d)) return node->terms;
+  if (d.constant() != 0) storage.push_back({{}, d.constant()});
+  return storage;
+}
+
+// From terms that are sorted and collected.
+Dim from_sorted(std::vector<Term> terms) {
+  if (terms.empty()) return Dim(0);
+  if (terms.size() == 1 && terms[0].atoms.empty()) return Dim(terms[0].coefficient);
+  auto node = std::make_shared<Node>();
+  for (const Term& term : terms) {
+    node->weight += 1;
+    node->hash = mix(node->hash, static_cast<uint64_t>(term.coefficient));
+    for (const AtomPtr& atom : term.atoms) {
+      node->weight += atom->weight;
+      node->hash = mix(node->hash, atom->hash);
+    }
+  }
+  if (node->weight > kMaxWeight) return undefined();
+  node->terms = std::move(terms);
+  return Node::make(std::move(node));
+}
+
+Dim from_terms(std::vector<Term> terms) {
+  std::sort(terms.begin(), terms.end(), [](const Term& a, const Term& b) { return compare(a.atoms, b.atoms) < 0; });
+  std::vector<Term> collected;
+  for (Term& term : terms) {
+    if (collected.empty() || compare(collected.back().atoms, term.atoms) != 0) {
+      if (!collected.empty() && collected.back().coefficient == 0) collected.pop_back();
+      collected.push_back(std::move(term));
+    } else if (add_overflows(collected.back().coefficient, term.coefficient, &collected.back().coefficient)) {
+      return undefined();
+    }
+  }
+  if (!collected.empty() && collected.back().coefficient == 0) collected.pop_back();
+  return from_sorted(std::move(collected));
+}
+
+Dim from_atom(Atom atom) { return from_sorted({Term{{std::make_shared<const Atom>(std::move(atom))}, 1}}); }
+
+// a + factor * b, by merging.
+Dim add_scaled(const Dim& a, const Dim& b, int64_t factor) {
+  std::vector<Term> a_storage, b_storage, sum;
+  const auto& x = terms_of(a, a_storage);
+  const auto& y = terms_of(b, b_storage);
+  sum.reserve(x.size() + y.size());
+  for (size_t i = 0, j = 0; i < x.size() || j < y.size();) {
+    const auto order = i == x.size()   ? std::strong_ordering::greater
+                       : j == y.size() ? std::strong_ordering::less
+                                       : compare(x[i].atoms, y[j].atoms);
+    if (order < 0) {
+      sum.push_back(x[i++]);
+      continue;
+    }
+    int64_t coefficient = 0;
+    if (mul_overflows(y[j].coefficient, factor, &coefficient)) return undefined();
+    if (order == 0 && add_overflows(x[i++].coefficient, coefficient, &coefficient)) return undefined();
+    if (coefficient != 0) sum.push_back({y[j].atoms, coefficient});
+    ++j;
+  }
+  return from_sorted(std::move(sum));
+}
+
+// The only floor division that is a term of its own with coefficient 1, if there is exactly one.
+const Term* single_division(const std::vector<Term>& terms) {
+  const Term* found = nullptr;
+  for (const Term& term : terms) {
+    if (term.coefficient != 1 || term.atoms.size() != 1 || term.atoms[0]->divisor == 0) continue;
+    if (found) return nullptr;
+    found = &term;
+  }
+  return found;
+}
+
+}  // namespace
+
+Dim::Dim(int64_t constant) : constant_(constant) {
+  // The one value whose negation does not fit is left out of the range.
+  if (constant == std::numeric_limits<int64_t>::min()) *this = undefined();
+}
+
+Dim Dim::symbol(std::string name) {
+  Atom atom;
+  atom.hash = std::hash<std::string>()(name);
+  atom.name = std::move(name);
+  return from_atom(std::move(atom));
+}
+
+Dim Dim::operator+(const Dim& other) const {
+  if (!node_ && !other.node_) {
+    int64_t sum = 0;
+    return add_overflows(constant_, other.constant_, &sum) ? undefined() : Dim(sum);
+  }
+  if (is_undefined(*this) || is_undefined(other)) return undefined();
+  return add_scaled(*this, other, 1);
+}
+
+Dim Dim::operator-(const Dim& other) const {
+  if (!node_ && !other.node_) return *this + Dim(-other.constant_);
+  if (is_undefined(*this) || is_undefined(other)) return undefined();
+  return add_scaled(*this, other, -1);
+}
+
+Dim Dim::operator*(const Dim& other) const {
+  if (!node_ && !other.node_) {
+    int64_t product = 0;
+    return mul_overflows(constant_, other.constant_, &product) ? undefined() : Dim(product);
+  }
+  if (is_undefined(*this) || is_undefined(other)) return undefined();
+  if (!node_) return constant_ == 1 ? other : add_scaled(Dim(0), other, constant_);
+  if (!other.node_) return other.constant_ == 1 ? *this : add_scaled(Dim(0), *this, other.constant_);
+  const auto& x = node_->terms;
+  const auto& y = other.node_->terms;
+  if (x.size() * y.size() > kMaxProduct) return undefined();
+  std::vector<Term> products;
+  for (const Term& a : x) {
+    for (const Term& b : y) {
+      Term product;
+      if (mul_overflows(a.coefficient, b.coefficient, &product.coefficient)) return undefined();
+      product.atoms.resize(a.atoms.size() + b.atoms.size());
+      std::merge(a.atoms.begin(), a.atoms.end(), b.atoms.begin(), b.atoms.end(), product.atoms.begin(),
+                 [](const AtomPtr& p, const AtomPtr& q) { return compare(*p, *q) < 0; });
+      products.push_back(std::move(product));
+    }
+  }
+  return from_terms(std::move(products));
+}
+
+Dim Dim::divided_by(int64_t divisor) const {
+  if (divisor <= 0) return undefined();
+  if (divisor == 1) return *this;
+  if (!node_) return Dim(floor_div(constant_, divisor));
+  if (is_undefined(*this)) return undefined();
+
+  // floor((d*q + r) / d) = q + floor(r / d) for an integer q: take the multiples of the divisor out of every
+  // coefficient.
+  std::vector<Term> quotient, rest;
+  for (const Term& term : node_->terms) {
+    const int64_t q = floor_div(term.coefficient, divisor);
+    const int64_t r = term.coefficient - q * divisor;
+    if (q != 0) quotient.push_back({term.atoms, q});
+    if (r != 0) rest.push_back({term.atoms, r});
+  }
+  const Dim outside = from_sorted(std::move(quotient));
+
+  // floor((g*p + c) / (g*d)) = floor((p + floor(c / g)) / d): take out what the divisor shares with all coefficients.
+  int64_t shared = divisor;
+  for (const Term& term : rest) {
+    if (!term.atoms.empty()) shared = std::gcd(shared, term.coefficient);
+  }
+  const int64_t reduced = divisor / shared;
+  for (Term& term : rest) term.coefficient /= shared;
+  if (!rest.empty() && rest.back().coefficient == 0) rest.pop_back();
+  if (reduced == 1 || rest.empty()) return outside + from_sorted(std::move(rest));
+
+  // floor((floor(x / a) + q) / d) = floor((x + a*q) / (a*d)): a chain of halvings is one division.
+  if (const Term* division = single_division(rest)) {
+    const AtomPtr atom = division->atoms[0];
+    int64_t product = 0;
+    if (mul_overflows(atom->divisor, reduced, &product)) return undefined();
+    const Dim others = from_sorted(rest) - from_sorted({Term{{atom}, 1}});
+    return outside + (atom->inner + others * Dim(atom->divisor)).divided_by(product);
+  }
+
+  const Dim numerator = from_sorted(std::move(rest));
+  Atom atom;
+  atom.inner = numerator;
+  atom.divisor = reduced;
+  atom.weight = 1 + numerator.node_->weight;
+  atom.hash = mix(numerator.node_->hash, static_cast<uint64_t>(reduced));
+  return outside + from_atom(std::move(atom));
+}
+
+bool Dim::is_constant() const { return !node_; }
+
+int64_t Dim::constant() const { return constant_; }
+
+std::optional<std::string> Dim::as_symbol() const {
+  if (!node_ || node_->terms.size() != 1) return std::nullopt;
+  const Term& term = node_->terms[0];
+  if (term.coefficient != 1 || term.atoms.size() != 1 || term.atoms[0]->divisor != 0) return std::nullopt;
+  return term.atoms[0]->name;
+}
+
+namespace {
+
+void collect_symbols(const Dim& d, std::set<std::string>& names) {
+  if (!Node::of(d)) return;
+  for (const Term& term : Node::of(d)->terms) {
+    for (const AtomPtr& atom : term.atoms) {
+      if (atom->divisor == 0) {
+        names.insert(atom->name);
+      } else {
+        collect_symbols(atom->inner, names);
+      }
+    }
+  }
+}
+
+}  // namespace
+
+std::vector<std::string> Dim::symbols() const {
+  std::set<std::string> names;
+  collect_symbols(*this, names);
+  return {names.begin(), names.end()};
+}
+
+std::optional<int64_t> Dim::evaluate(const SymbolValues& values) const {
+  if (!node_) return constant_;
+  if (is_undefined(*this)) return std::nullopt;
+  int64_t sum = 0;
+  for (const Term& term : node_->terms) {
+    int64_t product = term.coefficient;
+    for (const AtomPtr& atom : term.atoms) {
+      int64_t factor = 0;
+      if (atom->divisor == 0) {
+        const auto found = values.find(atom->name);
+        if (found == values.end()) return std::nullopt;
+        factor = found->second;
+      } else {
+        const auto inner = atom->inner.evaluate(values);
+        if (!inner) return std::nullopt;
+        factor = floor_div(*inner, atom->divisor);
+      }
+      if (mul_overflows(product, factor, &product)) return std::nullopt;
+    }
+    if (add_overflows(sum, product, &sum)) return std::nullopt;
+  }
+  return sum;
+}
+
+Dim Dim::substitute(const std::map<std::string, Dim, std::less<>>& replacements) const {
+  if (!node_ || is_undefined(*this)) return *this;
+  Dim sum(0);
+  for (const Term& term : node_->terms) {
+    Dim product(term.coefficient);
+    for (const AtomPtr& atom : term.atoms) {
+      if (atom->divisor != 0) {
+        product = product * atom->inner.substitute(replacements).divided_by(atom->divisor);
+      } else if (const auto found = replacements.find(atom->name); found != replacements.end()) {
+        product = product * found->second;
+      } else {
+        product = product * from_sorted({Term{{atom}, 1}});
+      }
+    }
+    sum = sum + product;
+  }
+  return sum;
+}
+
+namespace {
+
+void write_sum(const Dim& d, std::string& out);
+
+void write_number(int64_t number, std::string& out) {
+  char buffer[24];
+  const auto end = std::to_chars(buffer, buffer + sizeof buffer, number).ptr;
+  out.append(buffer, end);
+}
+
+// `alone`: nothing binds as tightly as a division beside it.
+void write_atom(const Atom& atom, bool alone, std::string& out) {
+  if (atom.divisor == 0) {
+    out += atom.name;
+    return;
+  }
+  if (!alone) out += '(';
+  const Node* inner = Node::of(atom.inner);
+  const bool simple = inner && inner->terms.size() == 1;
+  if (!simple) out += '(';
+  write_sum(atom.inner, out);
+  if (!simple) out += ')';
+  out += " / ";
+  write_number(atom.divisor, out);
+  if (!alone) out += ')';
+}
+
+void write_sum(const Dim& d, std::string& out) {
+  const Node* node = Node::of(d);
+  if (!node) return write_number(d.constant(), out);
+  if (node->terms.empty()) {
+    out += kUndefinedText;
+    return;
+  }
+  bool first = true;
+  for (const Term& term : node->terms) {
+    const bool negative = term.coefficient < 0;
+    const int64_t magnitude = negative ? -term.coefficient : term.coefficient;
+    if (first) {
+      if (negative) out += '-';
+    } else {
+      out += negative ? " - " : " + ";
+    }
+    const bool number = magnitude != 1 || term.atoms.empty();
+    if (number) write_number(magnitude, out);
+    // A leading minus binds tighter than the division after it.
+    const bool alone = term.atoms.size() == 1 && !number && !(first && negative);
+    for (size_t i = 0; i < term.atoms.size(); ++i) {
+      if (i > 0 || number) out += " * ";
+      write_atom(*term.atoms[i], alone, out);
+    }
+    first = false;
+  }
+}
+
+class DimParser {
+ public:
+  explicit DimParser(std::string_view text) : text_(text) {}
+
+  std::optional<Dim> parse() {
+    auto d = sum(0);
+    skip_spaces();
+    if (!d || at_ != text_.size()) return std::nullopt;
+    return d;
+  }
+
+ private:
+  void skip_spaces() {
+    while (at_ < text_.size() && (text_[at_] == ' ' || text_[at_] == '\t')) ++at_;
+  }
+  bool take(char c) {
+    skip_spaces();
+    if (at_ == text_.size() || text_[at_] != c) return false;
+    ++at_;
+    return true;
+  }
+
+  std::optional<Dim> sum(int depth) {
+    auto left = product(depth);
+    while (left) {
+      const bool plus = take('+');
+      if (!plus && !take('-')) break;
+      const auto right = product(depth);
+      if (!right) return std::nullopt;
+      left = plus ? *left + *right : *left - *right;
+    }
+    return left;
+  }
+
+  std::optional<Dim> product(int depth) {
+    auto left = unary(depth);
+    while (left) {
+      const bool times = take('*');
+      if (!times && !take('/')) break;
+      const auto right = unary(depth);
+      if (!right) return std::nullopt;
+      if (times) {
+        left = *left * *right;
+      } else if (right->is_constant() && right->constant() > 0) {
+        left = left->divided_by(right->constant());
+      } else {
+        return std::nullopt;
+      }
+    }
+    return left;
+  }
+
+  std::optional<Dim> unary(int depth) {
+    if (depth > kMaxParseDepth) return std::nullopt;
+    if (take('-')) {
+      const auto operand = unary(depth + 1);
+      if (!operand) return std::nullopt;
+      return Dim(0) - *operand;
+    }
+    if (take('(')) {
+      auto inner = sum(depth + 1);
+      if (!inner || !take(')')) return std::nullopt;
+      return inner;
+    }
+    skip_spaces();
+    const size_t begin = at_;
+    while (at_ < text_.size() && is_word(text_[at_])) ++at_;
+    const std::string_view word = text_.substr(begin, at_ - begin);
+    if (word.empty()) return std::nullopt;
+    if (word[0] < '0' || word[0] > '9') return Dim::symbol(std::string(word));
+    int64_t number = 0;
+    const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), number);
+    if (end != word.data() + word.size()) return std::nullopt;
+    // A number beyond the range is an extent all the same, one that no symbols' values make good.
+    return error == std::errc::result_out_of_range ? undefined() : Dim(number);
+  }
+
+  static bool is_word(char c) {
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_';
+  }
+
+  std::string_view text_;
+  size_t at_ = 0;
+};
+
+}  // namespace
+
+std::string Dim::str() const {
+  std::string out;
+  write_sum(*this, out);
+  return out;
+}
+
+std::optional<Dim> Dim::parse(std::string_view text) { return DimParser(text).parse(); }
+
+bool operator==(const Dim& a, const Dim& b) {
+  if (a.node_ == b.node_) return a.constant_ == b.constant_;
+  if (!a.node_ || !b.node_ || a.node_->hash != b.node_->hash) return false;
+  const auto& x = a.node_->terms;
+  const auto& y = b.node_->terms;
+  return std::equal(x.begin(), x.end(), y.begin(), y.end(), [](const Term& s, const Term& t) {
+    return s.coefficient == t.coefficient && compare(s.atoms, t.atoms) == 0;
+  });
+}
+
+std::strong_ordering operator<=>(const Dim& a, const Dim& b) {
+  if (a.node_ == b.node_) return a.constant_ <=> b.constant_;
+  if (auto c = (a.node_ != nullptr) <=> (b.node_ != nullptr); c != 0) return c;
+  const auto& x = a.node_->terms;
+  const auto& y = b.node_->terms;
+  if (auto c = x.size() <=> y.size(); c != 0) return c;
+  for (size_t i = 0; i < x.size(); ++i) {
+    if (auto c = compare(x[i].atoms, y[i].atoms); c != 0) return c;
+    if (auto c = x[i].coefficient <=> y[i].coefficient; c != 0) return c;
+  }
+  return std::strong_ordering::equal;
+}
+
+std::string Extent::str() const {
+  if (is_unit()) return "";
+  std::string out = "[";
+  out += w.str();
+  if (!h.is_one() || !l.is_one()) out += ", " + h.str();
+  if (!l.is_one()) out += ", " + l.str();
+  return out + "]";
+}
+
+std::optional<Extent> broadcast(const Extent& a, const Extent& b) {
+  const auto axis = [](const Dim& x, const Dim& y) -> std::optional<Dim> {
+    if (x.is_one()) return y;
+    if (y.is_one() || x == y) return x;
+    return std::nullopt;
+  };
+  const auto w = axis(a.w, b.w), h = axis(a.h, b.h), l = axis(a.l, b.l);
+  if (!w || !h || !l) return std::nullopt;
+  return Extent{*w, *h, *l};
+}
+
+}  // namespace dr::ir

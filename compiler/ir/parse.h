@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: Apache-2.0
+// Reads the graph's text form back: print(parse(print(g))) == print(g). The form is described in print.h; besides what is
+// printed, blank lines and `//` comments may stand anywhere between lines, and uses may leave out a value's name. The parser
+// knows no op's meaning: what it accepts may still fail verification.
+#pragma once
+
+#include <string>
+#include <string_view>
+#include <variant>
+
+#include "compiler/ir/graph.h"
+
+namespace dr::ir {
+
+struct ParseError {
+  uint32_t line = 0;
+  std::string message;
+};
+
+std::variant<Graph, ParseError> parse(std::string_view text);
+
+}  // namespace dr::ir

@@ -1,0 +1,415 @@
+// SPDX-License-Identifier: Apache-2.0
+// The elaborator's class, private to compiler/lower: it walks the syntax of a program once, computes what is known at
+// compile time, inlines calls, and appends ops for the rest. Every emission goes through `apply` or a function that has
+// checked types and extents before, so that a user's mistake becomes a diagnostic and never an internal error.
+//
+// An expression that failed has been reported and gives Error; whoever meets an Error gives Error and says nothing.
+#pragma once
+
+#include <array>
+#include <initializer_list>
+#include <memory>
+#include <optional>
+#include <set>
+#include <span>
+#include <string>
+#include <string_view>
+#include <tuple>
+#include <unordered_map>
+#include <vector>
+
+#include "compiler/ir/graph.h"
+#include "compiler/lower/lower.h"
+#include "compiler/lower/value.h"
+#include "compiler/ops/op.h"
+#include "dsl/ast.h"
+#include "dsl/diagnostic.h"
+#include "dsl/source.h"
+
+namespace dr::lower {
+
+using dsl::Code;
+using dsl::Expr;
+using dsl::Span;
+using ir::Dim;
+using ir::Extent;
+using ir::OpKind;
+using ir::Scalar;
+using ir::Type;
+using ir::ValueId;
+
+// Limits of a program, all of them errors when reached.
+inline constexpr int64_t kMaxTrips = 4096;         // of one `for`, or items of one array
+inline constexpr size_t kMaxCalls = 64;            // calls inside each other
+inline constexpr size_t kMaxDepth = 2000;          // expressions inside each other, through calls
+inline constexpr size_t kMaxOps = 1'000'000;       // of a program
+inline constexpr size_t kMaxSteps = 50'000'000;    // expressions elaborated
+inline constexpr size_t kMaxCallNotes = 4;         // notes "in the call of 'f' here" of one message
+
+class Elaborator;
+
+struct Argument {
+  std::optional<dsl::Name> name;
+  Value value;
+  Span span;
+};
+
+// A call of a built-in function, as its handler sees it.
+struct BuiltinCall {
+  const Builtin& entry;
+  std::vector<Value> args;      // `self` first, then the positional ones; those of a raw entry are not evaluated
+  std::vector<Span> spans;      // parallel to args
+  std::vector<Argument> named;  // only names that the entry lists
+  const Expr* syntax = nullptr; // the call; null when a function value is called by another built-in
+  Span span;
+};
+
+struct Builtin {
+  std::string_view name;
+  size_t min_args = 1;
+  size_t max_args = 1;
+  Value (Elaborator::*handler)(BuiltinCall&) = nullptr;
+  OpKind kind = OpKind::Add;              // for handlers that serve several ops
+  std::vector<std::string_view> named = {};  // names that may be given
+  bool is_method = false;                 // called as x.name(...): the first argument is x
+};
+
+// How a declared type is held against a value.
+struct TypeMatch {
+  Code code{};                 // of a mismatch
+  std::string subject;         // "'x'", "the result of 'f'"
+  Span span;                   // of the value
+  std::vector<dsl::Note> notes;
+  std::vector<dsl::Name> const* generics = nullptr;  // names that the value may bind
+  bool bind_extents = false;   // names in extents may be bound by the value
+  bool parameter = false;      // `vec3` is one element
+  bool stretch = false;        // extents of 1 are stretched to those written
+  bool ignore_extents = false; // somebody else looks at them
+};
+
+class Elaborator {
+ public:
+  Elaborator(dsl::SourceManager& sources, const Options& options, dsl::DiagnosticList& diagnostics)
+      : sources_(sources), options_(options), diagnostics_(diagnostics) {}
+  std::optional<ir::Graph> run(dsl::FileId root);
+
+ private:
+  friend struct BuiltinTable;
+
+  // A call that is being elaborated.
+  struct Frame {
+    const dsl::FnDecl* fn = nullptr;
+    std::string name;
+    Span call;
+    const Scope* scope = nullptr;  // the names that it sees
+    size_t creator = 0;  // of a lambda: the frames below which it was made
+    bool is_lambda = false;
+  };
+  struct RegionFrame {
+    std::string_view what;  // "'if'"
+    Span span;
+    size_t frame = 0;  // calls that were open
+    ir::RegionId region;
+  };
+  // Who gives a leaf its next value in the step.
+  struct Writer {
+    Span span;
+    size_t update = SIZE_MAX;  // index into Step::updates
+    bool minimized = false; // a projection may follow
+  };
+  struct StepFrame {
+    ir::Step* step = nullptr;
+    std::map<uint32_t, Writer> writers;
+    std::map<std::string, Span, std::less<>> outputs;
+  };
+  // An optimizer's update that is being inlined.
+  struct OptimizerFrame {
+    size_t frame = 0;  // of the update function
+    std::map<std::string, std::pair<uint32_t, Span>, std::less<>> states;
+    std::string name;
+  };
+
+  // Switch a member for the time of a block.
+  template <class T>
+  class Switched {
+   public:
+    Switched(T& place, T now) : place_(place), before_(place) { place_ = now; }
+    ~Switched() { place_ = before_; }
+    Switched(const Switched&) = delete;
+    Switched& operator=(const Switched&) = delete;
+
+   private:
+    T& place_;
+    T before_;
+  };
+  class SpanScope {
+   public:
+    SpanScope(Elaborator& e, const Span& span) : e_(e), before_(e.span_) { e.set_span(span); }
+    ~SpanScope() { e_.set_span(before_); }
+    SpanScope(const SpanScope&) = delete;
+    SpanScope& operator=(const SpanScope&) = delete;
+
+   private:
+    Elaborator& e_;
+    Span before_;
+  };
+
+  // Messages (lower.cpp). `fail` reports and gives Error.
+  void report(Code code, const Span& span, std::string message, std::vector<dsl::Note> notes = {}, std::string help = {});
+  Error fail(Code code, const Span& span, std::string message, std::vector<dsl::Note> notes = {}, std::string help = {});
+  void set_span(const Span& span);
+  bool over_budget(const Span& span);
+  static std::string suggestion(std::string_view name, const std::vector<std::string>& known);
+
+  // The program (lower.cpp).
+  void declare_leaves(ModuleInfo& root);
+  void declare_leaf(ModuleInfo& root, const dsl::LeafDecl& decl);
+  std::vector<double> initial_value(const dsl::LeafDecl& decl, const Type& type, bool& ok);
+  void run_program(ModuleInfo& root);
+  void apply_defines(ModuleInfo& root);
+
+  // Modules and names (modules.cpp).
+  ModuleInfo* load_module(dsl::FileId file, std::string path, std::string folder);
+  void load_import(ModuleInfo& importer, const dsl::ImportDecl& import);
+  void collect_items(ModuleInfo& module);
+  void add_item(ModuleInfo& module, const dsl::Name& name, ModuleItem item);
+  Value item_value(ModuleInfo& module, std::string_view name, ModuleItem& item, const Span& use);
+  Value name_value(const std::string& name, const Span& span);
+  Value module_field(ModuleInfo& module, const std::string& name, const Span& span);
+  const Binding* find_binding(std::string_view name) const;
+  std::optional<uint32_t> find_leaf(std::string_view name) const;
+  Scope* new_scope(Scope* parent);
+  void define(Scope& scope, const dsl::Name& name, Value value, bool is_var = false);
+  std::vector<std::string> visible_names() const;
+
+  // What values are, in words (emission.cpp).
+  std::string describe(const Value& value) const;             // "vec3[V]", "Triangle"
+  std::string describe_element(const Value& value) const;     // without extents
+  std::string describe(const TypeValue& type) const;
+  TypeValue type_of(const Value& value) const;
+  Type element_type(const Value& value) const;                // of a numeric value
+  Extent extent_of(const Value& value) const;
+  std::string label(const Value& value, std::string_view otherwise) const;  // "'photo'" or `otherwise`
+
+  // Emission (emission.cpp).
+  ValueId materialize(const Value& value);
+  Image image(ValueId id, std::initializer_list<const Value*> from) const;
+  uint32_t element_depth(std::span<const Value> values) const;
+  Value apply(OpKind kind, std::vector<Value> operands, ir::Attrs attrs = {});
+  bool convert_known_int(Value& value, Scalar to);
+  bool unify_scalars(std::vector<Value>& values);   // ints known at compile time become what the others are
+  bool unify_rows(std::vector<Value>& values);      // scalars become vectors
+  bool check_extents(std::span<const Value> values, const Span& span);
+  Value to_float(const Value& value);
+  Value convert_scalar(const Value& value, Scalar to);
+  Value splat(const Value& value, const Type& type);
+  Value component(const Value& value, int index);
+  Value compose(std::vector<Value> parts, const Type& type);
+  Value swizzle(const Value& value, std::span<const int> indices);
+  Value broadcast(const Value& value, const Extent& extent);
+  Value select(const Value& condition, const Value& a, const Value& b);
+  Value add(const Value& a, const Value& b) { return arithmetic(OpKind::Add, a, b); }
+  Value sub(const Value& a, const Value& b) { return arithmetic(OpKind::Sub, a, b); }
+  Value mul(const Value& a, const Value& b) { return arithmetic(OpKind::Mul, a, b); }
+  Value arithmetic(OpKind kind, const Value& a, const Value& b);  // of agreeing kinds; scalars splat
+  Value dot(const Value& a, const Value& b);
+  void set_name(const Value& value, const std::string& name);
+  bool in_region() const { return !regions_.empty(); }
+  bool refuse_in_region(std::string_view what, const Span& span);
+  bool refuse_element(const Value& value, std::string_view what, const Span& span);
+  // The extent that everything inside a region stretches to, or an error.
+  std::optional<Extent> region_domain(Extent domain, std::span<const ir::RegionId> regions, const Span& span);
+
+  // Expressions (expressions.cpp).
+  Value evaluate(const Expr& expr);
+  Value evaluate_any(const Expr& expr);
+  Value evaluate_number(const Expr& expr);
+  Value evaluate_field(const Expr& expr);
+  Value field_of(const Value& base, const std::string& name, const Span& span, const Expr* base_expr);
+  Value numeric_field(const Value& base, const std::string& name, const Span& span, const Expr* base_expr);
+  std::optional<std::vector<int>> swizzle_indices(const Type& type, const std::string& name, const Span& span);
+  Value evaluate_index(const Expr& expr);
+  Value index_value(const Value& base, const Value& index, const Expr& expr);
+  std::optional<int64_t> checked_index(int64_t index, int64_t count, std::string_view what, const Span& span);
+  Value evaluate_array(const Expr& expr);
+  Value unify_items(std::vector<Value> items, std::span<const Span> spans);
+  Value evaluate_lambda(const Expr& expr);
+  bool is_image_value(const Value& value, const Span& span, std::string_view what);
+  std::optional<int64_t> evaluate_known_int(const Expr& expr, std::string_view what);
+  std::optional<Dim> evaluate_dim(const Expr& expr, std::string_view what);
+
+  // Operators (operators.cpp, matrix.cpp).
+  Value evaluate_unary(const Expr& expr);
+  Value evaluate_binary(const Expr& expr);
+  Value binary(const std::string& op, Value a, Value b, const Span& span);
+  Value dim_arithmetic(const std::string& op, const Dim& a, const Dim& b, const Span& span, bool& done);
+  Value checked_dim(const Dim& dim, const Span& span);
+  Value compare(const std::string& op, Value a, Value b, const Span& span);
+  Value logic(const std::string& op, const Value& a, const Value& b, const Span& span);
+  Value bits(const std::string& op, Value a, Value b, const Span& span);
+  Value matrix_product(const Value& a, const Value& b, const Span& span, bool& done);
+  Value matrix_scalar(OpKind kind, const Value& a, const Value& b);
+  Value map_columns(const Value& m, const std::function<Value(const Value&)>& f);
+  Value matrix_vector(const Value& m, const Value& v);
+  using Entries = std::vector<std::vector<Value>>;
+  Entries entries(const Value& m);
+  Value minor_determinant(const Entries& m, const std::vector<size_t>& columns, const std::vector<size_t>& rows);
+  Value transpose(const Value& m);
+
+  // Types (types.cpp).
+  std::optional<Value> match(const Value& value, const dsl::TypeExpr& type, TypeMatch& how);
+  std::optional<Value> match_named(const Value& value, const dsl::TypeExpr& type, TypeMatch& how);
+  std::optional<Value> match_array(const Value& value, const dsl::TypeExpr& type, TypeMatch& how);
+  std::optional<Value> match_tuple(const Value& value, const dsl::TypeExpr& type, TypeMatch& how);
+  std::optional<Value> match_type_value(const Value& value, const TypeValue& wanted, const dsl::TypeExpr& type, TypeMatch& how);
+  std::optional<Value> match_element(const Value& value, const Type& wanted, const dsl::TypeExpr& type, TypeMatch& how);
+  bool match_generics(const StructValue& value, const dsl::TypeExpr& type, TypeMatch& how);
+  bool match_generic_arg(const Value& actual, const dsl::TypeExpr* type, const Expr* expr, TypeMatch& how);
+  bool match_extent(const Dim& actual, const Expr& wanted, int axis, TypeMatch& how, Dim* stretched);
+  bool mismatch(const Value& value, const std::string& wanted, TypeMatch& how);
+  bool may_bind(std::string_view name, const TypeMatch& how) const;
+  std::optional<Value> type_name(const dsl::TypeExpr& type);  // a TypeValue, or a generic that is not bound
+  std::optional<Value> declared(const Value& value, const dsl::TypeExpr& type, std::string subject, const Span& span);
+
+  // Calls (calls.cpp, constructors.cpp).
+  Value evaluate_call(const Expr& expr);
+  std::vector<Argument> evaluate_args(const std::vector<dsl::Arg>& args);
+  Value call(const Value& callee, std::vector<Argument> args, const Span& span);
+  Value call_with(const Value& callee, std::vector<Value> args, const Span& span);
+  Value inline_function(const FunctionValue& fn, std::vector<Argument> args, const Span& span);
+  bool check_recursion(const FunctionValue& fn, const Span& span);
+  bool bind_params(const std::vector<dsl::Param>& params, const std::vector<dsl::Name>& generics, std::vector<Argument> args,
+                   Scope& scope, const Span& call, const std::string& name, const Span& declared, bool element_params);
+  std::optional<std::vector<std::optional<Argument>>> order_arguments(const std::vector<dsl::Param>& params,
+                                                                      std::vector<Argument> args, const Span& call,
+                                                                      const std::string& name, const Span& declared);
+  Value leave_call(const Value& value, size_t depth) const;
+  Value call_builtin(const BuiltinValue& builtin, std::vector<Argument> args, const Expr* syntax, const Span& span);
+  Value construct(const TypeValue& type, std::vector<Argument> args, const Span& span);
+  Value construct_struct(const TypeValue& type, std::vector<Argument> args, const Span& span);
+  Value construct_vector(const Type& type, std::span<const Value> args, const Span& span);
+  Value construct_matrix(const Type& type, std::span<const Value> args, const Span& span);
+  Value call_optimizer(const OptimizerValue& optimizer, std::vector<Argument> args, const Span& span);
+
+  // Statements (statements.cpp).
+  Value evaluate_block(const dsl::Block& block);
+  Value run_statements(const dsl::Block& block);
+  void run_statement(const dsl::Stmt& stmt);
+  void run_let(const dsl::Stmt& stmt);
+  void bind_pattern(const dsl::Pattern& pattern, const Value& value, const Span& span, bool is_var);
+  void run_assign(const dsl::Stmt& stmt);
+  Value assigned(const Value& current, std::span<const Expr* const> path, const Value& value, const dsl::Stmt& stmt);
+  Value assigned_components(const Value& current, std::span<const int> indices, const Value& value, const dsl::Stmt& stmt);
+  Value fit_assignment(const Value& current, const Value& value, const dsl::Stmt& stmt);
+  void run_for(const dsl::Stmt& stmt);
+  void run_const_if(const dsl::Stmt& stmt);
+  std::optional<bool> known_condition(const Expr& expr);
+
+  // Regions (regions.cpp).
+  using LeafPair = std::function<Value(const Value&, const Value&)>;
+  Value evaluate_if(const Expr& expr);
+  Value emit_if(const Value& condition, const Expr& expr);
+  Value select_branches(const Value& condition, const Value& a, const Value& b, const Expr& expr);
+  Value merge_branches(const Value& a, const Value& b, const Expr& expr, const LeafPair& leaf);
+  std::optional<Type> branch_type(const Value& a, const Value& b, const Expr& expr);
+  bool is_cheap(const dsl::Block& block) const;
+  Value evaluate_reduce(const Expr& expr);
+  bool reduce_range(const Value& value, const Expr& expr);
+
+  // Raster (raster.cpp).
+  struct RasterCall;
+  using RasterBody = std::function<Value(std::span<const Value> fields, const Value& p)>;
+  Value evaluate_raster(const Expr& expr);
+  bool raster_arguments(const Expr& expr, RasterCall& call);
+  bool raster_functions(const Expr& expr, RasterCall& call);
+  bool raster_record(RasterCall& call);
+  Value call_raster_fn(const dsl::FnDecl& fn, std::vector<Value> args, const Type& type);
+  bool check_record(const Value& value, const RasterCall& call, const dsl::FnDecl& fn);
+  std::optional<ir::RegionId> raster_region(const RasterCall& call, const RasterBody& body);
+  Value coverage_edge(const Value& a, const Value& b);
+  Value coverage(std::span<const Value> edges, const Value& p);
+
+  // Steps and gradients (steps.cpp).
+  void run_step(const dsl::StepDecl& decl);
+  bool in_step(std::string_view what, const Span& span);
+  void run_output(const dsl::Stmt& stmt);
+  void add_output(const std::string& name, const Value& value, const Span& span);
+  void run_update(const dsl::Stmt& stmt);
+  void run_optimizer_update(const dsl::Stmt& stmt);
+  std::optional<Image> fit_leaf(const Value& value, uint32_t leaf, const Span& span, std::string_view what);
+  void run_minimize(const dsl::Stmt& stmt);
+  Value instantiate(const OptimizerValue& optimizer, uint32_t leaf, const Value& x, const Value& g, const dsl::Stmt& stmt);
+  std::vector<ValueId> emit_grad(const Value& y, const Value& seed, std::span<const ValueId> targets);
+
+  // Built-in functions (builtins.cpp, builtins_vector.cpp, builtins_image.cpp).
+  static const Builtin* find_builtin(std::string_view name);
+  static const Builtin* find_method(std::string_view name);
+  static std::vector<std::string> builtin_names();
+  bool floats(BuiltinCall& call, bool splat_scalars = true);
+  bool numbers(BuiltinCall& call, bool splat_scalars = true);
+  bool vectors(BuiltinCall& call, size_t count);
+  Value wrong_type(const BuiltinCall& call, size_t arg, std::string_view wanted);
+  Value float_function(BuiltinCall& call);
+  Value number_function(BuiltinCall& call);
+  Value builtin_mod(BuiltinCall& call);
+  Value builtin_abs(BuiltinCall& call);
+  Value builtin_min_max(BuiltinCall& call);
+  Value builtin_atan(BuiltinCall& call);
+  Value builtin_mix(BuiltinCall& call);
+  Value builtin_step(BuiltinCall& call);
+  Value builtin_smoothstep(BuiltinCall& call);
+  Value builtin_saturate(BuiltinCall& call);
+  Value builtin_angle(BuiltinCall& call);
+  Value builtin_select(BuiltinCall& call);
+  Value builtin_dot(BuiltinCall& call);
+  Value builtin_cross(BuiltinCall& call);
+  Value builtin_length(BuiltinCall& call);
+  Value builtin_distance(BuiltinCall& call);
+  Value builtin_normalize(BuiltinCall& call);
+  Value builtin_reflect(BuiltinCall& call);
+  Value builtin_any_all(BuiltinCall& call);
+  Value builtin_not(BuiltinCall& call);
+  Value builtin_compare(BuiltinCall& call);
+  Value builtin_transpose(BuiltinCall& call);
+  Value builtin_inverse(BuiltinCall& call);
+  Value builtin_determinant(BuiltinCall& call);
+  Value builtin_outer_product(BuiltinCall& call);
+  Value builtin_at(BuiltinCall& call);
+  Value builtin_layer(BuiltinCall& call);
+  Value builtin_shift(BuiltinCall& call);
+  Value builtin_scatter_add(BuiltinCall& call);
+  Value builtin_reduction(BuiltinCall& call);
+  Value builtin_coord(BuiltinCall& call);
+  Value builtin_barrier(BuiltinCall& call);
+  Value builtin_grad(BuiltinCall& call);
+  Value builtin_array(BuiltinCall& call);
+  Value gather(const Value& base, const Value& index, const Span& base_span, const Span& index_span);
+  bool is_index(const Value& value) const;
+  Value image_op(OpKind kind, std::span<const Value> operands, ir::Attrs attrs, std::span<const Value> elements_of);
+  std::optional<std::array<bool, 3>> reduction_axes(const BuiltinCall& call);
+  Value grad(const Value& y, const Value& x, const std::optional<Argument>& seed, const Span& y_span, const Span& x_span);
+
+  dsl::SourceManager& sources_;
+  const Options& options_;
+  dsl::DiagnosticList& diagnostics_;
+  ir::Builder b_;
+  Span span_;
+
+  std::deque<ModuleInfo> modules_;
+  std::deque<Scope> scopes_;
+  Scope* scope_ = nullptr;
+  ModuleInfo* root_ = nullptr;
+
+  std::vector<Frame> frames_;
+  std::vector<RegionFrame> regions_;
+  StepFrame* step_ = nullptr;
+  OptimizerFrame* optimizer_ = nullptr;
+
+  bool parsed_ = true;  // all files
+  size_t depth_ = 0;
+  size_t steps_ = 0;
+  bool exhausted_ = false;
+  std::set<std::tuple<uint32_t, uint32_t, uint32_t, Code>> reported_;  // a place is told once, however often it is unrolled
+};
+
+}  // namespace dr::lower

@@ -1,0 +1,240 @@
+// SPDX-License-Identifier: Apache-2.0
+// The entry of lowering: messages with their chain of calls, limits, and the root file's leaves, `let`s and steps in the
+// order written.
+#include "compiler/lower/lower.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "compiler/lower/elaborator.h"
+#include "compiler/ops/emit.h"
+#include "dsl/parser.h"
+
+namespace dr::lower {
+
+std::optional<ir::Graph> lower(dsl::SourceManager& sources, dsl::FileId root, const Options& options,
+                               dsl::DiagnosticList& diagnostics) {
+  return Elaborator(sources, options, diagnostics).run(root);
+}
+
+// ---- messages ----
+
+void Elaborator::report(Code code, const Span& span, std::string message, std::vector<dsl::Note> notes, std::string help) {
+  if (!reported_.emplace(span.file.index, span.begin, span.end, code).second) return;
+  dsl::Diagnostic& diagnostic = diagnostics_.error(code, span, std::move(message));
+  diagnostic.notes = std::move(notes);
+  // From the inside out: how this place was reached.
+  size_t told = 0;
+  for (auto frame = frames_.rbegin(); frame != frames_.rend(); ++frame) {
+    if (!frame->call.valid() || frame->name.empty()) continue;
+    if (told++ == kMaxCallNotes) break;
+    diagnostic.notes.push_back({frame->call, "in the call of '" + frame->name + "' here"});
+  }
+  diagnostic.help = std::move(help);
+}
+
+Error Elaborator::fail(Code code, const Span& span, std::string message, std::vector<dsl::Note> notes, std::string help) {
+  report(code, span, std::move(message), std::move(notes), std::move(help));
+  return Error{};
+}
+
+std::string Elaborator::suggestion(std::string_view name, const std::vector<std::string>& known) {
+  const auto nearest = dsl::nearest_name(name, known);
+  return nearest ? "did you mean '" + *nearest + "'?" : "";
+}
+
+void Elaborator::set_span(const Span& span) {
+  span_ = span;
+  b_.set_span(span);
+}
+
+// Whether elaboration has to end. Unrolling can multiply without bound: each limit below is a message, not a hang.
+bool Elaborator::over_budget(const Span& span) {
+  if (exhausted_ || diagnostics_.full()) return true;
+  if (b_.graph().op_count() > kMaxOps) {
+    report(Code::E0503, span, "expected a program of at most " + std::to_string(kMaxOps) + " operations after unrolling, found more");
+    exhausted_ = true;
+  } else if (++steps_ > kMaxSteps) {
+    report(Code::E0503, span, "expected at most " + std::to_string(kMaxSteps) + " expressions after unrolling, found more");
+    exhausted_ = true;
+  }
+  return exhausted_;
+}
+
+// ---- the program ----
+
+std::optional<ir::Graph> Elaborator::run(dsl::FileId root) {
+  const std::string name(sources_.name(root));
+  const size_t slash = name.rfind('/');
+  root_ = load_module(root, name, slash == std::string::npos ? "." : name.substr(0, slash + 1));
+  // A tree with holes would only repeat what the parser has said.
+  if (!parsed_) return std::nullopt;
+  scope_ = &root_->scope;
+  apply_defines(*root_);
+  declare_leaves(*root_);
+  run_program(*root_);
+  if (diagnostics_.has_errors()) return std::nullopt;
+  return std::move(b_).finish();
+}
+
+void Elaborator::apply_defines(ModuleInfo& root) {
+  for (const auto& [name, text] : options_.defines) {
+    const dsl::FileId file = sources_.add("-D " + name, text);
+    const Span all{file, 0, static_cast<uint32_t>(text.size())};
+    const auto found = root.items.find(name);
+    if (found == root.items.end() || found->second.kind != ModuleItem::Kind::Const) {
+      std::vector<std::string> known;
+      for (const auto& [other, item] : root.items) {
+        if (item.kind == ModuleItem::Kind::Const) known.push_back(other);
+      }
+      report(Code::E0209, all, "expected the name of a const of the program after -D, found '" + name + "'", {},
+             suggestion(name, known));
+      continue;
+    }
+    const dsl::ExprPtr expr = dsl::parse_expression(sources_, file, diagnostics_);
+    if (diagnostics_.has_errors()) return;
+    ModuleItem& item = found->second;
+    Value value = evaluate(*expr);
+    if (!value.is_error() && item.constant->type) {
+      const auto fitted = declared(value, *item.constant->type, "'" + name + "'", all);
+      value = fitted ? *fitted : Value(Error{});
+    }
+    item.value = value;
+    item.state = ModuleItem::State::Done;
+  }
+}
+
+void Elaborator::declare_leaves(ModuleInfo& root) {
+  for (const dsl::Item& item : root.syntax.items) {
+    if (item.kind == dsl::Item::Kind::Leaf) declare_leaf(root, *item.leaf);
+  }
+}
+
+namespace {
+
+ir::Leaf::Kind leaf_kind(dsl::LeafDecl::Kind kind) {
+  switch (kind) {
+    case dsl::LeafDecl::Kind::Param: return ir::Leaf::Kind::Param;
+    case dsl::LeafDecl::Kind::Input: return ir::Leaf::Kind::Input;
+    case dsl::LeafDecl::Kind::State: return ir::Leaf::Kind::State;
+  }
+  DR_ICE("a leaf of no kind");
+}
+
+// The names in an extent.
+void collect_names(const Expr& expr, std::vector<const Expr*>& names) {
+  if (expr.kind == Expr::Kind::NameRef) names.push_back(&expr);
+  if (expr.kind != Expr::Kind::Binary && expr.kind != Expr::Kind::Unary) return;
+  if (expr.a) collect_names(*expr.a, names);
+  if (expr.b) collect_names(*expr.b, names);
+}
+
+}  // namespace
+
+void Elaborator::declare_leaf(ModuleInfo& root, const dsl::LeafDecl& decl) {
+  ModuleItem& item = root.items.find(decl.name.text)->second;
+  if (item.kind != ModuleItem::Kind::Leaf || item.span != decl.name.span) return;  // declared twice
+  item.value = Error{};
+  const auto resolved = type_name(*decl.type);
+  if (!resolved) return;
+  const auto* type = resolved->get<TypeValue>();
+  if (!type || type->kind != TypeValue::Kind::Element) {
+    report(Code::E0613, decl.type->span,
+           "expected a scalar, vector or matrix type for the leaf '" + decl.name.text + "', found " +
+               (type ? describe(*type) : std::string("another kind of type")));
+    return;
+  }
+  // A name in an extent that means nothing else is a symbol from here on.
+  ir::Leaf leaf{leaf_kind(decl.kind), decl.name.text, type->element, {}, {}, decl.span};
+  Dim* axes[] = {&leaf.extent.w, &leaf.extent.h, &leaf.extent.l};
+  for (size_t i = 0; i < decl.type->extents.size(); ++i) {
+    const Expr& expr = *decl.type->extents[i];
+    std::vector<const Expr*> names;
+    collect_names(expr, names);
+    for (const Expr* name : names) {
+      const auto found = root.items.find(name->name);
+      if (found == root.items.end()) {
+        ModuleItem symbol;
+        symbol.kind = ModuleItem::Kind::Symbol;
+        symbol.span = name->span;
+        symbol.value = Dim::symbol(name->name);
+        root.items.emplace(name->name, std::move(symbol));
+      } else if (found->second.kind == ModuleItem::Kind::Leaf || found->second.kind == ModuleItem::Kind::Let) {
+        report(Code::E0403, name->span, "expected a number, a const or a new symbol in an extent, found the value '" + name->name + "'",
+               {{found->second.span, "'" + name->name + "' is declared here"}});
+        return;
+      }
+    }
+    const auto dim = evaluate_dim(expr, "an extent");
+    if (!dim) return;
+    if (dim->is_constant() && dim->constant() < 1) {
+      report(Code::E0404, expr.span, "expected an extent of at least 1, found " + dim->str());
+      return;
+    }
+    *axes[i] = *dim;
+  }
+  bool ok = true;
+  if (decl.initial) leaf.initial = initial_value(decl, leaf.type, ok);
+  if (!ok) return;
+  const SpanScope span(*this, decl.span);
+  item.leaf = static_cast<uint32_t>(b_.graph().leaves.size());
+  b_.graph().leaves.push_back(leaf);
+  ir::Attrs attrs;
+  attrs.text = leaf.name;
+  const ValueId id = ops::emit(b_, OpKind::Leaf, {}, std::move(attrs));
+  b_.set_name(id, leaf.name);
+  item.value = Image{id};
+}
+
+// The components that fill a leaf. A scalar fills all components of a vector.
+std::vector<double> Elaborator::initial_value(const dsl::LeafDecl& decl, const Type& type, bool& ok) {
+  ok = false;
+  Value value = evaluate(*decl.initial);
+  if (value.is_error()) return {};
+  const std::string wanted = "expected a value of type " + type.str() + " that is known at compile time for '" + decl.name.text + "', found ";
+  convert_known_int(value, type.scalar);
+  const auto components = known_components(value);
+  if (!components) {
+    report(Code::E0612, decl.initial->span, wanted + describe(value) + (value.is_numeric() ? " computed at run time" : ""));
+    return {};
+  }
+  const Type found = element_type(value);
+  if (found != type && found != type.element()) {
+    report(Code::E0612, decl.initial->span, wanted + describe(value));
+    return {};
+  }
+  ok = true;
+  if (found == type) return *components;
+  std::vector<double> filled(static_cast<size_t>(type.components()), components->front());
+  // A scalar makes a diagonal matrix, as its constructor does.
+  if (type.is_matrix()) {
+    for (int i = 0; i < type.components(); ++i) {
+      if (i / type.rows != i % type.rows) filled[static_cast<size_t>(i)] = 0;
+    }
+  }
+  return filled;
+}
+
+void Elaborator::run_program(ModuleInfo& root) {
+  for (const dsl::Item& item : root.syntax.items) {
+    if (over_budget({})) return;
+    switch (item.kind) {
+      case dsl::Item::Kind::Const: {
+        // Also those that nothing uses: a mistake in one should not wait for its first use.
+        const auto found = root.items.find(item.constant->name.text);
+        if (found->second.constant == item.constant.get()) {
+          item_value(root, item.constant->name.text, found->second, item.constant->name.span);
+        }
+        break;
+      }
+      case dsl::Item::Kind::Statement: run_statement(*item.statement); break;
+      case dsl::Item::Kind::Step: run_step(*item.step); break;
+      case dsl::Item::Kind::Fn:
+      case dsl::Item::Kind::Struct:
+      case dsl::Item::Kind::Optimizer:
+      case dsl::Item::Kind::Leaf: break;
+    }
+  }
+}
+
+}  // namespace dr::lower

@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: Apache-2.0
+// Syntax trees -> graph. Checking is done here, by elaboration: functions inline, generics and extents are
+// bound by the arguments of each call, compile-time values (constants, arrays, structs, functions) disappear, and what is
+// left are ops on images.
+#pragma once
+
+#include <map>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "compiler/ir/graph.h"
+#include "dsl/ast.h"
+#include "dsl/diagnostic.h"
+#include "dsl/source.h"
+
+namespace dr::lower {
+
+struct Options {
+  std::vector<std::string> include_dirs;                  // -I
+  std::map<std::string, std::string, std::less<>> defines;  // -D name=value, overriding `const`s of the root file
+};
+
+// The text of a library module that ships inside the compiler ("std/camera.dr"), or nullopt.
+std::optional<std::string_view> library_module(std::string_view path);
+
+// Parses and lowers a root file already in `sources`, with what it imports. Diagnostics say what is wrong; a
+// graph is returned only when there are no errors. It contains Grad ops; passes::differentiate expands them.
+std::optional<ir::Graph> lower(dsl::SourceManager& sources, dsl::FileId root, const Options& options,
+                               dsl::DiagnosticList& diagnostics);
+
+}  // namespace dr::lower

@@ -1,0 +1,291 @@
+// SPDX-License-Identifier: Apache-2.0
+// Files of the program, and what a name means: local names, then the module's, then the language's.
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+
+#include "compiler/lower/elaborator.h"
+#include "compiler/ops/emit.h"
+#include "dsl/parser.h"
+
+namespace dr::lower {
+
+// ---- files ----
+
+ModuleInfo* Elaborator::load_module(dsl::FileId file, std::string path, std::string folder) {
+  ModuleInfo& module = modules_.emplace_back();
+  module.path = std::move(path);
+  module.folder = std::move(folder);
+  module.is_root = modules_.size() == 1;
+  module.scope.module = &module;
+  const size_t errors = diagnostics_.error_count();
+  module.syntax = dsl::parse(sources_, file, diagnostics_);
+  parsed_ = parsed_ && diagnostics_.error_count() == errors;
+  for (const dsl::ImportDecl& import : module.syntax.imports) load_import(module, import);
+  collect_items(module);
+  module.loading = false;
+  return &module;
+}
+
+namespace {
+
+std::optional<std::string> read_text(const std::string& path) {
+  std::error_code error;
+  if (!std::filesystem::is_regular_file(path, error)) return std::nullopt;
+  std::ifstream in(path, std::ios::binary);
+  if (!in) return std::nullopt;
+  std::ostringstream text;
+  text << in.rdbuf();
+  return text.str();
+}
+
+std::string in_folder(const std::string& folder, const std::string& file) {
+  if (folder.empty() || folder == ".") return file;
+  return folder.back() == '/' ? folder + file : folder + "/" + file;
+}
+
+}  // namespace
+
+void Elaborator::load_import(ModuleInfo& importer, const dsl::ImportDecl& import) {
+  std::string file;
+  for (const dsl::Name& part : import.path) file += (file.empty() ? "" : "/") + part.text;
+  file += ".dr";
+
+  // The importing file's folder, the program's, those of -I, the library.
+  std::vector<std::string> folders;
+  if (!importer.folder.empty()) folders.push_back(importer.folder);
+  if (!modules_.front().folder.empty() && importer.folder != modules_.front().folder) folders.push_back(modules_.front().folder);
+  folders.insert(folders.end(), options_.include_dirs.begin(), options_.include_dirs.end());
+  std::string path, folder;
+  std::optional<std::string> text;
+  for (const std::string& candidate : folders) {
+    path = in_folder(candidate, file);
+    text = read_text(path);
+    if (!text) continue;
+    const size_t slash = path.rfind('/');
+    folder = slash == std::string::npos ? "." : path.substr(0, slash + 1);
+    break;
+  }
+  if (!text) {
+    const auto library = library_module(file);
+    if (library) {
+      text = std::string(*library);
+      path = file;
+    }
+  }
+  const dsl::Name& bound = import.alias ? *import.alias : import.path.back();
+  if (!text) {
+    report(Code::E0203, import.span, "expected a module in the file '" + file + "', found none",
+           {{Span{}, "looked in the importing file's folder, the folders of -I and the library"}});
+    add_item(importer, bound, {.kind = ModuleItem::Kind::Import, .span = bound.span, .value = Error{}});
+    return;
+  }
+
+  ModuleInfo* module = nullptr;
+  std::error_code error;
+  const std::string identity = folder.empty() ? "library:" + path : std::filesystem::weakly_canonical(path, error).string();
+  for (ModuleInfo& other : modules_) {
+    const bool same = other.path == identity || (!folder.empty() && other.is_root && std::filesystem::equivalent(other.path, path, error));
+    if (same) module = &other;
+  }
+  if (module && module->loading) {
+    report(Code::E0204, import.span, "expected imports without a cycle, found that '" + file + "' imports itself");
+    add_item(importer, bound, {.kind = ModuleItem::Kind::Import, .span = bound.span, .value = Error{}});
+    return;
+  }
+  if (!module) module = load_module(sources_.add(path, *std::move(text)), identity, folder);
+  add_item(importer, bound, {.kind = ModuleItem::Kind::Import, .span = bound.span, .value = ModuleValue{module}});
+}
+
+// ---- items ----
+
+void Elaborator::add_item(ModuleInfo& module, const dsl::Name& name, ModuleItem item) {
+  const auto [found, added] = module.items.emplace(name.text, std::move(item));
+  if (added) return;
+  report(Code::E0202, name.span, "expected each name once in a file, found '" + name.text + "' again",
+         {{found->second.span, "the first '" + name.text + "' is here"}});
+}
+
+void Elaborator::collect_items(ModuleInfo& module) {
+  const auto root_only = [&](const Span& span, std::string_view what) {
+    if (module.is_root) return false;
+    report(Code::E0207, span, "expected functions, structs, optimizers and constants in a module, found " + std::string(what));
+    return true;
+  };
+  for (const dsl::Item& item : module.syntax.items) {
+    switch (item.kind) {
+      case dsl::Item::Kind::Const:
+        add_item(module, item.constant->name,
+                 {.kind = ModuleItem::Kind::Const, .state = ModuleItem::State::Waiting, .span = item.constant->name.span,
+                  .constant = item.constant.get()});
+        break;
+      case dsl::Item::Kind::Fn:
+        add_item(module, item.fn->name,
+                 {.kind = ModuleItem::Kind::Fn, .span = item.fn->name.span, .value = FunctionValue{.decl = item.fn.get(), .scope = &module.scope}});
+        break;
+      case dsl::Item::Kind::Struct: {
+        StructType& type = module.structs.emplace_back();
+        type.name = item.structure->name.text;
+        type.decl = item.structure.get();
+        type.module = &module;
+        for (const dsl::Param& field : item.structure->fields) {
+          if (std::ranges::find(type.fields, field.name.text) != type.fields.end()) {
+            report(Code::E0202, field.name.span, "expected each field once in a struct, found '" + field.name.text + "' again");
+          }
+          type.fields.push_back(field.name.text);
+        }
+        TypeValue value;
+        value.kind = TypeValue::Kind::Struct;
+        value.structure = &type;
+        add_item(module, item.structure->name, {.kind = ModuleItem::Kind::Struct, .span = item.structure->name.span, .value = value});
+        break;
+      }
+      case dsl::Item::Kind::Optimizer:
+        add_item(module, item.optimizer->name,
+                 {.kind = ModuleItem::Kind::Optimizer, .span = item.optimizer->name.span,
+                  .value = OptimizerValue{item.optimizer.get(), &module.scope, false}});
+        break;
+      case dsl::Item::Kind::Leaf:
+        if (root_only(item.leaf->span, "the leaf '" + item.leaf->name.text + "'")) break;
+        add_item(module, item.leaf->name, {.kind = ModuleItem::Kind::Leaf, .span = item.leaf->name.span});
+        break;
+      case dsl::Item::Kind::Statement:
+        if (root_only(item.statement->span, "a 'let'")) break;
+        for (const dsl::Name& name : item.statement->pattern.names) {
+          if (name.text == "_") continue;
+          add_item(module, name, {.kind = ModuleItem::Kind::Let, .state = ModuleItem::State::Waiting, .span = name.span});
+        }
+        break;
+      case dsl::Item::Kind::Step: root_only(item.step->name.span, "the step '" + item.step->name.text + "'"); break;
+    }
+  }
+}
+
+// The value of a top-level name; constants are computed at their first use.
+Value Elaborator::item_value(ModuleInfo& module, std::string_view name, ModuleItem& item, const Span& use) {
+  if (item.kind == ModuleItem::Kind::Let && item.state != ModuleItem::State::Done) {
+    return fail(Code::E0206, use, "expected the use of '" + std::string(name) + "' after its 'let', found it before",
+                {{item.span, "'" + std::string(name) + "' is declared here"}});
+  }
+  if (item.kind != ModuleItem::Kind::Const || item.state == ModuleItem::State::Done) return item.value;
+  if (item.state == ModuleItem::State::Busy) {
+    return fail(Code::E0506, use, "expected constants without a cycle, found that '" + std::string(name) + "' needs itself",
+                {{item.span, "'" + std::string(name) + "' is declared here"}});
+  }
+  item.state = ModuleItem::State::Busy;
+  const dsl::ConstDecl& decl = *item.constant;
+  Value value;
+  {
+    const Switched<Scope*> scope(scope_, &module.scope);
+    value = evaluate(*decl.value);
+    if (!value.is_error() && decl.type) {
+      const auto fitted = declared(value, *decl.type, "'" + decl.name.text + "'", decl.value->span);
+      value = fitted ? *fitted : Value(Error{});
+    }
+    bool known = true;
+    for_each_leaf(value, [&](const Value& leaf) { known = known && !leaf.is<Image>(); });
+    if (!known) {
+      value = fail(Code::E0501, decl.value->span, "expected a value known at compile time for the const '" + decl.name.text +
+                                                      "', found one that is computed at run time");
+    }
+  }
+  item.value = value;
+  item.state = ModuleItem::State::Done;
+  return value;
+}
+
+// ---- names ----
+
+Scope* Elaborator::new_scope(Scope* parent) {
+  Scope& scope = scopes_.emplace_back();
+  scope.parent = parent;
+  scope.module = parent->module;
+  return &scope;
+}
+
+void Elaborator::define(Scope& scope, const dsl::Name& name, Value value, bool is_var) {
+  if (name.text == "_") return;
+  // The top level's names were collected before: here they get their values.
+  if (scope.parent == nullptr) {
+    const auto found = scope.module->items.find(name.text);
+    if (found != scope.module->items.end() && found->second.kind == ModuleItem::Kind::Let && found->second.span == name.span) {
+      found->second.value = std::move(value);
+      found->second.state = ModuleItem::State::Done;
+    }
+    return;
+  }
+  if (const Binding* other = scope.find(name.text)) {
+    report(Code::E0202, name.span, "expected each name once in a block, found '" + name.text + "' again",
+           {{other->span, "the first '" + name.text + "' is here"}});
+    return;
+  }
+  Binding binding;
+  binding.value = std::move(value);
+  binding.span = name.span;
+  binding.is_var = is_var;
+  binding.frame = frames_.size();
+  binding.region = regions_.size();
+  scope.names.emplace_back(name.text, std::move(binding));
+}
+
+const Binding* Elaborator::find_binding(std::string_view name) const {
+  for (Scope* scope = scope_; scope; scope = scope->parent) {
+    if (const Binding* binding = scope->find(name)) return binding;
+  }
+  return nullptr;
+}
+
+// The leaf that a name stands for here, if it does.
+std::optional<uint32_t> Elaborator::find_leaf(std::string_view name) const {
+  if (const Binding* binding = find_binding(name)) return binding->leaf;
+  const auto found = scope_->module->items.find(name);
+  if (found == scope_->module->items.end()) return std::nullopt;
+  return found->second.leaf;
+}
+
+Value Elaborator::name_value(const std::string& name, const Span& span) {
+  if (const Binding* binding = find_binding(name)) return binding->value;
+  ModuleInfo& module = *scope_->module;
+  if (const auto found = module.items.find(name); found != module.items.end()) {
+    return item_value(module, name, found->second, span);
+  }
+  if (name == "step_index") return Image{ops::emit(b_, OpKind::StepIndex, {})};
+  if (const Builtin* builtin = find_builtin(name)) return BuiltinValue{builtin, {}};
+  if (const auto type = Type::parse(name)) {
+    TypeValue value;
+    value.kind = TypeValue::Kind::Element;
+    value.element = *type;
+    return value;
+  }
+  return fail(Code::E0201, span, "expected a name that is declared, found '" + name + "'", {}, suggestion(name, visible_names()));
+}
+
+Value Elaborator::module_field(ModuleInfo& module, const std::string& name, const Span& span) {
+  const auto found = module.items.find(name);
+  if (found == module.items.end() || found->second.kind == ModuleItem::Kind::Import) {
+    std::vector<std::string> known;
+    for (const auto& [other, item] : module.items) {
+      if (item.kind != ModuleItem::Kind::Import) known.push_back(other);
+    }
+    const std::string module_name = module.path.substr(module.path.find_last_of("/:") + 1);
+    return fail(Code::E0205, span, "expected a name of the module '" + module_name.substr(0, module_name.rfind(".dr")) + "', found '" + name + "'",
+                {}, suggestion(name, known));
+  }
+  return item_value(module, name, found->second, span);
+}
+
+std::vector<std::string> Elaborator::visible_names() const {
+  std::vector<std::string> names;
+  for (const Scope* scope = scope_; scope; scope = scope->parent) {
+    for (const auto& [name, binding] : scope->names) names.push_back(name);
+  }
+  for (const auto& [name, item] : scope_->module->items) names.push_back(name);
+  std::vector<std::string> builtins = builtin_names();
+  names.insert(names.end(), builtins.begin(), builtins.end());
+  names.insert(names.end(), {"step_index", "bool", "int", "uint", "float", "vec2", "vec3", "vec4", "ivec2", "ivec3", "ivec4", "uvec2",
+                             "uvec3", "uvec4", "bvec2", "bvec3", "bvec4", "mat2", "mat3", "mat4"});
+  return names;
+}
+
+}  // namespace dr::lower

@@ -1,0 +1,225 @@
+// SPDX-License-Identifier: Apache-2.0
+// `if` and `reduce` on elements. Their domain is known only when their bodies are: the regions are built first, and the op
+// takes the extent to which everything in them stretches.
+#include <algorithm>
+
+#include "compiler/lower/elaborator.h"
+#include "compiler/ops/emit.h"
+
+namespace dr::lower {
+
+// ---- if ----
+
+Value Elaborator::evaluate_if(const Expr& expr) {
+  if (expr.is_const) {
+    const auto known = known_condition(*expr.a);
+    if (!known) return Error{};
+    return evaluate_block(*known ? expr.then_block : *expr.else_block);
+  }
+  const Value condition = evaluate(*expr.a);
+  if (contains_error(condition)) return Error{};
+  if (!condition.is_numeric() || element_type(condition) != ir::kBool) {
+    const bool vector = condition.is_numeric() && element_type(condition).is_bool();
+    return fail(Code::E0313, expr.a->span, "expected a bool as condition, found " + describe_element(condition), {}, vector ? "write any(v) or all(v)" : "");
+  }
+  if (const auto known = known_bool(condition)) return evaluate_block(*known ? expr.then_block : *expr.else_block);
+  // Where neither branch computes anything, choosing costs less than branching.
+  if (is_cheap(expr.then_block) && is_cheap(*expr.else_block)) {
+    const Value a = evaluate_block(expr.then_block);
+    const Value b = evaluate_block(*expr.else_block);
+    return select_branches(condition, a, b, expr);
+  }
+  return emit_if(condition, expr);
+}
+
+namespace {
+
+bool is_literal(const Expr& expr) {
+  if (expr.kind == Expr::Kind::Unary) return is_literal(*expr.a);
+  if (expr.kind == Expr::Kind::Call) {
+    return expr.a->kind == Expr::Kind::NameRef && Type::parse(expr.a->name) &&
+           std::ranges::all_of(expr.args, [](const dsl::Arg& arg) { return is_literal(*arg.value); });
+  }
+  return expr.kind == Expr::Kind::Int || expr.kind == Expr::Kind::Float || expr.kind == Expr::Kind::Bool;
+}
+
+}  // namespace
+
+// Whether the block only names or writes down a value.
+bool Elaborator::is_cheap(const dsl::Block& block) const {
+  if (!block.statements.empty() || !block.value) return false;
+  return block.value->kind == Expr::Kind::NameRef || is_literal(*block.value);
+}
+
+// The type that both sides have or can be taken as.
+std::optional<Type> Elaborator::branch_type(const Value& a, const Value& b, const Expr& expr) {
+  const Type type_a = element_type(a), type_b = element_type(b);
+  if (type_a == type_b) return type_a;
+  if (a.is<Dim>() && type_b.is_scalar() && !type_b.is_bool()) return type_b;
+  if (b.is<Dim>() && type_a.is_scalar() && !type_a.is_bool()) return type_a;
+  report(Code::E0314, expr.span, "expected branches of one type, found " + describe_element(a) + " and " + describe_element(b));
+  return std::nullopt;
+}
+
+// Walks two values of one structure; what both sides have in common stays as it is.
+Value Elaborator::merge_branches(const Value& a, const Value& b, const Expr& expr, const LeafPair& leaf) {
+  if (contains_error(a) || contains_error(b)) return Error{};
+  if (a.is<Nothing>() || b.is<Nothing>()) return fail(Code::E0321, expr.span, "expected a value from both branches, found none from one");
+  if (same_value(a, b)) return a;
+  if (a.is_numeric() && b.is_numeric()) return leaf(a, b);
+  const auto* s = a.get<StructValue>();
+  const bool alike = a.is_composite() && a.data.index() == b.data.index() && parts_of(a).size() == parts_of(b).size() &&
+                     (!s || s->type == b.as<StructValue>().type);
+  if (!alike) {
+    const std::string help = a.is<FunctionValue>() || b.is<FunctionValue>() ? "choose between functions with 'const if'" : "";
+    return fail(Code::E0314, expr.span, "expected branches of one type, found " + describe_element(a) + " and " + describe_element(b), {}, help);
+  }
+  std::vector<Value> parts;
+  for (size_t i = 0; i < parts_of(a).size(); ++i) {
+    parts.push_back(merge_branches(parts_of(a)[i], parts_of(b)[i], expr, leaf));
+    if (parts.back().is_error()) return Error{};
+  }
+  return with_parts(a, std::move(parts));
+}
+
+Value Elaborator::select_branches(const Value& condition, const Value& a, const Value& b, const Expr& expr) {
+  return merge_branches(a, b, expr, [&](const Value& x, const Value& y) -> Value {
+    const auto type = branch_type(x, y, expr);
+    if (!type) return Error{};
+    Value then_value = x, else_value = y;
+    convert_known_int(then_value, type->scalar);
+    convert_known_int(else_value, type->scalar);
+    if (!type->is_matrix()) return select(condition, then_value, else_value);
+    std::vector<Value> columns;
+    for (int c = 0; c < type->cols; ++c) columns.push_back(select(condition, component(then_value, c), component(else_value, c)));
+    return compose(std::move(columns), *type);
+  });
+}
+
+Value Elaborator::emit_if(const Value& condition, const Expr& expr) {
+  const ValueId condition_id = materialize(condition);
+  regions_.push_back({"'if'", expr.span, frames_.size(), {}});
+  // The else region is built while the then region is still open: a literal of either may take its type from the other.
+  const ir::RegionId then_region = b_.begin_region({});
+  const Value a = evaluate_block(expr.then_block);
+  const ir::RegionId else_region = b_.begin_region({});
+  const Value b = evaluate_block(*expr.else_block);
+
+  struct Pair {
+    Value a, b;
+    Type type;
+  };
+  std::vector<Pair> pairs;
+  const Value merged = merge_branches(a, b, expr, [&](const Value& x, const Value& y) -> Value {
+    const auto type = branch_type(x, y, expr);
+    if (!type) return Error{};
+    pairs.push_back({x, y, *type});
+    return Nothing{};
+  });
+  const auto close = [&](Value Pair::*side) {
+    std::vector<ValueId> yields;
+    for (Pair& pair : pairs) {
+      convert_known_int(pair.*side, pair.type.scalar);
+      if (!(pair.*side).is_error()) yields.push_back(materialize(pair.*side));
+    }
+    // A region op has a result, even where all that the branches give is known at compile time.
+    if (pairs.empty()) yields.push_back(ops::constant(b_, ir::kBool, 0.0));
+    b_.end_region(std::move(yields));
+  };
+  close(&Pair::b);
+  close(&Pair::a);
+  regions_.pop_back();
+  if (merged.is_error() || diagnostics_.has_errors()) return Error{};
+
+  const ir::RegionId regions[] = {then_region, else_region};
+  const auto domain = region_domain(b_.value(condition_id).extent, regions, expr.span);
+  if (!domain) return Error{};
+  ir::Attrs attrs;
+  attrs.dims = {domain->w, domain->h, domain->l};
+  attrs.yields.assign(std::max<size_t>(pairs.size(), 1), ir::Yield::Element);
+  const std::vector<ValueId> results = ops::emit_multi(b_, OpKind::If, {condition_id}, std::move(attrs), {then_region, else_region});
+  size_t next = 0;
+  return merge_branches(a, b, expr, [&](const Value&, const Value&) -> Value {
+    const Pair& pair = pairs[next];
+    return image(results[next++], {&condition, &pair.a, &pair.b});
+  });
+}
+
+// ---- reduce ----
+
+// An end of the range.
+bool Elaborator::reduce_range(const Value& value, const Expr& expr) {
+  if (value.is_error()) return false;
+  if (value.is_numeric() && element_type(value) == ir::kInt) return true;
+  report(Code::E0710, expr.span, "expected an int as the range of 'reduce', found " + describe(value));
+  return false;
+}
+
+Value Elaborator::evaluate_reduce(const Expr& expr) {
+  const Value begin = evaluate(*expr.a);
+  const Value end = evaluate(*expr.b);
+  if (!reduce_range(begin, *expr.a) || !reduce_range(end, *expr.b)) return Error{};
+  int64_t bound = -1;
+  if (expr.c) {
+    const auto known = evaluate_known_int(*expr.c, "'max'");
+    if (!known) return Error{};
+    if (*known < 0 || *known > INT32_MAX) return fail(Code::E0710, expr.c->span, "expected a bound of at least 0 on the trips, found " + std::to_string(*known));
+    bound = *known;
+  } else if (begin.is<Dim>() && end.is<Dim>()) {
+    const Dim trips = end.as<Dim>() - begin.as<Dim>();
+    if (trips.is_constant()) bound = std::max<int64_t>(trips.constant(), 0);
+  }
+  ir::Yield yield = ir::Yield::Sum;
+  if (expr.name == "min") yield = ir::Yield::Min;
+  if (expr.name == "max") yield = ir::Yield::Max;
+  if (expr.name == "argmin") yield = ir::Yield::ArgMin;
+
+  const std::vector<Value> range{begin, end};
+  if (!check_extents(range, expr.span)) return Error{};
+  const ValueId begin_id = materialize(begin), end_id = materialize(end);
+  const Extent trips_extent = *ir::broadcast(b_.value(begin_id).extent, b_.value(end_id).extent);
+  regions_.push_back({"'reduce'", expr.span, frames_.size(), {}});
+  const ir::ResultType param{ir::kInt, trips_extent};
+  const ir::RegionId region = b_.begin_region({&param, 1});
+  const ValueId i = b_.graph().region(region).params[0];
+  b_.set_name(i, expr.loop_var.text);
+  Value body;
+  {
+    const Switched<Scope*> inside(scope_, new_scope(scope_));
+    define(*scope_, expr.loop_var, Image{i, element_depth(range)});
+    body = evaluate_block(expr.then_block);
+  }
+  bool ok = !contains_error(body);
+  const Span at = expr.then_block.value ? expr.then_block.value->span : expr.then_block.span;
+  std::vector<Value> leaves;
+  for_each_leaf(body, [&](const Value& leaf) { leaves.push_back(leaf); });
+  const auto refuse = [&](std::string_view wanted) {
+    report(Code::E0711, at, "expected " + std::string(wanted) + " from the body of 'reduce', found " + describe_element(body));
+    ok = false;
+  };
+  if (ok && leaves.empty()) refuse("numbers");
+  if (ok && yield == ir::Yield::ArgMin && leaves.size() != 1) refuse("one number");
+  for (const Value& leaf : leaves) {
+    if (ok && (!leaf.is_numeric() || element_type(leaf).is_bool() || (element_type(leaf).is_matrix() && yield != ir::Yield::Sum))) refuse("numbers");
+    if (ok && yield == ir::Yield::ArgMin && !element_type(leaf).is_scalar()) refuse("one number");
+  }
+  std::vector<ValueId> yields;
+  for (const Value& leaf : leaves) {
+    if (ok) yields.push_back(materialize(leaf));
+  }
+  b_.end_region(std::move(yields));
+  regions_.pop_back();
+  if (!ok || diagnostics_.has_errors()) return Error{};
+
+  const auto domain = region_domain(trips_extent, {&region, 1}, expr.span);
+  if (!domain) return Error{};
+  ir::Attrs attrs;
+  attrs.ints = {bound};
+  attrs.dims = {domain->w, domain->h, domain->l};
+  attrs.yields.assign(leaves.size(), yield);
+  const std::vector<ValueId> results = ops::emit_multi(b_, OpKind::Reduce, {begin_id, end_id}, std::move(attrs), {region});
+  size_t next = 0;
+  return map_leaves(body, [&](const Value& leaf) -> Value { return image(results[next++], {&begin, &end, &leaf}); });
+}
+
+}  // namespace dr::lower

@@ -1,0 +1,121 @@
+// SPDX-License-Identifier: Apache-2.0
+// The op table: everything the compiler knows about an op stands in its OpInfo, one entry an op, in the
+// file of its family. Passes, evaluator and printer walk the table and know no op by name, except the region
+// ops, which have files of their own.
+#pragma once
+
+#include <functional>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <variant>
+#include <vector>
+
+#include "compiler/ir/graph.h"
+
+namespace dr::ops {
+
+// How an op relates its operands' elements to its result's.
+enum class Shape : uint8_t {
+  Source,       // no image operands; any extent (Leaf, Const, Coord, ...)
+  Elementwise,  // result element from the operands' elements at the same place
+  Image,        // reads operands at other places, or changes the extent (Gather, Shift, Reduce*, Scatter*, Broadcast)
+  Region,       // If, Reduce, Raster
+  Gradient,     // Grad: gone after differentiate
+};
+
+// What a type rule sees.
+struct InferInput {
+  std::span<const ir::ResultType> operands;
+  const ir::Attrs& attrs;
+};
+// The result types, or what is wrong ("operands differ: vec3 and vec4"), one sentence for the verifier.
+using InferResult = std::variant<std::vector<ir::ResultType>, std::string>;
+
+// What a type rule sees that looks further: Leaf at the graph's leaves, region ops into their regions, Const at the type
+// written on its result, which nothing else tells.
+struct GraphInferInput {
+  const ir::Graph& graph;
+  std::span<const ir::ValueId> operands;
+  std::span<const ir::ResultType> operand_types;
+  const ir::Attrs& attrs;
+  std::span<const ir::RegionId> regions;
+  std::optional<ir::Type> written;
+};
+
+// Element-wise evaluation in float64 over a batch of `n` elements. Operand and result planes are component-major:
+// component c of element i is at [c * n + i]. Integers and Bools are doubles with integral values; integer
+// results must already be wrapped to 32 bits.
+struct EvalBatch {
+  size_t n = 0;
+  std::span<const double* const> operands;
+  std::span<const ir::Type> operand_types;
+  const ir::Attrs& attrs;
+  ir::Type result_type;
+  double* result = nullptr;
+};
+
+// GLSL of an element-wise op: operand expressions in, an expression out. Operands are names or constants, never
+// in need of parentheses; the printer stores each result in a variable of its own.
+struct GlslInput {
+  std::span<const std::string> operands;
+  std::span<const ir::Type> operand_types;
+  const ir::Attrs& attrs;
+  ir::Type result_type;
+};
+
+// What an adjoint rule sees: it emits ops that compute the operands' adjoints from the result's.
+struct AdjointInput {
+  ir::Builder& builder;
+  const ir::Attrs& attrs;
+  std::span<const ir::ValueId> operands;  // in the graph under construction
+  ir::ValueId result;                     // the op's (only) result
+  ir::ValueId adjoint;                    // of the result, same type and extent
+};
+// One adjoint an operand, invalid where none flows (integers). Each has the operand's type; its extent may be the
+// result's: the walker sums it down to the operand's.
+using AdjointOutput = std::vector<ir::ValueId>;
+
+// A point where tests look closer: components of all operands in order, scalars' worth (a vector op gets it spread).
+struct TestPoint {
+  std::vector<double> operands;
+};
+// Range from which random test inputs of operand k are drawn.
+struct Domain {
+  double low = -3;
+  double high = 3;
+};
+
+struct OpInfo {
+  ir::OpKind kind;
+  Shape shape;
+  std::string_view doc;                                 // one line: meaning, policy at singular points
+  InferResult (*infer)(const InferInput&) = nullptr;    // every op has this one or the next; ops::infer calls either
+  InferResult (*infer_in_graph)(const GraphInferInput&) = nullptr;  // Leaf, Const, If, Reduce, Raster
+  void (*eval)(const EvalBatch&) = nullptr;             // Elementwise
+  std::string (*glsl)(const GlslInput&) = nullptr;      // Elementwise
+  std::vector<std::string_view> prelude = {};           // GLSL functions that `glsl` calls, strict profile, what they call first
+  std::string_view vector_prelude = {};                 // their overloads for vectors
+  std::vector<std::string_view> (*prelude_of)(const GlslInput&) = nullptr;  // instead, where they depend on the types
+  AdjointOutput (*adjoint)(const AdjointInput&) = nullptr;
+  bool differentiable = true;                           // false: adjoint is zero by definition (integers, comparisons, Detach)
+  std::vector<Domain> domains = {};                     // Elementwise with float operands: one an operand
+  std::vector<TestPoint> singular = {};                 // values defined, gradients finite there
+  double ulp_bound = 4;                                 // of the strict GLSL against float64, for device tests
+};
+
+// The entry of a kind. Every kind has one; a test walks the table for missing fields.
+const OpInfo& info(ir::OpKind kind);
+
+// The GLSL functions that an element-wise op calls for these types, in order. Texts that ops share are equal; a shader holds
+// each once.
+std::vector<std::string_view> prelude(const OpInfo& info, const GlslInput& input);
+
+// Result types of any op, region ops included (their regions must be in `graph`). `written` is the type that the op's
+// result already has, where there is one; a Const has its type from nowhere else. ResultType::accumulation depends on
+// where the op is to stand and is left to whoever places it (emit_multi does).
+InferResult infer(const ir::Graph& graph, ir::OpKind kind, std::span<const ir::ValueId> operands, const ir::Attrs& attrs,
+                  std::span<const ir::RegionId> regions, std::optional<ir::Type> written = std::nullopt);
+
+}  // namespace dr::ops

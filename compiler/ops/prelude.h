@@ -1,0 +1,527 @@
+// SPDX-License-Identifier: Apache-2.0
+// The GLSL functions of the strict profile: own approximations from + - * / sqrt and bit casts, so that every device
+// computes the same up to what it does to those. The printer marks every result `precise`.
+//
+// What they hold to: no fused operation is assumed and none hurts; NaN and Inf are told apart by comparisons that are false
+// for NaN, or by bits, never by isnan or isinf; a device may flush subnormal numbers to zero, coming in or going out. The
+// coefficients are minimax fits made for these intervals, rounded to float32 one after the other, the rest refitted.
+//
+// An entry of the op table lists the texts it needs, what they call first. Scalar functions come apart from their
+// component-wise overloads, so that one function may use another without dragging in its vectors.
+#pragma once
+
+#include <string_view>
+
+namespace dr::ops::glsl {
+
+// The overloads of a function of one, two or three operands for vec2, vec3 and vec4.
+#define DR_VECTORS_1(name)                                              \
+  "vec2 " name "(vec2 x) { return vec2(" name "(x.x), " name "(x.y)); }\n" \
+  "vec3 " name "(vec3 x) { return vec3(" name "(x.xy), " name "(x.z)); }\n" \
+  "vec4 " name "(vec4 x) { return vec4(" name "(x.xy), " name "(x.zw)); }\n"
+#define DR_VECTORS_2_OF(vector, name)                                                                                  \
+  vector "2 " name "(" vector "2 x, " vector "2 y) { return " vector "2(" name "(x.x, y.x), " name "(x.y, y.y)); }\n"   \
+  vector "3 " name "(" vector "3 x, " vector "3 y) { return " vector "3(" name "(x.xy, y.xy), " name "(x.z, y.z)); }\n" \
+  vector "4 " name "(" vector "4 x, " vector "4 y) { return " vector "4(" name "(x.xy, y.xy), " name "(x.zw, y.zw)); }\n"
+#define DR_VECTORS_2(name) DR_VECTORS_2_OF("vec", name)
+
+// --- numbers ---
+
+inline constexpr std::string_view kSmul = R"(
+// g * x, and 0 where g is 0 whatever x is.
+float dr_smul(float g, float x) { return g == 0.0 ? 0.0 : g * x; }
+)";
+inline constexpr std::string_view kSmulVectors = DR_VECTORS_2("dr_smul");
+
+inline constexpr std::string_view kIsNan = R"(
+bool dr_is_nan(float x) { return (floatBitsToUint(x) & 0x7fffffffu) > 0x7f800000u; }
+)";
+
+inline constexpr std::string_view kMin = R"(
+// A NaN loses against a number.
+float dr_min(float x, float y) { return y < x || dr_is_nan(x) ? y : x; }
+)";
+inline constexpr std::string_view kMinVectors = DR_VECTORS_2("dr_min");
+
+inline constexpr std::string_view kMax = R"(
+// A NaN loses against a number.
+float dr_max(float x, float y) { return y > x || dr_is_nan(x) ? y : x; }
+)";
+inline constexpr std::string_view kMaxVectors = DR_VECTORS_2("dr_max");
+
+inline constexpr std::string_view kMod = R"(
+// x - y * floor(x / y), brought into the half-open range from 0 to y where rounding has left it; 0 for y = 0.
+float dr_mod(float x, float y) {
+  if (y == 0.0) return 0.0;
+  float r = x - y * floor(x / y);
+  if (r != 0.0 && (r < 0.0) != (y < 0.0)) r += y;
+  return abs(r) >= abs(y) ? y * 0.99999994 : r;
+}
+)";
+inline constexpr std::string_view kModVectors = DR_VECTORS_2("dr_mod");
+
+inline constexpr std::string_view kFract = R"(
+// Less than 1 also for the small negative x whose x - floor(x) rounds to 1.
+float dr_fract(float x) {
+  float r = x - floor(x);
+  return r >= 1.0 ? 0.99999994 : r;
+}
+)";
+inline constexpr std::string_view kFractVectors = DR_VECTORS_1("dr_fract");
+
+// --- integers ---
+
+inline constexpr std::string_view kIntDiv = R"(
+// Truncates; 0 for y = 0, and the least integer divided by -1 is itself.
+int dr_div(int x, int y) {
+  int q = x / (y == 0 || y == -1 ? 1 : y);
+  return y == 0 ? 0 : (y == -1 ? -x : q);
+}
+)";
+inline constexpr std::string_view kUintDiv = R"(
+uint dr_div(uint x, uint y) { return y == 0u ? 0u : x / (y == 0u ? 1u : y); }
+)";
+inline constexpr std::string_view kIntDivVectors = DR_VECTORS_2_OF("ivec", "dr_div");
+inline constexpr std::string_view kUintDivVectors = DR_VECTORS_2_OF("uvec", "dr_div");
+
+inline constexpr std::string_view kIntMod = R"(
+// Of y's sign; 0 for y = 0.
+int dr_mod(int x, int y) {
+  int d = y == 0 || y == -1 ? 1 : y;
+  int r = x - x / d * d;
+  return r != 0 && (r ^ y) < 0 ? r + y : r;
+}
+)";
+inline constexpr std::string_view kUintMod = R"(
+uint dr_mod(uint x, uint y) { return y == 0u ? 0u : x % (y == 0u ? 1u : y); }
+)";
+inline constexpr std::string_view kIntModVectors = DR_VECTORS_2_OF("ivec", "dr_mod");
+inline constexpr std::string_view kUintModVectors = DR_VECTORS_2_OF("uvec", "dr_mod");
+
+inline constexpr std::string_view kFloatToInt = R"(
+// Truncates and saturates; NaN gives 0.
+int dr_to_int(float x) {
+  if (x >= 2147483648.0) return 2147483647;
+  if (x <= -2147483648.0) return -2147483647 - 1;
+  return x > -2147483648.0 ? int(x) : 0;
+}
+)";
+inline constexpr std::string_view kFloatToIntVectors = R"(
+ivec2 dr_to_int(vec2 x) { return ivec2(dr_to_int(x.x), dr_to_int(x.y)); }
+ivec3 dr_to_int(vec3 x) { return ivec3(dr_to_int(x.xy), dr_to_int(x.z)); }
+ivec4 dr_to_int(vec4 x) { return ivec4(dr_to_int(x.xy), dr_to_int(x.zw)); }
+)";
+
+inline constexpr std::string_view kFloatToUint = R"(
+// Truncates and saturates; NaN gives 0.
+uint dr_to_uint(float x) {
+  if (x >= 4294967296.0) return 0xffffffffu;
+  return x > 0.0 ? uint(x) : 0u;
+}
+)";
+inline constexpr std::string_view kFloatToUintVectors = R"(
+uvec2 dr_to_uint(vec2 x) { return uvec2(dr_to_uint(x.x), dr_to_uint(x.y)); }
+uvec3 dr_to_uint(vec3 x) { return uvec3(dr_to_uint(x.xy), dr_to_uint(x.z)); }
+uvec4 dr_to_uint(vec4 x) { return uvec4(dr_to_uint(x.xy), dr_to_uint(x.zw)); }
+)";
+
+inline constexpr std::string_view kFloatToBool = R"(
+// False for 0 and NaN.
+bool dr_to_bool(float x) { return x < 0.0 || x > 0.0; }
+)";
+inline constexpr std::string_view kFloatToBoolVectors = R"(
+bvec2 dr_to_bool(vec2 x) { return bvec2(dr_to_bool(x.x), dr_to_bool(x.y)); }
+bvec3 dr_to_bool(vec3 x) { return bvec3(dr_to_bool(x.xy), dr_to_bool(x.z)); }
+bvec4 dr_to_bool(vec4 x) { return bvec4(dr_to_bool(x.xy), dr_to_bool(x.zw)); }
+)";
+
+// --- exponential ---
+
+inline constexpr std::string_view kExpPart = R"(
+// e^r - 1 for |r| <= log(2) / 2.
+float dr_expm1_part(float r) {
+  return r + r * r * (0.49999997 + r * (0.166665465 + r * (0.041667439 + r * (0.00836625695 + r * 0.00138703093))));
+}
+// x - n log(2), log(2) in two parts of which the first times n is exact.
+float dr_log2_remainder(float x, float n) { return (x - n * 0.693359375) + n * 2.12194440e-4; }
+// z * 2^n, in two factors: the result may overflow, the factors do not.
+float dr_ldexp(float z, int n) {
+  int m = n >> 1;
+  return z * intBitsToFloat((m + 127) << 23) * intBitsToFloat((n - m + 127) << 23);
+}
+)";
+
+inline constexpr std::string_view kExp = R"(
+// e^x * 2^k, without overflow on the way.
+float dr_exp_scaled(float x, int k) {
+  float c = x > 91.0 ? 91.0 : (x < -105.0 ? -105.0 : x);
+  float n = roundEven(c * 1.44269504);
+  return dr_ldexp(1.0 + dr_expm1_part(dr_log2_remainder(c, n)), int(n) + k);
+}
+float dr_exp(float x) { return dr_exp_scaled(x, 0); }
+)";
+inline constexpr std::string_view kExpVectors = DR_VECTORS_1("dr_exp");
+
+inline constexpr std::string_view kExp2 = R"(
+float dr_exp2(float x) {
+  float c = x > 130.0 ? 130.0 : (x < -152.0 ? -152.0 : x);
+  float n = roundEven(c);
+  return dr_ldexp(1.0 + dr_expm1_part((c - n) * 0.693147181), int(n));
+}
+)";
+inline constexpr std::string_view kExp2Vectors = DR_VECTORS_1("dr_exp2");
+
+inline constexpr std::string_view kExpm1 = R"(
+float dr_expm1(float x) {
+  if (x > 10.0 || x < -18.0) return dr_exp(x) - 1.0;
+  float n = roundEven(x * 1.44269504);
+  float s = intBitsToFloat((int(n) + 127) << 23);
+  return s * dr_expm1_part(dr_log2_remainder(x, n)) + (s - 1.0);
+}
+)";
+inline constexpr std::string_view kExpm1Vectors = DR_VECTORS_1("dr_expm1");
+
+// --- logarithm ---
+
+inline constexpr std::string_view kLogPart = R"(
+// log(1 + f) - f for f in [-1/3, 1/3].
+float dr_log1p_part(float f) {
+  float p = 0.20010443 + f * (-0.16680181 + f * (0.140053749 + f * (-0.121883407 + f * (0.139865175 + f * -0.128745154))));
+  float z = f * f;
+  return f * z * (0.333332151 + f * (-0.249998048 + f * p)) - 0.5 * z;
+}
+// e such that x = m * 2^e with m in [2/3, 4/3), for positive normal x; m.
+int dr_log_exponent(float x) { return (floatBitsToInt(x) - 0x3f2aaaab) >> 23; }
+float dr_log_mantissa(float x, int e) { return intBitsToFloat(floatBitsToInt(x) - (e << 23)); }
+// The logarithm of what is no positive normal number: 0, negative, Inf, NaN.
+bool dr_log_is_special(float x) { return uint(floatBitsToInt(x) - 0x00800000) >= 0x7f000000u; }
+float dr_log_special(float x) {
+  return x == 0.0 ? uintBitsToFloat(0xff800000u) : (x < 0.0 ? uintBitsToFloat(0x7fc00000u) : x);
+}
+// Subnormal numbers have another exponent, if the device has not made zeros of them.
+bool dr_is_tiny(float x) { return abs(x) < 1.17549435e-38; }
+)";
+
+inline constexpr std::string_view kLog = R"(
+float dr_log(float x) {
+  bool tiny = dr_is_tiny(x);
+  float y = tiny ? x * 8388608.0 : x;
+  if (dr_log_is_special(y)) return dr_log_special(y);
+  int e = dr_log_exponent(y);
+  float f = dr_log_mantissa(y, e) - 1.0;
+  float n = float(tiny ? e - 23 : e);
+  return (f + (dr_log1p_part(f) - n * 2.12194440e-4)) + n * 0.693359375;
+}
+)";
+inline constexpr std::string_view kLogVectors = DR_VECTORS_1("dr_log");
+
+inline constexpr std::string_view kLog2 = R"(
+float dr_log2(float x) {
+  bool tiny = dr_is_tiny(x);
+  float y = tiny ? x * 8388608.0 : x;
+  if (dr_log_is_special(y)) return dr_log_special(y);
+  int e = dr_log_exponent(y);
+  float f = dr_log_mantissa(y, e) - 1.0;
+  float p = dr_log1p_part(f);
+  return ((p * 0.442695041 + f * 0.442695041) + p) + f + float(tiny ? e - 23 : e);
+}
+)";
+inline constexpr std::string_view kLog2Vectors = DR_VECTORS_1("dr_log2");
+
+inline constexpr std::string_view kLog1p = R"(
+float dr_log1p(float x) {
+  if (x > -0.29 && x < 0.33) return x + dr_log1p_part(x);
+  float u = 1.0 + x;
+  if (dr_log_is_special(u)) return dr_log_special(u);
+  int e = dr_log_exponent(u);
+  float f = dr_log_mantissa(u, e) - 1.0;
+  float n = float(e);
+  float lost = (x > 1.0 ? 1.0 - (u - x) : x - (u - 1.0)) / u;  // by rounding 1 + x
+  return (f + (dr_log1p_part(f) + (lost - n * 2.12194440e-4))) + n * 0.693359375;
+}
+)";
+inline constexpr std::string_view kLog1pVectors = DR_VECTORS_1("dr_log1p");
+
+// --- power ---
+
+inline constexpr std::string_view kPow = R"(
+// The 12 high bits of x: products of two such numbers are exact.
+float dr_high(float x) { return uintBitsToFloat(floatBitsToUint(x) & 0xfffff000u); }
+// x^y for positive normal x. y log2(x) is carried in two floats: its error becomes the result's relative error.
+float dr_pow_positive(float x, int shift, float y) {
+  int e = (floatBitsToInt(x) - 0x3f3504f3) >> 23;
+  float f = dr_log_mantissa(x, e) - 1.0;  // in [sqrt(1/2) - 1, sqrt(2) - 1]
+  // log2(1 + f) = 2 / log(2) atanh(s), s = f / (2 + f) = sh + sl
+  float s = f / (2.0 + f);
+  float sh = dr_high(s);
+  float fh = dr_high(f);
+  float sl = (((f - 2.0 * sh) - sh * fh) - sh * (f - fh)) / (2.0 + f);
+  float w = s * s;
+  float odd = s * w * (0.33333388 + w * (0.199887887 + w * 0.149355307));
+  float hi = 2.88476562 * sh;
+  float lo = 6.24456778e-4 * sh + 2.88539008 * (sl + odd);
+  float n = float(e - shift);
+  float th = dr_high(n + (hi + lo));
+  float tl = ((n - th) + hi) + lo;
+  float c = y > 1e12 ? 1e12 : (y < -1e12 ? -1e12 : y);
+  float yh = dr_high(c);
+  float ph = yh * th;
+  float pl = (c - yh) * th + c * tl;
+  float p = ph + pl;
+  if (p > 130.0) return uintBitsToFloat(0x7f800000u);
+  if (p < -152.0) return 0.0;
+  float k = roundEven(p);
+  return dr_ldexp(1.0 + dr_expm1_part(((ph - k) + pl) * 0.693147181), int(k));
+}
+float dr_pow(float x, float y) {
+  if (x == 1.0 || y == 0.0) return 1.0;
+  float a = abs(x);
+  bool tiny = dr_is_tiny(a);
+  if (tiny) a *= 8388608.0;
+  if (a == 0.0) return y > 0.0 ? 0.0 : (y < 0.0 ? uintBitsToFloat(0x7f800000u) : y);
+  float r;
+  if (dr_log_is_special(a)) {
+    r = y > 0.0 ? a : (y < 0.0 ? (1.0 / a) : y);  // Inf, NaN
+  } else {
+    r = dr_pow_positive(a, tiny ? 23 : 0, y);
+  }
+  if (x >= 0.0) return r;
+  // Negative: whole exponents have a power.
+  if (floor(y) != y) return uintBitsToFloat(0x7fc00000u);
+  float half_y = 0.5 * y;
+  return floor(half_y) != half_y ? -r : r;
+}
+)";
+inline constexpr std::string_view kPowVectors = DR_VECTORS_2("dr_pow");
+
+// --- angles ---
+
+inline constexpr std::string_view kSinPart = R"(
+// sin(r) and cos(r) for |r| <= pi / 4.
+float dr_sin_part(float r) {
+  float z = r * r;
+  return r + r * z * (-0.166666552 + z * (0.0083321901 + z * -0.000195183937));
+}
+float dr_cos_part(float r) {
+  float z = r * r;
+  return (1.0 - 0.5 * z) + z * z * (0.0416666456 + z * (-0.00138873013 + z * 2.44306666e-05));
+}
+float dr_quarter_turns(float x) { return roundEven(x * 0.636619772); }
+// x - n pi / 2, pi / 2 in three parts of which the first two times n are exact up to |x| = 8192. The remainder of larger x
+// means nothing; it is kept in range, so that sin and cos are.
+float dr_turn_remainder(float x, float n) {
+  float r = ((x - n * 1.5703125) - n * 4.837512969970703e-4) - n * 7.549789948768648e-8;
+  return r > 0.8 ? 0.8 : (r < -0.8 ? -0.8 : r);
+}
+// sin(x + quarter pi / 2)
+float dr_sin_turned(float x, float quarter) {
+  float n = dr_quarter_turns(x);
+  float r = dr_turn_remainder(x, n);
+  float m = n + quarter;
+  m = m - 4.0 * floor(0.25 * m);  // 0 .. 3
+  float s = m == 1.0 || m == 3.0 ? dr_cos_part(r) : dr_sin_part(r);
+  return m >= 2.0 ? -s : s;
+}
+)";
+
+inline constexpr std::string_view kSin = R"(
+float dr_sin(float x) { return dr_sin_turned(x, 0.0); }
+)";
+inline constexpr std::string_view kSinVectors = DR_VECTORS_1("dr_sin");
+
+inline constexpr std::string_view kCos = R"(
+float dr_cos(float x) { return dr_sin_turned(x, 1.0); }
+)";
+inline constexpr std::string_view kCosVectors = DR_VECTORS_1("dr_cos");
+
+inline constexpr std::string_view kTan = R"(
+float dr_tan(float x) {
+  float n = dr_quarter_turns(x);
+  float r = dr_turn_remainder(x, n);
+  float s = dr_sin_part(r);
+  float c = dr_cos_part(r);
+  return n != 2.0 * floor(0.5 * n) ? -c / s : s / c;
+}
+)";
+inline constexpr std::string_view kTanVectors = DR_VECTORS_1("dr_tan");
+
+inline constexpr std::string_view kAsinPart = R"(
+// asin(s) for 0 <= s <= 1/2, z = s * s.
+float dr_asin_part(float s, float z) {
+  return s + s * z * (0.166667536 + z * (0.0749525279 + z * (0.0454759076 + z * (0.0241528545 + z * 0.042210415))));
+}
+)";
+
+inline constexpr std::string_view kAsin = R"(
+float dr_asin(float x) {
+  float a = abs(x) > 1.0 ? 1.0 : abs(x);
+  float z = a > 0.5 ? 0.5 * (1.0 - a) : a * a;
+  float p = dr_asin_part(a > 0.5 ? sqrt(z) : a, z);
+  float r = a > 0.5 ? 1.57079633 - 2.0 * p : p;
+  return x < 0.0 ? -r : r;
+}
+)";
+inline constexpr std::string_view kAsinVectors = DR_VECTORS_1("dr_asin");
+
+inline constexpr std::string_view kAcos = R"(
+float dr_acos(float x) {
+  float a = abs(x) > 1.0 ? 1.0 : abs(x);
+  float z = a > 0.5 ? 0.5 * (1.0 - a) : a * a;
+  float p = dr_asin_part(a > 0.5 ? sqrt(z) : a, z);
+  if (a > 0.5) return x < 0.0 ? 3.14159265 - 2.0 * p : 2.0 * p;
+  return 1.57079633 - (x < 0.0 ? -p : p);
+}
+)";
+inline constexpr std::string_view kAcosVectors = DR_VECTORS_1("dr_acos");
+
+inline constexpr std::string_view kAtanPart = R"(
+// atan(t) for 0 <= t <= 1.
+float dr_atan_part(float t) {
+  float z = t * t;
+  float p = -0.0840055645 + z * (0.0579083823 + z * (-0.0311292186 + z * (0.0108887283 + z * -0.00178788661)));
+  return t + t * z * (-0.333332986 + z * (0.19998531 + z * (-0.142640531 + z * (0.109511927 + z * p))));
+}
+)";
+
+inline constexpr std::string_view kAtan = R"(
+float dr_atan(float x) {
+  float a = abs(x);
+  float p = dr_atan_part(a > 1.0 ? 1.0 / a : a);
+  float r = a > 1.0 ? 1.57079633 - p : p;
+  return x < 0.0 ? -r : r;
+}
+)";
+inline constexpr std::string_view kAtanVectors = DR_VECTORS_1("dr_atan");
+
+inline constexpr std::string_view kAtan2 = R"(
+// 0 at the origin; a zero counts as positive.
+float dr_atan2(float y, float x) {
+  float a = abs(x);
+  float b = abs(y);
+  float high = a > b ? a : b;
+  float low = a > b ? b : a;
+  if (high == 0.0 && low == 0.0) return 0.0;
+  // Devices divide well by what is neither huge nor tiny.
+  float scale = high > 1e30 ? 1e-20 : (high < 1e-18 ? 1e20 : 1.0);
+  float p = dr_atan_part(low == high ? 1.0 : low * scale / (high * scale));
+  float r = b > a ? 1.57079633 - p : p;
+  if (x < 0.0) r = 3.14159265 - r;
+  return y < 0.0 ? -r : r;
+}
+)";
+inline constexpr std::string_view kAtan2Vectors = DR_VECTORS_2("dr_atan2");
+
+// --- hyperbolic functions and what is made of exponentials ---
+
+inline constexpr std::string_view kSinh = R"(
+float dr_sinh(float x) {
+  float a = abs(x);
+  float r;
+  if (a < 1.0) {
+    float t = dr_expm1(a);
+    r = 0.5 * (t + t / (1.0 + t));
+  } else {
+    float half_exp = dr_exp_scaled(a, -1);
+    r = half_exp - 0.25 / half_exp;
+  }
+  return x < 0.0 ? -r : r;
+}
+)";
+inline constexpr std::string_view kSinhVectors = DR_VECTORS_1("dr_sinh");
+
+inline constexpr std::string_view kCosh = R"(
+float dr_cosh(float x) {
+  float half_exp = dr_exp_scaled(abs(x), -1);
+  return half_exp + 0.25 / half_exp;
+}
+)";
+inline constexpr std::string_view kCoshVectors = DR_VECTORS_1("dr_cosh");
+
+inline constexpr std::string_view kTanh = R"(
+float dr_tanh(float x) {
+  float t = dr_expm1(-2.0 * abs(x));
+  float r = -t / (2.0 + t);
+  return x < 0.0 ? -r : r;
+}
+)";
+inline constexpr std::string_view kTanhVectors = DR_VECTORS_1("dr_tanh");
+
+inline constexpr std::string_view kSigmoid = R"(
+// Relative accuracy on both sides: sigmoid(-x) is 1 - sigmoid(x) to the last bits.
+float dr_sigmoid(float x) {
+  float z = dr_exp(-abs(x));
+  return (x < 0.0 ? z : 1.0) / (1.0 + z);
+}
+)";
+inline constexpr std::string_view kSigmoidVectors = DR_VECTORS_1("dr_sigmoid");
+
+inline constexpr std::string_view kSoftplus = R"(
+float dr_softplus(float x) { return (x > 0.0 ? x : 0.0) + dr_log1p(dr_exp(-abs(x))); }
+)";
+inline constexpr std::string_view kSoftplusVectors = DR_VECTORS_1("dr_softplus");
+
+inline constexpr std::string_view kErf = R"(
+float dr_erf(float x) {
+  float a = abs(x);
+  float r;
+  if (a < 1.0) {
+    float z = a * a;
+    float p = 0.112835787 + z * (-0.0268533546 + z * (0.00518720085 + z * (-0.000799847476 + z * 7.81008421e-05)));
+    r = a * (1.0 + (0.128379166 + z * (-0.37612626 + z * p)));
+  } else {
+    // erfc(a) = exp(-polynomial(a - 1)) up to 4, where it is below the last bit
+    float t = a > 4.0 ? 3.0 : a - 1.0;
+    float p = 0.0412607566 + t * (-0.00945074297 + t * (0.00148070056 + t * -9.03976033e-05));
+    r = 1.0 - dr_exp(-(1.84960556 + t * (2.63896275 + t * (0.84317261 + t * p))));
+  }
+  return x < 0.0 ? -r : r;
+}
+)";
+inline constexpr std::string_view kErfVectors = DR_VECTORS_1("dr_erf");
+
+// --- vectors ---
+
+inline constexpr std::string_view kDot = R"(
+float dr_dot(float x, float y) { return x * y; }
+float dr_dot(vec2 x, vec2 y) { return x.x * y.x + x.y * y.y; }
+float dr_dot(vec3 x, vec3 y) { return x.x * y.x + x.y * y.y + x.z * y.z; }
+float dr_dot(vec4 x, vec4 y) { return (x.x * y.x + x.y * y.y) + (x.z * y.z + x.w * y.w); }
+)";
+
+inline constexpr std::string_view kLargest = R"(
+// The largest component's absolute value.
+float dr_largest(vec2 v) { return max(abs(v.x), abs(v.y)); }
+float dr_largest(vec3 v) { return max(max(abs(v.x), abs(v.y)), abs(v.z)); }
+float dr_largest(vec4 v) { return max(max(abs(v.x), abs(v.y)), max(abs(v.z), abs(v.w))); }
+// The exponent field of m, so that 2^(127 - e) and 2^(e - 127) both exist.
+int dr_scale_exponent(float m) { return clamp((floatBitsToInt(m) >> 23) & 255, 1, 253); }
+// Scaling by a power of two loses nothing and keeps squares in range.
+float dr_scale_down(int e) { return intBitsToFloat((254 - e) << 23); }
+float dr_scale_up(int e) { return intBitsToFloat(e << 23); }
+)";
+
+#define DR_LENGTH(vec)                                      \
+  "float dr_length(" vec " v) {\n"                          \
+  "  int e = dr_scale_exponent(dr_largest(v));\n"           \
+  "  " vec " s = v * dr_scale_down(e);\n"                   \
+  "  return sqrt(dr_dot(s, s)) * dr_scale_up(e);\n"         \
+  "}\n"
+inline constexpr std::string_view kLength = "float dr_length(float v) { return abs(v); }\n" DR_LENGTH("vec2") DR_LENGTH("vec3") DR_LENGTH("vec4");
+#undef DR_LENGTH
+
+#define DR_NORMALIZE(vec)                                                   \
+  vec " dr_normalize(" vec " v) {\n"                                        \
+  "  " vec " s = v * dr_scale_down(dr_scale_exponent(dr_largest(v)));\n"     \
+  "  float d = dr_dot(s, s);\n"                                             \
+  "  return d == 0.0 ? " vec "(0.0) : s / sqrt(d);\n"                       \
+  "}\n"
+// 0 for 0.
+inline constexpr std::string_view kNormalize =
+    "float dr_normalize(float v) { return sign(v); }\n" DR_NORMALIZE("vec2") DR_NORMALIZE("vec3") DR_NORMALIZE("vec4");
+#undef DR_NORMALIZE
+
+#undef DR_VECTORS_1
+#undef DR_VECTORS_2
+#undef DR_VECTORS_2_OF
+
+}  // namespace dr::ops::glsl

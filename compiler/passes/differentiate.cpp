@@ -1,0 +1,201 @@
+// SPDX-License-Identifier: Apache-2.0
+// Replace each Grad op by the ops that compute it, reverse mode.
+//   %2 = mul %0, %0
+//   %3 = grad %2, %1, %0      =>    %3 = mul %1, %0    %4 = mul %1, %0    %5 = add %3, %4
+// Requires: verified graph, Grad ops in the root region only.  Establishes: no Grad ops.
+// Every value keeps a value of its own, so that a Grad's target is exactly what the program named: two equal values are
+// two values. Ops before a Grad op are already expanded when it is reached, so gradients of gradients need no extra
+// rule.
+#include "compiler/passes/differentiate.h"
+
+#include <algorithm>
+#include <ranges>
+#include <utility>
+
+#include "compiler/ops/emit.h"
+#include "compiler/ops/op.h"
+#include "compiler/passes/passes.h"
+
+namespace dr::passes {
+
+using ir::Builder;
+using ir::Extent;
+using ir::Graph;
+using ir::Op;
+using ir::OpId;
+using ir::OpKind;
+using ir::RegionId;
+using ir::ValueId;
+using ir::ValueInfo;
+using ir::ValueMap;
+
+namespace {
+
+// Marks, in order, what depends on values already marked. A region op's result depends on what its regions yield for
+// it.
+void mark_active(const Graph& graph, RegionId region, std::vector<bool>& active) {
+  const auto is_active = [&](ValueId id) { return static_cast<bool>(active[id.index]); };
+  for (const OpId id : graph.region(region).ops) {
+    const Op& op = graph.op(id);
+    if (!ops::info(op.kind).differentiable) continue;
+    for (const RegionId inner : op.regions) mark_active(graph, inner, active);
+    for (size_t k = 0; k < op.results.size(); ++k) {
+      if (!graph.value(op.results[k]).type.is_float()) continue;
+      const bool depends = op.regions.empty() ? std::ranges::any_of(op.operands, is_active)
+                                              : std::ranges::any_of(op.regions, [&](RegionId inner) {
+                                                  return is_active(yielded(graph, op, inner)[k].value);
+                                                });
+      if (depends) active[op.results[k].index] = true;
+    }
+  }
+}
+
+bool is_zero(const Graph& graph, ValueId id) {
+  const Op& op = graph.op(graph.value(id).op);
+  return op.kind == OpKind::Const && std::ranges::all_of(op.attrs.floats, [](double x) { return x == 0; });
+}
+
+// An op whose rule stands in the op table.
+void differentiate_op(Sweep& sweep, Frame& frame, const Op& op) {
+  const auto found = frame.adjoints.find(op.results[0]);
+  if (found == frame.adjoints.end()) return;
+  // A target may be the end of the road: nothing behind it was asked for, or nothing gets through.
+  const ops::OpInfo& info = ops::info(op.kind);
+  if (!info.differentiable) return;
+  if (std::ranges::none_of(op.operands, [&](ValueId id) { return static_cast<bool>(sweep.active[id.index]); })) return;
+
+  Builder& b = sweep.builder;
+  const Extent& extent = sweep.source.value(op.results[0]).extent;
+  const bool elementwise = info.shape == ops::Shape::Elementwise;
+  // An adjoint that is the same for all elements stays small on its way through element-wise ops.
+  ValueId adjoint = found->second;
+  if (frame.root && !elementwise) adjoint = ops::broadcast(b, adjoint, extent);
+
+  std::vector<ValueId> operands;
+  for (const ValueId id : op.operands) operands.push_back(sweep.now[id]);
+  const ops::AdjointOutput terms = info.adjoint(
+      {.builder = b, .attrs = op.attrs, .operands = operands, .result = sweep.now[op.results[0]], .adjoint = adjoint});
+  DR_ASSERT(terms.size() == operands.size());
+  for (size_t k = 0; k < terms.size(); ++k) {
+    if (!terms[k].valid() || !sweep.active[op.operands[k].index]) continue;
+    ValueId term = terms[k];
+    const Extent& wanted = sweep.source.value(op.operands[k]).extent;
+    // Inside a region everything is one element's: sums over stretched operands are taken outside.
+    if (frame.root && wanted != extent && !is_zero(b.graph(), term)) {
+      if (elementwise) term = ops::broadcast(b, term, extent);
+      term = ops::reduce_to(b, term, wanted);
+    }
+    sweep.add(frame, op.operands[k], term);
+  }
+}
+
+// A read inside a region: its adjoint leaves the region as a scatter, and the image's adjoint is made outside.
+void differentiate_gather(Sweep& sweep, Frame& frame, const Op& op) {
+  const ValueId image = op.operands[0];
+  const auto found = frame.adjoints.find(op.results[0]);
+  if (found == frame.adjoints.end() || !sweep.active[image.index]) return;
+  frame.scatters.push_back({.image = image, .index = sweep.now[op.operands[1]], .value = found->second});
+}
+
+// The results of one Grad op, its operands given in the builder.
+std::vector<ValueId> expand(Builder& b, std::span<const ValueId> operands) {
+  const ValueId y = operands[0];
+  const ValueId seed = operands[1];
+  const std::span<const ValueId> targets = operands.subspan(2);
+
+  const Graph source = b.graph();
+  Sweep sweep(source, b, targets);
+  Frame frame{.root = true, .domain = {}, .adjoints = {}, .accumulated = {}, .scatters = {}};
+  sweep.add(frame, y, seed);
+  sweep.run(frame, source.region(source.root()).ops);
+
+  std::vector<ValueId> results;
+  for (const ValueId x : targets) {
+    const ValueInfo& info = source.value(x);
+    const auto found = frame.adjoints.find(x);
+    const ValueId adjoint = found != frame.adjoints.end() ? found->second : ops::constant(b, info.type, 0.0);
+    results.push_back(ops::broadcast(b, adjoint, info.extent));
+  }
+  return results;
+}
+
+}  // namespace
+
+Sweep::Sweep(const Graph& source_graph, Builder& to, std::span<const ValueId> targets)
+    : source(source_graph), builder(to), now(source_graph.value_count()), active(source_graph.value_count(), false) {
+  for (const OpId id : source.region(source.root()).ops) {
+    for (const ValueId result : source.op(id).results) now.set(result, result);
+  }
+  for (const ValueId x : targets) active[x.index] = source.value(x).type.is_float();
+  mark_active(source, source.root(), active);
+}
+
+void Sweep::add(Frame& frame, ValueId value, ValueId term) {
+  if (!active[value.index] || is_zero(builder.graph(), term)) return;
+  const auto [entry, first] = frame.adjoints.try_emplace(value, term);
+  if (!first) entry->second = ops::add(builder, entry->second, term);
+}
+
+void Sweep::run(Frame& frame, std::span<const OpId> list) {
+  for (const OpId id : std::views::reverse(list)) {
+    const Op& op = source.op(id);
+    builder.set_span(op.span);
+    if (op.kind == OpKind::If) {
+      differentiate_if(*this, frame, id);
+    } else if (op.kind == OpKind::Reduce) {
+      differentiate_reduce(*this, frame, id);
+    } else if (op.kind == OpKind::Gather && !frame.root) {
+      differentiate_gather(*this, frame, op);
+    } else if (op.results.size() == 1) {
+      differentiate_op(*this, frame, op);
+    }
+  }
+}
+
+Graph differentiate(const Graph& graph) {
+  Builder b;
+  b.graph().leaves = graph.leaves;
+  ValueMap map(graph.value_count());
+
+  const std::vector<OpId>& list = graph.region(graph.root()).ops;
+  std::vector<bool> is_target(graph.value_count(), false);
+  for (const OpId id : list) {
+    const Op& op = graph.op(id);
+    if (op.kind != OpKind::Grad) continue;
+    for (const ValueId x : std::span(op.operands).subspan(2)) is_target[x.index] = true;
+  }
+
+  for (const OpId id : list) {
+    const Op& op = graph.op(id);
+    if (op.kind != OpKind::Grad) {
+      ir::copy_op(graph, id, b, map);
+      continue;
+    }
+    std::vector<ValueId> operands;
+    for (const ValueId operand : op.operands) operands.push_back(map[operand]);
+    const std::vector<ValueId> adjoints = expand(b, operands);
+    b.set_span(op.span);
+    for (size_t k = 0; k < adjoints.size(); ++k) {
+      ValueId adjoint = adjoints[k];
+      // An adjoint may be the seed, or lead to another adjoint of the same sweep. A later Grad that names it as its
+      // target means this result alone, so it gets a value that nothing else uses.
+      if (is_target[op.results[k].index]) {
+        const Extent& e = graph.value(op.results[k]).extent;
+        adjoint = ops::emit(b, OpKind::Broadcast, {adjoint},
+                            {.ints = {}, .floats = {}, .dims = {e.w, e.h, e.l}, .yields = {}, .text = {}});
+      }
+      map.set(op.results[k], adjoint);
+      const std::string& name = graph.value(op.results[k]).name;
+      if (!name.empty() && b.value(adjoint).name.empty()) b.set_name(adjoint, name);
+    }
+  }
+
+  b.graph().steps = graph.steps;
+  for (ir::Step& step : b.graph().steps) {
+    for (ir::Output& output : step.outputs) output.value = map[output.value];
+    for (ir::Update& update : step.updates) update.value = map[update.value];
+  }
+  return std::move(b).finish();
+}
+
+}  // namespace dr::passes

@@ -1,0 +1,88 @@
+// SPDX-License-Identifier: Apache-2.0
+// The inside of the pass `differentiate`: the reverse sweep of one Grad op. differentiate.cpp walks ops by the op
+// table; each structured construct has a file of its own; differentiate_region.cpp holds what they share.
+//
+// A sweep reads a frozen *source* graph, which holds everything before the Grad op, and appends to a builder that
+// started as a copy of it. Adjoints are filed under the source's ids. A region's adjoint replays the region's ops
+// beside it, so a source value inside a region has a different id in each region that replays it: `now` maps it.
+#pragma once
+
+#include <map>
+#include <span>
+#include <vector>
+
+#include "compiler/ir/graph.h"
+
+namespace dr::passes {
+
+// A term of the adjoint of a root image that a region reads with Gather: it is scattered to where it was read.
+struct ScatterTerm {
+  ir::ValueId image;  // source
+  ir::ValueId index;  // builder; invalid when `value` is an accumulation of an inner region
+  ir::ValueId value;  // builder
+};
+
+// The adjoints collected at one place: in the root, or in one region under construction. Of values defined there and,
+// in a region, of values it captures; those leave it as results of the region's op.
+struct Frame {
+  bool root = false;
+  ir::Extent domain;                                            // of a region: how often it runs
+  std::map<ir::ValueId, ir::ValueId> adjoints;                  // source -> builder
+  std::map<ir::ValueId, std::vector<ir::ValueId>> accumulated;  // adjoints of accumulations: root images, to be added
+  std::vector<ScatterTerm> scatters;                            // never in the root
+};
+
+struct Sweep {
+  const ir::Graph& source;
+  ir::Builder& builder;
+  ir::ValueMap now;          // source -> builder
+  std::vector<bool> active;  // source values that depend on a target in a differentiable way, inside regions too
+
+  Sweep(const ir::Graph& source, ir::Builder& builder, std::span<const ir::ValueId> targets);
+
+  // Adds a term to a source value's adjoint; drops it when nobody asked or when it is the constant zero.
+  void add(Frame& frame, ir::ValueId value, ir::ValueId term);
+  // Goes through ops backwards, from the adjoints of their results to those of their operands.
+  void run(Frame& frame, std::span<const ir::OpId> ops);
+};
+
+// The adjoint of an If or Reduce op, from the adjoints of its results in `frame`.
+void differentiate_if(Sweep& sweep, Frame& frame, ir::OpId id);
+void differentiate_reduce(Sweep& sweep, Frame& frame, ir::OpId id);
+
+// --- shared by the structured constructs ---
+
+// What a region yields for one result. `index` is valid for a Scatter of (index, value) only.
+struct Yielded {
+  ir::ValueId index;
+  ir::ValueId value;
+};
+// One entry a result of the op that `region` belongs to.
+std::vector<Yielded> yielded(const ir::Graph& graph, const ir::Op& op, ir::RegionId region);
+
+// The adjoint of one result of a region op, in the builder.
+struct ResultAdjoint {
+  ir::ValueId element;              // of a result that has one number an element; invalid: none
+  std::vector<ir::ValueId> images;  // of a Scatter result: root images of its extent, to be added; empty: none
+  bool any() const { return element.valid() || !images.empty(); }
+};
+std::vector<ResultAdjoint> result_adjoints(Sweep& sweep, const Frame& frame, const ir::Op& op);
+bool any(std::span<const ResultAdjoint> adjoints);
+
+// The elements over which the adjoint of `op` runs. Inside a region that is always the region's own domain: the op's
+// may be smaller where it broadcasts, but the adjoints that reach it vary over all of it.
+ir::Extent adjoint_domain(const Frame& frame, const ir::Op& op);
+
+// Replays in the builder's current region the ops of `region` that the values (yields of it) need.
+void replay(Sweep& sweep, ir::RegionId region, std::span<const ir::ValueId> values);
+// Replays what the results with an adjoint need and runs the reverse sweep over it into `frame`, the current region's.
+void reverse(Sweep& sweep, Frame& frame, const ir::Op& op, ir::RegionId region,
+             std::span<const ResultAdjoint> adjoints);
+
+// The extents of Scatter results for attrs.dims, behind the domain.
+void append_extent(ir::Attrs& attrs, const ir::Extent& extent);
+// Files the results of an adjoint region op: first one for each captured value, in order, then one for each image.
+void collect(Sweep& sweep, Frame& outer, std::span<const ir::ValueId> captured, std::span<const ir::ValueId> images,
+             std::span<const ir::ValueId> results);
+
+}  // namespace dr::passes

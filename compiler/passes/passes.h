@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+// The passes over graphs, in the order in which the pipeline runs them (pipeline.cpp holds the list as data).
+#pragma once
+
+#include <functional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "compiler/ir/graph.h"
+
+namespace dr::passes {
+
+// Every violation found in a graph, one line each, with the printed op; empty for a sound graph. Two layers: structure
+// (ids, order, captures, yields), then types and extents by the op table.
+std::vector<std::string> verify(const ir::Graph& graph);
+
+// Replace each Grad op by the ops that compute it, reverse mode.
+ir::Graph differentiate(const ir::Graph& graph);
+// Constant folding, common subexpressions, dead code, and algebra that changes no bit of any result but the sign of a zero
+// (listed in simplify_identities.cpp). Values that a Grad names as targets are left alone.
+ir::Graph simplify(const ir::Graph& graph);
+
+struct Pass {
+  std::string_view name;
+  ir::Graph (*run)(const ir::Graph&);
+};
+std::span<const Pass> default_passes();
+
+struct PipelineOptions {
+  bool verify_each = true;
+  // Called after each pass with its name, the graph and the milliseconds it took; may be empty.
+  std::function<void(std::string_view, const ir::Graph&, double)> after = {};
+};
+// Runs passes in order. A graph that fails verification is an internal error naming the pass.
+ir::Graph run_passes(ir::Graph graph, std::span<const Pass> passes, const PipelineOptions& options = {});
+
+}  // namespace dr::passes

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+// The order of the passes over graphs, and the one place that runs them: verification and timing are done here, so that
+// passes hold none of it.
+#include <chrono>
+
+#include "compiler/passes/passes.h"
+
+namespace dr::passes {
+namespace {
+
+constexpr Pass kDefaultPasses[] = {
+    {"simplify", simplify},            // fewer ops to differentiate; Grad targets stay what the program named
+    {"differentiate", differentiate},  // no Grad op is left
+    {"simplify", simplify},            // adjoints that nobody asked for, ops that forward and backward share
+};
+
+void require_sound(const ir::Graph& graph, const std::string& when) {
+  const std::vector<std::string> violations = verify(graph);
+  if (violations.empty()) return;
+  std::string message = "graph fails verification " + when;
+  for (const std::string& violation : violations) message += "\n  " + violation;
+  DR_ICE(message);
+}
+
+}  // namespace
+
+std::span<const Pass> default_passes() { return kDefaultPasses; }
+
+ir::Graph run_passes(ir::Graph graph, std::span<const Pass> passes, const PipelineOptions& options) {
+  if (options.verify_each) require_sound(graph, "before the first pass");
+  for (const Pass& pass : passes) {
+    const auto start = std::chrono::steady_clock::now();
+    graph = pass.run(graph);
+    const std::chrono::duration<double, std::milli> elapsed = std::chrono::steady_clock::now() - start;
+    if (options.verify_each) require_sound(graph, "after pass " + std::string(pass.name));
+    if (options.after) options.after(pass.name, graph, elapsed.count());
+  }
+  return graph;
+}
+
+}  // namespace dr::passes

@@ -1,0 +1,336 @@
+// SPDX-License-Identifier: Apache-2.0
+// Constant folding, common subexpressions, dead code, and algebra that changes no bit of any result but the sign of a
+// zero (the list stands in simplify_identities.cpp).
+//   %3 = mul %0, %1      with %1 = const 1
+//   %4 = add %3, %2
+//   %5 = add %2, %0                          =>    %4 = add %0, %2    (%5 is %4, the rest is gone)
+// Requires: verified graph.  Establishes: every op is needed by a step; no If has a constant condition.
+// Leaves alone: values that a Grad names as targets. A gradient with respect to a value asks how the program as written
+// uses it, so such a value is merged with no equal one, replaced by no simpler one, and rules do not look through it.
+//
+// A round walks the graph once backwards for what is needed and once forwards, rebuilding it in simplest form. What a
+// round leaves unused the next one drops; rounds end when one changes nothing.
+#include "compiler/passes/simplify.h"
+
+#include <algorithm>
+#include <map>
+
+#include "compiler/ops/op.h"
+#include "compiler/passes/passes.h"
+
+namespace dr::passes {
+
+using namespace ir;
+
+namespace {
+
+bool combines_yields(OpKind kind) { return kind == OpKind::If || kind == OpKind::Reduce; }
+
+Extent domain_of(const Op& op) { return {op.attrs.dims[0], op.attrs.dims[1], op.attrs.dims[2]}; }
+
+// The values that one result of an If or Reduce takes from a region.
+struct Yielded {
+  size_t begin = 0;
+  size_t count = 1;
+};
+std::vector<Yielded> split_yields(const Graph& graph, const Op& op, RegionId region) {
+  const std::vector<ValueId>& yields = graph.region(region).yields;
+  std::vector<Yielded> out;
+  size_t at = 0;
+  for (Yield how : op.attrs.yields) {
+    const size_t count = how == Yield::Scatter && !graph.value(yields[at]).accumulation ? 2 : 1;
+    out.push_back({at, count});
+    at += count;
+  }
+  return out;
+}
+
+class Round {
+ public:
+  explicit Round(const Graph& from)
+      : from_(from), emitter_(to_), map_(from.value_count()), needed_(from.value_count()), target_(from.value_count()) {
+    to_.graph().leaves = from.leaves;
+  }
+
+  Graph run(bool& changed) {
+    for (const Step& step : from_.steps) {
+      for (const Output& output : step.outputs) need(output.value);
+      for (const Update& update : step.updates) need(update.value);
+    }
+    find_needed(from_.root());
+    for (OpId op : from_.region(from_.root()).ops) rebuild(op);
+    for (Step step : from_.steps) {
+      for (Output& output : step.outputs) output.value = map_[output.value];
+      for (Update& update : step.updates) update.value = map_[update.value];
+      to_.graph().steps.push_back(std::move(step));
+    }
+    changed = emitter_.changed;
+    return std::move(to_).finish();
+  }
+
+ private:
+  // --- what is needed ---
+
+  void need(ValueId id) { needed_[id.index] = true; }
+
+  bool is_needed(const Op& op) const {
+    return std::any_of(op.results.begin(), op.results.end(),
+                       [&](ValueId id) { return static_cast<bool>(needed_[id.index]); });
+  }
+
+  // Backwards, so that all uses of a value come before the op that makes it. A region gives what its op's needed
+  // results take.
+  void find_needed(RegionId region) {
+    const std::vector<OpId>& ops = from_.region(region).ops;
+    for (auto it = ops.rbegin(); it != ops.rend(); ++it) {
+      const Op& op = from_.op(*it);
+      if (!is_needed(op)) continue;
+      for (ValueId operand : op.operands) need(operand);
+      if (op.kind == OpKind::Grad) {
+        for (size_t k = 2; k < op.operands.size(); ++k) target_[op.operands[k].index] = true;
+      }
+      for (RegionId inner : op.regions) {
+        const std::vector<ValueId>& yields = from_.region(inner).yields;
+        if (combines_yields(op.kind)) {
+          const std::vector<Yielded> parts = split_yields(from_, op, inner);
+          for (size_t k = 0; k < parts.size(); ++k) {
+            if (!needed_[op.results[k].index]) continue;
+            for (size_t i = 0; i < parts[k].count; ++i) need(yields[parts[k].begin + i]);
+          }
+        } else {
+          for (ValueId yield : yields) need(yield);
+        }
+        find_needed(inner);
+      }
+    }
+  }
+
+  // --- rebuilding ---
+
+  std::vector<ValueId> mapped(const std::vector<ValueId>& ids) const {
+    std::vector<ValueId> out;
+    out.reserve(ids.size());
+    for (ValueId id : ids) {
+      DR_ASSERT(map_.has(id));
+      out.push_back(map_[id]);
+    }
+    return out;
+  }
+
+  // A constant stands for many values of a program: it keeps the name it was made with, if any.
+  void enter(ValueId old, ValueId now, bool fresh) {
+    map_.set(old, now);
+    const std::string& name = from_.value(old).name;
+    if (name.empty() || !to_.value(now).name.empty()) return;
+    if (fresh || !emitter_.constant(now)) to_.set_name(now, name);
+  }
+
+  void rebuild(OpId id) {
+    const Op& op = from_.op(id);
+    if (!is_needed(op)) {
+      emitter_.changed = true;
+    } else if (op.kind == OpKind::Grad) {
+      rebuild_grad(op);
+    } else if (op.regions.empty()) {
+      rebuild_plain(op);
+    } else if (!inline_if(op)) {
+      rebuild_structured(op);
+    }
+  }
+
+  void rebuild_plain(const Op& op) {
+    const ValueInfo& old = from_.value(op.results[0]);
+    Candidate candidate{op.kind, mapped(op.operands), op.attrs, old.type, old.extent, op.span};
+    if (target_[op.results[0].index]) return enter(op.results[0], emitter_.emit_opaque(candidate), true);
+    // Inside regions a rule may have left an operand with a smaller extent, which makes this one smaller.
+    if (!emitter_.in_root() &&
+        !std::equal(op.operands.begin(), op.operands.end(), candidate.operands.begin(),
+                    [&](ValueId x, ValueId y) { return from_.value(x).extent == to_.value(y).extent; })) {
+      const ops::InferResult inferred = ops::infer(to_.graph(), op.kind, candidate.operands, op.attrs, {});
+      if (const auto* message = std::get_if<std::string>(&inferred))
+        DR_ICE("simplify broke " + std::string(op_name(op.kind)) + ": " + *message);
+      candidate.extent = std::get<std::vector<ResultType>>(inferred)[0].extent;
+    }
+    const size_t before = to_.graph().value_count();
+    const ValueId now = emitter_.emit(std::move(candidate));
+    enter(op.results[0], now, now.index >= before);
+  }
+
+  void rebuild_grad(const Op& op) {
+    std::vector<ResultType> types;
+    for (ValueId result : op.results) types.push_back({from_.value(result).type, from_.value(result).extent});
+    finish(op.results, to_.add(op.kind, mapped(op.operands), types, op.attrs, {}, op.span));
+  }
+
+  void finish(const std::vector<ValueId>& results, OpId now) {
+    for (size_t k = 0; k < results.size(); ++k) {
+      enter(results[k], to_.graph().op(now).results[k], true);
+      if (target_[results[k].index]) emitter_.set_opaque(map_[results[k]]);
+    }
+  }
+
+  // If, Reduce, Raster, without the results that nobody needs; Raster's come as a whole.
+  void rebuild_structured(const Op& op) {
+    std::vector<bool> kept(op.results.size(), true);
+    Attrs attrs = op.attrs;
+    if (combines_yields(op.kind)) {
+      attrs.yields.clear();
+      attrs.dims.resize(3);
+      size_t scatters = 0;
+      for (size_t k = 0; k < op.results.size(); ++k) {
+        kept[k] = needed_[op.results[k].index];
+        const bool scatter = op.attrs.yields[k] == Yield::Scatter;
+        const auto extent = op.attrs.dims.begin() + static_cast<std::ptrdiff_t>(3 + 3 * scatters);
+        if (scatter) ++scatters;
+        if (!kept[k]) {
+          emitter_.changed = true;
+          continue;
+        }
+        attrs.yields.push_back(op.attrs.yields[k]);
+        if (scatter) attrs.dims.insert(attrs.dims.end(), extent, extent + 3);
+      }
+    }
+
+    std::vector<RegionId> regions;
+    for (RegionId region : op.regions) regions.push_back(rebuild_region(op, region, kept));
+
+    std::vector<ResultType> types;
+    std::vector<ValueId> results;
+    bool shared = true;
+    for (size_t k = 0; k < op.results.size(); ++k) {
+      if (!kept[k]) continue;
+      const ValueInfo& old = from_.value(op.results[k]);
+      const bool scatter = combines_yields(op.kind) && op.attrs.yields[k] == Yield::Scatter;
+      types.push_back({old.type, old.extent, scatter && !emitter_.in_root()});
+      results.push_back(op.results[k]);
+      if (target_[op.results[k].index]) shared = false;
+    }
+    const OpId now = to_.add(op.kind, mapped(op.operands), types, std::move(attrs), std::move(regions), op.span);
+    finish(results, shared ? emitter_.share(now) : now);
+  }
+
+  RegionId rebuild_region(const Op& op, RegionId old, const std::vector<bool>& kept) {
+    const Region& region = from_.region(old);
+    std::vector<ResultType> params;
+    for (ValueId param : region.params) params.push_back({from_.value(param).type, from_.value(param).extent});
+    const RegionId now = to_.begin_region(params);
+    emitter_.open_scope();
+    for (size_t i = 0; i < params.size(); ++i) enter(region.params[i], to_.graph().region(now).params[i], true);
+    for (OpId inner : region.ops) rebuild(inner);
+
+    std::vector<ValueId> yields;
+    if (combines_yields(op.kind)) {
+      const std::vector<Yielded> parts = split_yields(from_, op, old);
+      for (size_t k = 0; k < parts.size(); ++k) {
+        for (size_t i = 0; kept[k] && i < parts[k].count; ++i) append_yield(region.yields[parts[k].begin + i], yields);
+      }
+    } else {
+      yields = mapped(region.yields);
+    }
+    emitter_.close_scope();
+    to_.end_region(std::move(yields));
+    return now;
+  }
+
+  void append_yield(ValueId old, std::vector<ValueId>& yields) {
+    if (const auto pair = pairs_.find(old); pair != pairs_.end()) {
+      yields.insert(yields.end(), {pair->second.index, pair->second.value});
+    } else {
+      DR_ASSERT(map_.has(old));
+      yields.push_back(map_[old]);
+    }
+  }
+
+  // --- an If with a constant condition is its branch ---
+
+  // if (true) {a} {b} => a. What the branch scatters in the root becomes a scatter_add over the If's domain; inside a
+  // region it is handed on to the outer op as a pair.
+  bool inline_if(const Op& op) {
+    if (op.kind != OpKind::If) return false;
+    const std::vector<double>* condition = emitter_.constant(map_[op.operands[0]]);
+    if (!condition) return false;
+    const RegionId branch = op.regions[condition->at(0) != 0 ? 0 : 1];
+    const std::vector<ValueId>& yields = from_.region(branch).yields;
+    const std::vector<Yielded> parts = split_yields(from_, op, branch);
+    for (size_t k = 0; k < parts.size(); ++k) {
+      // The result is the target, so there must be one.
+      if (target_[op.results[k].index]) return false;
+      // In the root, an inner op runs over its own domain instead of once per element of the If's.
+      const ValueInfo& yielded = from_.value(yields[parts[k].begin]);
+      if (emitter_.in_root() && yielded.accumulation && domain_of(from_.op(yielded.op)) != domain_of(op)) return false;
+    }
+
+    emitter_.changed = true;
+    for (OpId inner : from_.region(branch).ops) rebuild(inner);
+    size_t scatters = 0;
+    for (size_t k = 0; k < parts.size(); ++k) {
+      const bool scatter = op.attrs.yields[k] == Yield::Scatter;
+      if (scatter) ++scatters;
+      const ValueId result = op.results[k];
+      if (!needed_[result.index]) continue;
+      const ValueId first = yields[parts[k].begin];
+      if (!scatter) {
+        enter(result, emitter_.stretched(map_[first], from_.value(result).extent), false);
+      } else if (parts[k].count == 1) {
+        if (const auto pair = pairs_.find(first); pair != pairs_.end()) {
+          hand_on(op, scatters, result, pair->second);
+        } else {
+          enter(result, map_[first], false);
+        }
+      } else {
+        hand_on(op, scatters, result, {map_[first], map_[yields[parts[k].begin + 1]]});
+      }
+    }
+    return true;
+  }
+
+  struct ScatterPair {
+    ValueId index, value;  // new
+  };
+
+  // `scatters`: the running number of the result among the If's scatters, from 1.
+  void hand_on(const Op& op, size_t scatters, ValueId result, ScatterPair pair) {
+    if (!emitter_.in_root()) {
+      pairs_.insert_or_assign(result, pair);
+      return;
+    }
+    const Extent domain = domain_of(op);
+    if (broadcast(to_.value(pair.index).extent, to_.value(pair.value).extent) != domain)
+      pair.value = emitter_.stretched(pair.value, domain);
+    const auto extent = op.attrs.dims.begin() + static_cast<std::ptrdiff_t>(3 * scatters);
+    const ValueInfo& info = from_.value(result);
+    enter(result,
+          emitter_.emit({.kind = OpKind::ScatterAdd,
+                         .operands = {pair.index, pair.value},
+                         .attrs = {.dims = {extent, extent + 3}},
+                         .type = info.type,
+                         .extent = info.extent,
+                         .span = op.span}),
+          false);
+  }
+
+  const Graph& from_;
+  Builder to_;
+  Emitter emitter_;
+  ValueMap map_;
+  std::vector<bool> needed_;
+  std::vector<bool> target_;
+  std::map<ValueId, ScatterPair> pairs_;  // accumulations of inlined Ifs, by old value
+};
+
+}  // namespace
+
+Graph simplify(const Graph& graph) {
+  // Rules do not look at uses, so one round applies all that apply, and the following ones only drop what it left: at
+  // least one op or result in two rounds.
+  size_t bound = 16 + 2 * (graph.op_count() + graph.value_count());
+  bool changed = true;
+  Graph current = Round(graph).run(changed);
+  while (changed) {
+    if (bound-- == 0) DR_ICE("simplify does not end: two rules undo each other");
+    current = Round(current).run(changed);
+  }
+  return current;
+}
+
+}  // namespace dr::passes

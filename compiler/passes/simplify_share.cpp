@@ -1,0 +1,230 @@
+// SPDX-License-Identifier: Apache-2.0
+// Appending ops in their simplest form, equal ones once: a table of the ops that can be seen from the place under
+// construction, by hash. Ops with regions are equal when their regions are, up to the names of what is defined inside.
+#include <algorithm>
+#include <bit>
+
+#include "compiler/passes/simplify.h"
+
+namespace dr::passes {
+
+using namespace ir;
+
+namespace {
+
+uint64_t mix(uint64_t seed, uint64_t value) {
+  seed = (seed ^ value) * 0x9e3779b97f4a7c15u;
+  return seed ^ (seed >> 29);
+}
+
+// Does the order of the two operands matter to no bit of the result?
+bool commutes(OpKind kind) {
+  switch (kind) {
+    case OpKind::Add:
+    case OpKind::Mul:
+    case OpKind::Equal:
+    case OpKind::NotEqual:
+    case OpKind::BitAnd:
+    case OpKind::BitOr:
+    case OpKind::BitXor:
+    case OpKind::LogicalAnd:
+    case OpKind::LogicalOr: return true;
+    default: return false;
+  }
+}
+
+uint64_t hash_attrs(const Attrs& attrs, uint64_t seed) {
+  for (int64_t number : attrs.ints) seed = mix(seed, static_cast<uint64_t>(number));
+  for (double number : attrs.floats) seed = mix(seed, std::bit_cast<uint64_t>(number));
+  for (Yield yield : attrs.yields) seed = mix(seed, static_cast<uint64_t>(yield));
+  if (!attrs.text.empty()) seed = mix(seed, std::hash<std::string>()(attrs.text));
+  return mix(seed, attrs.dims.size());
+}
+
+// As bits: NaN is NaN, and the zeros differ.
+bool same_floats(const std::vector<double>& a, const std::vector<double>& b) {
+  return std::equal(a.begin(), a.end(), b.begin(), b.end(),
+                    [](double x, double y) { return std::bit_cast<uint64_t>(x) == std::bit_cast<uint64_t>(y); });
+}
+
+bool same_attrs(const Attrs& a, const Attrs& b) {
+  return a.ints == b.ints && same_floats(a.floats, b.floats) && a.dims == b.dims && a.yields == b.yields &&
+         a.text == b.text;
+}
+
+bool same_operands(OpKind kind, const std::vector<ValueId>& a, const std::vector<ValueId>& b) {
+  if (a == b) return true;
+  return commutes(kind) && a.size() == 2 && b.size() == 2 && a[0] == b[1] && a[1] == b[0];
+}
+
+uint64_t hash_candidate(const Candidate& candidate) {
+  uint64_t seed = mix(0, static_cast<uint64_t>(candidate.kind));
+  if (commutes(candidate.kind)) {
+    // A sum, so that both orders meet.
+    uint64_t sum = 0;
+    for (ValueId id : candidate.operands) sum += mix(1, id.index);
+    seed = mix(seed, sum);
+  } else {
+    for (ValueId id : candidate.operands) seed = mix(seed, id.index);
+  }
+  return hash_attrs(candidate.attrs, seed);
+}
+
+// Ops with regions. Values defined inside are named by their order.
+class Structure {
+ public:
+  explicit Structure(const Graph& graph) : graph_(graph) {}
+
+  uint64_t hash(OpId id) {
+    const Op& op = graph_.op(id);
+    uint64_t seed = mix(2, static_cast<uint64_t>(op.kind));
+    for (ValueId operand : op.operands) seed = mix(seed, name(operand));
+    seed = hash_attrs(op.attrs, seed);
+    for (RegionId region_id : op.regions) {
+      const Region& region = graph_.region(region_id);
+      for (ValueId param : region.params) enter(param);
+      for (OpId inner : region.ops) {
+        seed = mix(seed, hash(inner));
+        for (ValueId result : graph_.op(inner).results) enter(result);
+      }
+      for (ValueId yield : region.yields) seed = mix(seed, name(yield));
+    }
+    return seed;
+  }
+
+  bool equal(OpId a_id, OpId b_id) {
+    const Op& a = graph_.op(a_id);
+    const Op& b = graph_.op(b_id);
+    if (a.kind != b.kind || a.regions.size() != b.regions.size() || !same_attrs(a.attrs, b.attrs)) return false;
+    if (!equal(a.operands, b.operands) || !pair_up(a.results, b.results)) return false;
+    for (size_t r = 0; r < a.regions.size(); ++r) {
+      const Region& x = graph_.region(a.regions[r]);
+      const Region& y = graph_.region(b.regions[r]);
+      if (x.ops.size() != y.ops.size() || !pair_up(x.params, y.params)) return false;
+      for (size_t i = 0; i < x.ops.size(); ++i) {
+        if (!equal(x.ops[i], y.ops[i])) return false;
+      }
+      if (!equal(x.yields, y.yields)) return false;
+    }
+    return true;
+  }
+
+ private:
+  void enter(ValueId id) { names_.emplace(id.index, names_.size()); }
+  uint64_t name(ValueId id) const {
+    const auto found = names_.find(id.index);
+    return found == names_.end() ? id.index : found->second + (uint64_t{1} << 32);
+  }
+
+  bool equal(const std::vector<ValueId>& a, const std::vector<ValueId>& b) const {
+    return std::equal(a.begin(), a.end(), b.begin(), b.end(), [&](ValueId x, ValueId y) {
+      const auto found = pairs_.find(x.index);
+      return (found == pairs_.end() ? x : found->second) == y;
+    });
+  }
+  bool pair_up(const std::vector<ValueId>& a, const std::vector<ValueId>& b) {
+    if (a.size() != b.size()) return false;
+    for (size_t i = 0; i < a.size(); ++i) {
+      const ValueInfo& x = graph_.value(a[i]);
+      const ValueInfo& y = graph_.value(b[i]);
+      if (x.type != y.type || x.extent != y.extent || x.accumulation != y.accumulation) return false;
+      pairs_.insert_or_assign(a[i].index, b[i]);
+    }
+    return true;
+  }
+
+  const Graph& graph_;
+  std::unordered_map<uint32_t, uint64_t> names_;
+  std::unordered_map<uint32_t, ValueId> pairs_;
+};
+
+}  // namespace
+
+ValueId Emitter::emit(Candidate candidate) {
+  if (const auto simpler = apply_identity(*this, candidate)) {
+    changed = true;
+    return *simpler;
+  }
+  if (const auto constant = fold(*this, candidate)) {
+    changed = true;
+    return *constant;
+  }
+  const uint64_t hash = hash_candidate(candidate);
+  for (const auto& scope : scopes_) {
+    const auto [begin, end] = scope.equal_range(hash);
+    for (auto it = begin; it != end; ++it) {
+      const Op& op = graph().op(it->second);
+      if (op.kind != candidate.kind || !op.regions.empty()) continue;
+      if (!same_operands(op.kind, op.operands, candidate.operands) || !same_attrs(op.attrs, candidate.attrs)) continue;
+      const ValueInfo& info = value(op.results[0]);
+      if (info.type != candidate.type || info.extent != candidate.extent) continue;
+      changed = true;
+      return op.results[0];
+    }
+  }
+  const ValueId result = append(candidate);
+  scopes_.back().emplace(hash, value(result).op);
+  return result;
+}
+
+ValueId Emitter::emit_opaque(const Candidate& candidate) {
+  const ValueId result = append(candidate);
+  set_opaque(result);
+  return result;
+}
+
+ValueId Emitter::append(const Candidate& candidate) {
+  const ResultType type{candidate.type, candidate.extent};
+  const OpId op = to_.add(candidate.kind, candidate.operands, {&type, 1}, candidate.attrs, {}, candidate.span);
+  return graph().op(op).results[0];
+}
+
+OpId Emitter::share(OpId id) {
+  const uint64_t hash = Structure(graph()).hash(id);
+  for (const auto& scope : scopes_) {
+    const auto [begin, end] = scope.equal_range(hash);
+    for (auto it = begin; it != end; ++it) {
+      if (!Structure(graph()).equal(id, it->second)) continue;
+      changed = true;  // the op just appended has no users: the next round drops it
+      return it->second;
+    }
+  }
+  scopes_.back().emplace(hash, id);
+  return id;
+}
+
+const Op* Emitter::definition(ValueId id) const {
+  const OpId op = value(id).op;
+  return op.valid() && !opaque_.contains(id.index) ? &graph().op(op) : nullptr;
+}
+
+const Op* Emitter::definition(ValueId id, OpKind kind) const {
+  const Op* op = definition(id);
+  return op && op->kind == kind ? op : nullptr;
+}
+
+const std::vector<double>* Emitter::constant(ValueId id) const {
+  const Op* op = definition(id, OpKind::Const);
+  return op ? &op->attrs.floats : nullptr;
+}
+
+ValueId Emitter::make_constant(Type type, std::vector<double> components) {
+  return emit({.kind = OpKind::Const,
+               .operands = {},
+               .attrs = {.floats = std::move(components)},
+               .type = type,
+               .extent = {},
+               .span = {}});
+}
+
+ValueId Emitter::stretched(ValueId id, const Extent& extent) {
+  if (!in_root() || value(id).extent == extent) return id;
+  return emit({.kind = OpKind::Broadcast,
+               .operands = {id},
+               .attrs = {.dims = {extent.w, extent.h, extent.l}},
+               .type = value(id).type,
+               .extent = extent,
+               .span = {}});
+}
+
+}  // namespace dr::passes

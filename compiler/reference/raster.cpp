@@ -1,0 +1,254 @@
+// SPDX-License-Identifier: Apache-2.0
+// Raster by enumeration: the pixels of the box around each face's corners are its candidates, `keep` decides. The
+// picture is cut into bands of rows; each goes through all faces in order, so that a pixel's faces arrive by number.
+#include "compiler/reference/raster.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace dr::reference {
+namespace {
+
+using ir::Op;
+
+constexpr int64_t kBandRows = 16;
+// A corner may lie exactly on a pixel's centre, and `keep` may find that centre inside by a rounding error. So much
+// room is left around the corners, in pixels.
+constexpr double kMargin = 1.0 / 64;
+
+struct Box {
+  int32_t x0 = 0, y0 = 0, x1 = 0, y1 = 0;  // half open; empty for a face that is never proposed
+};
+
+// Pixels of one axis whose centres may lie between low and high.
+void cover(double low, double high, int64_t size, int32_t& first, int32_t& end) {
+  const auto limit = static_cast<double>(size);
+  first = static_cast<int32_t>(std::clamp(std::ceil(low - kMargin - 0.5), 0.0, limit));
+  end = static_cast<int32_t>(std::clamp(std::floor(high + kMargin - 0.5) + 1, 0.0, limit));
+}
+
+// The nearest faces of a band's pixels, best first: rank r of pixel p is at [r * pixels + p].
+class Nearest {
+ public:
+  Nearest(size_t ranks, size_t pixels) : ranks_(ranks), pixels_(pixels), entries_(ranks * pixels) {}
+
+  struct Entry {
+    int32_t key = -1;  // -1: none
+    int32_t face = -1;
+    int32_t tag = 0;
+  };
+  const Entry& at(size_t rank, size_t pixel) const { return entries_[rank * pixels_ + pixel]; }
+
+  void insert(size_t pixel, Entry entry) {
+    for (size_t rank = 0; rank < ranks_; ++rank) {
+      Entry& here = entries_[rank * pixels_ + pixel];
+      if (here.key >= 0 && (here.key < entry.key || (here.key == entry.key && here.face < entry.face))) continue;
+      std::swap(here, entry);
+      if (entry.key < 0) return;
+    }
+  }
+
+ private:
+  size_t ranks_, pixels_;
+  std::vector<Entry> entries_;
+};
+
+class Raster {
+ public:
+  Raster(const Context& context, const Op& op)
+      : context_(context),
+        ranks_(static_cast<size_t>(op.attrs.ints[0])),
+        depth_(context.graph, op.regions[0]),
+        keep_(context.graph, op.regions[1]),
+        tag_(context.graph, op.regions[2]) {
+    const auto extent = [&](size_t k) { return op.attrs.dims[k].evaluate(context.symbols).value(); };
+    size_ = {extent(0), extent(1), extent(2)};
+    faces_ = extent(3);
+    const auto fields = static_cast<size_t>(op.attrs.ints[1]), corners = static_cast<size_t>(op.attrs.ints[2]);
+    for (size_t k = 0; k < fields + corners + 1; ++k) {
+      const Image* image = context.images[op.operands[k].index];
+      (k < fields ? fields_ : k < fields + corners ? corners_ : cull_).push_back(image);
+    }
+  }
+
+  void run(std::span<Image* const> results, Workers& workers) {
+    boxes_.resize(static_cast<size_t>(faces_ * size_.l));
+    constexpr size_t kFaces = 4096;
+    workers.run((boxes_.size() + kFaces - 1) / kFaces, [&](size_t task, size_t) {
+      for (size_t i = task * kFaces; i < std::min(boxes_.size(), (task + 1) * kFaces); ++i) {
+        boxes_[i] = box(static_cast<int64_t>(i) % faces_, static_cast<int64_t>(i) / faces_);
+      }
+    });
+    const int64_t bands = (size_.h + kBandRows - 1) / kBandRows;
+    std::vector<RegionRunner> runners;
+    for (size_t k = 0; k < workers.count(); ++k) runners.emplace_back(context_);
+    workers.run(static_cast<size_t>(bands * size_.l), [&](size_t task, size_t worker) {
+      const auto t = static_cast<int64_t>(task);
+      band(t / bands, t % bands * kBandRows, results, runners[worker]);
+    });
+  }
+
+ private:
+  struct Candidates {
+    Places places;
+    std::vector<int32_t> faces;
+
+    void push(int32_t x, int32_t y, int32_t l, int32_t face) {
+      places.x.push_back(x);
+      places.y.push_back(y);
+      places.l.push_back(l);
+      faces.push_back(face);
+    }
+    void clear() {
+      places.x.clear();
+      places.y.clear();
+      places.l.clear();
+      faces.clear();
+    }
+  };
+
+  // One of the op's three functions, and which of its parameters it reads.
+  struct Function {
+    Plan plan;
+    std::vector<bool> reads;  // by slot
+
+    Function(const ir::Graph& graph, ir::RegionId region)
+        : plan(plan_raster_region(graph, region)), reads(plan.slots.size()) {
+      for (const OpPlan& inner : plan.ops) {
+        for (uint32_t slot : inner.operands) reads[slot] = true;
+        for (const Plan& nested : inner.regions) {
+          for (const Slot& slot : nested.slots) {
+            if (slot.source == Slot::Source::Parent) reads[slot.parent_slot] = true;
+          }
+        }
+      }
+      reads[plan.yields[0].value] = true;
+    }
+  };
+
+  // Where in a record image a face stands.
+  static size_t record(const Image& image, int64_t face, int64_t layer) {
+    const Strides strides(image);
+    return static_cast<size_t>(face) * strides.x + static_cast<size_t>(layer) * strides.l;
+  }
+
+  Box box(int64_t face, int64_t layer) const {
+    if (cull_[0]->data[record(*cull_[0], face, layer)] != 0) return {};
+    double low[2] = {INFINITY, INFINITY}, high[2] = {-INFINITY, -INFINITY};
+    for (const Image* corner : corners_) {
+      const size_t at = record(*corner, face, layer), count = size_of(*corner).count();
+      for (size_t c = 0; c < 2; ++c) {
+        const double v = corner->data[c * count + at];
+        if (std::isnan(v)) return {};  // no hull
+        low[c] = std::min(low[c], v);
+        high[c] = std::max(high[c], v);
+      }
+    }
+    Box b;
+    if (std::isinf(low[0]) || std::isinf(low[1]) || std::isinf(high[0]) || std::isinf(high[1])) {
+      // Where the hull of a point at infinity lies is a matter of taste; the whole picture is a superset.
+      b.x1 = static_cast<int32_t>(size_.w);
+      b.y1 = static_cast<int32_t>(size_.h);
+      return b;
+    }
+    cover(low[0], high[0], size_.w, b.x0, b.x1);
+    cover(low[1], high[1], size_.h, b.y0, b.y1);
+    return b;
+  }
+
+  void band(int64_t layer, int64_t y0, std::span<Image* const> results, RegionRunner& runner) const {
+    const int64_t y1 = std::min(size_.h, y0 + kBandRows);
+    Nearest nearest(ranks_, static_cast<size_t>((y1 - y0) * size_.w));
+    Candidates list;
+    for (int64_t face = 0; face < faces_; ++face) {
+      const Box& b = boxes_[static_cast<size_t>(layer * faces_ + face)];
+      const auto from = std::max(b.y0, static_cast<int32_t>(y0)), to = std::min(b.y1, static_cast<int32_t>(y1));
+      for (int32_t y = from; y < to; ++y) {
+        for (int32_t x = b.x0; x < b.x1; ++x) {
+          list.push(x, y, static_cast<int32_t>(layer), static_cast<int32_t>(face));
+          if (list.faces.size() == kBatch) decide(list, y0, nearest, runner);
+        }
+      }
+    }
+    decide(list, y0, nearest, runner);
+
+    for (int64_t y = y0; y < y1; ++y) {
+      for (int64_t x = 0; x < size_.w; ++x) {
+        for (size_t rank = 0; rank < ranks_; ++rank) {
+          const Nearest::Entry& entry = nearest.at(rank, static_cast<size_t>((y - y0) * size_.w + x));
+          results[2 * rank]->at(x, y, layer, 0) = entry.face;
+          results[2 * rank + 1]->at(x, y, layer, 0) = entry.tag;
+        }
+      }
+    }
+  }
+
+  // Calls a function for a list of candidates; `use(i, number)` gets its value for each.
+  template <class Use>
+  void call(const Function& function, const Candidates& list, RegionRunner& runner, const Use& use) const {
+    const Plan& plan = function.plan;
+    const size_t n = list.faces.size();
+    Frame frame = runner.outermost(plan, list.places);
+    for (size_t k = 0; k < fields_.size(); ++k) {
+      if (!function.reads[plan.params[k]]) continue;
+      const Image& field = *fields_[k];
+      const size_t count = size_of(field).count(), planes = components(field.type);
+      double* out = runner.make(frame, plan.params[k], n);
+      for (size_t i = 0; i < n; ++i) {
+        const size_t at = record(field, list.faces[i], list.places.l[i]);
+        for (size_t c = 0; c < planes; ++c) out[c * n + i] = field.data[c * count + at];
+      }
+    }
+    double* p = runner.make(frame, plan.params[fields_.size()], n);
+    for (size_t i = 0; i < n; ++i) {
+      p[i] = list.places.x[i] + 0.5;
+      p[n + i] = list.places.y[i] + 0.5;
+    }
+    runner.run(frame);
+    const Lanes& value = runner.get(frame, plan.yields[0].value);
+    for (size_t i = 0; i < n; ++i) use(i, value.at(0, i));
+    runner.clear(frame);
+  }
+
+  void decide(Candidates& list, int64_t y0, Nearest& nearest, RegionRunner& runner) const {
+    const auto push_from = [](Candidates& to, const Candidates& from, size_t i) {
+      to.push(from.places.x[i], from.places.y[i], from.places.l[i], from.faces[i]);
+    };
+    if (list.faces.empty()) return;
+    Candidates kept, seen;
+    std::vector<int32_t> keys;
+    call(keep_, list, runner, [&](size_t i, double keep) {
+      if (keep != 0) push_from(kept, list, i);
+    });
+    list.clear();
+    if (kept.faces.empty()) return;
+    call(depth_, kept, runner, [&](size_t i, double depth) {
+      if (std::isnan(depth)) return;
+      push_from(seen, kept, i);
+      keys.push_back(static_cast<int32_t>(std::floor(std::clamp(depth, 0.0, 1.0) * 16777215.0)));
+    });
+    if (seen.faces.empty()) return;
+    call(tag_, seen, runner, [&](size_t i, double tag) {
+      const int64_t pixel = (seen.places.y[i] - y0) * size_.w + seen.places.x[i];
+      // A tag has four bits, wherever it is stored.
+      nearest.insert(static_cast<size_t>(pixel),
+                     {.key = keys[i], .face = seen.faces[i], .tag = static_cast<int32_t>(tag) & 15});
+    });
+  }
+
+  const Context& context_;
+  size_t ranks_;
+  Function depth_, keep_, tag_;
+  Size size_;
+  int64_t faces_ = 0;
+  std::vector<const Image*> fields_, corners_, cull_;
+  std::vector<Box> boxes_;  // [layer * faces + face]
+};
+
+}  // namespace
+
+void run_raster(const Context& context, const Op& op, std::span<Image* const> results, Workers& workers) {
+  Raster(context, op).run(results, workers);
+}
+
+}  // namespace dr::reference

@@ -1,0 +1,279 @@
+// SPDX-License-Identifier: Apache-2.0
+// Sessions: leaves, the symbols that their data gives values to, and steps that change them.
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <utility>
+
+#include "compiler/reference/batch.h"
+#include "compiler/reference/evaluation.h"
+
+namespace dr::reference {
+namespace {
+
+using ir::Dim;
+using ir::SymbolValues;
+
+const char* kind_name(ir::Leaf::Kind kind) {
+  switch (kind) {
+    case ir::Leaf::Kind::Param: return "param";
+    case ir::Leaf::Kind::Input: return "input";
+    case ir::Leaf::Kind::State: return "state";
+  }
+  DR_ICE("unknown kind of leaf");
+}
+
+constexpr const char* kAxisNames[] = {"width", "height", "number of layers"};
+
+// The value of the only unbound symbol that makes `dim` equal to `extent`.
+struct Solution {
+  enum class Kind : uint8_t { Unique, None, NotLinear };
+  Kind kind;
+  int64_t value = 0;
+};
+
+Solution solve(const Dim& dim, const std::string& symbol, int64_t extent, SymbolValues values) {
+  const auto at = [&](int64_t x) {
+    values[symbol] = x;
+    return dim.evaluate(values);
+  };
+  const auto offset = at(0), next = at(1);
+  if (!offset || !next || *next == *offset) return {Solution::Kind::NotLinear};
+  const int64_t slope = *next - *offset;
+  // Floor divisions and products show at one of these, unless they are made to deceive: the solution is tried as well.
+  for (int64_t x : {2, 3, 4, 5, 7, 12, 64, 101, 1000, 4099}) {
+    const auto y = at(x);
+    if (!y || *y != *offset + slope * x) return {Solution::Kind::NotLinear};
+  }
+  const int64_t x = (extent - *offset) / slope;
+  if (x < 0 || at(x) != extent) return {Solution::Kind::None};
+  return {Solution::Kind::Unique, x};
+}
+
+using Origins = std::map<std::string, std::string, std::less<>>;
+
+// "'W' is 64 by input 'photo'"
+std::string told(const std::string& symbol, const SymbolValues& symbols, const Origins& origins) {
+  return "'" + symbol + "' is " + std::to_string(symbols.at(symbol)) + " by " + origins.at(symbol);
+}
+
+std::vector<std::string> unbound(const Dim& dim, const SymbolValues& symbols) {
+  std::vector<std::string> names = dim.symbols();
+  std::erase_if(names, [&](const std::string& name) { return symbols.count(name) != 0; });
+  return names;
+}
+
+// Compares one extent of a leaf with its data, and gives symbols values where that is possible.
+std::optional<std::string> unify(const ir::Leaf& leaf, size_t axis, int64_t extent, SymbolValues& symbols,
+                                 Origins& origins) {
+  const Dim& dim = axis == 0 ? leaf.extent.w : axis == 1 ? leaf.extent.h : leaf.extent.l;
+  const std::string has = describe(leaf) + " has " + kAxisNames[axis] + " " + std::to_string(extent);
+  const std::vector<std::string> unknown = unbound(dim, symbols);
+  if (unknown.empty()) {
+    const auto expected = dim.evaluate(symbols);
+    if (expected == extent) return std::nullopt;
+    if (const auto symbol = dim.as_symbol()) return told(*symbol, symbols, origins) + ", but " + has;
+    if (!expected) return "the extent '" + dim.str() + "' of " + describe(leaf) + " has no value";
+    std::string message =
+        has + ", expected " + (dim.is_constant() ? "" : dim.str() + " = ") + std::to_string(*expected);
+    const char* separator = ", where ";
+    for (const std::string& symbol : dim.symbols()) {
+      message += separator + told(symbol, symbols, origins);
+      separator = " and ";
+    }
+    return message;
+  }
+  if (unknown.size() > 1) return std::nullopt;
+  const Solution solution = solve(dim, unknown[0], extent, symbols);
+  switch (solution.kind) {
+    case Solution::Kind::NotLinear: break;
+    case Solution::Kind::None: return has + ", but no '" + unknown[0] + "' makes '" + dim.str() + "' equal to that";
+    case Solution::Kind::Unique:
+      symbols[unknown[0]] = solution.value;
+      origins[unknown[0]] = describe(leaf);
+      break;
+  }
+  return std::nullopt;
+}
+
+// Whether a number can be one of the type's.
+bool representable(double x, ir::Scalar scalar) {
+  switch (scalar) {
+    case ir::Scalar::Float: return true;
+    case ir::Scalar::Bool: return x == 0 || x == 1;
+    case ir::Scalar::Int: return x == std::trunc(x) && x >= -2147483648.0 && x <= 2147483647.0;
+    case ir::Scalar::Uint: return x == std::trunc(x) && x >= 0 && x <= 4294967295.0;
+  }
+  DR_ICE("unknown scalar");
+}
+
+std::string number(double x) {
+  char text[32];
+  const auto [end, error] = std::to_chars(text, text + sizeof text, x);
+  return std::string(text, end);
+}
+
+// Extents of bound leaves against symbols, until nothing new is learned.
+std::optional<std::string> unify_all(const ir::Graph& graph, const std::vector<std::optional<Image>>& leaves,
+                                     SymbolValues& symbols, Origins& origins) {
+  for (size_t known = SIZE_MAX; known != symbols.size();) {
+    known = symbols.size();
+    for (size_t k = 0; k < leaves.size(); ++k) {
+      if (!leaves[k]) continue;
+      const int64_t extents[] = {leaves[k]->width, leaves[k]->height, leaves[k]->layers};
+      for (size_t axis = 0; axis < 3; ++axis) {
+        if (auto error = unify(graph.leaves[k], axis, extents[axis], symbols, origins)) return error;
+      }
+    }
+  }
+  return std::nullopt;
+}
+
+}  // namespace
+
+std::string describe(const ir::Leaf& leaf) { return std::string(kind_name(leaf.kind)) + " '" + leaf.name + "'"; }
+
+Session::Session(const ir::Graph& graph) : graph_(graph), leaves_(graph.leaves.size()) {}
+
+std::optional<std::string> Session::bind(const std::string& name, Image data) {
+  const auto index = graph_.leaf_index(name);
+  if (!index) {
+    std::string message = "there is no leaf '" + name + "'; there are:";
+    for (const ir::Leaf& leaf : graph_.leaves) message += " '" + leaf.name + "'";
+    return message;
+  }
+  const ir::Leaf& leaf = graph_.leaves[*index];
+  const std::string who = describe(leaf);
+  if (data.type.components() != leaf.type.components()) {
+    return who + " is " + leaf.type.str() + ", but its data is " + data.type.str();
+  }
+  const int64_t extents[] = {data.width, data.height, data.layers};
+  for (size_t axis = 0; axis < 3; ++axis) {
+    if (extents[axis] < 1)
+      return who + " has " + kAxisNames[axis] + " " + std::to_string(extents[axis]) + ", at least 1 is expected";
+  }
+  const size_t expected = components(leaf.type) * size_of(data).count();
+  if (data.data.size() != expected) {
+    return who + " has " + std::to_string(data.data.size()) + " numbers, its size asks for " + std::to_string(expected);
+  }
+  const auto wrong =
+      std::find_if(data.data.begin(), data.data.end(), [&](double x) { return !representable(x, leaf.type.scalar); });
+  if (wrong != data.data.end()) return who + " is " + leaf.type.str() + ", but its data holds " + number(*wrong);
+  data.type = leaf.type;
+
+  // Messages name what was bound before, so this leaf is compared last, and alone first.
+  ir::SymbolValues symbols = symbols_;
+  Origins origins = symbol_origin_;
+  for (size_t axis = 0; axis < 3; ++axis) {
+    if (auto error = unify(leaf, axis, extents[axis], symbols, origins)) return error;
+  }
+  auto previous = std::exchange(leaves_[*index], std::move(data));
+  if (auto error = unify_all(graph_, leaves_, symbols, origins)) {
+    leaves_[*index] = std::move(previous);
+    return error;
+  }
+  symbols_ = std::move(symbols);
+  symbol_origin_ = std::move(origins);
+  return std::nullopt;
+}
+
+std::optional<std::string> Session::bind_symbol(const std::string& symbol, int64_t value) {
+  if (value < 0) return "'" + symbol + "' is given as " + std::to_string(value) + ", at least 0 is expected";
+  if (symbols_.count(symbol) != 0) {
+    if (symbols_.at(symbol) == value) return std::nullopt;
+    return told(symbol, symbols_, symbol_origin_) + ", but it is given as " + std::to_string(value);
+  }
+  ir::SymbolValues symbols = symbols_;
+  Origins origins = symbol_origin_;
+  symbols[symbol] = value;
+  origins[symbol] = "the given value";
+  if (auto error = unify_all(graph_, leaves_, symbols, origins)) return error;
+  symbols_ = std::move(symbols);
+  symbol_origin_ = std::move(origins);
+  return std::nullopt;
+}
+
+const Image& Session::leaf(const std::string& name) const {
+  const auto index = graph_.leaf_index(name);
+  DR_ASSERT(index.has_value() && leaves_[*index].has_value());
+  return *leaves_[*index];
+}
+
+std::optional<std::string> Session::prepare() {
+  if (prepared_) return std::nullopt;
+  for (size_t k = 0; k < leaves_.size(); ++k) {
+    const ir::Leaf& leaf = graph_.leaves[k];
+    if (!leaves_[k] && leaf.initial.empty() && leaf.kind != ir::Leaf::Kind::State) {
+      return describe(leaf) + " : " + leaf.type.str() + leaf.extent.str() +
+             " has no data; bind it before the first step";
+    }
+  }
+  for (size_t k = 0; k < leaves_.size(); ++k) {
+    const ir::Leaf& leaf = graph_.leaves[k];
+    int64_t extents[3];
+    const Dim* const dims[3] = {&leaf.extent.w, &leaf.extent.h, &leaf.extent.l};
+    for (size_t axis = 0; axis < 3; ++axis) {
+      const std::string of =
+          std::string("the ") + kAxisNames[axis] + " '" + dims[axis]->str() + "' of " + describe(leaf);
+      const std::vector<std::string> unknown = unbound(*dims[axis], symbols_);
+      if (!unknown.empty()) {
+        return "'" + unknown[0] + "' has no value: " + (leaves_[k] ? of + " does not determine it" : of + " needs it") +
+               "; bind a leaf whose extent is '" + unknown[0] + "', or give the symbol its value";
+      }
+      const auto extent = dims[axis]->evaluate(symbols_);
+      if (!extent || *extent < 1) {
+        return of + " is " + (extent ? std::to_string(*extent) : "no number") + ", at least 1 is expected";
+      }
+      extents[axis] = *extent;
+    }
+    if (leaves_[k]) continue;
+    Image image = zeros(leaf.type, extents[0], extents[1], extents[2]);
+    if (!leaf.initial.empty()) {
+      DR_ASSERT(leaf.initial.size() == components(leaf.type) || leaf.initial.size() == 1);
+      const size_t count = size_of(image).count();
+      for (size_t c = 0; c < components(leaf.type); ++c) {
+        std::fill_n(image.data.data() + c * count, count, leaf.initial[leaf.initial.size() == 1 ? 0 : c]);
+      }
+    }
+    leaves_[k] = std::move(image);
+  }
+  prepared_ = true;
+  return std::nullopt;
+}
+
+std::variant<StepResult, EvalError> Session::run(const std::string& name, const Options& options) {
+  const auto index = graph_.step_index(name);
+  if (!index) {
+    std::string message = "there is no step '" + name + "'; there are:";
+    for (const ir::Step& step : graph_.steps) message += " '" + step.name + "'";
+    return EvalError{message, {}};
+  }
+  if (auto error = prepare()) return EvalError{*error, {}};
+  const ir::Step& step = graph_.steps[*index];
+  std::vector<ir::ValueId> roots;
+  for (const ir::Output& output : step.outputs) roots.push_back(output.value);
+  for (const ir::Update& update : step.updates) roots.push_back(update.value);
+  auto values =
+      evaluate_values(graph_, roots, {.symbols = symbols_, .leaves = leaves_, .step_index = runs_[name]}, options);
+  if (auto* error = std::get_if<EvalError>(&values)) return std::move(*error);
+
+  auto& images = std::get<std::vector<Image>>(values);
+  StepResult result;
+  for (size_t k = 0; k < step.outputs.size(); ++k) result.outputs[step.outputs[k].name] = std::move(images[k]);
+  for (size_t k = 0; k < step.updates.size(); ++k) {
+    Image& leaf = *leaves_[step.updates[k].leaf];
+    Image& next = images[step.outputs.size() + k];
+    DR_ASSERT(size_of(next) == size_of(leaf) && next.type == leaf.type);
+    leaf = std::move(next);
+  }
+  ++runs_[name];
+  return result;
+}
+
+std::variant<std::vector<Image>, EvalError> Session::evaluate(std::span<const ir::ValueId> values,
+                                                              const Options& options) {
+  if (auto error = prepare()) return EvalError{*error, {}};
+  return evaluate_values(graph_, values, {.symbols = symbols_, .leaves = leaves_, .step_index = 0}, options);
+}
+
+}  // namespace dr::reference

@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: Apache-2.0
+// Recovering recursive-descent parser: text of one file -> Module. Errors go to `diagnostics`; the
+// result is always a usable tree (Expr::Kind::Error where text could not be read).
+#pragma once
+
+#include "dsl/ast.h"
+#include "dsl/diagnostic.h"
+#include "dsl/source.h"
+
+namespace dr::dsl {
+
+// Nesting deeper than this is an error, never a stack overflow.
+inline constexpr int kMaxNesting = 128;
+
+// More operations on top of each other (`a + b + c ...`, `a.b.c ...`) are an error. No path through the
+// tree of an expression is longer than this, so whoever walks or destroys the tree may recurse.
+inline constexpr int kMaxHeight = 1000;
+
+Module parse(const SourceManager& sources, FileId file, DiagnosticList& diagnostics);
+
+// A single expression, for `-D name=value` and JSON-like literals on the command line.
+ExprPtr parse_expression(const SourceManager& sources, FileId file, DiagnosticList& diagnostics);
+
+}  // namespace dr::dsl

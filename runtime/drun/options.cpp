@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: Apache-2.0
+// The command line by CLI11.
+#include "runtime/drun/options.h"
+
+#include <CLI/CLI.hpp>
+
+namespace dr::drun {
+
+namespace {
+
+// "name=value"; the value may hold further '='.
+std::pair<std::string, std::string> split(const std::string& text, const char* option) {
+  const size_t at = text.find('=');
+  if (at == 0 || at == std::string::npos) throw CLI::ValidationError(option, "expected name=value, found '" + text + "'");
+  return {text.substr(0, at), text.substr(at + 1)};
+}
+
+}  // namespace
+
+bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
+  CLI::App app{"drun: run a Dressi program (.dr) or bundle (.drb)"};
+  app.set_version_flag("--version", "drun 0.1.0");
+  std::vector<std::string> bindings, symbols, steps, meshes, defines;
+  app.add_option("FILE", options.file, "a .dr program or a .drb bundle");
+  app.add_option("--bind,-b", bindings, "NAME=SOURCE: data of a leaf: mesh.obj:position, image.png, array.npy, =[1, 2, 3]");
+  app.add_option("--symbol,-s", symbols, "NAME=NUMBER: value of an extent symbol that no data gives");
+  app.add_option("--step", steps, "NAME[=TIMES]: step to run; several run one after another (default: the only one, once)");
+  app.add_option("--out,-o", options.out, "folder for outputs, params and the log");
+  app.add_option("--mesh", meshes, "FILE=POSITION:FACE[:UV[:UV_FACE]]: write leaves or outputs as a .obj, .gltf or .glb file after the run");
+  app.add_option("--device,-d", options.device, "part of a device's name, its number, or 'reference' for the float64 evaluator");
+  app.add_option("--log-every", options.log_every, "read scalar outputs every so many runs of a step")->capture_default_str()->check(CLI::PositiveNumber);
+  app.add_option("--profile", options.compile.profile, "device profile to compile for (default: the device's own)");
+  app.add_option("--lower", options.compile.lower, "where maps run")->capture_default_str()->check(CLI::IsMember({"auto", "fragment", "compute"}));
+  app.add_option("--raster", options.compile.raster, "how raster runs")->capture_default_str()->check(CLI::IsMember({"auto", "hardware", "compute"}));
+  app.add_option("--pack", options.compile.pack, "how ops share passes")->capture_default_str()->check(CLI::IsMember({"fused", "naive"}));
+  app.add_option("-D", defines, "NAME=VALUE: replace a const of the program");
+  app.add_option("-I", options.compile.include_dirs, "folder to look for imported modules in");
+  app.add_flag("--validate", options.validate, "run under the Vulkan validation layer and fail on its messages");
+  app.add_flag("--devices", options.list_devices, "list the Vulkan devices");
+  try {
+    app.parse(argc, argv);
+    for (const std::string& b : bindings) options.bindings.push_back(split(b, "--bind"));
+    for (const std::string& s : symbols) options.symbols.push_back(split(s, "--symbol"));
+    for (const std::string& m : meshes) options.meshes.push_back(split(m, "--mesh"));
+    for (const std::string& d : defines) {
+      const auto [name, value] = split(d, "-D");
+      options.compile.defines[name] = value;
+    }
+    for (const std::string& s : steps) {
+      const size_t at = s.find('=');
+      int times = 1;
+      if (at != std::string::npos) {
+        const std::string count = s.substr(at + 1);
+        if (count.empty() || count.size() > 9 || count.find_first_not_of("0123456789") != std::string::npos)
+          throw CLI::ValidationError("--step", "expected a number of runs after '=', found '" + count + "'");
+        times = std::stoi(count);
+      }
+      options.steps.emplace_back(s.substr(0, at), times);
+    }
+    if (options.file.empty() && !options.list_devices) throw CLI::RequiredError("FILE");
+  } catch (const CLI::ParseError& e) {
+    exit_code = app.exit(e) == 0 ? 0 : 2;
+    return false;
+  }
+  return true;
+}
+
+}  // namespace dr::drun

@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: Apache-2.0
+// drun's command line.
+#pragma once
+
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "runtime/jit/jit.h"
+
+namespace dr::drun {
+
+struct Options {
+  std::string file;
+  std::vector<std::pair<std::string, std::string>> bindings;  // leaf, source
+  std::vector<std::pair<std::string, std::string>> symbols;   // symbol, value
+  std::vector<std::pair<std::string, int>> steps;             // step, times; in order
+  std::string out;                                            // folder for results, or empty
+  std::vector<std::pair<std::string, std::string>> meshes;    // file, "position:face[:uv]"
+  std::string device;
+  int log_every = 10;
+  bool validate = false;
+  bool list_devices = false;
+  jit::Options compile;
+};
+
+// Parses the command line, or prints help or the mistake and sets `exit_code`: 0 for help, 2 for a mistake.
+bool parse_options(int argc, char** argv, Options& options, int& exit_code);
+
+}  // namespace dr::drun

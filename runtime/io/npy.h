@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: Apache-2.0
+// NumPy's .npy files and JSON literals: numbers with a shape. Private to runtime/io; every function throws Failure.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string_view>
+#include <vector>
+
+#include "runtime/io/array.h"
+#include "runtime/io/file.h"
+
+namespace dr::io {
+
+// The extent that a shape means, by the rule of load_binding.
+struct Extent {
+  int components = 1;
+  int64_t width = 1;
+  int64_t height = 1;
+  int64_t layers = 1;
+};
+Extent extent_of_shape(std::span<const int64_t> shape, int expected_components);
+
+// "(64, 128, 3)"
+std::string shape_text(std::span<const int64_t> shape);
+
+// Half floats become float32; integers of other widths become int32 or uint32 when they fit, else it is an error.
+Array parse_npy(std::span<const uint8_t> file, int expected_components);
+Bytes encode_npy(const Array& array);
+
+// `text` is JSON: a number, a bool or nested lists of them. All integers give int32, all bools bool, others float64.
+Array parse_literal(std::string_view text, int expected_components);
+
+}  // namespace dr::io

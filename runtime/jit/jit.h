@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: Apache-2.0
+// Compiling at run time: a `.dr` file -> the bytes of a bundle. The only part of the runtime that knows the compiler.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <string>
+#include <variant>
+#include <vector>
+
+namespace dr::jit {
+
+struct Options {
+  std::string profile;           // a built-in name or a file
+  std::string lower = "auto";    // auto, fragment, compute
+  std::string raster = "auto";   // auto, hardware, compute
+  std::string pack = "fused";    // fused, naive
+  std::vector<std::string> include_dirs;
+  std::map<std::string, std::string, std::less<>> defines;
+};
+
+// The bundle, or the diagnostics as they are to be printed.
+std::variant<std::vector<uint8_t>, std::string> compile_file(const std::string& path, const Options& options);
+
+}  // namespace dr::jit

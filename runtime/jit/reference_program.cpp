@@ -1,0 +1,118 @@
+// SPDX-License-Identifier: Apache-2.0
+// Between host arrays and the evaluator's images.
+#include "runtime/jit/reference_program.h"
+
+#include "compiler/backend/bundle/bundle.h"
+#include "compiler/ir/parse.h"
+#include "compiler/reference/evaluate.h"
+
+namespace dr::jit {
+
+namespace {
+
+reference::Image to_image(const io::Array& array, const ir::Type& type) {
+  reference::Image image = reference::zeros(type, array.width, array.height, array.layers);
+  const std::vector<double> values = array.to_doubles();
+  const auto n = static_cast<size_t>(array.components), count = static_cast<size_t>(array.size());
+  for (size_t e = 0; e < count; ++e)
+    for (size_t c = 0; c < n; ++c) image.data[c * count + e] = values[e * n + c];
+  return image;
+}
+
+io::Array to_array(const reference::Image& image) {
+  const auto n = static_cast<size_t>(image.type.components()), count = static_cast<size_t>(image.count());
+  std::vector<double> values(n * count);
+  for (size_t e = 0; e < count; ++e)
+    for (size_t c = 0; c < n; ++c) values[e * n + c] = image.data[c * count + e];
+  return io::Array::from_doubles(values, image.type.components(), image.width, image.height, image.layers);
+}
+
+}  // namespace
+
+struct ReferenceProgram::State {
+  explicit State(ir::Graph g) : graph(std::move(g)), session(graph) {}
+  ir::Graph graph;
+  reference::Session session;
+  std::map<std::string, reference::StepResult> results;
+  std::map<std::string, reference::Frozen> frozen, recorded;
+};
+
+ReferenceProgram::ReferenceProgram() = default;
+ReferenceProgram::ReferenceProgram(ReferenceProgram&&) noexcept = default;
+ReferenceProgram& ReferenceProgram::operator=(ReferenceProgram&&) noexcept = default;
+ReferenceProgram::~ReferenceProgram() = default;
+
+io::Result<ReferenceProgram> ReferenceProgram::load(std::span<const uint8_t> bytes) {
+  const auto bundle = bundle::read(bytes);
+  if (const auto* problem = std::get_if<std::string>(&bundle)) return io::Error{*problem};
+  auto graph = ir::parse(std::get<bundle::BundleT>(bundle).graph);
+  if (const auto* error = std::get_if<ir::ParseError>(&graph))
+    return io::Error{"the bundle's graph cannot be read: line " + std::to_string(error->line) + ": " + error->message};
+  ReferenceProgram program;
+  program.state_ = std::make_unique<State>(std::move(std::get<ir::Graph>(graph)));
+  return program;
+}
+
+io::Result<void> ReferenceProgram::bind(const std::string& name, const io::Array& data) {
+  const auto index = state_->graph.leaf_index(name);
+  if (!index) return io::Error{"there is no leaf '" + name + "'"};
+  const ir::Type type = state_->graph.leaves[*index].type;
+  if (type.components() != data.components)
+    return io::Error{"leaf '" + name + "' has " + std::to_string(type.components()) + " components an element, the data has " + std::to_string(data.components)};
+  if (auto problem = state_->session.bind(name, to_image(data, type))) return io::Error{*problem};
+  return {};
+}
+
+io::Result<void> ReferenceProgram::bind_symbol(const std::string& symbol, int64_t value) {
+  if (auto problem = state_->session.bind_symbol(symbol, value)) return io::Error{*problem};
+  return {};
+}
+
+io::Result<void> ReferenceProgram::run(const std::string& step, int times) {
+  reference::Options options;
+  if (const auto it = state_->frozen.find(step); it != state_->frozen.end()) options.frozen = &it->second;
+  else options.record = &state_->recorded[step];
+  for (int k = 0; k < times; ++k) {
+    if (options.record) options.record->rasters.clear();
+    auto result = state_->session.run(step, options);
+    if (const auto* error = std::get_if<reference::EvalError>(&result)) return io::Error{error->message};
+    state_->results[step] = std::move(std::get<reference::StepResult>(result));
+  }
+  return {};
+}
+
+io::Result<io::Array> ReferenceProgram::output(const std::string& step, const std::string& name) {
+  const auto result = state_->results.find(step);
+  if (result == state_->results.end()) return io::Error{"step '" + step + "' has not run yet"};
+  const auto it = result->second.outputs.find(name);
+  if (it == result->second.outputs.end()) return io::Error{"step '" + step + "' has no output '" + name + "'"};
+  return to_array(it->second);
+}
+
+io::Result<io::Array> ReferenceProgram::leaf(const std::string& name) {
+  if (!state_->graph.leaf_index(name)) return io::Error{"there is no leaf '" + name + "'"};
+  if (auto problem = state_->session.prepare()) return io::Error{*problem};
+  return to_array(state_->session.leaf(name));
+}
+
+void ReferenceProgram::freeze(const std::string& step, std::vector<std::vector<io::Array>> rasters) {
+  reference::Frozen frozen;
+  for (const auto& raster : rasters) {
+    frozen.rasters.emplace_back();
+    for (const io::Array& a : raster) frozen.rasters.back().push_back(to_image(a, ir::kInt));
+  }
+  state_->frozen[step] = std::move(frozen);
+}
+
+std::vector<std::vector<io::Array>> ReferenceProgram::rasters(const std::string& step) const {
+  std::vector<std::vector<io::Array>> out;
+  const auto it = state_->recorded.find(step);
+  if (it == state_->recorded.end()) return out;
+  for (const auto& raster : it->second.rasters) {
+    out.emplace_back();
+    for (const reference::Image& image : raster) out.back().push_back(to_array(image));
+  }
+  return out;
+}
+
+}  // namespace dr::jit

@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: Apache-2.0
+// The fallback device: a program on the float64 evaluator, behind the same calls as runtime::Program.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "runtime/io/array.h"
+
+namespace dr::jit {
+
+class ReferenceProgram {
+ public:
+  // The bundle's graph text is what runs; its shaders are not looked at.
+  static io::Result<ReferenceProgram> load(std::span<const uint8_t> bundle);
+  ReferenceProgram(ReferenceProgram&&) noexcept;
+  ReferenceProgram& operator=(ReferenceProgram&&) noexcept;
+  ~ReferenceProgram();
+
+  io::Result<void> bind(const std::string& leaf, const io::Array& data);
+  io::Result<void> bind_symbol(const std::string& symbol, int64_t value);
+  io::Result<void> run(const std::string& step, int times = 1);
+  io::Result<io::Array> output(const std::string& step, const std::string& name);
+  io::Result<io::Array> leaf(const std::string& name);
+
+  // Discrete decisions of another device: for the k-th raster of the step its faces and tags, rank by rank, used by
+  // every later run of that step instead of computing them.
+  void freeze(const std::string& step, std::vector<std::vector<io::Array>> rasters);
+  // The raster results of the step's last run, in the same form.
+  std::vector<std::vector<io::Array>> rasters(const std::string& step) const;
+
+ private:
+  ReferenceProgram();
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+}  // namespace dr::jit

@@ -1,0 +1,940 @@
+// SPDX-License-Identifier: Apache-2.0
+// The executor: a bundle's tables become Vulkan objects, a step's commands are recorded once and submitted as
+// often as the step runs. There is no policy here: order, resources and sizes are the bundle's.
+#include <algorithm>
+#include <cstring>
+#include <functional>
+#include <map>
+#include <optional>
+
+#include "compiler/backend/bundle/bundle.h"
+#include "compiler/ir/dim.h"
+#include "runtime/vk/barrier.h"
+#include "runtime/vk/device.h"
+
+namespace dr::runtime {
+
+namespace {
+
+using bundle::CommandKind;
+using bundle::Storage;
+
+constexpr int64_t kMaxElements = int64_t{1} << 31;
+
+vk::Format format_of(const bundle::TypeT& type) {
+  static constexpr vk::Format kFormats[3][3] = {
+      {vk::Format::eR32Sfloat, vk::Format::eR32G32Sfloat, vk::Format::eR32G32B32A32Sfloat},
+      {vk::Format::eR32Sint, vk::Format::eR32G32Sint, vk::Format::eR32G32B32A32Sint},
+      {vk::Format::eR32Uint, vk::Format::eR32G32Uint, vk::Format::eR32G32B32A32Uint}};
+  const int scalar = type.scalar == bundle::Scalar::Float ? 0 : type.scalar == bundle::Scalar::Int ? 1 : 2;
+  return kFormats[scalar][std::min<int>(type.rows, 3) - 1];
+}
+
+int components_of(const bundle::TypeT& type) { return type.rows * type.cols; }
+
+io::ElementKind kind_of(const bundle::TypeT& type) {
+  switch (type.scalar) {
+    case bundle::Scalar::Bool: return io::ElementKind::Bool;
+    case bundle::Scalar::Int: return io::ElementKind::Int32;
+    case bundle::Scalar::Uint: return io::ElementKind::UInt32;
+    case bundle::Scalar::Float: break;
+  }
+  return io::ElementKind::Float32;
+}
+
+std::string extent_text(const bundle::ExtentT& e) { return "[" + e.w + ", " + e.h + ", " + e.l + "]"; }
+
+struct Size {
+  int64_t w = 1, h = 1, l = 1;
+  int64_t count() const { return w * h * l; }
+};
+
+// Memory of one purpose: several objects in one allocation.
+struct Block {
+  vk::raii::DeviceMemory memory{nullptr};
+  vk::DeviceSize bytes = 0;
+};
+
+struct BufferObject {
+  vk::raii::Buffer buffer{nullptr};
+  vk::DeviceSize bytes = 0;
+};
+struct ImageObject {
+  vk::raii::Image image{nullptr};
+  vk::raii::ImageView all{nullptr};                 // every layer, for reading
+  std::vector<vk::raii::ImageView> layers;          // one each, for attachments
+  Size size;
+};
+
+struct Recorded {
+  vk::raii::CommandBuffer commands{nullptr};
+  int count = 0;
+};
+
+// Everything a recorded command keeps alive.
+struct Objects {
+  std::vector<vk::raii::DescriptorSetLayout> set_layouts;
+  std::vector<vk::raii::PipelineLayout> layouts;
+  std::vector<vk::raii::Pipeline> pipelines;
+  std::vector<vk::raii::RenderPass> render_passes;
+  std::vector<vk::raii::Framebuffer> framebuffers;
+  std::vector<vk::raii::DescriptorPool> pools;
+  std::vector<vk::raii::DescriptorSet> sets;
+};
+
+// One primitive to record: what it touches, and how.
+struct Primitive {
+  std::string label;
+  std::vector<Access> accesses;
+  std::function<void(const vk::raii::CommandBuffer&)> record;
+};
+
+struct StepState {
+  std::optional<Recorded> recorded;
+  int64_t runs = 0;
+};
+
+}  // namespace
+
+struct Program::State {
+  std::shared_ptr<DeviceState> device;
+  bundle::BundleT bundle;
+  ir::SymbolValues symbols;
+  std::map<std::string, std::string, std::less<>> symbol_origin;
+  std::vector<std::optional<io::Array>> pending;  // bound before the first run
+  bool prepared = false;
+
+  std::vector<BufferObject> buffers;  // by resource, empty for images
+  std::vector<ImageObject> images;
+  std::vector<Block> blocks;
+  vk::raii::CommandPool command_pool{nullptr};
+  vk::raii::Fence fence{nullptr};
+  std::vector<vk::raii::ShaderModule> shaders;
+  BufferObject staging;
+  Block staging_memory;
+  void* staging_data = nullptr;
+  Objects objects;
+  std::vector<StepState> steps;
+  std::vector<int32_t> specialization;
+  // The destructor runs after the members above are gone in reverse order; the device outlives them by the shared pointer.
+
+  const vk::raii::Device& vk_device() const { return device->device; }
+
+  int64_t evaluate(const std::string& expression, const std::string& what) const {
+    const auto dim = ir::Dim::parse(expression);
+    const auto value = dim ? dim->evaluate(symbols) : std::nullopt;
+    if (!value) throw Failure{"the extent '" + expression + "' of " + what + " has no value: bind its symbols"};
+    if (*value < 1 || *value > kMaxElements)
+      throw Failure{"the extent '" + expression + "' of " + what + " is " + std::to_string(*value) + ", which is not between 1 and 2^31"};
+    return *value;
+  }
+  Size size_of(const bundle::ExtentT& e, const std::string& what) const {
+    const Size s{evaluate(e.w, what), evaluate(e.h, what), evaluate(e.l, what)};
+    if (s.w > kMaxElements / s.h || s.w * s.h > kMaxElements / s.l) throw Failure{what + " has more than 2^31 elements"};
+    return s;
+  }
+
+  int leaf_index(const std::string& name) const {
+    for (size_t k = 0; k < bundle.leaves.size(); ++k)
+      if (bundle.leaves[k]->name == name) return static_cast<int>(k);
+    std::string all;
+    for (const auto& l : bundle.leaves) all += (all.empty() ? "" : ", ") + l->name;
+    throw Failure{"there is no leaf '" + name + "'; there are: " + all};
+  }
+  int step_index(const std::string& name) const {
+    for (size_t k = 0; k < bundle.steps.size(); ++k)
+      if (bundle.steps[k]->name == name) return static_cast<int>(k);
+    std::string all;
+    for (const auto& s : bundle.steps) all += (all.empty() ? "" : ", ") + s->name;
+    throw Failure{"there is no step '" + name + "'; there are: " + all};
+  }
+
+  void set_symbol(const std::string& symbol, int64_t value, const std::string& origin) {
+    const auto it = symbols.find(symbol);
+    if (it == symbols.end()) {
+      symbols[symbol] = value;
+      symbol_origin[symbol] = origin;
+    } else if (it->second != value) {
+      throw Failure{"'" + symbol + "' is " + std::to_string(it->second) + " by " + symbol_origin[symbol] + ", but " + std::to_string(value) + " by " + origin};
+    }
+  }
+
+  void bind(const std::string& name, const io::Array& data) {
+    const auto index = static_cast<size_t>(leaf_index(name));
+    const bundle::LeafT& leaf = *bundle.leaves[index];
+    const std::string origin = "leaf '" + name + "'";
+    if (data.components != components_of(*leaf.type))
+      throw Failure{origin + " has " + std::to_string(components_of(*leaf.type)) + " components an element, the data has " + std::to_string(data.components)};
+    auto converted = data.converted(kind_of(*leaf.type));
+    if (!converted) throw Failure{origin + ": " + converted.error()};
+    const std::pair<const std::string*, int64_t> axes[] = {
+        {&leaf.extent->w, data.width}, {&leaf.extent->h, data.height}, {&leaf.extent->l, data.layers}};
+    const char* const axis_names[] = {"width", "height", "number of layers"};
+    for (size_t a = 0; a < 3; ++a) {
+      const auto dim = ir::Dim::parse(*axes[a].first);
+      if (const auto symbol = dim->as_symbol()) set_symbol(*symbol, axes[a].second, origin);
+      else if (const auto value = dim->evaluate(symbols); value && *value != axes[a].second)
+        throw Failure{origin + " has a " + axis_names[a] + " of " + std::to_string(axes[a].second) + ", expected " + *axes[a].first + " = " +
+                      std::to_string(*value)};
+    }
+    if (prepared) upload(leaf.resource, *converted);
+    else pending[index] = std::move(converted).value();
+  }
+
+  // Allocation, initial contents, shader modules: everything that waits for the sizes.
+  void prepare() {
+    if (prepared) return;
+    if (!device) throw Failure{"the program was loaded without a device"};
+    for (size_t k = 0; k < bundle.leaves.size(); ++k) {
+      const bundle::LeafT& leaf = *bundle.leaves[k];
+      if (!pending[k] && leaf.initial.empty() && leaf.kind != bundle::LeafKind::State)
+        throw Failure{"leaf '" + leaf.name + "' is not bound: it needs data of extent " + extent_text(*leaf.extent)};
+    }
+    specialization.clear();
+    for (const std::string& s : bundle.symbols) {
+      const auto it = symbols.find(s);
+      if (it == symbols.end()) throw Failure{"symbol '" + s + "' has no value: bind a leaf that has it, or the symbol itself"};
+      if (it->second < 1 || it->second >= kMaxElements) throw Failure{"symbol '" + s + "' is " + std::to_string(it->second)};
+      specialization.push_back(static_cast<int32_t>(it->second));
+    }
+    for (size_t k = 0; k < bundle.leaves.size(); ++k)
+      if (pending[k]) {
+        const Size s = size_of(*bundle.leaves[k]->extent, "leaf '" + bundle.leaves[k]->name + "'");
+        const io::Array& data = *pending[k];
+        if (data.width != s.w || data.height != s.h || data.layers != s.l)
+          throw Failure{"leaf '" + bundle.leaves[k]->name + "' has data of " + std::to_string(data.width) + " x " + std::to_string(data.height) + " x " +
+                        std::to_string(data.layers) + ", expected " + std::to_string(s.w) + " x " + std::to_string(s.h) + " x " + std::to_string(s.l)};
+      }
+    allocate();
+    const auto& d = vk_device();
+    command_pool = vk::raii::CommandPool(d, vk::CommandPoolCreateInfo(vk::CommandPoolCreateFlagBits::eResetCommandBuffer, device->family));
+    fence = vk::raii::Fence(d, vk::FenceCreateInfo());
+    for (const auto& s : bundle.shaders) {
+      vk::ShaderModuleCreateInfo info;
+      info.setCode(s->spirv);
+      shaders.emplace_back(d, info);
+      device->name(shaders.back(), s->name);
+    }
+    steps.resize(bundle.steps.size());
+    prepared = true;
+    for (size_t k = 0; k < bundle.leaves.size(); ++k) {
+      const bundle::LeafT& leaf = *bundle.leaves[k];
+      if (pending[k]) {
+        upload(leaf.resource, *pending[k]);
+        pending[k].reset();
+        continue;
+      }
+      const Size s = size_of(*leaf.extent, "leaf '" + leaf.name + "'");
+      const int n = components_of(*leaf.type);
+      std::vector<double> values(static_cast<size_t>(s.count() * n), 0.0);
+      if (!leaf.initial.empty())
+        for (size_t i = 0; i < values.size(); ++i) values[i] = leaf.initial[i % static_cast<size_t>(n)];
+      auto array = io::Array::from_doubles(values, n, s.w, s.h, s.l).converted(kind_of(*leaf.type));
+      if (!array) throw Failure{"leaf '" + leaf.name + "': " + array.error()};
+      upload(leaf.resource, *array);
+    }
+  }
+
+  vk::DeviceSize buffer_bytes(const bundle::ResourceT& r) const {
+    const Size s = size_of(*r.extent, "'" + r.name + "'");
+    return static_cast<vk::DeviceSize>(s.count()) * static_cast<vk::DeviceSize>(r.role == bundle::Role::Scratch ? 1 : components_of(*r.type)) * 4;
+  }
+
+  void allocate() {
+    const auto& d = vk_device();
+    buffers.resize(bundle.resources.size());
+    images.resize(bundle.resources.size());
+    // Offsets first, then one allocation a purpose.
+    std::vector<vk::DeviceSize> offsets(bundle.resources.size());
+    std::map<uint32_t, vk::DeviceSize> sizes;  // by memory type
+    std::vector<uint32_t> types(bundle.resources.size());
+    for (size_t k = 0; k < bundle.resources.size(); ++k) {
+      const bundle::ResourceT& r = *bundle.resources[k];
+      vk::MemoryRequirements need;
+      if (r.storage == Storage::Buffer) {
+        const vk::DeviceSize bytes = buffer_bytes(r);
+        if (bytes > device->properties.limits.maxStorageBufferRange)
+          throw Failure{"'" + r.name + "' takes " + std::to_string(bytes) + " bytes, the device allows " +
+                        std::to_string(device->properties.limits.maxStorageBufferRange) + " in one buffer"};
+        vk::BufferCreateInfo info;
+        info.size = bytes;
+        info.usage = vk::BufferUsageFlagBits::eStorageBuffer | vk::BufferUsageFlagBits::eTransferSrc | vk::BufferUsageFlagBits::eTransferDst;
+        buffers[k].buffer = vk::raii::Buffer(d, info);
+        buffers[k].bytes = bytes;
+        device->name(buffers[k].buffer, r.name);
+        need = buffers[k].buffer.getMemoryRequirements();
+      } else {
+        const Size s = size_of(*r.extent, "'" + r.name + "'");
+        const auto limit = static_cast<int64_t>(device->properties.limits.maxImageDimension2D);
+        if (s.w > limit || s.h > limit || s.l > static_cast<int64_t>(device->properties.limits.maxImageArrayLayers))
+          throw Failure{"'" + r.name + "' is an image of " + std::to_string(s.w) + " x " + std::to_string(s.h) + " x " + std::to_string(s.l) +
+                        ", the device allows " + std::to_string(limit) + " on a side"};
+        vk::ImageCreateInfo info;
+        info.imageType = vk::ImageType::e2D;
+        const bool depth = r.storage == Storage::Depth;
+        info.format = depth ? vk::Format::eD32Sfloat : format_of(*r.type);
+        info.extent = vk::Extent3D(static_cast<uint32_t>(s.w), static_cast<uint32_t>(s.h), 1);
+        info.mipLevels = 1;
+        info.arrayLayers = static_cast<uint32_t>(s.l);
+        info.usage = depth ? vk::ImageUsageFlags(vk::ImageUsageFlagBits::eDepthStencilAttachment)
+                           : vk::ImageUsageFlagBits::eColorAttachment | vk::ImageUsageFlagBits::eSampled | vk::ImageUsageFlagBits::eTransferSrc;
+        images[k].image = vk::raii::Image(d, info);
+        images[k].size = s;
+        device->name(images[k].image, r.name);
+        need = images[k].image.getMemoryRequirements();
+      }
+      types[k] = device->memory_type(need.memoryTypeBits, {}, vk::MemoryPropertyFlagBits::eDeviceLocal);
+      // Buffers and images in one block must not share a page of this granularity.
+      const vk::DeviceSize align = std::max(need.alignment, device->properties.limits.bufferImageGranularity);
+      vk::DeviceSize& size = sizes[types[k]];
+      offsets[k] = (size + align - 1) / align * align;
+      size = offsets[k] + need.size;
+    }
+    std::map<uint32_t, size_t> block_of;
+    for (const auto& [type, bytes] : sizes) {
+      Block block;
+      block.bytes = bytes;
+      try {
+        block.memory = vk::raii::DeviceMemory(d, vk::MemoryAllocateInfo(bytes, type));
+      } catch (const vk::SystemError&) {
+        throw Failure{"the device has no memory for " + std::to_string(bytes) + " bytes; the largest values are " + largest_resources()};
+      }
+      block_of[type] = blocks.size();
+      blocks.push_back(std::move(block));
+    }
+    for (size_t k = 0; k < bundle.resources.size(); ++k) {
+      const bundle::ResourceT& r = *bundle.resources[k];
+      const vk::DeviceMemory memory = *blocks[block_of[types[k]]].memory;
+      if (r.storage == Storage::Buffer) {
+        buffers[k].buffer.bindMemory(memory, offsets[k]);
+        continue;
+      }
+      images[k].image.bindMemory(memory, offsets[k]);
+      vk::ImageViewCreateInfo view;
+      view.image = *images[k].image;
+      const bool depth = r.storage == Storage::Depth;
+      view.format = depth ? vk::Format::eD32Sfloat : format_of(*r.type);
+      view.subresourceRange = {depth ? vk::ImageAspectFlagBits::eDepth : vk::ImageAspectFlagBits::eColor, 0, 1, 0, static_cast<uint32_t>(images[k].size.l)};
+      view.viewType = vk::ImageViewType::e2DArray;
+      images[k].all = vk::raii::ImageView(d, view);
+      view.viewType = vk::ImageViewType::e2D;
+      view.subresourceRange.layerCount = 1;
+      for (uint32_t l = 0; l < static_cast<uint32_t>(images[k].size.l); ++l) {
+        view.subresourceRange.baseArrayLayer = l;
+        images[k].layers.emplace_back(d, view);
+      }
+    }
+  }
+
+  std::string largest_resources() const {
+    std::vector<std::pair<int64_t, std::string>> all;
+    for (const auto& r : bundle.resources) {
+      const Size s = size_of(*r->extent, r->name);
+      all.emplace_back(-s.count() * components_of(*r->type) * 4, r->name);
+    }
+    std::sort(all.begin(), all.end());
+    std::string text;
+    for (size_t k = 0; k < std::min<size_t>(3, all.size()); ++k)
+      text += (k ? ", " : "") + all[k].second + " (" + std::to_string(-all[k].first) + ")";
+    return text;
+  }
+
+  // Host-visible memory of at least that size, mapped.
+  void need_staging(vk::DeviceSize bytes) {
+    if (staging.bytes >= bytes) return;
+    const auto& d = vk_device();
+    staging_data = nullptr;
+    staging.buffer = vk::raii::Buffer(nullptr);
+    staging_memory.memory = vk::raii::DeviceMemory(nullptr);
+    vk::BufferCreateInfo info;
+    info.size = bytes;
+    info.usage = vk::BufferUsageFlagBits::eTransferSrc | vk::BufferUsageFlagBits::eTransferDst;
+    staging.buffer = vk::raii::Buffer(d, info);
+    staging.bytes = bytes;
+    const auto need = staging.buffer.getMemoryRequirements();
+    const auto visible = vk::MemoryPropertyFlagBits::eHostVisible | vk::MemoryPropertyFlagBits::eHostCoherent;
+    // Reading back from uncached memory is slow.
+    const uint32_t type = device->memory_type(need.memoryTypeBits, visible, vk::MemoryPropertyFlagBits::eHostCached);
+    staging_memory.memory = vk::raii::DeviceMemory(d, vk::MemoryAllocateInfo(need.size, type));
+    staging_memory.bytes = need.size;
+    staging.buffer.bindMemory(*staging_memory.memory, 0);
+    staging_data = staging_memory.memory.mapMemory(0, VK_WHOLE_SIZE);
+  }
+
+  void submit_and_wait(const vk::raii::CommandBuffer& commands) {
+    vk::SubmitInfo submit;
+    const vk::CommandBuffer handle = *commands;
+    submit.setCommandBuffers(handle);
+    device->queue.submit(submit, *fence);
+    constexpr uint64_t kSecond = 1'000'000'000;
+    if (vk_device().waitForFences(*fence, VK_TRUE, 600 * kSecond) != vk::Result::eSuccess) throw Failure{"the device did not finish within ten minutes"};
+    vk_device().resetFences(*fence);
+  }
+
+  void once(const std::function<void(const vk::raii::CommandBuffer&)>& record) {
+    auto commands = std::move(vk::raii::CommandBuffers(vk_device(), vk::CommandBufferAllocateInfo(*command_pool, vk::CommandBufferLevel::ePrimary, 1)).front());
+    commands.begin(vk::CommandBufferBeginInfo(vk::CommandBufferUsageFlagBits::eOneTimeSubmit));
+    everything_before(commands);
+    record(commands);
+    commands.end();
+    submit_and_wait(commands);
+  }
+
+  // Makes what earlier submissions and the host wrote visible to what follows.
+  static void everything_before(const vk::raii::CommandBuffer& commands) {
+    const auto stages = vk::PipelineStageFlagBits::eComputeShader | vk::PipelineStageFlagBits::eAllGraphics | vk::PipelineStageFlagBits::eTransfer;
+    const vk::MemoryBarrier barrier(vk::AccessFlagBits::eMemoryWrite, vk::AccessFlagBits::eMemoryRead | vk::AccessFlagBits::eMemoryWrite);
+    commands.pipelineBarrier(stages, stages, {}, barrier, {}, {});
+  }
+
+  void upload(uint32_t resource, const io::Array& array) {
+    const vk::DeviceSize bytes = buffers[resource].bytes;
+    need_staging(bytes);
+    if (array.kind == io::ElementKind::Bool) {
+      auto* words = static_cast<uint32_t*>(staging_data);
+      for (size_t i = 0; i < array.bytes.size(); ++i) words[i] = array.bytes[i] != std::byte{0} ? 1 : 0;
+    } else {
+      std::memcpy(staging_data, array.bytes.data(), array.bytes.size());
+    }
+    once([&](const vk::raii::CommandBuffer& c) { c.copyBuffer(*staging.buffer, *buffers[resource].buffer, vk::BufferCopy(0, 0, bytes)); });
+  }
+
+  void copy_image(const vk::raii::CommandBuffer& c, uint32_t resource, vk::Buffer to) const {
+    const ImageObject& image = images[resource];
+    const vk::ImageSubresourceRange range(vk::ImageAspectFlagBits::eColor, 0, 1, 0, static_cast<uint32_t>(image.size.l));
+    const auto shaders_stages = vk::PipelineStageFlagBits::eComputeShader | vk::PipelineStageFlagBits::eFragmentShader | vk::PipelineStageFlagBits::eVertexShader;
+    vk::ImageMemoryBarrier barrier(vk::AccessFlagBits::eMemoryWrite, vk::AccessFlagBits::eTransferRead, vk::ImageLayout::eShaderReadOnlyOptimal,
+                                   vk::ImageLayout::eTransferSrcOptimal, VK_QUEUE_FAMILY_IGNORED, VK_QUEUE_FAMILY_IGNORED, *image.image, range);
+    c.pipelineBarrier(shaders_stages | vk::PipelineStageFlagBits::eColorAttachmentOutput | vk::PipelineStageFlagBits::eTransfer,
+                      vk::PipelineStageFlagBits::eTransfer, {}, {}, {}, barrier);
+    vk::BufferImageCopy region;
+    region.imageSubresource = {vk::ImageAspectFlagBits::eColor, 0, 0, static_cast<uint32_t>(image.size.l)};
+    region.imageExtent = vk::Extent3D(static_cast<uint32_t>(image.size.w), static_cast<uint32_t>(image.size.h), 1);
+    c.copyImageToBuffer(*image.image, vk::ImageLayout::eTransferSrcOptimal, to, region);
+    barrier.srcAccessMask = vk::AccessFlagBits::eTransferRead;
+    barrier.dstAccessMask = vk::AccessFlagBits::eShaderRead;
+    std::swap(barrier.oldLayout, barrier.newLayout);
+    c.pipelineBarrier(vk::PipelineStageFlagBits::eTransfer, shaders_stages, {}, {}, {}, barrier);
+  }
+
+  io::Array download(uint32_t resource) {
+    const bundle::ResourceT& r = *bundle.resources[resource];
+    if (r.storage == Storage::Depth) throw Failure{"'" + r.name + "' is a depth image"};
+    const int n = r.role == bundle::Role::Scratch ? 1 : components_of(*r.type);
+    const Size size = size_of(*r.extent, r.name);
+    const bool image = r.storage == Storage::Image;
+    const int stored = image && n == 3 ? 4 : n;
+    const auto bytes = static_cast<vk::DeviceSize>(size.count() * stored * 4);
+    need_staging(bytes);
+    once([&](const vk::raii::CommandBuffer& c) {
+      if (image) copy_image(c, resource, *staging.buffer);
+      else c.copyBuffer(*buffers[resource].buffer, *staging.buffer, vk::BufferCopy(0, 0, bytes));
+      c.pipelineBarrier(vk::PipelineStageFlagBits::eTransfer, vk::PipelineStageFlagBits::eHost, {},
+                        vk::MemoryBarrier(vk::AccessFlagBits::eTransferWrite, vk::AccessFlagBits::eHostRead), {}, {});
+    });
+    io::Array out = io::Array::zeros(kind_of(*r.type), n, size.w, size.h, size.l);
+    const auto* words = static_cast<const uint32_t*>(staging_data);
+    const size_t width = io::scalar_size(out.kind);
+    for (int64_t e = 0; e < size.count(); ++e)
+      for (int c = 0; c < n; ++c) {
+        const uint32_t word = words[e * stored + c];
+        std::byte* to = out.bytes.data() + static_cast<size_t>(e * n + c) * width;
+        if (width == 1) *to = std::byte{word != 0};
+        else std::memcpy(to, &word, 4);
+      }
+    return out;
+  }
+
+  // --- recording ---
+
+  vk::SpecializationInfo specialization_info(std::vector<vk::SpecializationMapEntry>& entries) const {
+    for (uint32_t k = 0; k < specialization.size(); ++k) entries.emplace_back(k, k * 4, 4);
+    vk::SpecializationInfo info;
+    info.setMapEntries(entries);
+    info.dataSize = specialization.size() * 4;
+    info.pData = specialization.data();
+    return info;
+  }
+
+  struct Bound {
+    vk::PipelineLayout layout;
+    vk::DescriptorSet set;
+  };
+
+  Bound bind_resources(const std::vector<uint32_t>& resources, vk::ShaderStageFlags stages) {
+    const auto& d = vk_device();
+    std::vector<vk::DescriptorSetLayoutBinding> bindings;
+    std::vector<vk::DescriptorPoolSize> sizes;
+    for (uint32_t k = 0; k < resources.size(); ++k) {
+      const auto type = bundle.resources[resources[k]]->storage == Storage::Buffer ? vk::DescriptorType::eStorageBuffer : vk::DescriptorType::eSampledImage;
+      bindings.emplace_back(k, type, 1, stages);
+      sizes.emplace_back(type, 1);
+    }
+    vk::DescriptorSetLayoutCreateInfo layout_info;
+    layout_info.setBindings(bindings);
+    objects.set_layouts.emplace_back(d, layout_info);
+    const vk::DescriptorSetLayout set_layout = *objects.set_layouts.back();
+    const vk::PushConstantRange push(stages, 0, 16);
+    vk::PipelineLayoutCreateInfo pipeline_layout;
+    pipeline_layout.setSetLayouts(set_layout);
+    pipeline_layout.setPushConstantRanges(push);
+    objects.layouts.emplace_back(d, pipeline_layout);
+    Bound bound{*objects.layouts.back(), {}};
+    if (sizes.empty()) sizes.emplace_back(vk::DescriptorType::eStorageBuffer, 1);  // a pool must have a size
+    vk::DescriptorPoolCreateInfo pool(vk::DescriptorPoolCreateFlagBits::eFreeDescriptorSet, 1);
+    pool.setPoolSizes(sizes);
+    objects.pools.emplace_back(d, pool);
+    vk::DescriptorSetAllocateInfo allocate(*objects.pools.back());
+    allocate.setSetLayouts(set_layout);
+    objects.sets.push_back(std::move(vk::raii::DescriptorSets(d, allocate).front()));
+    bound.set = *objects.sets.back();
+    for (uint32_t k = 0; k < resources.size(); ++k) {
+      const uint32_t r = resources[k];
+      vk::WriteDescriptorSet write(bound.set, k, 0, 1, bindings[k].descriptorType);
+      const vk::DescriptorBufferInfo buffer(*buffers[r].buffer, 0, VK_WHOLE_SIZE);
+      const vk::DescriptorImageInfo image({}, *images[r].all, vk::ImageLayout::eShaderReadOnlyOptimal);
+      if (bindings[k].descriptorType == vk::DescriptorType::eStorageBuffer) write.setBufferInfo(buffer);
+      else write.setImageInfo(image);
+      d.updateDescriptorSets(write, {});
+    }
+    return bound;
+  }
+
+  vk::Pipeline compute_pipeline(int shader, vk::PipelineLayout layout) {
+    std::vector<vk::SpecializationMapEntry> entries;
+    const auto specialize = specialization_info(entries);
+    vk::ComputePipelineCreateInfo info;
+    info.stage = vk::PipelineShaderStageCreateInfo({}, vk::ShaderStageFlagBits::eCompute, *shaders[static_cast<size_t>(shader)], "main", &specialize);
+    info.layout = layout;
+    objects.pipelines.emplace_back(vk_device(), nullptr, info);
+    device->name(objects.pipelines.back(), bundle.shaders[static_cast<size_t>(shader)]->name);
+    return *objects.pipelines.back();
+  }
+
+  static Use compute_use(bundle::Access access) {
+    switch (access) {
+      case bundle::Access::Read: return Use::ComputeRead;
+      case bundle::Access::Write: return Use::ComputeWrite;
+      case bundle::Access::ReadWrite: break;
+    }
+    return Use::ComputeReadWrite;
+  }
+
+  static void record_dispatch(const vk::raii::CommandBuffer& c, vk::Pipeline pipeline, const Bound& bound, std::array<int32_t, 4> push, int64_t elements) {
+    constexpr int64_t kGroup = 64, kMaxGroups = 65535;
+    const int64_t groups = (elements + kGroup - 1) / kGroup;
+    const int64_t x = std::min(groups, kMaxGroups), y = (groups + x - 1) / x;
+    c.bindPipeline(vk::PipelineBindPoint::eCompute, pipeline);
+    c.bindDescriptorSets(vk::PipelineBindPoint::eCompute, bound.layout, 0, bound.set, {});
+    c.pushConstants<int32_t>(bound.layout, vk::ShaderStageFlagBits::eCompute, 0, push);
+    c.dispatch(static_cast<uint32_t>(x), static_cast<uint32_t>(y), 1);
+  }
+
+  static std::array<int32_t, 4> push_of(const bundle::CommandT& c) {
+    std::array<int32_t, 4> push{};
+    for (size_t k = 0; k < c.push.size(); ++k) push[k + 1] = c.push[k];
+    return push;
+  }
+
+  void add_dispatch(const bundle::CommandT& c, std::vector<Primitive>& out) {
+    std::vector<uint32_t> resources;
+    Primitive p;
+    p.label = c.label;
+    for (const auto& b : c.bindings) {
+      resources.push_back(b->resource);
+      p.accesses.push_back({b->resource, compute_use(b->access)});
+    }
+    const Bound bound = bind_resources(resources, vk::ShaderStageFlagBits::eCompute);
+    const vk::Pipeline pipeline = compute_pipeline(c.compute, bound.layout);
+    const int64_t elements = evaluate(c.elements, "pass '" + c.label + "'");
+    p.record = [=, push = push_of(c)](const vk::raii::CommandBuffer& commands) { record_dispatch(commands, pipeline, bound, push, elements); };
+    out.push_back(std::move(p));
+  }
+
+  void add_reduce(const bundle::CommandT& c, std::vector<Primitive>& out) {
+    const int64_t outs = evaluate(c.outs, "pass '" + c.label + "'");
+    int64_t n = evaluate(c.count, "pass '" + c.label + "'");
+    const uint32_t scratch[] = {static_cast<uint32_t>(c.scratch_a), static_cast<uint32_t>(c.scratch_b)};
+    for (int stage = 0;; ++stage) {
+      const int64_t partials = (n + 63) / 64;
+      const uint32_t target = partials == 1 ? static_cast<uint32_t>(c.target) : scratch[stage % 2];
+      Primitive p;
+      p.label = c.label + " stage " + std::to_string(stage);
+      std::vector<uint32_t> resources;
+      if (stage == 0)
+        for (const auto& b : c.bindings) resources.push_back(b->resource);
+      else
+        resources.push_back(scratch[(stage - 1) % 2]);
+      for (uint32_t r : resources) p.accesses.push_back({r, Use::ComputeRead});
+      resources.push_back(target);
+      p.accesses.push_back({target, Use::ComputeWrite});
+      const Bound bound = bind_resources(resources, vk::ShaderStageFlagBits::eCompute);
+      const vk::Pipeline pipeline = compute_pipeline(stage == 0 ? c.compute : c.next, bound.layout);
+      const std::array<int32_t, 4> push{0, static_cast<int32_t>(n), static_cast<int32_t>(partials), 0};
+      p.record = [=](const vk::raii::CommandBuffer& commands) { record_dispatch(commands, pipeline, bound, push, outs * partials); };
+      out.push_back(std::move(p));
+      if (partials == 1) return;
+      n = partials;
+    }
+  }
+
+  void add_draw(const bundle::CommandT& c, std::vector<Primitive>& out) {
+    const auto& d = vk_device();
+    const std::string what = "pass '" + c.label + "'";
+    const Size size = size_of(*c.extent, what);
+    Primitive p;
+    p.label = c.label;
+    std::vector<uint32_t> resources;
+    for (const auto& b : c.bindings) {
+      resources.push_back(b->resource);
+      p.accesses.push_back({b->resource, Use::GraphicsRead});
+    }
+    const auto stages = vk::ShaderStageFlagBits::eVertex | vk::ShaderStageFlagBits::eFragment;
+    const Bound bound = bind_resources(resources, stages);
+
+    std::vector<vk::AttachmentDescription> attachments;
+    std::vector<vk::AttachmentReference> colors;
+    std::vector<uint32_t> targets = c.colors;
+    for (uint32_t color : c.colors) {
+      colors.emplace_back(static_cast<uint32_t>(attachments.size()), vk::ImageLayout::eColorAttachmentOptimal);
+      attachments.emplace_back(vk::AttachmentDescriptionFlags{}, format_of(*bundle.resources[color]->type), vk::SampleCountFlagBits::e1, vk::AttachmentLoadOp::eClear,
+                               vk::AttachmentStoreOp::eStore, vk::AttachmentLoadOp::eDontCare, vk::AttachmentStoreOp::eDontCare,
+                               vk::ImageLayout::eUndefined, vk::ImageLayout::eShaderReadOnlyOptimal);
+      p.accesses.push_back({color, Use::ColorWrite});
+    }
+    const vk::AttachmentReference depth(static_cast<uint32_t>(attachments.size()), vk::ImageLayout::eDepthStencilAttachmentOptimal);
+    if (c.depth >= 0) {
+      attachments.emplace_back(vk::AttachmentDescriptionFlags{}, vk::Format::eD32Sfloat, vk::SampleCountFlagBits::e1, vk::AttachmentLoadOp::eClear,
+                               vk::AttachmentStoreOp::eDontCare, vk::AttachmentLoadOp::eDontCare, vk::AttachmentStoreOp::eDontCare,
+                               vk::ImageLayout::eUndefined, vk::ImageLayout::eDepthStencilAttachmentOptimal);
+      targets.push_back(static_cast<uint32_t>(c.depth));
+      p.accesses.push_back({static_cast<uint32_t>(c.depth), Use::DepthWrite});
+    }
+    vk::SubpassDescription subpass;
+    subpass.pipelineBindPoint = vk::PipelineBindPoint::eGraphics;
+    subpass.setColorAttachments(colors);
+    if (c.depth >= 0) subpass.pDepthStencilAttachment = &depth;
+    // The layout changes must come after earlier readers and before later ones; the barriers between commands meet these.
+    const auto attach = vk::PipelineStageFlagBits::eColorAttachmentOutput | vk::PipelineStageFlagBits::eEarlyFragmentTests | vk::PipelineStageFlagBits::eLateFragmentTests;
+    const auto attach_access = vk::AccessFlagBits::eColorAttachmentRead | vk::AccessFlagBits::eColorAttachmentWrite |
+                               vk::AccessFlagBits::eDepthStencilAttachmentRead | vk::AccessFlagBits::eDepthStencilAttachmentWrite;
+    const auto readers = vk::PipelineStageFlagBits::eVertexShader | vk::PipelineStageFlagBits::eFragmentShader | vk::PipelineStageFlagBits::eComputeShader |
+                         vk::PipelineStageFlagBits::eTransfer;
+    const vk::SubpassDependency dependencies[] = {
+        {VK_SUBPASS_EXTERNAL, 0, attach | readers, attach, vk::AccessFlagBits::eColorAttachmentWrite | vk::AccessFlagBits::eDepthStencilAttachmentWrite, attach_access},
+        {0, VK_SUBPASS_EXTERNAL, attach, readers | attach, vk::AccessFlagBits::eColorAttachmentWrite | vk::AccessFlagBits::eDepthStencilAttachmentWrite,
+         vk::AccessFlagBits::eShaderRead | vk::AccessFlagBits::eTransferRead | attach_access}};
+    vk::RenderPassCreateInfo pass_info;
+    pass_info.setAttachments(attachments);
+    pass_info.setSubpasses(subpass);
+    pass_info.setDependencies(dependencies);
+    objects.render_passes.emplace_back(d, pass_info);
+    const vk::RenderPass render_pass = *objects.render_passes.back();
+    device->name(objects.render_passes.back(), c.label);
+
+    std::vector<vk::SpecializationMapEntry> entries;
+    const auto specialize = specialization_info(entries);
+    const vk::PipelineShaderStageCreateInfo stage_infos[] = {
+        {{}, vk::ShaderStageFlagBits::eVertex, *shaders[static_cast<size_t>(c.vertex)], "main", &specialize},
+        {{}, vk::ShaderStageFlagBits::eFragment, *shaders[static_cast<size_t>(c.fragment)], "main", &specialize}};
+    const vk::PipelineVertexInputStateCreateInfo no_vertices;
+    const vk::PipelineInputAssemblyStateCreateInfo triangles({}, vk::PrimitiveTopology::eTriangleList);
+    const vk::Viewport viewport(0, 0, static_cast<float>(size.w), static_cast<float>(size.h), 0, 1);
+    const vk::Rect2D area({0, 0}, {static_cast<uint32_t>(size.w), static_cast<uint32_t>(size.h)});
+    const vk::PipelineViewportStateCreateInfo viewports({}, 1, &viewport, 1, &area);
+    vk::PipelineRasterizationStateCreateInfo rasterization;
+    rasterization.lineWidth = 1;
+    const vk::PipelineMultisampleStateCreateInfo one_sample({}, vk::SampleCountFlagBits::e1);
+    vk::PipelineDepthStencilStateCreateInfo depth_test;
+    depth_test.depthTestEnable = depth_test.depthWriteEnable = c.depth >= 0;
+    depth_test.depthCompareOp = vk::CompareOp::eLess;
+    vk::PipelineColorBlendAttachmentState no_blend;
+    no_blend.colorWriteMask = vk::ColorComponentFlagBits::eR | vk::ColorComponentFlagBits::eG | vk::ColorComponentFlagBits::eB | vk::ColorComponentFlagBits::eA;
+    const std::vector<vk::PipelineColorBlendAttachmentState> blends(colors.size(), no_blend);
+    vk::PipelineColorBlendStateCreateInfo blend;
+    blend.setAttachments(blends);
+    vk::GraphicsPipelineCreateInfo info;
+    info.setStages(stage_infos);
+    info.pVertexInputState = &no_vertices;
+    info.pInputAssemblyState = &triangles;
+    info.pViewportState = &viewports;
+    info.pRasterizationState = &rasterization;
+    info.pMultisampleState = &one_sample;
+    info.pDepthStencilState = &depth_test;
+    info.pColorBlendState = &blend;
+    info.layout = bound.layout;
+    info.renderPass = render_pass;
+    objects.pipelines.emplace_back(d, nullptr, info);
+    device->name(objects.pipelines.back(), c.label);
+    const vk::Pipeline pipeline = *objects.pipelines.back();
+
+    std::vector<vk::Framebuffer> framebuffers;
+    for (size_t l = 0; l < static_cast<size_t>(size.l); ++l) {
+      std::vector<vk::ImageView> views;
+      for (uint32_t t : targets) {
+        if (images[t].layers.size() != static_cast<size_t>(size.l) || images[t].size.w != size.w || images[t].size.h != size.h)
+          throw Failure{what + " has an attachment of another extent"};
+        views.push_back(*images[t].layers[l]);
+      }
+      vk::FramebufferCreateInfo framebuffer({}, render_pass);
+      framebuffer.setAttachments(views);
+      framebuffer.width = area.extent.width;
+      framebuffer.height = area.extent.height;
+      framebuffer.layers = 1;
+      objects.framebuffers.emplace_back(d, framebuffer);
+      framebuffers.push_back(*objects.framebuffers.back());
+    }
+    std::vector<vk::ClearValue> clears;
+    for (uint32_t bits : c.clear) clears.emplace_back(vk::ClearColorValue(std::array<uint32_t, 4>{bits, bits, bits, bits}));
+    if (c.depth >= 0) clears.emplace_back(vk::ClearDepthStencilValue(1.0f, 0));
+    const int64_t vertices = evaluate(c.elements, what);
+    p.record = [=, push = push_of(c)](const vk::raii::CommandBuffer& commands) mutable {
+      for (size_t l = 0; l < framebuffers.size(); ++l) {
+        vk::RenderPassBeginInfo begin(render_pass, framebuffers[l], area);
+        begin.setClearValues(clears);
+        push[0] = static_cast<int32_t>(l);
+        commands.beginRenderPass(begin, vk::SubpassContents::eInline);
+        commands.bindPipeline(vk::PipelineBindPoint::eGraphics, pipeline);
+        commands.bindDescriptorSets(vk::PipelineBindPoint::eGraphics, bound.layout, 0, bound.set, {});
+        commands.pushConstants<int32_t>(bound.layout, stages, 0, push);
+        commands.draw(static_cast<uint32_t>(vertices), 1, 0, 0);
+        commands.endRenderPass();
+      }
+    };
+    out.push_back(std::move(p));
+  }
+
+  void add_fill(const bundle::CommandT& c, std::vector<Primitive>& out) {
+    Primitive p{c.label, {{static_cast<uint32_t>(c.target), Use::TransferWrite}}, {}};
+    const vk::Buffer target = *buffers[static_cast<size_t>(c.target)].buffer;
+    p.record = [target, value = c.value](const vk::raii::CommandBuffer& commands) { commands.fillBuffer(target, 0, VK_WHOLE_SIZE, value); };
+    out.push_back(std::move(p));
+  }
+
+  void add_copy(const bundle::CommandT& c, std::vector<Primitive>& out) {
+    const auto from = static_cast<uint32_t>(c.source), to = static_cast<uint32_t>(c.target);
+    Primitive p{c.label, {{from, Use::TransferRead}, {to, Use::TransferWrite}}, {}};
+    const vk::Buffer target = *buffers[to].buffer;
+    if (bundle.resources[from]->storage == Storage::Image) {
+      if (bundle.resources[from]->type->rows == 3) throw Failure{"command '" + c.label + "' copies an image of three components"};
+      p.record = [this, from, target](const vk::raii::CommandBuffer& commands) { copy_image(commands, from, target); };
+    } else {
+      if (buffers[from].bytes != buffers[to].bytes) throw Failure{"command '" + c.label + "' copies between sizes that differ"};
+      const vk::Buffer source = *buffers[from].buffer;
+      p.record = [=, bytes = buffers[from].bytes](const vk::raii::CommandBuffer& commands) { commands.copyBuffer(source, target, vk::BufferCopy(0, 0, bytes)); };
+    }
+    out.push_back(std::move(p));
+  }
+
+  Recorded record(const bundle::StepT& step) {
+    std::vector<Primitive> primitives;
+    for (const auto& c : step.commands) switch (c->kind) {
+        case CommandKind::Dispatch: add_dispatch(*c, primitives); break;
+        case CommandKind::Draw: add_draw(*c, primitives); break;
+        case CommandKind::Fill: add_fill(*c, primitives); break;
+        case CommandKind::Copy: add_copy(*c, primitives); break;
+        case CommandKind::Reduce: add_reduce(*c, primitives); break;
+      }
+    std::vector<std::vector<Access>> accesses;
+    for (const Primitive& p : primitives) accesses.push_back(p.accesses);
+    const std::vector<Barrier> barriers = plan_barriers(accesses);
+    Recorded out;
+    out.count = static_cast<int>(primitives.size());
+    out.commands = std::move(vk::raii::CommandBuffers(vk_device(), vk::CommandBufferAllocateInfo(*command_pool, vk::CommandBufferLevel::ePrimary, 1)).front());
+    out.commands.begin(vk::CommandBufferBeginInfo());
+    everything_before(out.commands);
+    for (size_t k = 0; k < primitives.size(); ++k) {
+      const Barrier& b = barriers[k];
+      if (b.from.stages != 0) {
+        const vk::MemoryBarrier memory(vk::AccessFlags(b.from.access), vk::AccessFlags(b.to.access));
+        out.commands.pipelineBarrier(vk::PipelineStageFlags(b.from.stages), vk::PipelineStageFlags(b.to.stages), {}, memory, {}, {});
+      }
+      if (device->debug_names) {
+        vk::DebugUtilsLabelEXT label;
+        label.pLabelName = primitives[k].label.c_str();
+        out.commands.beginDebugUtilsLabelEXT(label);
+      }
+      primitives[k].record(out.commands);
+      if (device->debug_names) out.commands.endDebugUtilsLabelEXT();
+    }
+    out.commands.end();
+    return out;
+  }
+
+  StepState& recorded_step(const std::string& name) {
+    const int index = step_index(name);
+    prepare();
+    StepState& step = steps[static_cast<size_t>(index)];
+    if (!step.recorded) step.recorded = record(*bundle.steps[static_cast<size_t>(index)]);
+    return step;
+  }
+
+  void run(const std::string& name, int times) {
+    StepState& step = recorded_step(name);
+    const int counter = bundle.steps[static_cast<size_t>(step_index(name))]->step_index;
+    for (int k = 0; k < times; ++k) {
+      if (counter >= 0) {
+        const auto value = static_cast<int32_t>(step.runs);
+        upload(static_cast<uint32_t>(counter), io::Array::from_ints(std::span(&value, 1)));
+      }
+      submit_and_wait(step.recorded->commands);
+      ++step.runs;
+    }
+  }
+};
+
+namespace {
+
+// Every public function: exceptions stay inside.
+template <class F>
+auto guarded(F&& f) -> Result<decltype(f())> {
+  try {
+    if constexpr (std::is_void_v<decltype(f())>) {
+      f();
+      return {};
+    } else {
+      return f();
+    }
+  } catch (const Failure& failure) {
+    return io::Error{failure.message};
+  } catch (const vk::DeviceLostError&) {
+    return io::Error{"the device was lost while it ran a step"};
+  } catch (const vk::SystemError& e) {
+    return io::Error{std::string("Vulkan reports: ") + e.what()};
+  }
+}
+
+}  // namespace
+
+Program::Program() : state_(std::make_unique<State>()) {}
+Program::Program(Program&&) noexcept = default;
+Program& Program::operator=(Program&&) noexcept = default;
+Program::~Program() = default;
+
+Result<Program> Program::load(const Device& device, std::span<const uint8_t> bytes) {
+  auto bundle = bundle::read(bytes);
+  if (const auto* problem = std::get_if<std::string>(&bundle)) return io::Error{*problem};
+  Program program;
+  State& s = *program.state_;
+  s.device = device.state_;
+  s.bundle = std::move(std::get<bundle::BundleT>(bundle));
+  for (const std::string& feature : s.bundle.features) {
+    const bool known = feature == "shader_int64" || feature == "shader_buffer_int64_atomics";
+    if (!known) return io::Error{"the bundle needs the feature '" + feature + "', which this runtime does not know"};
+    if (!s.device->int64_atomics)
+      return io::Error{"the bundle was built for profile '" + s.bundle.profile + "' and needs the feature '" + feature +
+                       "', which the device lacks; build it for the device's own profile"};
+  }
+  s.pending.resize(s.bundle.leaves.size());
+  return program;
+}
+
+Result<Program> Program::describe(std::span<const uint8_t> bytes) {
+  auto bundle = bundle::read(bytes);
+  if (const auto* problem = std::get_if<std::string>(&bundle)) return io::Error{*problem};
+  Program program;
+  program.state_->bundle = std::move(std::get<bundle::BundleT>(bundle));
+  return program;
+}
+
+bool Program::is_input(const std::string& leaf) const {
+  for (const auto& l : state_->bundle.leaves)
+    if (l->name == leaf) return l->kind == bundle::LeafKind::Input;
+  return false;
+}
+
+std::vector<std::string> Program::steps() const {
+  std::vector<std::string> out;
+  for (const auto& s : state_->bundle.steps) out.push_back(s->name);
+  return out;
+}
+
+std::vector<Program::LeafInfo> Program::leaves() const {
+  std::vector<LeafInfo> out;
+  for (const auto& l : state_->bundle.leaves) out.push_back({l->name, components_of(*l->type), kind_of(*l->type)});
+  return out;
+}
+
+std::vector<std::string> Program::resources() const {
+  std::vector<std::string> out;
+  for (const auto& r : state_->bundle.resources) out.push_back(r->name);
+  return out;
+}
+
+Result<void> Program::bind(const std::string& leaf, const io::Array& data) {
+  return guarded([&] { state_->bind(leaf, data); });
+}
+
+Result<void> Program::bind_symbol(const std::string& symbol, int64_t value) {
+  return guarded([&] { state_->set_symbol(symbol, value, "the symbol's own binding"); });
+}
+
+Result<void> Program::run(const std::string& step, int times) {
+  return guarded([&] { state_->run(step, times); });
+}
+
+std::vector<std::string> Program::outputs(const std::string& step) const {
+  std::vector<std::string> out;
+  for (const auto& s : state_->bundle.steps)
+    if (s->name == step)
+      for (const auto& o : s->outputs) out.push_back(o->name);
+  return out;
+}
+
+Result<io::Array> Program::output(const std::string& step, const std::string& name) {
+  return guarded([&]() -> io::Array {
+    State& s = *state_;
+    const auto& table = *s.bundle.steps[static_cast<size_t>(s.step_index(step))];
+    for (const auto& o : table.outputs)
+      if (o->name == name) {
+        if (!s.prepared) throw Failure{"step '" + step + "' has not run yet"};
+        return s.download(o->resource);
+      }
+    throw Failure{"step '" + step + "' has no output '" + name + "'"};
+  });
+}
+
+Result<std::vector<std::vector<io::Array>>> Program::rasters(const std::string& step) {
+  return guarded([&] {
+    State& s = *state_;
+    const auto& table = *s.bundle.steps[static_cast<size_t>(s.step_index(step))];
+    if (!s.prepared) throw Failure{"step '" + step + "' has not run yet"};
+    std::vector<std::vector<io::Array>> out;
+    for (const auto& raster : table.rasters) {
+      out.emplace_back();
+      for (uint32_t r : raster->resources) out.back().push_back(s.download(r));
+    }
+    return out;
+  });
+}
+
+Result<io::Array> Program::leaf(const std::string& name) {
+  return guarded([&] {
+    State& s = *state_;
+    const int index = s.leaf_index(name);
+    s.prepare();
+    return s.download(s.bundle.leaves[static_cast<size_t>(index)]->resource);
+  });
+}
+
+Result<io::Array> Program::resource(const std::string& name) {
+  return guarded([&]() -> io::Array {
+    State& s = *state_;
+    s.prepare();
+    for (uint32_t k = 0; k < s.bundle.resources.size(); ++k)
+      if (s.bundle.resources[k]->name == name) return s.download(k);
+    throw Failure{"there is no resource '" + name + "'"};
+  });
+}
+
+int64_t Program::allocated_bytes() const {
+  vk::DeviceSize bytes = state_->staging_memory.bytes;
+  for (const Block& b : state_->blocks) bytes += b.bytes;
+  return static_cast<int64_t>(bytes);
+}
+
+Result<int> Program::command_count(const std::string& step) {
+  return guarded([&] { return state_->recorded_step(step).recorded->count; });
+}
+
+}  // namespace dr::runtime

@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: Apache-2.0
+// The C++ API: open a device, load a bundle, bind arrays to leaves, run steps, read outputs.
+//
+//   auto device  = runtime::Device::open({.name = "lavapipe"});
+//   auto program = runtime::Program::load(*device, bundle_bytes);
+//   program->bind("position", positions);
+//   program->run("fit_shape", 100);
+//   auto alpha = program->output("fit_shape", "alpha");
+//
+// Every function that can fail on what the outside gives returns a Result with one sentence. Objects are not thread safe.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "runtime/io/array.h"
+#include "runtime/io/result.h"
+
+namespace dr::runtime {
+
+using io::Result;
+
+struct DeviceOptions {
+  // Part of the device's name, any case ("lavapipe" also finds Mesa's llvmpipe), or its number in list(); empty: the first.
+  std::string name;
+  // Core and synchronization validation, where the layer is installed; messages are kept, see validation_messages().
+  bool validation = false;
+};
+
+struct DeviceInfo {
+  std::string name;
+  std::string kind;         // "cpu", "discrete gpu", ...
+  std::string api_version;  // "1.3.230"
+  std::string driver;
+};
+
+struct DeviceState;
+
+class Device {
+ public:
+  static Result<std::vector<DeviceInfo>> list();
+  static Result<Device> open(const DeviceOptions& options);
+  DeviceInfo info() const;
+  // The name of the built-in profile that fits the device: "lavapipe", "swiftshader", or empty.
+  std::string profile_name() const;
+  // What the validation layer said so far; empty when all is well or it is not on.
+  std::vector<std::string> validation_messages() const;
+  bool validating() const;
+
+ private:
+  friend class Program;
+  std::shared_ptr<DeviceState> state_;
+};
+
+class Program {
+ public:
+  // The bundle's bytes, as drc wrote them.
+  static Result<Program> load(const Device& device, std::span<const uint8_t> bundle);
+  // The tables alone, without a device: leaves(), steps(), outputs() answer, nothing runs.
+  static Result<Program> describe(std::span<const uint8_t> bundle);
+  Program(Program&&) noexcept;
+  Program& operator=(Program&&) noexcept;
+  ~Program();
+
+  std::vector<std::string> steps() const;
+  struct LeafInfo {
+    std::string name;
+    int components;
+    io::ElementKind kind;
+  };
+  std::vector<LeafInfo> leaves() const;
+  bool is_input(const std::string& leaf) const;
+
+  // Gives a leaf its data; the first time this also gives values to the symbols of its extent, which later data must keep.
+  Result<void> bind(const std::string& leaf, const io::Array& data);
+  // Gives a symbol its value where no leaf does.
+  Result<void> bind_symbol(const std::string& symbol, int64_t value);
+  // Runs a step. The first run allocates, compiles and records. Returns when the device is done.
+  Result<void> run(const std::string& step, int times = 1);
+  // Results of the step's last run.
+  Result<io::Array> output(const std::string& step, const std::string& name);
+  std::vector<std::string> outputs(const std::string& step) const;
+  // The leaf's content.
+  Result<io::Array> leaf(const std::string& name);
+  // The discrete decisions of the step's last run: for each raster its faces and tags, rank by rank.
+  Result<std::vector<std::vector<io::Array>>> rasters(const std::string& step);
+  // Any stored value by the name of its resource ("raster", "raster_2" and so on): for tests and debugging.
+  Result<io::Array> resource(const std::string& name);
+  std::vector<std::string> resources() const;
+  // Bytes of device memory held.
+  int64_t allocated_bytes() const;
+  // How many commands (dispatches, draws, copies, fills) one run of the step submits.
+  Result<int> command_count(const std::string& step);
+
+ private:
+  Program();
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+}  // namespace dr::runtime

@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: Apache-2.0
+// Hazards between the commands of a step.
+#include "runtime/vk/barrier.h"
+
+#include <map>
+
+namespace dr::runtime {
+
+namespace {
+
+// Values of the Vulkan specification, so that this file needs no Vulkan.
+constexpr uint32_t kVertexStage = 0x8, kFragmentStage = 0x80, kEarlyTests = 0x100, kLateTests = 0x200, kColorStage = 0x400, kComputeStage = 0x800,
+                   kTransferStage = 0x1000;
+constexpr uint32_t kShaderRead = 0x20, kShaderWrite = 0x40, kColorRead = 0x80, kColorWrite = 0x100, kDepthRead = 0x200, kDepthWrite = 0x400,
+                   kTransferRead = 0x800, kTransferWrite = 0x1000;
+constexpr uint32_t kWriteAccess = kShaderWrite | kColorWrite | kDepthWrite | kTransferWrite;
+
+}  // namespace
+
+Scope scope_of(Use use) {
+  switch (use) {
+    case Use::ComputeRead: return {kComputeStage, kShaderRead};
+    case Use::ComputeWrite: return {kComputeStage, kShaderWrite};
+    case Use::ComputeReadWrite: return {kComputeStage, kShaderRead | kShaderWrite};
+    case Use::GraphicsRead: return {kVertexStage | kFragmentStage, kShaderRead};
+    case Use::ColorWrite: return {kColorStage, kColorRead | kColorWrite};
+    case Use::DepthWrite: return {kEarlyTests | kLateTests, kDepthRead | kDepthWrite};
+    case Use::TransferRead: return {kTransferStage, kTransferRead};
+    case Use::TransferWrite: return {kTransferStage, kTransferWrite};
+  }
+  return {};
+}
+
+bool writes(Use use) { return (scope_of(use).access & kWriteAccess) != 0; }
+
+std::vector<Barrier> plan_barriers(std::span<const std::vector<Access>> commands) {
+  // Barriers are global memory barriers: one makes every write of its source stages available. What remains
+  // uncovered of a resource is its last write and the reads since, each until a barrier that reaches the same destination.
+  struct State {
+    Scope write;             // last write; stages 0: none
+    Scope seen;              // stages and accesses that the write has been made visible to
+    uint32_t readers = 0;    // stages that read since that write
+  };
+  std::map<uint32_t, State> states;
+  std::vector<Barrier> out;
+  for (const std::vector<Access>& accesses : commands) {
+    Barrier barrier;
+    for (const Access& a : accesses) {
+      State& s = states[a.resource];
+      const Scope need = scope_of(a.use);
+      const bool visible = (need.stages & ~s.seen.stages) == 0 && (need.access & ~s.seen.access) == 0;
+      if (s.write.stages != 0 && !visible) {
+        barrier.from.stages |= s.write.stages;
+        barrier.from.access |= s.write.access & kWriteAccess;
+        barrier.to.stages |= need.stages;
+        barrier.to.access |= need.access;
+      }
+      if (writes(a.use) && s.readers != 0) {
+        barrier.from.stages |= s.readers;
+        barrier.to.stages |= need.stages;
+        barrier.to.access |= need.access;
+      }
+    }
+    if (barrier.from.stages != 0)
+      for (auto& [resource, s] : states) {
+        // The barrier covers every write whose stages and access it names.
+        if ((s.write.stages & ~barrier.from.stages) == 0 && (s.write.access & kWriteAccess & ~barrier.from.access) == 0) {
+          s.seen.stages |= barrier.to.stages;
+          s.seen.access |= barrier.to.access;
+        }
+      }
+    for (const Access& a : accesses) {
+      State& s = states[a.resource];
+      const Scope scope = scope_of(a.use);
+      if (writes(a.use)) s = {scope, {}, 0};
+      else s.readers |= scope.stages;
+    }
+    out.push_back(barrier);
+  }
+  return out;
+}
+
+}  // namespace dr::runtime

@@ -1,0 +1,196 @@
+// SPDX-License-Identifier: Apache-2.0
+// Instance, device choice and features.
+#include "runtime/vk/device.h"
+
+#include <algorithm>
+#include <cctype>
+
+namespace dr::runtime {
+
+namespace {
+
+std::string lower_case(std::string text) {
+  for (char& c : text) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  return text;
+}
+
+VKAPI_ATTR VkBool32 VKAPI_CALL on_message(VkDebugUtilsMessageSeverityFlagBitsEXT, VkDebugUtilsMessageTypeFlagsEXT,
+                                          const VkDebugUtilsMessengerCallbackDataEXT* data, void* user) {
+  auto* state = static_cast<DeviceState*>(user);
+  const std::lock_guard lock(state->messages_lock);
+  state->messages.emplace_back(data->pMessage);
+  return VK_FALSE;
+}
+
+constexpr const char* kValidationLayer = "VK_LAYER_KHRONOS_validation";
+
+void make_instance(DeviceState& state, bool validation) {
+  vk::ApplicationInfo application;
+  application.pApplicationName = "dressi";
+  application.apiVersion = VK_API_VERSION_1_1;
+  vk::InstanceCreateInfo info;
+  info.pApplicationInfo = &application;
+  std::vector<const char*> layers, extensions;
+  const auto have = state.context.enumerateInstanceLayerProperties();
+  auto has_layer = [&](const char* name) {
+    return std::any_of(have.begin(), have.end(), [&](const auto& l) { return std::string_view(l.layerName.data()) == name; });
+  };
+  const vk::ValidationFeatureEnableEXT enabled[] = {vk::ValidationFeatureEnableEXT::eSynchronizationValidation};
+  vk::ValidationFeaturesEXT features;
+  features.setEnabledValidationFeatures(enabled);
+  if (validation) {
+    if (!has_layer(kValidationLayer)) throw Failure{"the Vulkan validation layer is not installed (Debian: vulkan-validationlayers)"};
+    layers.push_back(kValidationLayer);
+    extensions.push_back(VK_EXT_DEBUG_UTILS_EXTENSION_NAME);
+    info.pNext = &features;
+    state.debug_names = true;
+  }
+  info.setPEnabledLayerNames(layers);
+  info.setPEnabledExtensionNames(extensions);
+  state.instance = vk::raii::Instance(state.context, info);
+  if (validation) {
+    vk::DebugUtilsMessengerCreateInfoEXT messenger;
+    messenger.messageSeverity = vk::DebugUtilsMessageSeverityFlagBitsEXT::eError | vk::DebugUtilsMessageSeverityFlagBitsEXT::eWarning;
+    messenger.messageType = vk::DebugUtilsMessageTypeFlagBitsEXT::eValidation;
+    messenger.pfnUserCallback = on_message;
+    messenger.pUserData = &state;
+    state.messenger = vk::raii::DebugUtilsMessengerEXT(state.instance, messenger);
+  }
+}
+
+std::string version_text(uint32_t v) {
+  return std::to_string(VK_API_VERSION_MAJOR(v)) + "." + std::to_string(VK_API_VERSION_MINOR(v)) + "." + std::to_string(VK_API_VERSION_PATCH(v));
+}
+
+DeviceInfo describe(const vk::PhysicalDeviceProperties& p) {
+  DeviceInfo info;
+  info.name = p.deviceName.data();
+  switch (p.deviceType) {
+    case vk::PhysicalDeviceType::eCpu: info.kind = "cpu"; break;
+    case vk::PhysicalDeviceType::eDiscreteGpu: info.kind = "discrete gpu"; break;
+    case vk::PhysicalDeviceType::eIntegratedGpu: info.kind = "integrated gpu"; break;
+    case vk::PhysicalDeviceType::eVirtualGpu: info.kind = "virtual gpu"; break;
+    case vk::PhysicalDeviceType::eOther: info.kind = "other"; break;
+  }
+  info.api_version = version_text(p.apiVersion);
+  info.driver = version_text(p.driverVersion);
+  return info;
+}
+
+bool matches(const DeviceInfo& info, size_t number, const std::string& wanted) {
+  if (wanted.empty() || wanted == std::to_string(number)) return true;
+  const std::string name = lower_case(info.name), want = lower_case(wanted);
+  return name.find(want) != std::string::npos || (want == "lavapipe" && name.find("llvmpipe") != std::string::npos);
+}
+
+}  // namespace
+
+uint32_t DeviceState::memory_type(uint32_t allowed, vk::MemoryPropertyFlags wanted, vk::MemoryPropertyFlags preferred) const {
+  for (const vk::MemoryPropertyFlags flags : {wanted | preferred, wanted})
+    for (uint32_t t = 0; t < memory.memoryTypeCount; ++t)
+      if ((allowed & (1u << t)) != 0 && (memory.memoryTypes[t].propertyFlags & flags) == flags) return t;
+  throw Failure{"the device offers no memory of the kind " + vk::to_string(wanted)};
+}
+
+std::shared_ptr<DeviceState> open_device(const DeviceOptions& options) {
+  auto state = std::make_shared<DeviceState>();
+  make_instance(*state, options.validation);
+  vk::raii::PhysicalDevices devices(state->instance);
+  std::string names;
+  bool found = false;
+  for (size_t k = 0; k < devices.size() && !found; ++k) {
+    const DeviceInfo info = describe(devices[k].getProperties());
+    names += (k ? ", " : "") + info.name;
+    if (!matches(info, k, options.name)) continue;
+    state->physical = std::move(devices[k]);
+    found = true;
+  }
+  if (!found) throw Failure{names.empty() ? "there is no Vulkan device" : "no Vulkan device matches '" + options.name + "'; there are: " + names};
+  state->properties = state->physical.getProperties();
+  state->memory = state->physical.getMemoryProperties();
+  if (state->properties.apiVersion < VK_API_VERSION_1_1)
+    throw Failure{"device '" + std::string(state->properties.deviceName.data()) + "' has Vulkan " + version_text(state->properties.apiVersion) +
+                  ", 1.1 is needed"};
+  const auto families = state->physical.getQueueFamilyProperties();
+  const auto wanted = vk::QueueFlagBits::eGraphics | vk::QueueFlagBits::eCompute;
+  const auto family = std::find_if(families.begin(), families.end(), [&](const auto& f) { return (f.queueFlags & wanted) == wanted; });
+  if (family == families.end()) throw Failure{"the device has no queue for graphics and compute"};
+  state->family = static_cast<uint32_t>(family - families.begin());
+
+  std::vector<const char*> extensions;
+  const auto offered = state->physical.enumerateDeviceExtensionProperties();
+  auto has_extension = [&](const char* name) {
+    return std::any_of(offered.begin(), offered.end(), [&](const auto& e) { return std::string_view(e.extensionName.data()) == name; });
+  };
+  vk::PhysicalDeviceFeatures2 features;
+  vk::PhysicalDeviceShaderAtomicInt64Features atomics;
+  const bool atomics_known = has_extension(VK_KHR_SHADER_ATOMIC_INT64_EXTENSION_NAME);
+  if (atomics_known) features.pNext = &atomics;
+  auto get = reinterpret_cast<PFN_vkGetPhysicalDeviceFeatures2>(state->instance.getProcAddr("vkGetPhysicalDeviceFeatures2"));
+  get(*state->physical, reinterpret_cast<VkPhysicalDeviceFeatures2*>(&features));
+  state->int64 = features.features.shaderInt64 != 0;
+  state->int64_atomics = state->int64 && atomics_known && atomics.shaderBufferInt64Atomics != 0;
+  vk::PhysicalDeviceFeatures enable;
+  enable.robustBufferAccess = features.features.robustBufferAccess;
+  enable.shaderInt64 = state->int64;
+  enable.vertexPipelineStoresAndAtomics = features.features.vertexPipelineStoresAndAtomics;
+  enable.fragmentStoresAndAtomics = features.features.fragmentStoresAndAtomics;
+  vk::PhysicalDeviceShaderAtomicInt64Features enable_atomics;
+  enable_atomics.shaderBufferInt64Atomics = VK_TRUE;
+  if (state->int64_atomics) extensions.push_back(VK_KHR_SHADER_ATOMIC_INT64_EXTENSION_NAME);
+  const float priority = 1;
+  vk::DeviceQueueCreateInfo queue({}, state->family, 1, &priority);
+  vk::DeviceCreateInfo info;
+  info.setQueueCreateInfos(queue);
+  info.setPEnabledExtensionNames(extensions);
+  info.pEnabledFeatures = &enable;
+  if (state->int64_atomics) info.pNext = &enable_atomics;
+  state->device = vk::raii::Device(state->physical, info);
+  state->queue = state->device.getQueue(state->family, 0);
+  return state;
+}
+
+Result<std::vector<DeviceInfo>> Device::list() {
+  try {
+    DeviceState state;
+    make_instance(state, false);
+    vk::raii::PhysicalDevices devices(state.instance);
+    std::vector<DeviceInfo> out;
+    for (const auto& d : devices) out.push_back(describe(d.getProperties()));
+    return out;
+  } catch (const Failure& failure) {
+    return io::Error{failure.message};
+  } catch (const std::exception& e) {
+    return io::Error{std::string("cannot list Vulkan devices: ") + e.what()};
+  }
+}
+
+Result<Device> Device::open(const DeviceOptions& options) {
+  try {
+    Device device;
+    device.state_ = open_device(options);
+    return device;
+  } catch (const Failure& failure) {
+    return io::Error{failure.message};
+  } catch (const std::exception& e) {
+    return io::Error{std::string("cannot open a Vulkan device: ") + e.what()};
+  }
+}
+
+DeviceInfo Device::info() const { return describe(state_->properties); }
+
+std::string Device::profile_name() const {
+  const std::string name = lower_case(info().name);
+  if (name.find("llvmpipe") != std::string::npos) return "lavapipe";
+  if (name.find("swiftshader") != std::string::npos) return "swiftshader";
+  return {};
+}
+
+std::vector<std::string> Device::validation_messages() const {
+  const std::lock_guard lock(state_->messages_lock);
+  return state_->messages;
+}
+
+bool Device::validating() const { return *state_->messenger != vk::DebugUtilsMessengerEXT{}; }
+
+}  // namespace dr::runtime

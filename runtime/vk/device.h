@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+// A Vulkan device and what every program on it shares. Private to the runtime: it includes vulkan_raii.hpp.
+#pragma once
+
+#include <memory>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include <vulkan/vulkan_raii.hpp>
+
+#include "runtime/runtime.h"
+
+namespace dr::runtime {
+
+// Thrown inside the runtime, turned into a Result at its public functions.
+struct Failure {
+  std::string message;
+};
+
+struct DeviceState {
+  vk::raii::Context context;
+  vk::raii::Instance instance{nullptr};
+  vk::raii::DebugUtilsMessengerEXT messenger{nullptr};
+  vk::raii::PhysicalDevice physical{nullptr};
+  vk::raii::Device device{nullptr};
+  vk::raii::Queue queue{nullptr};
+  uint32_t family = 0;
+  vk::PhysicalDeviceProperties properties;
+  vk::PhysicalDeviceMemoryProperties memory;
+  bool int64 = false, int64_atomics = false, debug_names = false;
+  std::mutex messages_lock;
+  std::vector<std::string> messages;  // of the validation layer
+
+  uint32_t memory_type(uint32_t allowed, vk::MemoryPropertyFlags wanted, vk::MemoryPropertyFlags preferred) const;
+  template <class Handle>
+  void name(const Handle& handle, const std::string& text) {
+    if (!debug_names) return;
+    vk::DebugUtilsObjectNameInfoEXT info;
+    info.objectType = Handle::objectType;
+    info.objectHandle = reinterpret_cast<uint64_t>(static_cast<typename Handle::CType>(*handle));
+    info.pObjectName = text.c_str();
+    device.setDebugUtilsObjectNameEXT(info);
+  }
+};
+
+std::shared_ptr<DeviceState> open_device(const DeviceOptions& options);
+
+}  // namespace dr::runtime

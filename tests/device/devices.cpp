@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+// Finding the software devices.
+#include "tests/device/devices.h"
+
+#include <cstdio>
+#include <cstdlib>
+
+#include "tests/catch.h"
+
+namespace dr::test {
+
+std::vector<NamedDevice> devices() {
+  const std::pair<const char*, const char*> known[] = {{"lavapipe", "DR_LAVAPIPE_ICD"}, {"swiftshader", "DR_SWIFTSHADER_ICD"}};
+  std::vector<NamedDevice> out;
+  for (const auto& [name, variable] : known) {
+    const char* icd = std::getenv(variable);
+    if (icd == nullptr) {
+      if (std::getenv("CI") != nullptr) FAIL(std::string(variable) + " is not set: CI tests on every device");
+      std::printf("%s is not set: tests on %s are left out\n", variable, name);
+      continue;
+    }
+    // The loader reads this for each instance.
+    setenv("VK_ICD_FILENAMES", icd, 1);
+    setenv("VK_DRIVER_FILES", icd, 1);
+    auto device = runtime::Device::open({name, true});
+    if (!device) FAIL(std::string("cannot open ") + name + ": " + device.error());
+    out.push_back({name, std::move(device).value()});
+  }
+  return out;
+}
+
+}  // namespace dr::test

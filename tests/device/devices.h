@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: Apache-2.0
+// The software devices that device tests run on.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "runtime/runtime.h"
+
+namespace dr::test {
+
+struct NamedDevice {
+  std::string name;  // "lavapipe" or "swiftshader", also its profile's name
+  runtime::Device device;
+};
+
+// The devices that the environment names (DR_LAVAPIPE_ICD, DR_SWIFTSHADER_ICD), opened under validation. Where CI is set in the
+// environment both must be there; elsewhere a missing one is told on stdout.
+std::vector<NamedDevice> devices();
+
+}  // namespace dr::test

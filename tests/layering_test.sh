@@ -1,0 +1,85 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# Who may include whom: the pipeline's folders point one way. usage: layering_test.sh SOURCE_ROOT
+# The linker says the same for code; headers alone could slip past it.
+set -euo pipefail
+
+# For a folder, what its files may include besides the folder itself. The deepest folder that matches decides.
+rules='
+dsl
+compiler/ir              dsl/
+compiler/ops             dsl/ compiler/ir/
+compiler/target          dsl/ compiler/ir/ compiler/ops/
+compiler/lower           dsl/ compiler/ir/ compiler/ops/
+compiler/passes          dsl/ compiler/ir/ compiler/ops/ compiler/target/
+compiler/reference       dsl/ compiler/ir/ compiler/ops/
+compiler/backend         dsl/ compiler/ir/ compiler/ops/ compiler/target/ compiler/lower/ compiler/passes/ compiler/reference/
+compiler/backend/bundle  compiler/ir/dim.h
+compiler/drc             dsl/ compiler/
+runtime                  compiler/backend/bundle/ compiler/ir/dim.h
+runtime/io
+runtime/jit              runtime/ compiler/ dsl/
+'
+
+# Prints each include of the tree $1 that breaks the rules; fails if there is one.
+check() {
+  (cd "$1" && grep -rnE '^[ \t]*#[ \t]*include' --include='*.h' --include='*.cpp' --include='*.def' \
+    $(for folder in dsl compiler runtime; do [[ -d $folder ]] && echo "$folder"; done) /dev/null || true) |
+    awk -v rules="$rules" '
+      BEGIN {
+        lines = split(rules, line, "\n")
+        for (i = 1; i <= lines; ++i) {
+          words = split(line[i], word, " ")
+          if (words > 0) allowed[word[1]] = line[i] " " word[1] "/"
+        }
+      }
+      function bad(why) { print source ": " included ": " why; failed = 1 }
+      {
+        source = $0; sub(/:.*/, "", source)
+        if (!match($0, /["<][^">]*[">]/)) next
+        quote = substr($0, RSTART, 1)
+        included = substr($0, RSTART + 1, RLENGTH - 2)
+        if (quote == "<") {
+          if (included ~ /^(dsl|compiler|runtime|tests)\//) bad("own headers are included with quotes")
+          next
+        }
+        if (included ~ /^[^\/]*_generated\.h$/) next  # made by flatc in the build folder
+        if (included !~ /^(dsl|compiler|runtime)\//) { bad("not a full path from the root"); next }
+        folder = source
+        while (sub(/\/[^\/]*$/, "", folder) && !(folder in allowed)) continue
+        if (!(folder in allowed)) { bad("no rule for this folder in tests/layering_test.sh"); next }
+        words = split(allowed[folder], word, " ")
+        for (i = 2; i <= words; ++i) if (index(included, word[i]) == 1) next
+        bad("not allowed in " folder)
+      }
+      END { exit failed }'
+}
+
+# The check itself is checked first: each of these must be refused, and the last few let pass.
+tree=$(mktemp -d)
+trap 'rm -rf "$tree"' EXIT
+count=0
+probe() {  # probe FILE INCLUDE pass|refuse
+  count=$((count + 1))
+  mkdir -p "$tree/$count/$(dirname "$1")"
+  printf '#include %s\n' "$2" > "$tree/$count/$1"
+  local verdict=pass
+  check "$tree/$count" > /dev/null || verdict=refuse
+  [[ $verdict == "$3" ]] || { echo "self-test: $1 including $2: $verdict, expected $3"; exit 1; }
+}
+probe dsl/a.h '"compiler/ir/graph.h"' refuse
+probe compiler/ir/a.h '"compiler/ops/op.h"' refuse
+probe compiler/drc/a.cpp '"runtime/device.h"' refuse
+probe compiler/passes/a.cpp '"compiler/backend/compile.h"' refuse
+probe runtime/a.cpp '"compiler/ir/graph.h"' refuse
+probe runtime/io/a.cpp '"runtime/device.h"' refuse
+probe runtime/vk/a.cpp '"device.h"' refuse
+probe dsl/a.h '<dsl/b.h>' refuse
+probe elsewhere/a.h '"nothing.h"' pass
+probe dsl/a.h '<vector>' pass
+probe runtime/vk/a.cpp '"compiler/backend/bundle/bundle.h"' pass
+probe runtime/vk/a.cpp '"compiler/ir/dim.h"' pass
+probe runtime/jit/a.cpp '"compiler/passes/passes.h"' pass
+probe compiler/backend/bundle/bundle.h '"bundle_generated.h"' pass
+
+check "$1"

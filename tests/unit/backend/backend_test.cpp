@@ -1,0 +1,115 @@
+// SPDX-License-Identifier: Apache-2.0
+// The compiler's second half without a device: schedules are sound on every profile and packing, SPIR-V is strict.
+#include "compiler/backend/compile.h"
+
+#include <set>
+
+#include "compiler/backend/spirv.h"
+#include "compiler/ir/parse.h"
+#include "tests/catch.h"
+
+using namespace dr;
+using namespace dr::backend;
+
+namespace {
+
+// Reductions, scatter, an indexed read in an If, a stretched operand, two updates of which one reads the other's leaf.
+const char* const kGraph = R"(leaf a : vec2[V] param
+leaf b : float[V] param
+leaf i : int[W, H] input
+%0 : vec2[V] = leaf text "a"
+%1 : float[V] = leaf text "b"
+%2 : int[W, H] = leaf text "i"
+%3 : int = const floats [0]
+%4 : bool[W, H] = le %3, %2
+%5 : float[W, H] = if %4 dims [W, H, 1] yields [element] {
+  %6 : vec2[W, H] = gather %0, %2
+  %7 : float[W, H] = dot %6, %6
+  yield %7
+} {
+  %8 : float = const floats [0]
+  yield %8
+}
+%9 : float[W, H] = exp %5
+%10 : float = reduce_sum %9 ints [1, 1, 1]
+%11 : float[V] = mul %1, %10
+%12 : float[V] = scatter_add %2, %9 dims [V, 1, 1]
+%13 : float[V] = add %11, %12
+%14 : vec2[V] = splat %1 ints [2]
+step go {
+  output total %10
+  output old %1
+  update a %14
+  update b %13
+}
+)";
+
+ir::Graph graph() {
+  auto parsed = ir::parse(kGraph);
+  if (auto* error = std::get_if<ir::ParseError>(&parsed)) FAIL("line " << error->line << ": " << error->message);
+  return std::move(std::get<ir::Graph>(parsed));
+}
+
+target::Profile profile(const std::string& name) { return std::get<target::Profile>(target::load_profile(name)); }
+
+}  // namespace
+
+TEST_CASE("every lowering of a graph has a sound schedule, a sound bundle and the same bytes twice") {
+  const ir::Graph g = graph();
+  for (const std::string& name : target::builtin_profiles())
+    for (const bool fused : {false, true})
+      for (const Lower lower : {Lower::Fragment, Lower::Compute}) {
+        CompileOptions options;
+        options.fused = fused;
+        options.lower = lower;
+        auto once = compile(g, profile(name), options);
+        INFO(name << (fused ? " fused" : " naive") << (lower == Lower::Fragment ? " fragment" : " compute"));
+        REQUIRE(std::holds_alternative<Compiled>(once));
+        const Compiled& c = std::get<Compiled>(once);
+        CHECK(check_schedule(g, c.schedule, profile(name)).empty());
+        CHECK(bundle::check(c.bundle).empty());
+        const auto bytes = bundle::write(c.bundle);
+        auto twice = compile(g, profile(name), options);
+        CHECK(bytes == bundle::write(std::get<Compiled>(twice).bundle));
+      }
+}
+
+TEST_CASE("fusing never takes more passes than one an op") {
+  const ir::Graph g = graph();
+  PackOptions naive, fused;
+  naive.fused = false;
+  const auto n = pack(g, profile("lavapipe"), naive), f = pack(g, profile("lavapipe"), fused);
+  CHECK(f.steps[0].passes.size() < n.steps[0].passes.size());
+}
+
+TEST_CASE("a limit of the profile splits a pass or is told") {
+  const ir::Graph g = graph();
+  target::Profile tight = profile("lavapipe");
+  tight.max_color_attachments = 1;
+  tight.max_per_stage_descriptor_storage_buffers = 4;
+  PackOptions options;
+  options.fragment = true;
+  const Schedule s = pack(g, tight, options);
+  CHECK(check_schedule(g, s, tight).empty());
+  tight.max_per_stage_descriptor_storage_buffers = 1;
+  const auto result = compile(g, tight, {});
+  REQUIRE(std::holds_alternative<std::string>(result));
+  CHECK(std::get<std::string>(result).find("device allows 1") != std::string::npos);
+}
+
+TEST_CASE("every float instruction is decorated NoContraction") {
+  const ir::Graph g = graph();
+  auto result = compile(g, profile("swiftshader"), {});
+  for (const auto& shader : std::get<Compiled>(result).bundle.shaders) {
+    std::set<uint32_t> decorated;
+    std::vector<uint32_t> arithmetic;
+    const auto& code = shader->spirv;
+    for (size_t at = 5; at < code.size(); at += code[at] >> 16) {
+      const uint32_t opcode = code[at] & 0xffff;
+      if (opcode == 71 && code[at + 2] == 42) decorated.insert(code[at + 1]);
+      if (opcode == 127 || opcode == 129 || opcode == 131 || opcode == 133 || opcode == 136 || opcode == 142 || opcode == 148) arithmetic.push_back(code[at + 2]);
+    }
+    for (uint32_t id : arithmetic) CHECK(decorated.count(id) == 1);
+    CHECK(decorate_no_contraction(code) == code);
+  }
+}

@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: Apache-2.0
+// Barriers between commands, as plain data.
+#include "runtime/vk/barrier.h"
+
+#include "tests/catch.h"
+
+using dr::runtime::Access;
+using dr::runtime::Barrier;
+using dr::runtime::plan_barriers;
+using dr::runtime::scope_of;
+using dr::runtime::Use;
+
+namespace {
+
+std::vector<Barrier> plan(std::vector<std::vector<Access>> commands) { return plan_barriers(commands); }
+
+bool waits(const Barrier& b) { return b.from.stages != 0; }
+
+}  // namespace
+
+TEST_CASE("a read waits for the write before it") {
+  const auto b = plan({{{0, Use::ComputeWrite}}, {{0, Use::ComputeRead}}});
+  CHECK_FALSE(waits(b[0]));
+  REQUIRE(waits(b[1]));
+  CHECK(b[1].from == scope_of(Use::ComputeWrite));
+  CHECK(b[1].to == scope_of(Use::ComputeRead));
+}
+
+TEST_CASE("independent commands do not wait") {
+  const auto b = plan({{{0, Use::ComputeWrite}}, {{1, Use::ComputeWrite}}, {{2, Use::ComputeRead}, {3, Use::ComputeWrite}}});
+  for (const Barrier& one : b) CHECK_FALSE(waits(one));
+}
+
+TEST_CASE("two readers need one barrier when their stages agree") {
+  const auto b = plan({{{0, Use::ComputeWrite}}, {{0, Use::ComputeRead}}, {{0, Use::ComputeRead}}});
+  CHECK(waits(b[1]));
+  CHECK_FALSE(waits(b[2]));
+}
+
+TEST_CASE("a reader at another stage waits again") {
+  const auto b = plan({{{0, Use::ComputeWrite}}, {{0, Use::ComputeRead}}, {{0, Use::GraphicsRead}}});
+  REQUIRE(waits(b[2]));
+  CHECK(b[2].to == scope_of(Use::GraphicsRead));
+}
+
+TEST_CASE("a write waits for the readers before it, without making memory available") {
+  const auto b = plan({{{0, Use::ComputeRead}}, {{0, Use::ComputeWrite}}});
+  REQUIRE(waits(b[1]));
+  CHECK(b[1].from.stages == scope_of(Use::ComputeRead).stages);
+  CHECK(b[1].from.access == 0);
+}
+
+TEST_CASE("writes in a row wait for each other") {
+  const auto b = plan({{{0, Use::TransferWrite}}, {{0, Use::ComputeReadWrite}}, {{0, Use::ComputeReadWrite}}});
+  CHECK(waits(b[1]));
+  CHECK(waits(b[2]));
+}
+
+TEST_CASE("one barrier covers earlier writes of the same scope") {
+  const auto b = plan({{{0, Use::ComputeWrite}}, {{1, Use::ComputeWrite}}, {{0, Use::ComputeRead}}, {{1, Use::ComputeRead}}});
+  CHECK(waits(b[2]));
+  CHECK_FALSE(waits(b[3]));
+}
+
+TEST_CASE("attachments are read after they are written, and cleared after they are read") {
+  const auto b = plan({{{0, Use::ColorWrite}, {1, Use::DepthWrite}}, {{0, Use::GraphicsRead}, {2, Use::ColorWrite}, {1, Use::DepthWrite}}, {{0, Use::ColorWrite}}});
+  REQUIRE(waits(b[1]));
+  CHECK((b[1].from.stages & scope_of(Use::ColorWrite).stages) != 0);
+  CHECK((b[1].from.stages & scope_of(Use::DepthWrite).stages) == scope_of(Use::DepthWrite).stages);
+  REQUIRE(waits(b[2]));
+  CHECK((b[2].from.stages & scope_of(Use::GraphicsRead).stages) == scope_of(Use::GraphicsRead).stages);
+}
