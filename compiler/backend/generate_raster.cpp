@@ -156,13 +156,16 @@ void Generator::raster_hardware(const Pass& pass, const ir::Op& op) {
     v.body().line("ivec3 at = ivec3(face, 0, pc.layer);");
     v.body().line("vec2 size = vec2(" + w + ", " + h + ");");
     Closures corner(v, graph_, pass, op);
-    v.body().line("vec2 a = " + corner.record(parts.corners[0], "at") + ", b = " + corner.record(parts.corners[1], "at") + ", c = " +
-                  corner.record(parts.corners[2], "at") + ";");
-    if (triangles == 2)
-      v.body().line("if (triangle % 2 == 1) { a = " + corner.record(parts.corners[3], "at") + "; b = " + corner.record(parts.corners[4], "at") + "; c = " +
-                    corner.record(parts.corners[5], "at") + "; }");
-    v.body().line("vec2 p = grown_corner(a, b, c, gl_VertexIndex % 3, size);");
-    v.body().line("if (" + corner.record(parts.cull, "at") + " || dr_is_nan(a) || dr_is_nan(b) || dr_is_nan(c)) p = vec2(-4.0) * size;");
+    v.body().line("vec2 corners[" + std::to_string(parts.corners.size()) + "];");
+    v.body().line("bool dropped = " + corner.record(parts.cull, "at") + ";");
+    for (size_t c = 0; c < parts.corners.size(); ++c) {
+      const std::string name = "corners[" + std::to_string(c) + "]";
+      v.body().line(name + " = " + corner.record(parts.corners[c], "at") + ";");
+      v.body().line("dropped = dropped || dr_is_nan(" + name + ");");
+    }
+    v.body().line("int first = 3 * (triangle % " + std::to_string(triangles) + ");");
+    v.body().line("vec2 p = grown_corner(corners[first], corners[first + 1], corners[first + 2], gl_VertexIndex % 3, size);");
+    v.body().line("if (dropped) p = vec2(-4.0) * size;");
     v.body().line("out_face = face;");
     v.body().line("gl_Position = vec4(p / size * 2.0 - 1.0, 0.5, 1.0);");
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reads the graph's text form back: print(parse(print(g))) == print(g). The form is described in print.h; besides what is
-// printed, blank lines and `//` comments may stand anywhere between lines, and uses may leave out a value's name. The parser
-// knows no op's meaning: what it accepts may still fail verification.
+// Reads the graph's text form back: print(parse(print(g))) == print(g). The form is described in print.h; besides what
+// is printed, blank lines and `//` comments may stand anywhere between lines, and uses may leave out a value's name.
+// The parser knows no op's meaning: what it accepts may still fail verification.
 #pragma once
 
 #include <string>

@@ -14,8 +14,8 @@
 //   }
 //
 // A line of an op holds its results, its name, its operands, those of its attributes that are not empty (ints, floats,
-// dims, yields, text), and then its regions: parameters where there are any, and a body. `accumulation` before a type marks
-// ValueInfo::accumulation. The number of a value is what counts; the name before it is the user's.
+// dims, yields, text), and then its regions: parameters where there are any, and a body. `accumulation` before a type
+// marks ValueInfo::accumulation. The number of a value is what counts; the name before it is the user's.
 //
 // Value numbers are renumbered in the order in which values are made (an op's results come after its regions), so that
 // dumps of equal graphs are equal. Spans are not printed.
@@ -33,13 +33,14 @@ namespace dr::ir {
 
 std::string print(const Graph& graph);
 
-// For messages about one op: the numbers that print() gives, by ValueId, and the op's line without the bodies of its regions.
+// For messages about one op: the numbers that print() gives, by ValueId, and the op's line without the bodies of its
+// regions.
 std::vector<uint32_t> print_numbers(const Graph& graph);
 std::string print_op(const Graph& graph, OpId op, std::span<const uint32_t> numbers);
 
 // Words of the text form.
-std::string_view yield_name(Yield yield);               // "element", "sum", ...
-std::string_view leaf_kind_name(Leaf::Kind kind);       // "param", "input", "state"
-bool is_name_char(char c);                              // may stand in a name without quotes
+std::string_view yield_name(Yield yield);          // "element", "sum", ...
+std::string_view leaf_kind_name(Leaf::Kind kind);  // "param", "input", "state"
+bool is_name_char(char c);                         // may stand in a name without quotes
 
 }  // namespace dr::ir

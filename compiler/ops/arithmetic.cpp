@@ -40,8 +40,8 @@ Texts with_vectors(const GlslInput& in, Texts texts, std::string_view vectors) {
   return texts;
 }
 
-Texts integer_texts(const GlslInput& in, std::string_view of_int, std::string_view int_vectors, std::string_view of_uint,
-                    std::string_view uint_vectors) {
+Texts integer_texts(const GlslInput& in, std::string_view of_int, std::string_view int_vectors,
+                    std::string_view of_uint, std::string_view uint_vectors) {
   const bool is_int = in.result_type.scalar == Scalar::Int;
   return with_vectors(in, {is_int ? of_int : of_uint}, is_int ? int_vectors : uint_vectors);
 }
@@ -70,7 +70,8 @@ AdjointOutput extreme_adjoint(const AdjointInput& in) {
   const ValueId is_x = apply(b, OpKind::Equal, in.result, in.operands[0]);
   const ValueId is_y = apply(b, OpKind::Equal, in.result, in.operands[1]);
   const ValueId half = smul(b, in.adjoint, like(b, in.adjoint, 0.5));
-  return {keep_where(b, is_x, select(b, is_y, half, in.adjoint)), keep_where(b, is_y, select(b, is_x, half, in.adjoint))};
+  return {keep_where(b, is_x, select(b, is_y, half, in.adjoint)),
+          keep_where(b, is_y, select(b, is_x, half, in.adjoint))};
 }
 
 // clamp is min(max(x, low), high), for low > high too: then it is high.
@@ -80,7 +81,8 @@ AdjointOutput clamp_adjoint(const AdjointInput& in) {
   const ValueId above_low = apply(b, OpKind::LessEqual, low, x);
   const ValueId ordered = apply(b, OpKind::LessEqual, low, high);
   const ValueId inside = apply(b, OpKind::LogicalAnd, above_low, apply(b, OpKind::LessEqual, x, high));
-  const ValueId is_high = apply(b, OpKind::LogicalOr, apply(b, OpKind::Less, high, x), apply(b, OpKind::LogicalNot, ordered));
+  const ValueId is_high =
+      apply(b, OpKind::LogicalOr, apply(b, OpKind::Less, high, x), apply(b, OpKind::LogicalNot, ordered));
   const ValueId is_low = apply(b, OpKind::LogicalAnd, apply(b, OpKind::LogicalNot, above_low), ordered);
   return {keep_where(b, inside, in.adjoint), keep_where(b, is_low, in.adjoint), keep_where(b, is_high, in.adjoint)};
 }
@@ -106,10 +108,13 @@ std::vector<OpInfo> arithmetic_ops() {
        .infer = component_wise<2, kNumbers | kMatrices>,
        .eval =
            [](const EvalBatch& e) {
-             numbers2(e, [](double x, double y) { return x + y; }, [](int64_t x, int64_t y) { return x + y; });
+             numbers2(
+                 e, [](double x, double y) { return x + y; }, [](int64_t x, int64_t y) { return x + y; });
            },
        .glsl = infix_of<"+">,
-       .adjoint = [](const AdjointInput& in) -> AdjointOutput { return {in.adjoint, in.adjoint}; },
+       .adjoint = [](const AdjointInput& in) -> AdjointOutput {
+         return {in.adjoint, in.adjoint};
+       },
        .domains = {{-3, 3}, {-3, 3}},
        .singular = {{{0, 0}}},
        .ulp_bound = 0.5},
@@ -119,10 +124,13 @@ std::vector<OpInfo> arithmetic_ops() {
        .infer = component_wise<2, kNumbers | kMatrices>,
        .eval =
            [](const EvalBatch& e) {
-             numbers2(e, [](double x, double y) { return x - y; }, [](int64_t x, int64_t y) { return x - y; });
+             numbers2(
+                 e, [](double x, double y) { return x - y; }, [](int64_t x, int64_t y) { return x - y; });
            },
        .glsl = infix_of<"-">,
-       .adjoint = [](const AdjointInput& in) -> AdjointOutput { return {in.adjoint, neg(in.builder, in.adjoint)}; },
+       .adjoint = [](const AdjointInput& in) -> AdjointOutput {
+         return {in.adjoint, neg(in.builder, in.adjoint)};
+       },
        .domains = {{-3, 3}, {-3, 3}},
        .singular = {{{0, 0}}},
        .ulp_bound = 0.5},
@@ -132,8 +140,11 @@ std::vector<OpInfo> arithmetic_ops() {
        .infer = component_wise<2, kNumbers>,
        .eval =
            [](const EvalBatch& e) {
-             numbers2(e, [](double x, double y) { return x * y; },
-                      [](int64_t x, int64_t y) { return static_cast<int64_t>(static_cast<uint64_t>(x) * static_cast<uint64_t>(y)); });
+             numbers2(
+                 e, [](double x, double y) { return x * y; },
+                 [](int64_t x, int64_t y) {
+                   return static_cast<int64_t>(static_cast<uint64_t>(x) * static_cast<uint64_t>(y));
+                 });
            },
        .glsl = infix_of<"*">,
        .adjoint = [](const AdjointInput& in) -> AdjointOutput {
@@ -146,7 +157,11 @@ std::vector<OpInfo> arithmetic_ops() {
        .shape = Shape::Elementwise,
        .doc = "x / y. Floats: by zero as IEEE says, with derivative 0. Integers: truncates, by zero gives 0.",
        .infer = component_wise<2, kNumbers>,
-       .eval = [](const EvalBatch& e) { numbers2(e, [](double x, double y) { return x / y; }, int_div); },
+       .eval =
+           [](const EvalBatch& e) {
+             numbers2(
+                 e, [](double x, double y) { return x / y; }, int_div);
+           },
        .glsl = [](const GlslInput& in) { return is_float(in) ? infix(in, "/") : call("dr_div", in); },
        .prelude_of = [](const GlslInput& in) -> Texts {
          if (is_float(in)) return {};
@@ -158,7 +173,8 @@ std::vector<OpInfo> arithmetic_ops() {
        .ulp_bound = 2.5},
       {.kind = OpKind::Mod,
        .shape = Shape::Elementwise,
-       .doc = "x - y floor(x / y), from 0 to y without y; by zero gives 0. d/dx is 1, d/dy is -floor(x / y), 0 at y = 0.",
+       .doc =
+           "x - y floor(x / y), from 0 to y without y; by zero gives 0. d/dx is 1, d/dy is -floor(x / y), 0 at y = 0.",
        .infer = component_wise<2, kNumbers>,
        .eval = [](const EvalBatch& e) { numbers2(e, floor_mod, int_mod); },
        .glsl = function<"dr_mod">,
@@ -169,13 +185,20 @@ std::vector<OpInfo> arithmetic_ops() {
        .adjoint = mod_adjoint,
        .domains = {{-10, 10}, {0.5, 3}},
        .singular = {{{0, 1}}, {{3, 1}}, {{1, 0}}, {{-1e-9, 1}}},
-       .ulp_bound = 64},  // of the larger of both operands
+       .ulp_bound = 4},
       {.kind = OpKind::Neg,
        .shape = Shape::Elementwise,
        .doc = "-x, of matrices too.",
        .infer = component_wise<1, kNumbers | kMatrices>,
-       .eval = [](const EvalBatch& e) { numbers1(e, [](double x) { return -x; }, [](int64_t x) { return -x; }); },
-       .glsl = [](const GlslInput& in) { return in.result_type.scalar == Scalar::Uint ? "0u - " + in.operands[0] : prefix(in, "-"); },
+       .eval =
+           [](const EvalBatch& e) {
+             numbers1(
+                 e, [](double x) { return -x; }, [](int64_t x) { return -x; });
+           },
+       .glsl =
+           [](const GlslInput& in) {
+             return in.result_type.scalar == Scalar::Uint ? "0u - " + in.operands[0] : prefix(in, "-");
+           },
        .adjoint = [](const AdjointInput& in) -> AdjointOutput { return {neg(in.builder, in.adjoint)}; },
        .domains = {{-3, 3}},
        .singular = {{{0}}},
@@ -184,7 +207,11 @@ std::vector<OpInfo> arithmetic_ops() {
        .shape = Shape::Elementwise,
        .doc = "Absolute value. Derivative 0 at 0; the least integer is its own.",
        .infer = component_wise<1, kNumbers>,
-       .eval = [](const EvalBatch& e) { numbers1(e, [](double x) { return std::abs(x); }, [](int64_t x) { return std::abs(x); }); },
+       .eval =
+           [](const EvalBatch& e) {
+             numbers1(
+                 e, [](double x) { return std::abs(x); }, [](int64_t x) { return std::abs(x); });
+           },
        .glsl = [](const GlslInput& in) -> std::string {
          switch (in.result_type.scalar) {
            case Scalar::Float: return call("abs", in);
@@ -204,12 +231,14 @@ std::vector<OpInfo> arithmetic_ops() {
        .infer = component_wise<1, kNumbers>,
        .eval =
            [](const EvalBatch& e) {
-             numbers1(e, [](double x) { return static_cast<double>((x > 0) - (x < 0)); },
-                      [](int64_t x) { return static_cast<int64_t>((x > 0) - (x < 0)); });
+             numbers1(
+                 e, [](double x) { return static_cast<double>((x > 0) - (x < 0)); },
+                 [](int64_t x) { return static_cast<int64_t>((x > 0) - (x < 0)); });
            },
-       .glsl = [](const GlslInput& in) {
-         return in.result_type.scalar == Scalar::Uint ? "min(" + in.operands[0] + ", 1u)" : call("sign", in);
-       },
+       .glsl =
+           [](const GlslInput& in) {
+             return in.result_type.scalar == Scalar::Uint ? "min(" + in.operands[0] + ", 1u)" : call("sign", in);
+           },
        .differentiable = false,
        .domains = {{-3, 3}},
        .singular = {{{0}}},
@@ -250,10 +279,12 @@ std::vector<OpInfo> arithmetic_ops() {
            [](const EvalBatch& e) {
              map3(e, [](double x, double low, double high) { return smaller(larger(x, low), high); });
            },
-       .glsl = [](const GlslInput& in) {
-         const std::string prefix = is_float(in) ? "dr_" : "";
-         return prefix + "min(" + prefix + "max(" + in.operands[0] + ", " + in.operands[1] + "), " + in.operands[2] + ")";
-       },
+       .glsl =
+           [](const GlslInput& in) {
+             const std::string prefix = is_float(in) ? "dr_" : "";
+             return prefix + "min(" + prefix + "max(" + in.operands[0] + ", " + in.operands[1] + "), " +
+                    in.operands[2] + ")";
+           },
        .prelude_of = [](const GlslInput& in) -> Texts {
          if (!is_float(in)) return {};
          if (in.result_type.is_scalar()) return {glsl::kIsNan, glsl::kMin, glsl::kMax};
@@ -265,7 +296,8 @@ std::vector<OpInfo> arithmetic_ops() {
        .ulp_bound = 0},
       {.kind = OpKind::SMul,
        .shape = Shape::Elementwise,
-       .doc = "g * x, and 0 where g is 0 whatever x is: the product of an adjoint and a derivative. Of matrices component by "
+       .doc = "g * x, and 0 where g is 0 whatever x is: the product of an adjoint and a derivative. Of matrices "
+              "component by "
               "component.",
        .infer = component_wise<2, kFloats | kMatrices>,
        .eval = [](const EvalBatch& e) { map2(e, [](double g, double x) { return g == 0 ? 0.0 : g * x; }); },

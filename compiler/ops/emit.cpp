@@ -21,7 +21,8 @@ ir::Attrs with_ints(std::vector<int64_t> ints) {
 
 }  // namespace
 
-ValueId emit(Builder& b, OpKind kind, std::vector<ValueId> operands, ir::Attrs attrs, std::vector<ir::RegionId> regions) {
+ValueId emit(Builder& b, OpKind kind, std::vector<ValueId> operands, ir::Attrs attrs,
+             std::vector<ir::RegionId> regions) {
   const std::vector<ValueId> results = emit_multi(b, kind, std::move(operands), std::move(attrs), std::move(regions));
   DR_ASSERT(results.size() == 1);
   return results[0];
@@ -66,7 +67,9 @@ ValueId dim_value(Builder& b, const Dim& dim) {
   return emit(b, OpKind::DimValue, {}, std::move(attrs));
 }
 
-ValueId coord(Builder& b, int axis, const Extent& extent) { return emit(b, OpKind::Coord, {}, with_dims(extent, {axis})); }
+ValueId coord(Builder& b, int axis, const Extent& extent) {
+  return emit(b, OpKind::Coord, {}, with_dims(extent, {axis}));
+}
 
 ValueId add(Builder& b, ValueId x, ValueId y) { return emit(b, OpKind::Add, {x, y}); }
 ValueId sub(Builder& b, ValueId x, ValueId y) { return emit(b, OpKind::Sub, {x, y}); }
@@ -110,12 +113,14 @@ ValueId broadcast(Builder& b, ValueId x, const Extent& extent) {
 ValueId reduce_to(Builder& b, ValueId x, const Extent& extent) {
   const Extent from = b.value(x).extent;
   std::vector<int64_t> axes;
-  for (const auto axis : {&Extent::w, &Extent::h, &Extent::l}) axes.push_back((from.*axis).is_one() || !(extent.*axis).is_one() ? 0 : 1);
+  for (const auto axis : {&Extent::w, &Extent::h, &Extent::l})
+    axes.push_back((from.*axis).is_one() || !(extent.*axis).is_one() ? 0 : 1);
   if (axes == std::vector<int64_t>{0, 0, 0}) return x;
   const Type type = b.value(x).type;
   if (!type.is_matrix()) return emit(b, OpKind::ReduceSum, {x}, with_ints(axes));
   std::vector<ValueId> columns;
-  for (int k = 0; k < type.cols; ++k) columns.push_back(emit(b, OpKind::ReduceSum, {extract(b, x, k)}, with_ints(axes)));
+  for (int k = 0; k < type.cols; ++k)
+    columns.push_back(emit(b, OpKind::ReduceSum, {extract(b, x, k)}, with_ints(axes)));
   return compose(b, columns, type);
 }
 

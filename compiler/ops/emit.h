@@ -16,7 +16,8 @@ using ir::Type;
 using ir::ValueId;
 
 // Any op with one result.
-ValueId emit(Builder& b, OpKind kind, std::vector<ValueId> operands, ir::Attrs attrs = {}, std::vector<ir::RegionId> regions = {});
+ValueId emit(Builder& b, OpKind kind, std::vector<ValueId> operands, ir::Attrs attrs = {},
+             std::vector<ir::RegionId> regions = {});
 // Any op; the results in order.
 std::vector<ValueId> emit_multi(Builder& b, OpKind kind, std::vector<ValueId> operands, ir::Attrs attrs = {},
                                 std::vector<ir::RegionId> regions = {});
@@ -34,7 +35,7 @@ ValueId neg(Builder& b, ValueId x);
 // Scalars splat to the vector's size as needed: smul(vec3 g, float x).
 ValueId smul(Builder& b, ValueId g, ValueId x);
 ValueId select(Builder& b, ValueId c, ValueId x, ValueId y);
-ValueId splat(Builder& b, ValueId scalar, int components);   // as is for 1
+ValueId splat(Builder& b, ValueId scalar, int components);  // as is for 1
 ValueId extract(Builder& b, ValueId x, int index);
 ValueId compose(Builder& b, std::vector<ValueId> parts, Type type);
 ValueId broadcast(Builder& b, ValueId x, const Extent& extent);  // as is when the extent is that already

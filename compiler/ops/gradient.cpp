@@ -18,11 +18,14 @@ InferResult infer_grad(const InferInput& in) {
     return "the seed of " + words(value) + " cannot be " + words(seed);
   }
   std::vector<ResultType> results;
-  for (const ResultType& target : in.operands.subspan(2)) results.push_back({.type = target.type, .extent = target.extent});
+  for (const ResultType& target : in.operands.subspan(2))
+    results.push_back({.type = target.type, .extent = target.extent});
   return results;
 }
 
-void copy(const EvalBatch& e) { map1(e, [](double x) { return x; }); }
+void copy(const EvalBatch& e) {
+  map1(e, [](double x) { return x; });
+}
 std::string same(const GlslInput& in) { return in.operands[0]; }
 
 }  // namespace

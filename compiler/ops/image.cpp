@@ -13,7 +13,8 @@ namespace {
 // An index names a place of an image: int (x), ivec2 (x, y), both in the current layer, or ivec3 (x, y, layer).
 std::string expect_index(const ResultType& index, const Extent& image) {
   const Type type = index.type;
-  if (type.scalar != Scalar::Int || type.is_matrix() || type.rows > 3) return "an index is int, ivec2 or ivec3, not " + type.str();
+  if (type.scalar != Scalar::Int || type.is_matrix() || type.rows > 3)
+    return "an index is int, ivec2 or ivec3, not " + type.str();
   if (type.rows == 1 && !image.h.is_one()) return "an int does not name a place of an image of height " + image.h.str();
   return "";
 }
@@ -47,7 +48,8 @@ InferResult infer_scatter(const InferInput& in, Accepts what) {
 InferResult infer_scatter_add(const InferInput& in) { return infer_scatter(in, kNumbers); }
 
 InferResult infer_scatter_max(const InferInput& in) {
-  if (in.operands.size() == 2 && in.operands[1].type.scalar != Scalar::Int) return "takes int, not " + in.operands[1].type.str();
+  if (in.operands.size() == 2 && in.operands[1].type.scalar != Scalar::Int)
+    return "takes int, not " + in.operands[1].type.str();
   return infer_scatter(in, kInts);
 }
 
@@ -94,12 +96,13 @@ AdjointOutput gather_adjoint(const AdjointInput& in) {
   const ValueId index = in.operands[1];
   if (!type.is_matrix()) return {emit(b, OpKind::ScatterAdd, {index, in.adjoint}, dims), kNoAdjoint};
   std::vector<ValueId> columns;
-  for (int k = 0; k < type.cols; ++k) columns.push_back(emit(b, OpKind::ScatterAdd, {index, extract(b, in.adjoint, k)}, dims));
+  for (int k = 0; k < type.cols; ++k)
+    columns.push_back(emit(b, OpKind::ScatterAdd, {index, extract(b, in.adjoint, k)}, dims));
   return {compose(b, columns, type), kNoAdjoint};
 }
 
-// Each value's adjoint is read from the place that it went to. Value and index stretch to each other, so a value that went
-// to several places has the sum.
+// Each value's adjoint is read from the place that it went to. Value and index stretch to each other, so a value that
+// went to several places has the sum.
 AdjointOutput scatter_add_adjoint(const AdjointInput& in) {
   Builder& b = in.builder;
   const ValueId read = emit(b, OpKind::Gather, {in.adjoint, in.operands[0]});
@@ -154,12 +157,14 @@ std::vector<OpInfo> image_ops() {
        }},
       {.kind = OpKind::ReduceMin,
        .shape = Shape::Image,
-       .doc = "The minimum along the axes taken away; a NaN loses. Elements that share it share its derivative equally.",
+       .doc =
+           "The minimum along the axes taken away; a NaN loses. Elements that share it share its derivative equally.",
        .infer = infer_reduce,
        .adjoint = reduce_extreme_adjoint},
       {.kind = OpKind::ReduceMax,
        .shape = Shape::Image,
-       .doc = "The maximum along the axes taken away; a NaN loses. Elements that share it share its derivative equally.",
+       .doc =
+           "The maximum along the axes taken away; a NaN loses. Elements that share it share its derivative equally.",
        .infer = infer_reduce,
        .adjoint = reduce_extreme_adjoint},
       {.kind = OpKind::Broadcast,

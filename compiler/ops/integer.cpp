@@ -66,7 +66,10 @@ std::vector<OpInfo> integer_ops() {
        .shape = Shape::Elementwise,
        .doc = "x shifted up by the low five bits of y.",
        .infer = infer2,
-       .eval = [](const EvalBatch& e) { bits2(e, [](int64_t x, int64_t y) { return static_cast<int64_t>(static_cast<uint64_t>(x) << (y & 31)); }); },
+       .eval =
+           [](const EvalBatch& e) {
+             bits2(e, [](int64_t x, int64_t y) { return static_cast<int64_t>(static_cast<uint64_t>(x) << (y & 31)); });
+           },
        .glsl = [](const GlslInput& in) { return shift(in, "<<"); },
        .differentiable = false,
        .ulp_bound = 0},

@@ -60,7 +60,8 @@ InferResult infer_convert(const InferInput& in) {
   if (std::string wrong = expect_operands(in, 1); !wrong.empty()) return wrong;
   if (std::string wrong = expect_ints(in.attrs, 1); !wrong.empty()) return wrong;
   if (std::string wrong = expect_accepted(in.operands, kNumbers | kBools); !wrong.empty()) return wrong;
-  if (in.attrs.ints[0] < 0 || in.attrs.ints[0] > static_cast<int64_t>(Scalar::Float)) return "there is no such element type";
+  if (in.attrs.ints[0] < 0 || in.attrs.ints[0] > static_cast<int64_t>(Scalar::Float))
+    return "there is no such element type";
   return one(in.operands[0].type.with_scalar(static_cast<Scalar>(in.attrs.ints[0])), in.operands[0].extent);
 }
 
@@ -192,14 +193,16 @@ std::vector<OpInfo> logic_ops() {
        .ulp_bound = 0},
       {.kind = OpKind::Convert,
        .shape = Shape::Elementwise,
-       .doc = "Another element type. Float to integer truncates and saturates, NaN gives 0 and false; integers wrap. No "
-              "derivative but from Float to Float.",
+       .doc =
+           "Another element type. Float to integer truncates and saturates, NaN gives 0 and false; integers wrap. No "
+           "derivative but from Float to Float.",
        .infer = infer_convert,
        .eval = eval_convert,
        .glsl = convert_glsl,
        .prelude_of = convert_prelude,
        .adjoint = [](const AdjointInput& in) -> AdjointOutput {
-         const bool flows = in.builder.value(in.operands[0]).type.is_float() && in.builder.value(in.result).type.is_float();
+         const bool flows =
+             in.builder.value(in.operands[0]).type.is_float() && in.builder.value(in.result).type.is_float();
          return {flows ? in.adjoint : kNoAdjoint};
        },
        .domains = {{-10, 10}},

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The op table: the families' entries, indexed by kind. It is put together, and checked to be complete, when it is first
-// used.
+// The op table: the families' entries, indexed by kind. It is put together, and checked to be complete, when it is
+// first used.
 #include "compiler/ops/op.h"
 
 #include "compiler/ops/families.h"
@@ -26,8 +26,8 @@ void check_entry(const OpInfo& info) {
 
 std::vector<OpInfo> build_table() {
   std::vector<OpInfo> table(ir::all_op_kinds().size(), OpInfo{.kind = {}, .shape = {}, .doc = {}});
-  for (const auto family : {source_ops, arithmetic_ops, math_ops, integer_ops, logic_ops, vector_ops, image_ops, region_ops,
-                            raster_ops, gradient_ops}) {
+  for (const auto family : {source_ops, arithmetic_ops, math_ops, integer_ops, logic_ops, vector_ops, image_ops,
+                            region_ops, raster_ops, gradient_ops}) {
     for (OpInfo& entry : family()) {
       OpInfo& place = table[static_cast<size_t>(entry.kind)];
       if (!place.doc.empty()) DR_ICE("op '" + std::string(ir::op_name(entry.kind)) + "' has two entries");
@@ -55,8 +55,8 @@ std::vector<std::string_view> prelude(const OpInfo& info, const GlslInput& input
   return texts;
 }
 
-InferResult infer(const ir::Graph& graph, ir::OpKind kind, std::span<const ir::ValueId> operands, const ir::Attrs& attrs,
-                  std::span<const ir::RegionId> regions, std::optional<ir::Type> written) {
+InferResult infer(const ir::Graph& graph, ir::OpKind kind, std::span<const ir::ValueId> operands,
+                  const ir::Attrs& attrs, std::span<const ir::RegionId> regions, std::optional<ir::Type> written) {
   const OpInfo& entry = info(kind);
   std::vector<ir::ResultType> types;
   types.reserve(operands.size());

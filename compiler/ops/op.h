@@ -33,8 +33,8 @@ struct InferInput {
 // The result types, or what is wrong ("operands differ: vec3 and vec4"), one sentence for the verifier.
 using InferResult = std::variant<std::vector<ir::ResultType>, std::string>;
 
-// What a type rule sees that looks further: Leaf at the graph's leaves, region ops into their regions, Const at the type
-// written on its result, which nothing else tells.
+// What a type rule sees that looks further: Leaf at the graph's leaves, region ops into their regions, Const at the
+// type written on its result, which nothing else tells.
 struct GraphInferInput {
   const ir::Graph& graph;
   std::span<const ir::ValueId> operands;
@@ -71,7 +71,7 @@ struct AdjointInput {
   const ir::Attrs& attrs;
   std::span<const ir::ValueId> operands;  // in the graph under construction
   ir::ValueId result;                     // the op's (only) result
-  ir::ValueId adjoint;                    // of the result, same type and extent
+  ir::ValueId adjoint;                    // of the result, same type; its extent stretches to the result's
 };
 // One adjoint an operand, invalid where none flows (integers). Each has the operand's type; its extent may be the
 // result's: the walker sums it down to the operand's.
@@ -90,32 +90,44 @@ struct Domain {
 struct OpInfo {
   ir::OpKind kind;
   Shape shape;
-  std::string_view doc;                                 // one line: meaning, policy at singular points
-  InferResult (*infer)(const InferInput&) = nullptr;    // every op has this one or the next; ops::infer calls either
+  std::string_view doc;  // one line: meaning, policy at singular points
+
+  // The type rule: every op has one of these two; ops::infer calls it.
+  InferResult (*infer)(const InferInput&) = nullptr;
   InferResult (*infer_in_graph)(const GraphInferInput&) = nullptr;  // Leaf, Const, If, Reduce, Raster
-  void (*eval)(const EvalBatch&) = nullptr;             // Elementwise
-  std::string (*glsl)(const GlslInput&) = nullptr;      // Elementwise
-  std::vector<std::string_view> prelude = {};           // GLSL functions that `glsl` calls, strict profile, what they call first
-  std::string_view vector_prelude = {};                 // their overloads for vectors
-  std::vector<std::string_view> (*prelude_of)(const GlslInput&) = nullptr;  // instead, where they depend on the types
+
+  // Elementwise. The prelude are GLSL functions that `glsl` calls, strict profile, and before them what they call;
+  // vector_prelude their overloads for vectors. prelude_of stands instead of both where they depend on the types.
+  void (*eval)(const EvalBatch&) = nullptr;
+  std::string (*glsl)(const GlslInput&) = nullptr;
+  std::vector<std::string_view> prelude = {};
+  std::string_view vector_prelude = {};
+  std::vector<std::string_view> (*prelude_of)(const GlslInput&) = nullptr;
+
+  // Elementwise, Image. Not differentiable: the adjoint is zero by definition (integers, comparisons, Detach).
   AdjointOutput (*adjoint)(const AdjointInput&) = nullptr;
-  bool differentiable = true;                           // false: adjoint is zero by definition (integers, comparisons, Detach)
-  std::vector<Domain> domains = {};                     // Elementwise with float operands: one an operand
-  std::vector<TestPoint> singular = {};                 // values defined, gradients finite there
-  double ulp_bound = 4;                                 // of the strict GLSL against float64, for device tests
+  bool differentiable = true;
+
+  // For tests: where random operands come from, one an operand where there are floats; points where values are defined
+  // and gradients finite; the strict GLSL's distance from float64 in last places (of the larger operand for Mod, off
+  // its jumps).
+  std::vector<Domain> domains = {};
+  std::vector<TestPoint> singular = {};
+  double ulp_bound = 4;
 };
 
 // The entry of a kind. Every kind has one; a test walks the table for missing fields.
 const OpInfo& info(ir::OpKind kind);
 
-// The GLSL functions that an element-wise op calls for these types, in order. Texts that ops share are equal; a shader holds
-// each once.
+// The GLSL functions that an element-wise op calls for these types, in order. Texts that ops share are equal; a shader
+// holds each once.
 std::vector<std::string_view> prelude(const OpInfo& info, const GlslInput& input);
 
 // Result types of any op, region ops included (their regions must be in `graph`). `written` is the type that the op's
 // result already has, where there is one; a Const has its type from nowhere else. ResultType::accumulation depends on
 // where the op is to stand and is left to whoever places it (emit_multi does).
-InferResult infer(const ir::Graph& graph, ir::OpKind kind, std::span<const ir::ValueId> operands, const ir::Attrs& attrs,
-                  std::span<const ir::RegionId> regions, std::optional<ir::Type> written = std::nullopt);
+InferResult infer(const ir::Graph& graph, ir::OpKind kind, std::span<const ir::ValueId> operands,
+                  const ir::Attrs& attrs, std::span<const ir::RegionId> regions,
+                  std::optional<ir::Type> written = std::nullopt);
 
 }  // namespace dr::ops

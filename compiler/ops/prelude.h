@@ -2,9 +2,10 @@
 // The GLSL functions of the strict profile: own approximations from + - * / sqrt and bit casts, so that every device
 // computes the same up to what it does to those. The printer marks every result `precise`.
 //
-// What they hold to: no fused operation is assumed and none hurts; NaN and Inf are told apart by comparisons that are false
-// for NaN, or by bits, never by isnan or isinf; a device may flush subnormal numbers to zero, coming in or going out. The
-// coefficients are minimax fits made for these intervals, rounded to float32 one after the other, the rest refitted.
+// What they hold to: no fused operation is assumed and none hurts; NaN and Inf are told apart by comparisons that are
+// false for NaN, or by bits, never by isnan or isinf; a device may flush subnormal numbers to zero, coming in or going
+// out. The coefficients are minimax fits made for these intervals, rounded to float32 one after the other, the rest
+// refitted.
 //
 // An entry of the op table lists the texts it needs, what they call first. Scalar functions come apart from their
 // component-wise overloads, so that one function may use another without dragging in its vectors.
@@ -14,16 +15,18 @@
 
 namespace dr::ops::glsl {
 
-// The overloads of a function of one, two or three operands for vec2, vec3 and vec4.
-#define DR_VECTORS_1(name)                                              \
-  "vec2 " name "(vec2 x) { return vec2(" name "(x.x), " name "(x.y)); }\n" \
-  "vec3 " name "(vec3 x) { return vec3(" name "(x.xy), " name "(x.z)); }\n" \
+// The overloads of a function of one or two operands for vectors of 2, 3 and 4.
+// clang-format off
+#define DR_VECTORS_1(name)                                                   \
+  "vec2 " name "(vec2 x) { return vec2(" name "(x.x), " name "(x.y)); }\n"   \
+  "vec3 " name "(vec3 x) { return vec3(" name "(x.xy), " name "(x.z)); }\n"  \
   "vec4 " name "(vec4 x) { return vec4(" name "(x.xy), " name "(x.zw)); }\n"
-#define DR_VECTORS_2_OF(vector, name)                                                                                  \
-  vector "2 " name "(" vector "2 x, " vector "2 y) { return " vector "2(" name "(x.x, y.x), " name "(x.y, y.y)); }\n"   \
-  vector "3 " name "(" vector "3 x, " vector "3 y) { return " vector "3(" name "(x.xy, y.xy), " name "(x.z, y.z)); }\n" \
-  vector "4 " name "(" vector "4 x, " vector "4 y) { return " vector "4(" name "(x.xy, y.xy), " name "(x.zw, y.zw)); }\n"
+#define DR_VECTORS_2_OF(v, name)                                                                        \
+  v "2 " name "(" v "2 x, " v "2 y) { return " v "2(" name "(x.x, y.x), " name "(x.y, y.y)); }\n"       \
+  v "3 " name "(" v "3 x, " v "3 y) { return " v "3(" name "(x.xy, y.xy), " name "(x.z, y.z)); }\n"     \
+  v "4 " name "(" v "4 x, " v "4 y) { return " v "4(" name "(x.xy, y.xy), " name "(x.zw, y.zw)); }\n"
 #define DR_VECTORS_2(name) DR_VECTORS_2_OF("vec", name)
+// clang-format on
 
 // --- numbers ---
 
@@ -500,25 +503,30 @@ float dr_scale_down(int e) { return intBitsToFloat((254 - e) << 23); }
 float dr_scale_up(int e) { return intBitsToFloat(e << 23); }
 )";
 
-#define DR_LENGTH(vec)                                      \
-  "float dr_length(" vec " v) {\n"                          \
-  "  int e = dr_scale_exponent(dr_largest(v));\n"           \
-  "  " vec " s = v * dr_scale_down(e);\n"                   \
-  "  return sqrt(dr_dot(s, s)) * dr_scale_up(e);\n"         \
+// clang-format off
+#define DR_LENGTH(vec)                                  \
+  "float dr_length(" vec " v) {\n"                      \
+  "  int e = dr_scale_exponent(dr_largest(v));\n"       \
+  "  " vec " s = v * dr_scale_down(e);\n"               \
+  "  return sqrt(dr_dot(s, s)) * dr_scale_up(e);\n"     \
   "}\n"
-inline constexpr std::string_view kLength = "float dr_length(float v) { return abs(v); }\n" DR_LENGTH("vec2") DR_LENGTH("vec3") DR_LENGTH("vec4");
+inline constexpr std::string_view kLength =
+    "float dr_length(float v) { return abs(v); }\n"
+    DR_LENGTH("vec2") DR_LENGTH("vec3") DR_LENGTH("vec4");
 #undef DR_LENGTH
 
-#define DR_NORMALIZE(vec)                                                   \
-  vec " dr_normalize(" vec " v) {\n"                                        \
-  "  " vec " s = v * dr_scale_down(dr_scale_exponent(dr_largest(v)));\n"     \
-  "  float d = dr_dot(s, s);\n"                                             \
-  "  return d == 0.0 ? " vec "(0.0) : s / sqrt(d);\n"                       \
-  "}\n"
 // 0 for 0.
+#define DR_NORMALIZE(vec)                                                \
+  vec " dr_normalize(" vec " v) {\n"                                     \
+  "  " vec " s = v * dr_scale_down(dr_scale_exponent(dr_largest(v)));\n" \
+  "  float d = dr_dot(s, s);\n"                                          \
+  "  return d == 0.0 ? " vec "(0.0) : s / sqrt(d);\n"                    \
+  "}\n"
 inline constexpr std::string_view kNormalize =
-    "float dr_normalize(float v) { return sign(v); }\n" DR_NORMALIZE("vec2") DR_NORMALIZE("vec3") DR_NORMALIZE("vec4");
+    "float dr_normalize(float v) { return sign(v); }\n"
+    DR_NORMALIZE("vec2") DR_NORMALIZE("vec3") DR_NORMALIZE("vec4");
 #undef DR_NORMALIZE
+// clang-format on
 
 #undef DR_VECTORS_1
 #undef DR_VECTORS_2

@@ -7,12 +7,13 @@
 //                corner 0 .. corners-1     vec2, likewise, in pixels
 //                cull                      bool, likewise
 //   regions    = depth, keep, tag          each with parameters (field 0, .., field n-1, p : vec2), yielding
-//                                          one float, one bool, one int; they capture values that broadcast to [W, H, L]
+//                                          one float, one bool, one int; they capture values that broadcast to
+//                                          [W, H, L]
 //   results    = face 0, tag 0, .., face K-1, tag K-1     int[W, H, L]; -1 and 0 where there is none
 //
 // For pixel (x, y, l) the candidates are the faces that `cull` spares and whose `keep` holds at p = (x + 0.5, y + 0.5);
-// any whose depth is NaN is dropped. They are ordered by (floor(clamp(depth, 0, 1) * (2^24 - 1)), face).
-// `keep` must imply that p lies in the hull of the corners (of either triangle): lowerings enumerate candidates by the hull.
+// a face with a NaN among its corners has none, and any whose depth is NaN is dropped. They are ordered by (floor(clamp(depth, 0, 1) * (2^24 - 1)), face).
+// `keep` must imply that p lies in the hull of the corners (of either triangle): lowerings enumerate candidates by it.
 #include "compiler/ops/families.h"
 #include "compiler/ops/rules.h"
 
@@ -46,7 +47,8 @@ InferResult infer_raster(const GraphInferInput& in) {
   const Type yields[] = {ir::kFloat, ir::kBool, ir::kInt};
   for (size_t r = 0; r < 3; ++r) {
     const ir::Region& region = in.graph.region(in.regions[r]);
-    if (region.params.size() != static_cast<size_t>(fields) + 1) return "a region has the fields and the point as parameters";
+    if (region.params.size() != static_cast<size_t>(fields) + 1)
+      return "a region has the fields and the point as parameters";
     for (size_t k = 0; k < region.params.size(); ++k) {
       const Type wanted = k < static_cast<size_t>(fields) ? in.operand_types[k].type : ir::vec(2);
       const Type found = in.graph.value(region.params[k]).type;
@@ -55,7 +57,8 @@ InferResult infer_raster(const GraphInferInput& in) {
     if (region.yields.size() != 1) return "a region yields one value";
     const ir::ValueInfo& yield = in.graph.value(region.yields[0]);
     if (yield.type != yields[r]) return "expected a region to yield " + yields[r].str() + ", found " + yield.type.str();
-    if (!stretches_to(yield.extent, pixels)) return "a region yields " + yield.type.str() + yield.extent.str() + ", which does not stretch to the domain";
+    if (!stretches_to(yield.extent, pixels))
+      return "a region yields " + yield.type.str() + yield.extent.str() + ", which does not stretch to the domain";
   }
   return std::vector<ResultType>(static_cast<size_t>(2 * nearest), {.type = ir::kInt, .extent = pixels});
 }

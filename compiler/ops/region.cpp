@@ -55,9 +55,11 @@ Extent image_extent(const Attrs& attrs, size_t scatter) {
 }
 
 std::string expect_scatter(const Yielded& yield, const Extent& domain, const Extent& image) {
-  if (!yield.index) return yield.value.extent == image ? "" : "an accumulation of another extent than the result, " + image.str();
+  if (!yield.index)
+    return yield.value.extent == image ? "" : "an accumulation of another extent than the result, " + image.str();
   const Type type = yield.index->type;
-  if (type.scalar != Scalar::Int || type.is_matrix() || type.rows > 3) return "an index is int, ivec2 or ivec3, not " + type.str();
+  if (type.scalar != Scalar::Int || type.is_matrix() || type.rows > 3)
+    return "an index is int, ivec2 or ivec3, not " + type.str();
   if (type.rows == 1 && !image.h.is_one()) return "an int does not name a place of an image of height " + image.h.str();
   if (type.rows < 3 && !image.l.is_one() && image.l != domain.l) {
     return "elements of " + domain.l.str() + " layers do not each have one of " + image.l.str();

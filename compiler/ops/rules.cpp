@@ -28,7 +28,9 @@ std::string expect(std::string_view what, size_t found, size_t wanted) {
 
 }  // namespace
 
-std::string expect_operands(const InferInput& in, size_t count) { return expect("operands", in.operands.size(), count); }
+std::string expect_operands(const InferInput& in, size_t count) {
+  return expect("operands", in.operands.size(), count);
+}
 std::string expect_ints(const Attrs& attrs, size_t count) { return expect("ints", attrs.ints.size(), count); }
 std::string expect_dims(const Attrs& attrs, size_t count) { return expect("dims", attrs.dims.size(), count); }
 
@@ -76,7 +78,9 @@ InferResult element_wise(const InferInput& in, size_t count, Accepts what, bool 
 
 }  // namespace
 
-InferResult same_types(const InferInput& in, size_t count, Accepts what) { return element_wise(in, count, what, false); }
+InferResult same_types(const InferInput& in, size_t count, Accepts what) {
+  return element_wise(in, count, what, false);
+}
 InferResult comparison(const InferInput& in, Accepts what) { return element_wise(in, 2, what, true); }
 
 std::string call(std::string_view name, const GlslInput& in) {

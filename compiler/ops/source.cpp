@@ -24,10 +24,11 @@ InferResult infer_const(const GraphInferInput& in) {
     return "a " + in.written->str() + " does not have " + std::to_string(count) + " components";
   }
   for (const double x : in.attrs.floats) {
-    const bool fits = in.written->is_float()                   ? true
-                      : in.written->is_bool()                  ? x == 0 || x == 1
-                      : in.written->scalar == Scalar::Int      ? x >= -2147483648.0 && x <= 2147483647.0 && x == std::floor(x)
-                                                               : x >= 0 && x <= 4294967295.0 && x == std::floor(x);
+    const bool fits = in.written->is_float()  ? true
+                      : in.written->is_bool() ? x == 0 || x == 1
+                      : in.written->scalar == Scalar::Int
+                          ? x >= -2147483648.0 && x <= 2147483647.0 && x == std::floor(x)
+                          : x >= 0 && x <= 4294967295.0 && x == std::floor(x);
     if (!fits) return "a component is no " + in.written->element().str();
   }
   return one(*in.written, {});

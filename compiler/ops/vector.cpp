@@ -26,9 +26,11 @@ InferResult infer_splat(const InferInput& in) {
 InferResult infer_compose(const InferInput& in) {
   if (std::string wrong = expect_ints(in.attrs, 2); !wrong.empty()) return wrong;
   const int64_t rows = in.attrs.ints[0], cols = in.attrs.ints[1];
-  if (!is_size(rows) || (cols != 1 && !is_size(cols))) return "vectors have 2 to 4 components, matrices as many columns of them";
+  if (!is_size(rows) || (cols != 1 && !is_size(cols)))
+    return "vectors have 2 to 4 components, matrices as many columns of them";
   const bool is_matrix = cols > 1;
-  if (std::string wrong = expect_operands(in, static_cast<size_t>(is_matrix ? cols : rows)); !wrong.empty()) return wrong;
+  if (std::string wrong = expect_operands(in, static_cast<size_t>(is_matrix ? cols : rows)); !wrong.empty())
+    return wrong;
   const Scalar scalar = is_matrix ? Scalar::Float : in.operands[0].type.scalar;
   const Type part{scalar, static_cast<uint8_t>(is_matrix ? rows : 1), 1};
   const Type type{scalar, static_cast<uint8_t>(rows), static_cast<uint8_t>(cols)};
@@ -46,7 +48,8 @@ InferResult infer_extract(const InferInput& in) {
   const Type type = in.operands[0].type;
   if (type.is_scalar()) return "a " + type.str() + " has no components";
   const int64_t parts = type.is_matrix() ? type.cols : type.rows;
-  if (in.attrs.ints[0] < 0 || in.attrs.ints[0] >= parts) return "a " + type.str() + " has no part " + std::to_string(in.attrs.ints[0]);
+  if (in.attrs.ints[0] < 0 || in.attrs.ints[0] >= parts)
+    return "a " + type.str() + " has no part " + std::to_string(in.attrs.ints[0]);
   return one(type.is_matrix() ? type.column() : type.element(), in.operands[0].extent);
 }
 
@@ -121,10 +124,10 @@ void eval_normalize(const EvalBatch& e) {
   }
 }
 
-
 AdjointOutput compose_adjoint(const AdjointInput& in) {
   AdjointOutput adjoints;
-  for (size_t k = 0; k < in.operands.size(); ++k) adjoints.push_back(extract(in.builder, in.adjoint, static_cast<int>(k)));
+  for (size_t k = 0; k < in.operands.size(); ++k)
+    adjoints.push_back(extract(in.builder, in.adjoint, static_cast<int>(k)));
   return adjoints;
 }
 
@@ -142,7 +145,8 @@ AdjointOutput dot_adjoint(const AdjointInput& in) {
   return {smul(b, in.adjoint, in.operands[1]), smul(b, in.adjoint, in.operands[0])};
 }
 
-// (g - n (n . g)) / |v|, and 0 at v = 0. The inner product is made of strong-zero products: a g of 0 gives 0 whatever n is.
+// (g - n (n . g)) / |v|, and 0 at v = 0. The inner product is made of strong-zero products: a g of 0 gives 0 whatever n
+// is.
 AdjointOutput normalize_adjoint(const AdjointInput& in) {
   Builder& b = in.builder;
   const ValueId n = in.result;
@@ -186,11 +190,12 @@ std::vector<OpInfo> vector_ops() {
              const auto index = static_cast<size_t>(e.attrs.ints[0]);
              eval_planes(e, e.operand_types[0].is_matrix() ? index * e.operand_types[0].rows : index);
            },
-       .glsl = [](const GlslInput& in) {
-         const int64_t index = in.attrs.ints[0];
-         if (in.operand_types[0].is_matrix()) return in.operands[0] + "[" + std::to_string(index) + "]";
-         return in.operands[0] + "." + "xyzw"[index];
-       },
+       .glsl =
+           [](const GlslInput& in) {
+             const int64_t index = in.attrs.ints[0];
+             if (in.operand_types[0].is_matrix()) return in.operands[0] + "[" + std::to_string(index) + "]";
+             return in.operands[0] + "." + "xyzw"[index];
+           },
        .adjoint = extract_adjoint,
        .domains = {{-3, 3}},
        .ulp_bound = 0},

@@ -4,9 +4,10 @@
 //   %3 = mul %0, %1      with %1 = const 1
 //   %4 = add %3, %2
 //   %5 = add %2, %0                          =>    %4 = add %0, %2    (%5 is %4, the rest is gone)
-// Requires: verified graph.  Establishes: every op is needed by a step; no If has a constant condition.
-// Leaves alone: values that a Grad names as targets. A gradient with respect to a value asks how the program as written
-// uses it, so such a value is merged with no equal one, replaced by no simpler one, and rules do not look through it.
+// Requires: verified graph.  Establishes: every op is needed by a step; no If has a constant condition, unless it
+// scatters through an inner op of a smaller domain. Leaves alone: values that a Grad names as targets. A gradient with
+// respect to a value asks how the program as written uses it, so such a value is merged with no equal one, replaced by
+// no simpler one, and rules do not look through it.
 //
 // A round walks the graph once backwards for what is needed and once forwards, rebuilding it in simplest form. What a
 // round leaves unused the next one drops; rounds end when one changes nothing.
@@ -255,7 +256,8 @@ class Round {
     for (size_t k = 0; k < parts.size(); ++k) {
       // The result is the target, so there must be one.
       if (target_[op.results[k].index]) return false;
-      // In the root, an inner op runs over its own domain instead of once per element of the If's.
+      // In the root an inner op runs over its own domain, not once for each element of the If's: it would scatter less
+      // often.
       const ValueInfo& yielded = from_.value(yields[parts[k].begin]);
       if (emitter_.in_root() && yielded.accumulation && domain_of(from_.op(yielded.op)) != domain_of(op)) return false;
     }

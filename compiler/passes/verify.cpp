@@ -88,7 +88,7 @@ class Verifier {
 
   std::string number(ValueId id) const {
     const uint32_t n = numbers_[id.index];
-    return n == UINT32_MAX ? "%?" : "%" + std::to_string(n);
+    return n == UINT32_MAX ? "%?" : std::string("%") + std::to_string(n);
   }
 
   void define(OpId op, ValueId id, RegionId region, OpId maker, size_t index) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The adjoints of all element-wise ops: against central differences at random numbers and close to the points that the op
-// table calls singular, finite at these points, their second derivatives likewise, and free of NaN over special values.
+// The adjoints of all element-wise ops: against central differences at random numbers and close to the points that the
+// op table calls singular, finite at these points, their second derivatives likewise, and free of NaN over special
+// values.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -35,9 +36,12 @@ Numbers generate(size_t count, F f) {
 }
 
 void draw_weights(Subject& subject, Random& random, size_t elements) {
-  for (const Place& place : subject.weights()) subject.set(place, generate(elements, [&] { return random.real(0.5, 1.5); }));
-  for (const Place& place : subject.directions()) subject.set(place, generate(elements, [&] { return random.real(0.5, 1.5); }));
-  for (const Place& place : subject.conditions()) subject.set(place, generate(elements, [&] { return random.chance(0.5) ? 1.0 : 0.0; }));
+  for (const Place& place : subject.weights())
+    subject.set(place, generate(elements, [&] { return random.real(0.5, 1.5); }));
+  for (const Place& place : subject.directions())
+    subject.set(place, generate(elements, [&] { return random.real(0.5, 1.5); }));
+  for (const Place& place : subject.conditions())
+    subject.set(place, generate(elements, [&] { return random.chance(0.5) ? 1.0 : 0.0; }));
 }
 
 void set_weights(Subject& subject, size_t elements) {
@@ -46,18 +50,18 @@ void set_weights(Subject& subject, size_t elements) {
   }
 }
 
-// What was compared, what was left out because a kink or the end of the domain lies within the differences' reach, and the
-// largest relative error.
+// What was compared, what was left out because a kink or the end of the domain lies within the differences' reach, and
+// the largest relative error.
 struct Tally {
   size_t compared = 0, skipped = 0;
   double worst = 0;
 };
 
-// Compares the derivatives of `value` at `place` with central differences at distances h, h/2 and h/4, of whose errors the
-// first two terms are removed. Errors are relative to the element's largest derivative, or to what rounding leaves.
+// Compares the derivatives of `value` at `place` with central differences at distances h, h/2 and h/4, of whose errors
+// the first two terms are removed. Errors are relative to the element's largest derivative, or to what rounding leaves.
 template <class F>
-void compare(Subject& subject, const Place& place, const Numbers& steps, const Numbers& derivatives, const Numbers& scales,
-             F value, Tally& tally) {
+void compare(Subject& subject, const Place& place, const Numbers& steps, const Numbers& derivatives,
+             const Numbers& scales, F value, Tally& tally) {
   const Numbers center = subject.get(place);
   const Numbers middle = value();
   std::vector<Numbers> quotients;
@@ -77,7 +81,8 @@ void compare(Subject& subject, const Place& place, const Numbers& steps, const N
   }
   subject.set(place, center);
   for (size_t i = 0; i < center.size(); ++i) {
-    const double coarse = (4 * quotients[1][i] - quotients[0][i]) / 3, fine = (4 * quotients[2][i] - quotients[1][i]) / 3;
+    const double coarse = (4 * quotients[1][i] - quotients[0][i]) / 3,
+                 fine = (4 * quotients[2][i] - quotients[1][i]) / 3;
     const double expected = (16 * fine - coarse) / 15;
     const double scale = std::max({scales[i], std::abs(expected), 1e-5 * std::abs(middle[i]) / steps[i], 1e-290});
     if (!std::isfinite(expected) || std::abs(fine - coarse) > 1e-6 * scale) {
@@ -94,7 +99,8 @@ void compare(Subject& subject, const Place& place, const Numbers& steps, const N
 Numbers largest(const std::vector<Numbers>& derivatives) {
   Numbers result(derivatives[0].size(), 0.0);
   for (const Numbers& plane : derivatives) {
-    for (size_t i = 0; i < plane.size(); ++i) result[i] = std::max(result[i], std::isfinite(plane[i]) ? std::abs(plane[i]) : 0);
+    for (size_t i = 0; i < plane.size(); ++i)
+      result[i] = std::max(result[i], std::isfinite(plane[i]) ? std::abs(plane[i]) : 0);
   }
   return result;
 }
@@ -104,7 +110,8 @@ void compare_first(Subject& subject, const std::vector<Numbers>& steps, Tally& t
   const Numbers scales = largest(derivatives);
   REQUIRE(derivatives.size() == subject.operands().size());
   for (size_t k = 0; k < derivatives.size(); ++k) {
-    compare(subject, subject.operands()[k], steps[k], derivatives[k], scales, [&] { return subject.value(); }, tally);
+    compare(
+        subject, subject.operands()[k], steps[k], derivatives[k], scales, [&] { return subject.value(); }, tally);
   }
 }
 
@@ -116,14 +123,17 @@ void compare_second(Subject& subject, const std::vector<Numbers>& steps, Tally& 
   REQUIRE(derivatives.size() == places.size());
   for (size_t k = 0; k < places.size(); ++k) {
     const Numbers& step = k < steps.size() ? steps[k] : Numbers(derivatives[k].size(), 1e-3);
-    compare(subject, places[k], step, derivatives[k], scales, [&] { return subject.slope(); }, tally);
+    compare(
+        subject, places[k], step, derivatives[k], scales, [&] { return subject.slope(); }, tally);
   }
 }
 
-// Scalars, the vectors and matrices of 3: what size has to do with is the same for the others, but for Compose and Extract.
+// Scalars, the vectors and matrices of 3: what size has to do with is the same for the others, but for Compose and
+// Extract.
 bool is_typical(OpKind kind, const Form& form) {
   if (kind == OpKind::Compose || kind == OpKind::Extract || kind == OpKind::Splat) return true;
-  return std::all_of(form.operands.begin(), form.operands.end(), [](Type t) { return t.is_scalar() || (t.rows == 3 && t.cols != 4); });
+  return std::all_of(form.operands.begin(), form.operands.end(),
+                     [](Type t) { return t.is_scalar() || (t.rows == 3 && t.cols != 4); });
 }
 
 }  // namespace
@@ -148,8 +158,8 @@ TEST_CASE("adjoints agree with central differences at random numbers") {
       Tally first, second;
       compare_first(subject, steps, first);
       compare_second(subject, steps, second);
-      INFO(ir::op_name(kind) << " of " << form.operands[0].str() << ": " << first.skipped << " and " << second.skipped << " of "
-                             << first.compared + first.skipped << " left out");
+      INFO(ir::op_name(kind) << " of " << form.operands[0].str() << ": " << first.skipped << " and " << second.skipped
+                             << " of " << first.compared + first.skipped << " left out");
       CHECK(first.worst <= 1e-8);
       CHECK(second.worst <= 1e-5);
       for (const auto& [sum, part] : {std::pair{&all_first, first}, std::pair{&all_second, second}}) {
@@ -160,8 +170,10 @@ TEST_CASE("adjoints agree with central differences at random numbers") {
       }
     }
   }
-  std::printf("first derivatives: %zu compared, %zu left out, largest relative error %.2g\n", all_first.compared, all_first.skipped, all_first.worst);
-  std::printf("second derivatives: %zu compared, %zu left out, largest relative error %.2g\n", all_second.compared, all_second.skipped, all_second.worst);
+  std::printf("first derivatives: %zu compared, %zu left out, largest relative error %.2g\n", all_first.compared,
+              all_first.skipped, all_first.worst);
+  std::printf("second derivatives: %zu compared, %zu left out, largest relative error %.2g\n", all_second.compared,
+              all_second.skipped, all_second.worst);
 }
 
 namespace {
@@ -170,7 +182,8 @@ namespace {
 std::vector<Form> point_forms(OpKind kind) {
   std::vector<Form> result;
   for (const Form& form : float_forms(kind)) {
-    const bool fits = std::all_of(form.operands.begin(), form.operands.end(), [](Type t) { return t.cols == 1 && (t.rows == 1 || t.rows == 3); });
+    const bool fits = std::all_of(form.operands.begin(), form.operands.end(),
+                                  [](Type t) { return t.cols == 1 && (t.rows == 1 || t.rows == 3); });
     if (fits && form.operands.size() == ops::info(kind).domains.size()) result.push_back(form);
   }
   return result;
@@ -187,18 +200,22 @@ TEST_CASE("adjoints agree with central differences close to singular points") {
       Subject subject(kind, form, kElements);
       draw_weights(subject, random, kElements);
       for (const ops::TestPoint& point : ops::info(kind).singular) {
-        if (kind == OpKind::Mod && point.operands[1] == 0) continue;  // where its jumps have no distance from each other
+        if (kind == OpKind::Mod && point.operands[1] == 0)
+          continue;  // where its jumps have no distance from each other
         for (const double distance : {1e-1, 1e-2, 1e-3}) {
           std::vector<Numbers> steps;
           for (const Place& place : subject.operands()) {
             const double at = point.operands[operand_index(place)];
             const double unit = distance * (at == 0 ? 1.0 : std::abs(at));
-            subject.set(place, generate(kElements, [&] { return at + unit * (random.chance(0.5) ? 1 : -1) * random.real(0.5, 1); }));
+            subject.set(place, generate(kElements, [&] {
+                          return at + unit * (random.chance(0.5) ? 1 : -1) * random.real(0.5, 1);
+                        }));
             steps.push_back(Numbers(kElements, 0.01 * unit));
           }
           Tally tally;
           compare_first(subject, steps, tally);
-          INFO(ir::op_name(kind) << " of " << form.operands[0].str() << ", " << distance << " from " << point.operands[0]);
+          INFO(ir::op_name(kind) << " of " << form.operands[0].str() << ", " << distance << " from "
+                                 << point.operands[0]);
           CHECK(tally.worst <= 1e-6);
           all.compared += tally.compared;
           all.skipped += tally.skipped;
@@ -207,7 +224,9 @@ TEST_CASE("adjoints agree with central differences close to singular points") {
       }
     }
   }
-  std::printf("close to singular points: %zu compared, %zu outside the domain or at a kink, largest relative error %.2g\n", all.compared, all.skipped, all.worst);
+  std::printf(
+      "close to singular points: %zu compared, %zu outside the domain or at a kink, largest relative error %.2g\n",
+      all.compared, all.skipped, all.worst);
 }
 
 TEST_CASE("first and second derivatives are finite at singular points") {
@@ -223,7 +242,8 @@ TEST_CASE("first and second derivatives are finite at singular points") {
           Numbers x;
           for (const ops::TestPoint& point : points) {
             const ops::Domain& domain = ops::info(kind).domains[operand_index(place)];
-            x.push_back(alone && place.component > 0 ? 0.25 * domain.low + 0.75 * domain.high : point.operands[operand_index(place)]);
+            x.push_back(alone && place.component > 0 ? 0.25 * domain.low + 0.75 * domain.high
+                                                     : point.operands[operand_index(place)]);
           }
           subject.set(place, x);
         }
@@ -231,7 +251,8 @@ TEST_CASE("first and second derivatives are finite at singular points") {
         for (Numbers& second : subject.second()) derivatives.push_back(std::move(second));
         for (size_t k = 0; k < derivatives.size(); ++k) {
           for (size_t i = 0; i < points.size(); ++i) {
-            INFO(ir::op_name(kind) << " of " << form.operands[0].str() << ", point " << i << ", derivative " << k << " is " << derivatives[k][i]);
+            INFO(ir::op_name(kind) << " of " << form.operands[0].str() << ", point " << i << ", derivative " << k
+                                   << " is " << derivatives[k][i]);
             CHECK(std::isfinite(derivatives[k][i]));
           }
         }
@@ -308,7 +329,8 @@ TEST_CASE("an adjoint of zero stays zero, whatever it meets") {
       set_weights(subject, cases.size());
       for (const Place& place : subject.operands()) {
         Numbers x;
-        for (const Numbers& numbers : cases) x.push_back(numbers[(operand_index(place) + static_cast<size_t>(place.component)) % 3]);
+        for (const Numbers& numbers : cases)
+          x.push_back(numbers[(operand_index(place) + static_cast<size_t>(place.component)) % 3]);
         subject.set(place, x);
       }
       for (const Place& place : subject.weights()) subject.set(place, Numbers(cases.size(), 0.0));

@@ -27,7 +27,9 @@ ValueId index(Problem& p, const std::string& name, int size, const Extent& exten
 
 ValueId squared(Builder& b, ValueId x) { return ops::mul(b, x, x); }
 // Gradients of matrices are checked through their columns.
-ValueId columns(Builder& b, ValueId x) { return squared(b, ops::add(b, ops::extract(b, x, 0), squared(b, ops::extract(b, x, 1)))); }
+ValueId columns(Builder& b, ValueId x) {
+  return squared(b, ops::add(b, ops::extract(b, x, 0), squared(b, ops::extract(b, x, 1))));
+}
 Images gradient(const Problem& problem, const std::vector<std::pair<std::string, ValueId>>& outputs) {
   Graph graph = problem.b.graph();
   add_step(graph, "look", outputs);
@@ -45,7 +47,9 @@ TEST_CASE("gather adds up at the places it reads, and not outside") {
   const ValueId grid = p.param("grid", kFloat, kGrid);
   const ValueId stack = p.param("stack", kFloat, kStack);
   Builder& b = p.b;
-  SECTION("int") { check_gradients(p, squared(b, ops::emit(b, OpKind::Gather, {row, index(p, "i", 1, kGrid, -1, 7)}))); }
+  SECTION("int") {
+    check_gradients(p, squared(b, ops::emit(b, OpKind::Gather, {row, index(p, "i", 1, kGrid, -1, 7)})));
+  }
   SECTION("ivec2, one layer read by several") {
     check_gradients(p, squared(b, ops::emit(b, OpKind::Gather, {grid, index(p, "i", 2, {3, 3, 2}, -1, 6)})));
   }
@@ -55,7 +59,9 @@ TEST_CASE("gather adds up at the places it reads, and not outside") {
   SECTION("ivec2, one place in all layers") {
     check_gradients(p, squared(b, ops::emit(b, OpKind::Gather, {stack, index(p, "i", 2, {3, 3, 1}, -1, 6)})));
   }
-  SECTION("ivec3") { check_gradients(p, squared(b, ops::emit(b, OpKind::Gather, {stack, index(p, "i", 3, kRow, -1, 5)}))); }
+  SECTION("ivec3") {
+    check_gradients(p, squared(b, ops::emit(b, OpKind::Gather, {stack, index(p, "i", 3, kRow, -1, 5)})));
+  }
 }
 
 TEST_CASE("gather of matrices") {
@@ -74,7 +80,9 @@ TEST_CASE("a matrix that stretches over an image") {
   const ValueId one = ops::compose(b, {part, squared(b, part)}, kMat2x3);
   const ValueId many = ops::compose(b, {image, squared(b, image)}, kMat2x3);
   SECTION("sum") { check_gradients(p, columns(b, ops::add(b, one, many))); }
-  SECTION("broadcast") { check_gradients(p, columns(b, ops::sub(b, ops::broadcast(b, one, kGrid), ops::neg(b, many)))); }
+  SECTION("broadcast") {
+    check_gradients(p, columns(b, ops::sub(b, ops::broadcast(b, one, kGrid), ops::neg(b, many))));
+  }
 }
 
 TEST_CASE("scatter reads back from where it went") {
@@ -86,7 +94,8 @@ TEST_CASE("scatter reads back from where it went") {
   }
   SECTION("one value at many places, in an image of one element") {
     const ValueId v = p.param("v", kFloat, {});
-    check_gradients(p, squared(b, ops::emit(b, OpKind::ScatterAdd, {index(p, "i", 1, kRow, -1, 3), v}, dims({1, 1, 1}))));
+    check_gradients(p,
+                    squared(b, ops::emit(b, OpKind::ScatterAdd, {index(p, "i", 1, kRow, -1, 3), v}, dims({1, 1, 1}))));
   }
   SECTION("many values at one place") {
     const ValueId v = p.param("v", kFloat, kRow);
@@ -94,11 +103,13 @@ TEST_CASE("scatter reads back from where it went") {
   }
   SECTION("layers, each its own") {
     const ValueId v = p.param("v", kFloat, kStack);
-    check_gradients(p, squared(b, ops::emit(b, OpKind::ScatterAdd, {index(p, "i", 2, {4, 3, 1}, -1, 5), v}, dims({3, 3, 2}))));
+    check_gradients(
+        p, squared(b, ops::emit(b, OpKind::ScatterAdd, {index(p, "i", 2, {4, 3, 1}, -1, 5), v}, dims({3, 3, 2}))));
   }
   SECTION("layers, all into one") {
     const ValueId v = p.param("v", kFloat, kStack);
-    check_gradients(p, squared(b, ops::emit(b, OpKind::ScatterAdd, {index(p, "i", 2, kStack, -1, 5), v}, dims({3, 3, 1}))));
+    check_gradients(
+        p, squared(b, ops::emit(b, OpKind::ScatterAdd, {index(p, "i", 2, kStack, -1, 5), v}, dims({3, 3, 1}))));
   }
   SECTION("layers by name") {
     const ValueId v = p.param("v", kVec3, kRow);
@@ -112,7 +123,9 @@ TEST_CASE("shift, sums and broadcasts") {
   Builder& b = p.b;
   SECTION("shift") { check_gradients(p, squared(b, ops::emit(b, OpKind::Shift, {x}, ints({1, -2})))); }
   SECTION("far shift") { check_gradients(p, squared(b, ops::emit(b, OpKind::Shift, {x}, ints({-9, 0})))); }
-  SECTION("sum over one axis") { check_gradients(p, squared(b, ops::emit(b, OpKind::ReduceSum, {x}, ints({0, 1, 0})))); }
+  SECTION("sum over one axis") {
+    check_gradients(p, squared(b, ops::emit(b, OpKind::ReduceSum, {x}, ints({0, 1, 0}))));
+  }
   SECTION("sum over all") { check_gradients(p, squared(b, ops::emit(b, OpKind::ReduceSum, {x}, ints({1, 1, 1})))); }
   SECTION("broadcast") {
     const ValueId low = ops::emit(b, OpKind::ReduceSum, {x}, ints({0, 1, 1}));
@@ -129,7 +142,8 @@ TEST_CASE("minimum and maximum of images") {
   Builder& b = p.b;
   for (const OpKind kind : {OpKind::ReduceMin, OpKind::ReduceMax}) {
     check_gradients(p, squared(b, ops::emit(b, kind, {x}, ints({1, 0, 1}))));
-    check_gradients(p, squared(b, ops::emit(b, kind, {ops::mul(b, x, ops::constant(b, kVec3, -2.0))}, ints({1, 1, 1}))));
+    check_gradients(p,
+                    squared(b, ops::emit(b, kind, {ops::mul(b, x, ops::constant(b, kVec3, -2.0))}, ints({1, 1, 1}))));
   }
 }
 

@@ -26,7 +26,8 @@ ValueId product(Builder& b, ValueId x, ValueId y) {
 std::vector<Form> float_forms(OpKind kind) {
   std::vector<Form> result;
   for (Form& form : ops_test::forms(kind)) {
-    if (is_float(form.result) && std::any_of(form.operands.begin(), form.operands.end(), is_float)) result.push_back(std::move(form));
+    if (is_float(form.result) && std::any_of(form.operands.begin(), form.operands.end(), is_float))
+      result.push_back(std::move(form));
   }
   return result;
 }
@@ -78,7 +79,8 @@ std::vector<double> Subject::get(const Place& place) const {
 
 void Subject::set(const Place& place, const std::vector<double>& values) {
   auto& data = data_.at(place.leaf).data;
-  std::copy(values.begin(), values.end(), data.begin() + static_cast<std::ptrdiff_t>(static_cast<size_t>(place.component) * elements_));
+  std::copy(values.begin(), values.end(),
+            data.begin() + static_cast<std::ptrdiff_t>(static_cast<size_t>(place.component) * elements_));
 }
 
 std::vector<reference::Image> Subject::run(const std::string& step) {
@@ -96,7 +98,8 @@ std::vector<std::vector<double>> planes(const std::vector<reference::Image>& ima
   std::vector<std::vector<double>> result;
   for (const reference::Image& image : images) {
     for (size_t at = 0; at < image.data.size(); at += elements) {
-      result.emplace_back(image.data.begin() + static_cast<std::ptrdiff_t>(at), image.data.begin() + static_cast<std::ptrdiff_t>(at + elements));
+      result.emplace_back(image.data.begin() + static_cast<std::ptrdiff_t>(at),
+                          image.data.begin() + static_cast<std::ptrdiff_t>(at + elements));
     }
   }
   return result;

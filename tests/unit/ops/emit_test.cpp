@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The helpers that write ops: what they make and what they leave as it is.
 #include "compiler/ops/emit.h"
+
 #include "tests/catch.h"
 
 using namespace dr;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Float64 evaluation of the element-wise ops: against the C++ library at random numbers, at the points that the op table
-// calls singular, and over the special values of float32.
+// Float64 evaluation of the element-wise ops: against the C++ library at random numbers, at the points that the op
+// table calls singular, and over the special values of float32.
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -73,7 +73,9 @@ const std::map<OpKind, Function2> kBinary{
 
 TEST_CASE("functions are those of the C++ library, whatever the size of the vector") {
   std::mt19937_64 engine(1);
-  const auto draw = [&](const ops::Domain& domain) { return std::uniform_real_distribution(domain.low, domain.high)(engine); };
+  const auto draw = [&](const ops::Domain& domain) {
+    return std::uniform_real_distribution(domain.low, domain.high)(engine);
+  };
   for (const OpKind kind : elementwise_kinds()) {
     const bool unary = kUnary.contains(kind);
     if (!unary && !kBinary.contains(kind)) continue;
@@ -235,8 +237,12 @@ TEST_CASE("values at singular points") {
 }
 
 TEST_CASE("integers wrap to 32 bits") {
-  const auto of_int = [](OpKind kind, double x, double y) { return evaluate(kind, {value(kInt, {x}), value(kInt, {y})}).planes[0]; };
-  const auto of_uint = [](OpKind kind, double x, double y) { return evaluate(kind, {value(kUint, {x}), value(kUint, {y})}).planes[0]; };
+  const auto of_int = [](OpKind kind, double x, double y) {
+    return evaluate(kind, {value(kInt, {x}), value(kInt, {y})}).planes[0];
+  };
+  const auto of_uint = [](OpKind kind, double x, double y) {
+    return evaluate(kind, {value(kUint, {x}), value(kUint, {y})}).planes[0];
+  };
   CHECK(of_int(OpKind::Add, kIntMax, 1) == kIntMin);
   CHECK(of_int(OpKind::Sub, kIntMin, 1) == kIntMax);
   CHECK(of_int(OpKind::Mul, 65536, 65536) == 0);
@@ -334,7 +340,8 @@ TEST_CASE("planes of vectors and matrices") {
   CHECK(matrix.planes == std::vector<double>{1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12});
   CHECK(evaluate(OpKind::Extract, {matrix}, ints({1})).planes == b.planes);
   CHECK(evaluate(OpKind::Extract, {a}, ints({2})).planes == std::vector<double>{5, 6});
-  CHECK(evaluate(OpKind::Compose, {value(kInt, {1, 2}), value(kInt, {3, 4})}, ints({2, 1})).planes == std::vector<double>{1, 2, 3, 4});
+  CHECK(evaluate(OpKind::Compose, {value(kInt, {1, 2}), value(kInt, {3, 4})}, ints({2, 1})).planes ==
+        std::vector<double>{1, 2, 3, 4});
   CHECK(evaluate(OpKind::Splat, {value(kFloat, {1, 2})}, ints({3})).planes == std::vector<double>{1, 2, 1, 2, 1, 2});
   CHECK(evaluate(OpKind::Dot, {a, b}).planes == std::vector<double>{1 * 7 + 3 * 9 + 5 * 11, 2 * 8 + 4 * 10 + 6 * 12});
   const Value one_condition = evaluate(OpKind::Select, {value(kBool, {1, 0}), a, b});

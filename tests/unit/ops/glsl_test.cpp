@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Every element-wise op, in every form that it takes, prints GLSL that glslang accepts for Vulkan 1.1, with variables as
-// operands and with literals.
+// Every element-wise op, in every form that it takes, prints GLSL that glslang accepts for Vulkan 1.1, with variables
+// as operands and with literals.
 #include <unistd.h>
 
 #include <array>
@@ -42,15 +42,17 @@ std::string shader(OpKind kind) {
       block += ");\n";
     }
     const auto store = [&](const std::vector<std::string>& operands, const std::string& result) {
-      const ops::GlslInput input{.operands = operands, .operand_types = form.operands, .attrs = form.attrs, .result_type = form.result};
+      const ops::GlslInput input{
+          .operands = operands, .operand_types = form.operands, .attrs = form.attrs, .result_type = form.result};
       for (const std::string_view text : ops::prelude(info, input)) {
         if (printed.insert(text).second) functions += text;
       }
       block += "    " + form.result.str() + " " + result + " = " + info.glsl(input) + ";\n";
       for (int c = 0; c < form.result.components(); ++c) {
-        const std::string part = form.result.is_scalar() ? ""
+        const std::string part = form.result.is_scalar()   ? ""
                                  : form.result.is_vector() ? std::string(".") + "xyzw"[c]
-                                                           : "[" + std::to_string(c / form.result.rows) + "][" + std::to_string(c % form.result.rows) + "]";
+                                                           : "[" + std::to_string(c / form.result.rows) + "][" +
+                                                                 std::to_string(c % form.result.rows) + "]";
         block += "    total += float(" + result + part + ");\n";
       }
     };
@@ -58,7 +60,8 @@ std::string shader(OpKind kind) {
     store(literals, "of_literals");
     body += block + "  }\n";
   }
-  return "#version 450\nlayout(local_size_x = 1) in;\nlayout(std430, set = 0, binding = 0) buffer Data { float word[16]; float total_out; };\n" +
+  return "#version 450\nlayout(local_size_x = 1) in;\nlayout(std430, set = 0, binding = 0) buffer Data { float "
+         "word[16]; float total_out; };\n" +
          functions + "void main() {\n  float total = 0.0;\n" + body + "  total_out = total;\n}\n";
 }
 
@@ -66,7 +69,8 @@ std::string shader(OpKind kind) {
 std::string complaints(const std::string& text, const std::filesystem::path& folder) {
   const std::string source = (folder / "op.comp").string(), log = (folder / "log").string();
   std::ofstream(source) << text;
-  const std::string command = "glslangValidator -V --target-env vulkan1.1 -o '" + (folder / "op.spv").string() + "' '" + source + "' > '" + log + "' 2>&1";
+  const std::string command = "glslangValidator -V --target-env vulkan1.1 -o '" + (folder / "op.spv").string() + "' '" +
+                              source + "' > '" + log + "' 2>&1";
   if (std::system(command.c_str()) == 0) return "";
   std::ifstream stream(log);
   return {std::istreambuf_iterator<char>(stream), {}};
@@ -96,7 +100,9 @@ TEST_CASE("scalars need no overloads, integers no float functions") {
   const auto texts = [&](OpKind kind, Type type) {
     const std::vector<Type> types(ops::info(kind).infer == nullptr ? 0 : 2, type);
     std::string all;
-    for (const std::string_view text : ops::prelude(ops::info(kind), {.operands = names, .operand_types = types, .attrs = {}, .result_type = type})) all += text;
+    for (const std::string_view text :
+         ops::prelude(ops::info(kind), {.operands = names, .operand_types = types, .attrs = {}, .result_type = type}))
+      all += text;
     return all;
   };
   CHECK(texts(OpKind::Exp, ir::kFloat).find("vec2") == std::string::npos);

@@ -74,11 +74,13 @@ TEST_CASE("arithmetic takes one type and stretches extents of 1") {
 }
 
 TEST_CASE("matrices take part in little") {
-  for (const OpKind kind : {OpKind::Add, OpKind::Sub, OpKind::SMul}) CHECK(infer(kind, {image(kMat3), image(kMat3, V)}) == "mat3[V]");
+  for (const OpKind kind : {OpKind::Add, OpKind::Sub, OpKind::SMul})
+    CHECK(infer(kind, {image(kMat3), image(kMat3, V)}) == "mat3[V]");
   CHECK(infer(OpKind::Neg, {image(kMat2x3)}) == "mat2x3");
   CHECK(infer(OpKind::Select, {image(kBool, V), image(kMat3), image(kMat3)}) == "mat3[V]");
   CHECK(infer(OpKind::Gather, {image(kMat3, V), image(kInt, W)}) == "mat3[W]");
-  for (const OpKind kind : {OpKind::Mul, OpKind::Div, OpKind::Min, OpKind::Less, OpKind::Equal, OpKind::Dot, OpKind::Pow}) {
+  for (const OpKind kind :
+       {OpKind::Mul, OpKind::Div, OpKind::Min, OpKind::Less, OpKind::Equal, OpKind::Dot, OpKind::Pow}) {
     CHECK(refuses(kind, {image(kMat3), image(kMat3)}));
   }
   CHECK(refuses(OpKind::Sqrt, {image(kMat3)}));
@@ -128,7 +130,8 @@ TEST_CASE("putting together and taking apart") {
   CHECK(refuses(OpKind::Splat, {image(kFloat)}, attributes({1})));
   CHECK(infer(OpKind::Compose, {image(kFloat, W), image(kFloat, 1, H)}, attributes({2, 1})) == "vec2[W, H]");
   CHECK(infer(OpKind::Compose, {image(vec(3)), image(vec(3))}, attributes({3, 2})) == "mat2x3");
-  CHECK(infer(OpKind::Compose, {image(kFloat), image(kInt)}, attributes({2, 1})) == "'a vec2 is made of float, not of int'");
+  CHECK(infer(OpKind::Compose, {image(kFloat), image(kInt)}, attributes({2, 1})) ==
+        "'a vec2 is made of float, not of int'");
   CHECK(refuses(OpKind::Compose, {image(kFloat)}, attributes({2, 1})));
   CHECK(refuses(OpKind::Compose, {image(vec(2, Scalar::Int)), image(vec(2, Scalar::Int))}, attributes({2, 2})));
   CHECK(infer(OpKind::Extract, {image(vec(3), W)}, attributes({2})) == "float[W]");
@@ -151,8 +154,10 @@ TEST_CASE("gather") {
   CHECK(infer(OpKind::Gather, {image(kFloat, V, 1, L), image(kInt, W)}) == "float[W, 1, L]");
   CHECK(infer(OpKind::Gather, {image(kFloat, W, H), image(ivec2, V, 1, L)}) == "float[V, 1, L]");
   CHECK(infer(OpKind::Gather, {image(kFloat, W, H, L), image(ivec3, V)}) == "float[V]");
-  CHECK(infer(OpKind::Gather, {image(kFloat, W, H), image(kInt, V)}) == "'an int does not name a place of an image of height H'");
-  CHECK(infer(OpKind::Gather, {image(kFloat, W, H, 2), image(ivec2, V, 1, 3)}) == "'layers do not agree: [W, H, 2] and [V, 1, 3]'");
+  CHECK(infer(OpKind::Gather, {image(kFloat, W, H), image(kInt, V)}) ==
+        "'an int does not name a place of an image of height H'");
+  CHECK(infer(OpKind::Gather, {image(kFloat, W, H, 2), image(ivec2, V, 1, 3)}) ==
+        "'layers do not agree: [W, H, 2] and [V, 1, 3]'");
   CHECK(refuses(OpKind::Gather, {image(kFloat, W), image(kUint, V)}));
   CHECK(refuses(OpKind::Gather, {image(kFloat, W), image(vec(4, Scalar::Int), V)}));
 }
@@ -160,7 +165,8 @@ TEST_CASE("gather") {
 TEST_CASE("scatter") {
   const Type ivec2 = vec(2, Scalar::Int), ivec3 = vec(3, Scalar::Int);
   CHECK(infer(OpKind::ScatterAdd, {image(kInt, W, H), image(vec(3))}, attributes({}, {V, 1, 1})) == "vec3[V]");
-  CHECK(infer(OpKind::ScatterAdd, {image(ivec2, W), image(kInt, W, 1, L)}, attributes({}, {V, V, L})) == "int[V, V, L]");
+  CHECK(infer(OpKind::ScatterAdd, {image(ivec2, W), image(kInt, W, 1, L)}, attributes({}, {V, V, L})) ==
+        "int[V, V, L]");
   CHECK(infer(OpKind::ScatterAdd, {image(ivec2, W, 1, L), image(kFloat)}, attributes({}, {V, V, 1})) == "float[V, V]");
   CHECK(infer(OpKind::ScatterAdd, {image(ivec3, W), image(kFloat)}, attributes({}, {V, V, L})) == "float[V, V, L]");
   CHECK(infer(OpKind::ScatterAdd, {image(ivec2, W), image(kFloat)}, attributes({}, {V, V, L})) ==
@@ -181,7 +187,8 @@ TEST_CASE("shift, reductions and broadcast") {
   CHECK(refuses(OpKind::ReduceMax, {image(kBool, W)}, attributes({1, 1, 1})));
   CHECK(refuses(OpKind::ReduceMax, {image(kFloat, W)}, attributes({1, 2, 1})));
   CHECK(infer(OpKind::Broadcast, {image(kMat3, 1, H)}, attributes({}, {W, H, L})) == "mat3[W, H, L]");
-  CHECK(infer(OpKind::Broadcast, {image(kFloat, V)}, attributes({}, {W, 1, 1})) == "'extent [V] does not stretch to [W]'");
+  CHECK(infer(OpKind::Broadcast, {image(kFloat, V)}, attributes({}, {W, 1, 1})) ==
+        "'extent [V] does not stretch to [W]'");
   CHECK(refuses(OpKind::Broadcast, {image(kFloat, 3)}, attributes({}, {1, 1, 1})));
 }
 
@@ -202,8 +209,10 @@ TEST_CASE("sources") {
   components.floats = {1, 2};
   CHECK(text(ops::infer(b.graph(), OpKind::Const, {}, components, {}, vec(2))) == "vec2");
   CHECK(text(ops::infer(b.graph(), OpKind::Const, {}, components, {}, vec(2, Scalar::Uint))) == "uvec2");
-  CHECK(text(ops::infer(b.graph(), OpKind::Const, {}, components, {}, vec(3))) == "'a vec3 does not have 2 components'");
-  CHECK(text(ops::infer(b.graph(), OpKind::Const, {}, components, {}, vec(2, Scalar::Bool))) == "'a component is no bool'");
+  CHECK(text(ops::infer(b.graph(), OpKind::Const, {}, components, {}, vec(3))) ==
+        "'a vec3 does not have 2 components'");
+  CHECK(text(ops::infer(b.graph(), OpKind::Const, {}, components, {}, vec(2, Scalar::Bool))) ==
+        "'a component is no bool'");
   components.floats = {0.5};
   CHECK(text(ops::infer(b.graph(), OpKind::Const, {}, components, {}, kInt)) == "'a component is no int'");
   components.floats = {-1};
@@ -237,7 +246,8 @@ struct Regions {
     return id;
   }
   std::string infer(OpKind kind, const std::vector<ValueId>& operands, const std::vector<RegionId>& regions,
-                    const std::vector<Dim>& dims, const std::vector<Yield>& yields, const std::vector<int64_t>& numbers = {}) {
+                    const std::vector<Dim>& dims, const std::vector<Yield>& yields,
+                    const std::vector<int64_t>& numbers = {}) {
     Attrs attrs = attributes(numbers, dims);
     attrs.yields = yields;
     return text(ops::infer(b.graph(), kind, operands, attrs, regions));
@@ -252,20 +262,28 @@ TEST_CASE("if") {
   const ValueId row = r.along({W, 1, 1}), column = r.along({1, H, 1});
   const auto branch = [&](const std::vector<ValueId>& yields) { return r.region(yields); };
   CHECK(r.infer(OpKind::If, {yes}, {branch({x}), branch({x})}, {W, H, 1}, {Yield::Element}) == "vec3[W, H]");
-  CHECK(r.infer(OpKind::If, {yes}, {branch({row, x}), branch({column, x})}, {W, H, 1}, {Yield::Element, Yield::Element}) ==
-        "int[W, H], vec3[W, H]");
-  CHECK(r.infer(OpKind::If, {yes}, {branch({x}), branch({y})}, {W, H, 1}, {Yield::Element}) == "'branches differ: vec3 and float'");
-  CHECK(r.infer(OpKind::If, {yes}, {branch({x}), branch({})}, {W, H, 1}, {Yield::Element}) == "'a region yields too little'");
-  CHECK(r.infer(OpKind::If, {yes}, {branch({x}), branch({x, x})}, {W, H, 1}, {Yield::Element}) == "'a region yields too much'");
+  CHECK(r.infer(OpKind::If, {yes}, {branch({row, x}), branch({column, x})}, {W, H, 1},
+                {Yield::Element, Yield::Element}) == "int[W, H], vec3[W, H]");
+  CHECK(r.infer(OpKind::If, {yes}, {branch({x}), branch({y})}, {W, H, 1}, {Yield::Element}) ==
+        "'branches differ: vec3 and float'");
+  CHECK(r.infer(OpKind::If, {yes}, {branch({x}), branch({})}, {W, H, 1}, {Yield::Element}) ==
+        "'a region yields too little'");
+  CHECK(r.infer(OpKind::If, {yes}, {branch({x}), branch({x, x})}, {W, H, 1}, {Yield::Element}) ==
+        "'a region yields too much'");
   CHECK(r.infer(OpKind::If, {yes}, {branch({row}), branch({row})}, {1, H, 1}, {Yield::Element}) ==
         "'int[W] does not stretch to the domain, [1, H]'");
-  CHECK(r.infer(OpKind::If, {i}, {branch({x}), branch({x})}, {W, H, 1}, {Yield::Element}) == "'a condition is bool, not int'");
-  CHECK(r.infer(OpKind::If, {yes}, {branch({x})}, {W, H, 1}, {Yield::Element}) == "'expected a condition and two regions'");
-  CHECK(r.infer(OpKind::If, {yes}, {branch({x}), branch({x})}, {W, H, 1}, {Yield::Sum}) == "'an if yields elements and scatters'");
-  CHECK(r.infer(OpKind::If, {yes}, {branch({x}), branch({x})}, {W, H}, {Yield::Element}) == "'expected 3 dims, found 2'");
-  CHECK(r.infer(OpKind::If, {yes}, {branch({row, x, y}), branch({i, x, y})}, {W, H, 1, V, 1, 1}, {Yield::Scatter, Yield::Element}) ==
-        "vec3[V], float[W, H]");
-  CHECK(r.infer(OpKind::If, {yes}, {branch({row, x}), branch({i, x})}, {W, H, 1}, {Yield::Scatter}) == "'expected 6 dims, found 3'");
+  CHECK(r.infer(OpKind::If, {i}, {branch({x}), branch({x})}, {W, H, 1}, {Yield::Element}) ==
+        "'a condition is bool, not int'");
+  CHECK(r.infer(OpKind::If, {yes}, {branch({x})}, {W, H, 1}, {Yield::Element}) ==
+        "'expected a condition and two regions'");
+  CHECK(r.infer(OpKind::If, {yes}, {branch({x}), branch({x})}, {W, H, 1}, {Yield::Sum}) ==
+        "'an if yields elements and scatters'");
+  CHECK(r.infer(OpKind::If, {yes}, {branch({x}), branch({x})}, {W, H}, {Yield::Element}) ==
+        "'expected 3 dims, found 2'");
+  CHECK(r.infer(OpKind::If, {yes}, {branch({row, x, y}), branch({i, x, y})}, {W, H, 1, V, 1, 1},
+                {Yield::Scatter, Yield::Element}) == "vec3[V], float[W, H]");
+  CHECK(r.infer(OpKind::If, {yes}, {branch({row, x}), branch({i, x})}, {W, H, 1}, {Yield::Scatter}) ==
+        "'expected 6 dims, found 3'");
   CHECK(r.infer(OpKind::If, {yes}, {branch({row, x}), branch({i, x})}, {W, H, 1, V, V, 1}, {Yield::Scatter}) ==
         "'an int does not name a place of an image of height V'");
   CHECK(r.infer(OpKind::If, {yes}, {branch({row, x}), branch({i, x})}, {W, H, 1, V, 1, L}, {Yield::Scatter}) ==
@@ -274,20 +292,25 @@ TEST_CASE("if") {
 
 TEST_CASE("reduce") {
   Regions r;
-  const ValueId zero = r.number(kInt, 0), n = r.along({W, 1, 1}), x = r.number(vec(3)), y = r.number(kFloat), yes = r.number(kBool);
+  const ValueId zero = r.number(kInt, 0), n = r.along({W, 1, 1}), x = r.number(vec(3)), y = r.number(kFloat),
+                yes = r.number(kBool);
   const auto body = [&](const std::vector<ValueId>& yields) { return r.region(yields, {image(kInt)}); };
   const std::vector<Dim> domain{W, H, 1};
-  CHECK(r.infer(OpKind::Reduce, {zero, n}, {body({x, y, y, n})}, domain, {Yield::Sum, Yield::Min, Yield::ArgMin, Yield::Max}, {-1}) ==
-        "vec3[W, H], float[W, H], int[W, H], int[W, H]");
+  CHECK(r.infer(OpKind::Reduce, {zero, n}, {body({x, y, y, n})}, domain,
+                {Yield::Sum, Yield::Min, Yield::ArgMin, Yield::Max},
+                {-1}) == "vec3[W, H], float[W, H], int[W, H], int[W, H]");
   CHECK(r.infer(OpKind::Reduce, {zero, n}, {body({n, y})}, {W, H, 1, V, 1, 1}, {Yield::Scatter}, {8}) == "float[V]");
-  CHECK(r.infer(OpKind::Reduce, {zero, n}, {body({y})}, domain, {Yield::Element}, {-1}) == "'a reduce combines what its trips yield'");
+  CHECK(r.infer(OpKind::Reduce, {zero, n}, {body({y})}, domain, {Yield::Element}, {-1}) ==
+        "'a reduce combines what its trips yield'");
   CHECK(r.infer(OpKind::Reduce, {zero, n}, {body({yes})}, domain, {Yield::Sum}, {-1}) == "'cannot sum bool'");
-  CHECK(r.infer(OpKind::Reduce, {zero, n}, {body({x})}, domain, {Yield::ArgMin}, {-1}) == "'argmin takes a scalar, not vec3'");
+  CHECK(r.infer(OpKind::Reduce, {zero, n}, {body({x})}, domain, {Yield::ArgMin}, {-1}) ==
+        "'argmin takes a scalar, not vec3'");
   CHECK(r.infer(OpKind::Reduce, {zero, n}, {body({y})}, domain, {Yield::Sum}) == "'expected 1 ints, found 0'");
   CHECK(r.infer(OpKind::Reduce, {zero, y}, {body({y})}, domain, {Yield::Sum}, {-1}) == "'a bound is int, not float'");
   CHECK(r.infer(OpKind::Reduce, {zero, n}, {body({y})}, {1, H, 1}, {Yield::Sum}, {-1}) ==
         "'int[W] does not stretch to the domain, [1, H]'");
-  CHECK(r.infer(OpKind::Reduce, {zero, n}, {r.region({y})}, domain, {Yield::Sum}, {-1}) == "'the region has one parameter, int'");
+  CHECK(r.infer(OpKind::Reduce, {zero, n}, {r.region({y})}, domain, {Yield::Sum}, {-1}) ==
+        "'the region has one parameter, int'");
 }
 
 TEST_CASE("an accumulation is passed on") {
@@ -311,7 +334,8 @@ TEST_CASE("an accumulation is passed on") {
 TEST_CASE("raster") {
   Regions r;
   const Dim F = Dim::symbol("F");
-  const ValueId corner = r.number(vec(2)), no = r.number(kBool, 0), field = r.along({F, 1, 1}), depth = r.number(kFloat), tag = r.number(kInt);
+  const ValueId corner = r.number(vec(2)), no = r.number(kBool, 0), field = r.along({F, 1, 1}),
+                depth = r.number(kFloat), tag = r.number(kInt);
   const std::vector<ResultType> params{image(kInt), image(vec(2))};
   const auto regions = [&](const std::vector<ResultType>& p) {
     return std::vector<RegionId>{r.region({depth}, p), r.region({no}, p), r.region({tag}, p)};
@@ -320,13 +344,15 @@ TEST_CASE("raster") {
   const std::vector<ValueId> operands{field, corner, corner, corner, no};
   CHECK(r.infer(OpKind::Raster, operands, regions(params), dims, {}, {2, 1, 3}) ==
         "int[W, H, L], int[W, H, L], int[W, H, L], int[W, H, L]");
-  CHECK(r.infer(OpKind::Raster, operands, regions(params), dims, {}, {1, 1, 6}) == "'expected fields, corners and cull, found 5 operands'");
+  CHECK(r.infer(OpKind::Raster, operands, regions(params), dims, {}, {1, 1, 6}) ==
+        "'expected fields, corners and cull, found 5 operands'");
   CHECK(r.infer(OpKind::Raster, operands, regions(params), dims, {}, {1, 1, 4}) ==
         "'a hull is one triangle or two, of 3 or 6 corners'");
   CHECK(r.infer(OpKind::Raster, operands, regions({image(kFloat), image(vec(2))}), dims, {}, {1, 1, 3}) ==
         "'a parameter is float and should be int'");
   CHECK(r.infer(OpKind::Raster, operands, regions(params), {W, H, L, V}, {}, {1, 1, 3}) ==
         "'int[F] does not stretch to the faces, [V, 1, L]'");
-  CHECK(r.infer(OpKind::Raster, operands, {r.region({depth}, params), r.region({depth}, params), r.region({tag}, params)}, dims, {},
+  CHECK(r.infer(OpKind::Raster, operands,
+                {r.region({depth}, params), r.region({depth}, params), r.region({tag}, params)}, dims, {},
                 {1, 1, 3}) == "'expected a region to yield bool, found float'");
 }

@@ -49,7 +49,8 @@ TEST_CASE("ops that take floats say what to test them with") {
     const OpInfo& info = ops::info(kind);
     size_t most = 0;
     for (const Form& form : forms(kind)) {
-      const bool takes_float = std::any_of(form.operands.begin(), form.operands.end(), [](Type t) { return t.is_float(); });
+      const bool takes_float =
+          std::any_of(form.operands.begin(), form.operands.end(), [](Type t) { return t.is_float(); });
       if (takes_float) most = std::max(most, form.operands.size());
     }
     CHECK(info.domains.size() == most);
@@ -70,7 +71,8 @@ std::vector<std::string> defined(std::string_view text) {
     const size_t open = content.find('(');
     const size_t space = content.find(' ');
     const bool starts = !content.empty() && content[0] >= 'a' && content[0] <= 'z';
-    if (starts && open != std::string_view::npos && space < open) names.emplace_back(content.substr(0, content.find(')')));
+    if (starts && open != std::string_view::npos && space < open)
+      names.emplace_back(content.substr(0, content.find(')')));
     line = end + 1;
   }
   return names;
@@ -93,8 +95,11 @@ TEST_CASE("GLSL functions have the prefix, and no two texts define the same") {
   for (const OpKind kind : elementwise_kinds()) {
     const std::vector<std::string> names{"a", "b", "c", "d"};
     for (const Form& form : forms(kind)) {
-      const std::vector<std::string_view> prelude = ops::prelude(
-          ops::info(kind), {.operands = std::span(names).first(form.operands.size()), .operand_types = form.operands, .attrs = form.attrs, .result_type = form.result});
+      const std::vector<std::string_view> prelude =
+          ops::prelude(ops::info(kind), {.operands = std::span(names).first(form.operands.size()),
+                                         .operand_types = form.operands,
+                                         .attrs = form.attrs,
+                                         .result_type = form.result});
       std::set<std::string_view> once(prelude.begin(), prelude.end());
       CHECK(once.size() == prelude.size());
       texts.insert(prelude.begin(), prelude.end());
@@ -108,7 +113,8 @@ TEST_CASE("GLSL functions have the prefix, and no two texts define the same") {
       CHECK(name.substr(name.find(' ') + 1).starts_with("dr_"));
       CHECK(functions.insert(name).second);
     }
-    for (const char* banned : {"isnan", "isinf", "double", "fma(", "inversesqrt", " exp(", " log(", " sin(", " cos(", " pow("}) {
+    for (const char* banned :
+         {"isnan", "isinf", "double", "fma(", "inversesqrt", " exp(", " log(", " sin(", " cos(", " pow("}) {
       CHECK(without_comments(text).find(banned) == std::string::npos);
     }
   }

@@ -73,7 +73,7 @@ class Generator {
      : type == kBool ? scope.bools
                      : scope.vectors)
         .push_back(id);
-    if (chance(15)) b_.set_name(id, "n" + std::to_string(pick(0, 9)));
+    if (chance(15)) b_.set_name(id, std::string("n") + std::to_string(pick(0, 9)));
   }
 
   ValueId constant(Type type) {

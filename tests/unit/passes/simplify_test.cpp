@@ -236,6 +236,23 @@ TEST_CASE("an inlined branch scatters once per element of the domain") {
         {"%4"});
 }
 
+TEST_CASE("an inner op that scatters for each element of a larger domain stays inside") {
+  check_kept(R"(%4 : bool = const floats [1]
+%5 : float = const floats [2]
+%7 : float[7] = if %4 dims [W, H, 1, 7, 1, 1] yields [scatter] {
+  %6 : accumulation float[7] = if %c.2 dims [W, 1, 1, 7, 1, 1] yields [scatter] {
+    yield %n.3, %5
+  } {
+    yield %n.3, %5
+  }
+  yield %6
+} {
+  yield %n.3, %5
+}
+)",
+             {"%7"});
+}
+
 TEST_CASE("results of regions that nobody needs are dropped") {
   check(
       R"(%7 : float[W, H], %8 : float[7], %9 : int[5], %10 : float[W, H] = if %2 dims [W, H, 1, 7, 1, 1, 5, 1, 1] yields [element, scatter, scatter, element] {

@@ -186,7 +186,7 @@ std::string other_word(const std::string& word, std::mt19937_64& random) {
       "0", "1", "-1", "2", "3", "4", "9", "1000000007", "9223372036854775807"};
   static const std::vector<std::string> kYields = {"element", "sum", "min", "max", "argmin", "scatter"};
   const auto any = [&](const std::vector<std::string>& words) { return words[random() % words.size()]; };
-  if (word.starts_with('%')) return "%" + std::to_string(random() % 40);
+  if (word.starts_with('%')) return std::string("%") + std::to_string(random() % 40);
   if (op_kind(word)) {
     const auto kinds = all_op_kinds();
     return std::string(op_name(kinds[random() % kinds.size()]));
