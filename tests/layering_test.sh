@@ -15,7 +15,7 @@ compiler/passes          dsl/ compiler/ir/ compiler/ops/ compiler/target/
 compiler/reference       dsl/ compiler/ir/ compiler/ops/
 compiler/backend         dsl/ compiler/ir/ compiler/ops/ compiler/target/ compiler/lower/ compiler/passes/ compiler/reference/
 compiler/backend/bundle  compiler/ir/dim.h
-compiler/drc             dsl/ compiler/
+compiler/drc             dsl/ compiler/ runtime/io/
 runtime                  compiler/backend/bundle/ compiler/ir/dim.h
 runtime/io
 runtime/jit              runtime/ compiler/ dsl/

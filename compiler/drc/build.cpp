@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <span>
 
+#include "compiler/backend/compile.h"
 #include "compiler/drc/command.h"
 #include "compiler/drc/input.h"
 #include "compiler/drc/output.h"
@@ -46,6 +47,31 @@ class Stages {
     return &*result_;
   }
 
+  // Schedule, shaders and bundle for the profile.
+  const backend::Compiled* compiled() {
+    if (compiled_) return &*compiled_;
+    const ir::Graph* graph = differentiated();
+    if (!graph) return nullptr;
+    const auto profile = target::load_profile(options_.profile);
+    if (const auto* problem = std::get_if<std::string>(&profile)) {
+      print_error(*problem);
+      return nullptr;
+    }
+    backend::CompileOptions options;
+    options.fused = options_.pack == "fused";
+    options.lower = options_.lower == "fragment" ? backend::Lower::Fragment : options_.lower == "compute" ? backend::Lower::Compute : backend::Lower::Auto;
+    options.raster = options_.raster == "hardware"  ? backend::RasterLower::Hardware
+                     : options_.raster == "compute" ? backend::RasterLower::Compute
+                                                    : backend::RasterLower::Auto;
+    auto result = backend::compile(*graph, std::get<target::Profile>(profile), options);
+    if (const auto* problem = std::get_if<std::string>(&result)) {
+      print_error(*problem);
+      return nullptr;
+    }
+    compiled_ = std::move(std::get<backend::Compiled>(result));
+    return &*compiled_;
+  }
+
   // The passes that --passes names; false after a message.
   bool find_passes() {
     if (!options_.passes) return true;
@@ -66,6 +92,7 @@ class Stages {
  private:
   const BuildOptions& options_;
   std::optional<ir::Graph> graph_, result_;
+  std::optional<backend::Compiled> compiled_;
   std::vector<passes::Pass> passes_;
   bool graph_tried_ = false;
 };
@@ -89,10 +116,33 @@ std::optional<std::string> make_grad_ir(Stages& stages) {
   return graph ? std::optional(ir::print(*graph)) : std::nullopt;
 }
 
+std::optional<std::string> make_schedule(Stages& stages) {
+  const backend::Compiled* compiled = stages.compiled();
+  return compiled ? std::optional(backend::print(*stages.differentiated(), compiled->schedule)) : std::nullopt;
+}
+
+std::optional<std::string> make_glsl(Stages& stages) {
+  const backend::Compiled* compiled = stages.compiled();
+  if (!compiled) return std::nullopt;
+  std::string out;
+  for (const backend::GlslShader& shader : compiled->glsl) out += "// ---- " + shader.name + "\n" + shader.source + "\n";
+  return out;
+}
+
+std::optional<std::string> make_bundle(Stages& stages) {
+  const backend::Compiled* compiled = stages.compiled();
+  if (!compiled) return std::nullopt;
+  const std::vector<uint8_t> bytes = bundle::write(compiled->bundle);
+  return std::string(bytes.begin(), bytes.end());
+}
+
 constexpr Product kProducts[] = {
     {"ast", ".ast", make_ast},
     {"ir", ".ir", make_ir},
     {"grad-ir", ".grad.ir", make_grad_ir},
+    {"schedule", ".schedule", make_schedule},
+    {"glsl", ".glsl", make_glsl},
+    {"bundle", ".drb", make_bundle},
 };
 
 }  // namespace

@@ -26,6 +26,10 @@ struct BuildOptions {
   InputOptions input;
   std::vector<std::string> emit = {"ir"};
   std::string output = "-";
+  std::string profile = "lavapipe";      // a built-in name or a JSON file
+  std::string lower = "auto";            // auto, fragment, compute
+  std::string raster = "auto";           // auto, hardware, compute
+  std::string pack = "fused";            // fused, naive
   std::optional<std::vector<std::string>> passes;  // instead of those that the product needs
   std::optional<std::string> dump_ir;              // after this pass, or all of them if empty
   bool time_passes = false;

@@ -42,6 +42,10 @@ int main(int argc, char** argv) {
       ->check(CLI::IsMember(product_names()))
       ->capture_default_str();
   build_command->add_option("-o", build_options.output, "File or folder to write, - for stdout")->capture_default_str()->type_name("FILE");
+  build_command->add_option("--profile", build_options.profile, "Device to build for: a built-in name or a JSON file")->capture_default_str();
+  build_command->add_option("--lower", build_options.lower, "Where maps run")->capture_default_str()->check(CLI::IsMember({"auto", "fragment", "compute"}));
+  build_command->add_option("--raster", build_options.raster, "How raster runs")->capture_default_str()->check(CLI::IsMember({"auto", "hardware", "compute"}));
+  build_command->add_option("--pack", build_options.pack, "How ops share passes")->capture_default_str()->check(CLI::IsMember({"fused", "naive"}));
   std::vector<std::string> passes;
   const CLI::Option* passes_option = build_command->add_option("--passes", passes, "Run just these passes")->delimiter(',')->allow_extra_args(false);
   std::string dump_ir;

@@ -10,21 +10,23 @@ namespace dr::bundle {
 
 std::vector<uint8_t> write(const BundleT& bundle) {
   flatbuffers::FlatBufferBuilder builder(1 << 16);
-  builder.Finish(Bundle::Pack(builder, &bundle), BundleIdentifier());
+  builder.FinishSizePrefixed(Bundle::Pack(builder, &bundle), BundleIdentifier());
   return {builder.GetBufferPointer(), builder.GetBufferPointer() + builder.GetSize()};
 }
 
 std::variant<BundleT, std::string> read(std::span<const uint8_t> bytes) {
-  constexpr size_t kSmallest = 8, kLargest = size_t{1} << 30;
-  if (bytes.size() < kSmallest || !BundleBufferHasIdentifier(bytes.data())) return "not a bundle: the file does not start with DRB1";
+  // Four bytes of length stand before the buffer, so that a file cut within its padding is told too.
+  constexpr size_t kPrefix = sizeof(uint32_t), kSmallest = kPrefix + 8, kLargest = size_t{1} << 30;
+  if (bytes.size() < kSmallest || !BundleBufferHasIdentifier(bytes.data() + kPrefix)) return "not a bundle: the file does not start with DRB1";
   if (bytes.size() > kLargest) return "the bundle is larger than 1 GiB";
   // The tables are read in place and want alignment, which a caller's bytes need not have.
   std::vector<uint64_t> aligned((bytes.size() + 7) / 8);
   std::memcpy(aligned.data(), bytes.data(), bytes.size());
   const auto* data = reinterpret_cast<const uint8_t*>(aligned.data());
+  if (flatbuffers::ReadScalar<uint32_t>(data) != bytes.size() - kPrefix) return "the bundle is damaged or cut off";
   flatbuffers::Verifier verifier(data, bytes.size(), 64, 1'000'000);
-  if (!VerifyBundleBuffer(verifier)) return "the bundle is damaged or cut off";
-  const Bundle* root = GetBundle(data);
+  if (!VerifySizePrefixedBundleBuffer(verifier)) return "the bundle is damaged or cut off";
+  const Bundle* root = GetSizePrefixedBundle(data);
   if (root->version() != kVersion)
     return "the bundle has version " + std::to_string(root->version()) + ", this program reads version " + std::to_string(kVersion) +
            "; build it again";
