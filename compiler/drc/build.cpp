@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// `drc build`: one product for each --emit. A product is a row of the table below: a name, the end of its file's name, and a
-// function from the program to its content.
+// `drc build`: one product for each --emit. A product is a row of the table below: a name, the end of its file's name,
+// and a function from the program to its content.
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
@@ -59,7 +59,9 @@ class Stages {
     }
     backend::CompileOptions options;
     options.fused = options_.pack == "fused";
-    options.lower = options_.lower == "fragment" ? backend::Lower::Fragment : options_.lower == "compute" ? backend::Lower::Compute : backend::Lower::Auto;
+    options.lower = options_.lower == "fragment"  ? backend::Lower::Fragment
+                    : options_.lower == "compute" ? backend::Lower::Compute
+                                                  : backend::Lower::Auto;
     options.raster = options_.raster == "hardware"  ? backend::RasterLower::Hardware
                      : options_.raster == "compute" ? backend::RasterLower::Compute
                                                     : backend::RasterLower::Auto;
@@ -125,7 +127,8 @@ std::optional<std::string> make_glsl(Stages& stages) {
   const backend::Compiled* compiled = stages.compiled();
   if (!compiled) return std::nullopt;
   std::string out;
-  for (const backend::GlslShader& shader : compiled->glsl) out += "// ---- " + shader.name + "\n" + shader.source + "\n";
+  for (const backend::GlslShader& shader : compiled->glsl)
+    out += "// ---- " + shader.name + "\n" + shader.source + "\n";
   return out;
 }
 
@@ -167,7 +170,8 @@ int build(const BuildOptions& options) {
     if (!content) return kUserError;
     std::string file = options.output;
     if (several || (file != "-" && std::filesystem::is_directory(file))) {
-      const std::string stem = options.input.file == "-" ? "stdin" : std::filesystem::path(options.input.file).stem().string();
+      const std::string stem =
+          options.input.file == "-" ? "stdin" : std::filesystem::path(options.input.file).stem().string();
       file = (std::filesystem::path(file) / (stem + std::string(product->extension))).string();
     }
     if (!write_product(file, *content)) return kUserError;

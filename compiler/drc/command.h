@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the commands of drc share: exit codes and options. A command prints its products on stdout and everything else on
-// stderr.
+// What the commands of drc share: exit codes and options. A command prints its products on stdout and everything else
+// on stderr.
 #pragma once
 
 #include <map>
@@ -26,10 +26,10 @@ struct BuildOptions {
   InputOptions input;
   std::vector<std::string> emit = {"ir"};
   std::string output = "-";
-  std::string profile = "lavapipe";      // a built-in name or a JSON file
-  std::string lower = "auto";            // auto, fragment, compute
-  std::string raster = "auto";           // auto, hardware, compute
-  std::string pack = "fused";            // fused, naive
+  std::string profile = "lavapipe";                // a built-in name or a JSON file
+  std::string lower = "auto";                      // auto, fragment, compute
+  std::string raster = "auto";                     // auto, hardware, compute
+  std::string pack = "fused";                      // fused, naive
   std::optional<std::vector<std::string>> passes;  // instead of those that the product needs
   std::optional<std::string> dump_ir;              // after this pass, or all of them if empty
   bool time_passes = false;
@@ -41,7 +41,7 @@ struct EvalOptions {
   std::vector<std::string> symbols;  // W=32
   std::string step;                  // empty: all, in the order written
   int64_t steps = 1;
-  std::string out;                   // a folder, or empty
+  std::string out;  // a folder, or empty
 };
 
 int check(const InputOptions& options);

@@ -52,7 +52,8 @@ io::ElementKind kind_of(ir::Scalar scalar) {
 }
 
 std::string value_text(const reference::Image& image) {
-  if (image.type.is_scalar()) return image.type.is_bool() ? (image.data[0] != 0 ? "true" : "false") : number_text(image.data[0]);
+  if (image.type.is_scalar())
+    return image.type.is_bool() ? (image.data[0] != 0 ? "true" : "false") : number_text(image.data[0]);
   std::string text;
   for (const double component : image.data) text += (text.empty() ? "(" : ", ") + number_text(component);
   return text + ")";
@@ -79,7 +80,8 @@ bool bind_all(const EvalOptions& options, const ir::Graph& graph, reference::Ses
       std::vector<std::string> known;
       for (const ir::Leaf& other : graph.leaves) known.push_back(other.name);
       const auto nearest = dsl::nearest_name(parts->first, known);
-      print_error("the program has no leaf '" + parts->first + "'" + (nearest ? ", did you mean '" + *nearest + "'?" : ""));
+      print_error("the program has no leaf '" + parts->first + "'" +
+                  (nearest ? ", did you mean '" + *nearest + "'?" : ""));
       return false;
     }
     const ir::Type type = graph.leaves[*leaf].type;
@@ -94,7 +96,8 @@ bool bind_all(const EvalOptions& options, const ir::Graph& graph, reference::Ses
 }
 
 // One run after another of one step; its outputs are printed and, of the last run, saved.
-bool run_step(const EvalOptions& options, const ir::Step& step, const std::string& prefix, reference::Session& session) {
+bool run_step(const EvalOptions& options, const ir::Step& step, const std::string& prefix,
+              reference::Session& session) {
   reference::StepResult last;
   for (int64_t i = 0; i < options.steps; ++i) {
     auto ran = session.run(step.name);
@@ -102,14 +105,17 @@ bool run_step(const EvalOptions& options, const ir::Step& step, const std::strin
     last = std::get<reference::StepResult>(std::move(ran));
     for (const ir::Output& output : step.outputs) {
       const reference::Image& image = last.outputs.at(output.name);
-      if (image.count() == 1) std::printf("%s%s = %s\n", prefix.c_str(), output.name.c_str(), value_text(image).c_str());
+      if (image.count() == 1)
+        std::printf("%s%s = %s\n", prefix.c_str(), output.name.c_str(), value_text(image).c_str());
     }
   }
   if (options.out.empty()) return true;
   for (const auto& [name, image] : last.outputs) {
-    const auto array = to_array(image).converted(image.type.is_float() ? io::ElementKind::Float32 : kind_of(image.type.scalar));
+    const auto array =
+        to_array(image).converted(image.type.is_float() ? io::ElementKind::Float32 : kind_of(image.type.scalar));
     if (!array) return print_error("the output '" + name + "': " + array.error()), false;
-    if (const auto saved = io::save_array(options.out + "/" + prefix + name + ".npy", *array); !saved) return print_error(saved.error()), false;
+    if (const auto saved = io::save_array(options.out + "/" + prefix + name + ".npy", *array); !saved)
+      return print_error(saved.error()), false;
   }
   return true;
 }

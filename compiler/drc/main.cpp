@@ -13,8 +13,12 @@ using namespace dr::drc;
 
 void add_input(CLI::App& command, InputOptions& input) {
   command.add_option("file", input.file, "Program (.dr), graph (.ir), or - for stdin")->required();
-  command.add_option("-I", input.include_dirs, "Folder to look for imported modules in")->allow_extra_args(false)->type_name("DIR");
-  command.add_option("-D", input.defines, "Give a const of the program another value")->allow_extra_args(false)->type_name("NAME=VALUE");
+  command.add_option("-I", input.include_dirs, "Folder to look for imported modules in")
+      ->allow_extra_args(false)
+      ->type_name("DIR");
+  command.add_option("-D", input.defines, "Give a const of the program another value")
+      ->allow_extra_args(false)
+      ->type_name("NAME=VALUE");
 }
 
 // An internal error aborts with its message on stderr; scripts see it as an exit code.
@@ -41,26 +45,45 @@ int main(int argc, char** argv) {
       ->allow_extra_args(false)
       ->check(CLI::IsMember(product_names()))
       ->capture_default_str();
-  build_command->add_option("-o", build_options.output, "File or folder to write, - for stdout")->capture_default_str()->type_name("FILE");
-  build_command->add_option("--profile", build_options.profile, "Device to build for: a built-in name or a JSON file")->capture_default_str();
-  build_command->add_option("--lower", build_options.lower, "Where maps run")->capture_default_str()->check(CLI::IsMember({"auto", "fragment", "compute"}));
-  build_command->add_option("--raster", build_options.raster, "How raster runs")->capture_default_str()->check(CLI::IsMember({"auto", "hardware", "compute"}));
-  build_command->add_option("--pack", build_options.pack, "How ops share passes")->capture_default_str()->check(CLI::IsMember({"fused", "naive"}));
+  build_command->add_option("-o", build_options.output, "File or folder to write, - for stdout")
+      ->capture_default_str()
+      ->type_name("FILE");
+  build_command->add_option("--profile", build_options.profile, "Device to build for: a built-in name or a JSON file")
+      ->capture_default_str();
+  build_command->add_option("--lower", build_options.lower, "Where maps run")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"auto", "fragment", "compute"}));
+  build_command->add_option("--raster", build_options.raster, "How raster runs")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"auto", "hardware", "compute"}));
+  build_command->add_option("--pack", build_options.pack, "How ops share passes")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"fused", "naive"}));
   std::vector<std::string> passes;
-  const CLI::Option* passes_option = build_command->add_option("--passes", passes, "Run just these passes")->delimiter(',')->allow_extra_args(false);
+  const CLI::Option* passes_option =
+      build_command->add_option("--passes", passes, "Run just these passes")->delimiter(',')->allow_extra_args(false);
   std::string dump_ir;
   const CLI::Option* dump_option =
-      build_command->add_option("--dump-ir", dump_ir, "Print the graph to stderr after a pass, or after each")->expected(0, 1)->type_name("PASS");
+      build_command->add_option("--dump-ir", dump_ir, "Print the graph to stderr after a pass, or after each")
+          ->expected(0, 1)
+          ->type_name("PASS");
   build_command->add_flag("--time-passes", build_options.time_passes, "Print the time of each pass to stderr");
 
   EvalOptions eval_options;
   CLI::App* eval_command = app.add_subcommand("eval", "Run steps on the CPU in float64");
   add_input(*eval_command, eval_options.input);
-  eval_command->add_option("--bind", eval_options.binds, "Data of a leaf: a file, =number or =[list]")->allow_extra_args(false)->type_name("LEAF=SOURCE");
-  eval_command->add_option("--symbol", eval_options.symbols, "Value of a symbol of extents")->allow_extra_args(false)->type_name("NAME=N");
+  eval_command->add_option("--bind", eval_options.binds, "Data of a leaf: a file, =number or =[list]")
+      ->allow_extra_args(false)
+      ->type_name("LEAF=SOURCE");
+  eval_command->add_option("--symbol", eval_options.symbols, "Value of a symbol of extents")
+      ->allow_extra_args(false)
+      ->type_name("NAME=N");
   eval_command->add_option("--step", eval_options.step, "Step to run; without it all of them, one after another");
-  eval_command->add_option("--steps", eval_options.steps, "How often to run each")->check(CLI::Range(int64_t{0}, int64_t{1} << 31))->capture_default_str();
-  eval_command->add_option("--out", eval_options.out, "Folder for the last run's outputs, as name.npy")->type_name("DIR");
+  eval_command->add_option("--steps", eval_options.steps, "How often to run each")
+      ->check(CLI::Range(int64_t{0}, int64_t{1} << 31))
+      ->capture_default_str();
+  eval_command->add_option("--out", eval_options.out, "Folder for the last run's outputs, as name.npy")
+      ->type_name("DIR");
 
   try {
     app.parse(argc, argv);

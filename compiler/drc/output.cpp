@@ -20,8 +20,8 @@ bool write_to(const fs::path& file, std::string_view content) {
   return static_cast<bool>(out);
 }
 
-// A reader of the file, or an interruption, must never meet half of it: the content goes to a file beside it, which then
-// takes its name.
+// A reader of the file, or an interruption, must never meet half of it: the content goes to a file beside it, which
+// then takes its name.
 bool replace(const fs::path& file, std::string_view content) {
   const fs::path temporary = file.string() + ".new";
   std::error_code error;
@@ -37,7 +37,8 @@ bool replace(const fs::path& file, std::string_view content) {
 
 bool write_product(const std::string& file, std::string_view content) {
   if (file == "-") {
-    const bool written = std::fwrite(content.data(), 1, content.size(), stdout) == content.size() && std::fflush(stdout) == 0;
+    const bool written =
+        std::fwrite(content.data(), 1, content.size(), stdout) == content.size() && std::fflush(stdout) == 0;
     if (!written) print_error("cannot write to stdout");
     return written;
   }

@@ -117,8 +117,10 @@ std::vector<std::string> Elaborator::builtin_names() {
 Value Elaborator::wrong_type(const BuiltinCall& call, size_t arg, std::string_view wanted) {
   const Value& value = call.args[arg];
   const bool is_int = value.is_numeric() && element_type(value).is_integer() && wanted.starts_with("float");
-  return fail(Code::E0322, call.spans[arg], "expected " + std::string(wanted) + " for '" + std::string(call.entry.name) + "', found " + describe_element(value), {},
-              is_int ? "convert it, such as float(i)" : "");
+  return fail(Code::E0322, call.spans[arg],
+              "expected " + std::string(wanted) + " for '" + std::string(call.entry.name) + "', found " +
+                  describe_element(value),
+              {}, is_int ? "convert it, such as float(i)" : "");
 }
 
 // Floats, or ints known at compile time that are taken as floats. Scalars stretch to the size of vectors beside them.
@@ -133,20 +135,22 @@ bool Elaborator::floats(BuiltinCall& call, bool splat_scalars) {
   }
   if (!check_extents(call.args, call.span)) return false;
   if (!splat_scalars || unify_rows(call.args)) return true;
-  fail(Code::E0322, call.span, "expected vectors of one size for '" + std::string(call.entry.name) + "', found " + describe_element(call.args.front()) + " and " +
-                                   describe_element(call.args.back()));
+  fail(Code::E0322, call.span,
+       "expected vectors of one size for '" + std::string(call.entry.name) + "', found " +
+           describe_element(call.args.front()) + " and " + describe_element(call.args.back()));
   return false;
 }
 
 // Numbers of one kind.
 bool Elaborator::numbers(BuiltinCall& call, bool splat_scalars) {
   for (size_t i = 0; i < call.args.size(); ++i) {
-    if (call.args[i].is_numeric() && !element_type(call.args[i]).is_bool() && !element_type(call.args[i]).is_matrix()) continue;
+    if (call.args[i].is_numeric() && !element_type(call.args[i]).is_bool() && !element_type(call.args[i]).is_matrix())
+      continue;
     wrong_type(call, i, "numbers");
     return false;
   }
-  const std::string words = "expected numbers of one type for '" + std::string(call.entry.name) + "', found " + describe_element(call.args.front()) + " and " +
-                            describe_element(call.args.back());
+  const std::string words = "expected numbers of one type for '" + std::string(call.entry.name) + "', found " +
+                            describe_element(call.args.front()) + " and " + describe_element(call.args.back());
   if (!check_extents(call.args, call.span)) return false;
   if (unify_scalars(call.args) && (!splat_scalars || unify_rows(call.args))) {
     return std::ranges::none_of(call.args, [](const Value& value) { return value.is_error(); });
@@ -216,7 +220,8 @@ Value Elaborator::builtin_smoothstep(BuiltinCall& call) {
     t = apply(OpKind::Clamp, {arithmetic(OpKind::Div, sub(x, call.args[0]), width), zero, one});
   } else {
     const Value degenerate = apply(OpKind::Equal, {width, zero});
-    const Value ramp = apply(OpKind::Clamp, {arithmetic(OpKind::Div, sub(x, call.args[0]), select(degenerate, one, width)), zero, one});
+    const Value ramp = apply(
+        OpKind::Clamp, {arithmetic(OpKind::Div, sub(x, call.args[0]), select(degenerate, one, width)), zero, one});
     const Value step = select(apply(OpKind::Less, {x, call.args[0]}), zero, one);
     t = select(degenerate, step, ramp);
   }
@@ -231,8 +236,9 @@ Value Elaborator::builtin_select(BuiltinCall& call) {
     std::vector<Value> sides{call.args[1], call.args[2]};
     if (!sides[0].is_numeric() || !sides[1].is_numeric() || !unify_scalars(sides) || !unify_rows(sides) ||
         element_type(sides[0]).rows != element_type(c).rows) {
-      return fail(Code::E0322, call.span, "expected vectors of the size of " + describe_element(c) + " for '" + std::string(call.entry.name) + "', found " +
-                                              describe_element(call.args[1]) + " and " + describe_element(call.args[2]));
+      return fail(Code::E0322, call.span,
+                  "expected vectors of the size of " + describe_element(c) + " for '" + std::string(call.entry.name) +
+                      "', found " + describe_element(call.args[1]) + " and " + describe_element(call.args[2]));
     }
     return select(c, sides[0], sides[1]);
   }
@@ -252,7 +258,9 @@ Value Elaborator::builtin_select(BuiltinCall& call) {
 // One argument: over the image; two: of both.
 Value Elaborator::builtin_min_max(BuiltinCall& call) {
   if (call.args.size() == 1) return builtin_reduction(call);
-  if (!call.named.empty()) return fail(Code::E0305, call.named[0].name->span, "expected 'over' with one image only, found it with two arguments");
+  if (!call.named.empty())
+    return fail(Code::E0305, call.named[0].name->span,
+                "expected 'over' with one image only, found it with two arguments");
   // Extents of the program stay extents where both are numbers.
   const auto a = known_int(call.args[0]), b = known_int(call.args[1]);
   if (a && b) return Dim(call.entry.kind == OpKind::Min ? std::min(*a, *b) : std::max(*a, *b));

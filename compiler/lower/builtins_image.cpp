@@ -8,7 +8,8 @@
 namespace dr::lower {
 
 // An op that is not element-wise. The callers speak to the user; what they miss, the op's own rule says.
-Value Elaborator::image_op(OpKind kind, std::span<const Value> operands, ir::Attrs attrs, std::span<const Value> elements_of) {
+Value Elaborator::image_op(OpKind kind, std::span<const Value> operands, ir::Attrs attrs,
+                           std::span<const Value> elements_of) {
   std::vector<ir::ResultType> types;
   for (const Value& operand : operands) {
     if (operand.is_error()) return Error{};
@@ -33,22 +34,28 @@ Value Elaborator::gather(const Value& base, const Value& index, const Span& base
   if (refuse_element(base, "'.at'", base_span)) return Error{};
   const auto* source = base.get<Image>();
   if (in_region() && (!source || b_.value(source->id).region != b_.graph().root())) {
-    return fail(Code::E0703, base_span, "expected an image from outside " + std::string(regions_.back().what) + " before '.at', found one that is computed inside",
+    return fail(Code::E0703, base_span,
+                "expected an image from outside " + std::string(regions_.back().what) +
+                    " before '.at', found one that is computed inside",
                 {{regions_.back().span, "the region is here"}}, "compute it before with 'let'");
   }
   const Extent extent = extent_of(base);
   const std::string name = label(base, describe(base));
   if (!is_index(index)) {
-    return fail(Code::E0405, index_span, "expected an int, ivec2 or ivec3 as the place to read, found " + describe(index));
+    return fail(Code::E0405, index_span,
+                "expected an int, ivec2 or ivec3 as the place to read, found " + describe(index));
   }
   const Type type = element_type(index);
   if (type.is_scalar() && !extent.h.is_one()) {
-    return fail(Code::E0405, index_span, "expected an ivec2 to read " + name + ", which has the height " + extent.h.str() + ", found int");
+    return fail(Code::E0405, index_span,
+                "expected an ivec2 to read " + name + ", which has the height " + extent.h.str() + ", found int");
   }
   const Extent places = extent_of(index);
   if (type.rows < 3 && !extent.l.is_one() && !places.l.is_one() && extent.l != places.l) {
-    return fail(Code::E0407, index_span, "the layers " + places.l.str() + " of the index do not match the layers " + extent.l.str() + " of " + name, {},
-                "name the layer with an ivec3");
+    return fail(
+        Code::E0407, index_span,
+        "the layers " + places.l.str() + " of the index do not match the layers " + extent.l.str() + " of " + name, {},
+        "name the layer with an ivec3");
   }
   const Value operands[] = {base, index};
   return image_op(OpKind::Gather, operands, {}, {&index, 1});
@@ -81,14 +88,17 @@ Value Elaborator::builtin_scatter_add(BuiltinCall& call) {
     if (refuse_element(call.args[i], "'scatter_add'", call.spans[i])) return Error{};
   }
   if (!is_index(call.args[0])) {
-    return fail(Code::E0405, call.spans[0], "expected ints, ivec2s or ivec3s as the places to add to, found " + describe(call.args[0]));
+    return fail(Code::E0405, call.spans[0],
+                "expected ints, ivec2s or ivec3s as the places to add to, found " + describe(call.args[0]));
   }
   if (!call.args[1].is_numeric() || element_type(call.args[1]).is_bool()) return wrong_type(call, 1, "numbers");
   ir::Attrs attrs;
   attrs.dims = {1, 1, 1};
   for (size_t i = 2; i < call.args.size(); ++i) {
     const auto* dim = call.args[i].get<Dim>();
-    if (!dim) return fail(Code::E0403, call.spans[i], "expected an extent of numbers and symbols, found " + describe(call.args[i]));
+    if (!dim)
+      return fail(Code::E0403, call.spans[i],
+                  "expected an extent of numbers and symbols, found " + describe(call.args[i]));
     attrs.dims[i - 2] = *dim;
   }
   if (!check_extents(call.args, call.span)) return Error{};
@@ -103,11 +113,13 @@ Value Elaborator::builtin_shift(BuiltinCall& call) {
   for (size_t i = 1; i < 3; ++i) {
     const auto offset = known_int(call.args[i]);
     if (!offset) {
-      return fail(Code::E0501, call.spans[i], "expected an int known at compile time as the offset of 'shift', found " + describe(call.args[i]), {},
+      return fail(Code::E0501, call.spans[i],
+                  "expected an int known at compile time as the offset of 'shift', found " + describe(call.args[i]), {},
                   "read with x.at(coord(W, H).xy + d) for an offset known at run time");
     }
     if (*offset < -(int64_t{1} << 24) || *offset > int64_t{1} << 24) {
-      return fail(Code::E0318, call.spans[i], "expected an offset of at most 16777216, found " + std::to_string(*offset));
+      return fail(Code::E0318, call.spans[i],
+                  "expected an offset of at most 16777216, found " + std::to_string(*offset));
     }
     attrs.ints.push_back(*offset);
   }
@@ -138,8 +150,10 @@ std::optional<std::array<bool, 3>> Elaborator::reduction_axes(const BuiltinCall&
     const auto name = word->kind == Expr::Kind::NameRef ? std::ranges::find(kNames, word->name) : kNames.end();
     if (name == kNames.end()) {
       const bool named = word->kind == Expr::Kind::NameRef;
-      report(Code::E0323, word->span, std::string("expected x, y, layers or a tuple of them after 'over', found ") + (named ? "'" + word->name + "'" : "something else"), {},
-             named ? suggestion(word->name, kNames) : "");
+      report(Code::E0323, word->span,
+             std::string("expected x, y, layers or a tuple of them after 'over', found ") +
+                 (named ? "'" + word->name + "'" : "something else"),
+             {}, named ? suggestion(word->name, kNames) : "");
       return std::nullopt;
     }
     axes[static_cast<size_t>(name - kNames.begin())] = true;
@@ -185,12 +199,16 @@ Value Elaborator::builtin_coord(BuiltinCall& call) {
   Dim* axes[] = {&extent.w, &extent.h, &extent.l};
   for (size_t i = 0; i < call.args.size(); ++i) {
     const auto* dim = call.args[i].get<Dim>();
-    if (!dim) return fail(Code::E0403, call.spans[i], "expected an extent of numbers and symbols, found " + describe(call.args[i]));
-    if (dim->is_constant() && dim->constant() < 1) return fail(Code::E0404, call.spans[i], "expected an extent of at least 1, found " + dim->str());
+    if (!dim)
+      return fail(Code::E0403, call.spans[i],
+                  "expected an extent of numbers and symbols, found " + describe(call.args[i]));
+    if (dim->is_constant() && dim->constant() < 1)
+      return fail(Code::E0404, call.spans[i], "expected an extent of at least 1, found " + dim->str());
     *axes[i] = *dim;
   }
   std::vector<Value> parts;
-  for (int i = 0; i < 3; ++i) parts.push_back(axes[i]->is_one() ? Value(Dim(0)) : Value(Image{ops::coord(b_, i, extent)}));
+  for (int i = 0; i < 3; ++i)
+    parts.push_back(axes[i]->is_one() ? Value(Dim(0)) : Value(Image{ops::coord(b_, i, extent)}));
   return compose(std::move(parts), ir::vec(3, Scalar::Int));
 }
 
@@ -219,9 +237,13 @@ Value Elaborator::builtin_grad(BuiltinCall& call) {
 
 Value Elaborator::builtin_array(BuiltinCall& call) {
   const auto count = known_int(call.args[0]);
-  if (!count) return fail(Code::E0501, call.spans[0], "expected an int known at compile time as the length of an array, found " + describe(call.args[0]));
+  if (!count)
+    return fail(Code::E0501, call.spans[0],
+                "expected an int known at compile time as the length of an array, found " + describe(call.args[0]));
   if (*count < 0 || *count > kMaxTrips) {
-    return fail(Code::E0502, call.spans[0], "expected an array of at most " + std::to_string(kMaxTrips) + " items, found " + std::to_string(*count));
+    return fail(
+        Code::E0502, call.spans[0],
+        "expected an array of at most " + std::to_string(kMaxTrips) + " items, found " + std::to_string(*count));
   }
   std::vector<Value> items;
   std::vector<Span> spans;

@@ -12,7 +12,9 @@ bool Elaborator::vectors(BuiltinCall& call, size_t count) {
   const Type first = element_type(call.args[0]);
   for (size_t i = 1; i < count; ++i) {
     if (element_type(call.args[i]) == first) continue;
-    fail(Code::E0322, call.span, "expected vectors of one size for '" + std::string(call.entry.name) + "', found " + first.str() + " and " + describe_element(call.args[i]));
+    fail(Code::E0322, call.span,
+         "expected vectors of one size for '" + std::string(call.entry.name) + "', found " + first.str() + " and " +
+             describe_element(call.args[i]));
     return false;
   }
   return true;
@@ -66,16 +68,20 @@ Value Elaborator::builtin_any_all(BuiltinCall& call) {
 }
 
 Value Elaborator::builtin_not(BuiltinCall& call) {
-  if (!call.args[0].is_numeric() || !element_type(call.args[0]).is_bool()) return wrong_type(call, 0, "a vector of bools");
+  if (!call.args[0].is_numeric() || !element_type(call.args[0]).is_bool())
+    return wrong_type(call, 0, "a vector of bools");
   return apply(OpKind::LogicalNot, {call.args[0]});
 }
 
 Value Elaborator::builtin_compare(BuiltinCall& call) {
   const bool equality = call.entry.kind == OpKind::Equal || call.entry.kind == OpKind::NotEqual;
-  const bool bools = equality && std::ranges::all_of(call.args, [&](const Value& v) { return v.is_numeric() && element_type(v).is_bool(); });
+  const bool bools = equality && std::ranges::all_of(call.args, [&](const Value& v) {
+                       return v.is_numeric() && element_type(v).is_bool();
+                     });
   if (bools && element_type(call.args[0]) != element_type(call.args[1])) {
-    return fail(Code::E0322, call.span, "expected vectors of one size for '" + std::string(call.entry.name) + "', found " + describe_element(call.args[0]) + " and " +
-                                            describe_element(call.args[1]));
+    return fail(Code::E0322, call.span,
+                "expected vectors of one size for '" + std::string(call.entry.name) + "', found " +
+                    describe_element(call.args[0]) + " and " + describe_element(call.args[1]));
   }
   if (!bools && !numbers(call)) return Error{};
   if (call.entry.name.starts_with("greater")) std::swap(call.args[0], call.args[1]);

@@ -42,7 +42,8 @@ Value Elaborator::call(const Value& callee, std::vector<Argument> args, const Sp
   if (const auto* fn = callee.get<FunctionValue>()) return inline_function(*fn, std::move(args), span);
   if (const auto* builtin = callee.get<BuiltinValue>()) return call_builtin(*builtin, std::move(args), nullptr, span);
   if (const auto* type = callee.get<TypeValue>()) return construct(*type, std::move(args), span);
-  if (const auto* optimizer = callee.get<OptimizerValue>(); optimizer && !optimizer->called) return call_optimizer(*optimizer, std::move(args), span);
+  if (const auto* optimizer = callee.get<OptimizerValue>(); optimizer && !optimizer->called)
+    return call_optimizer(*optimizer, std::move(args), span);
   return fail(Code::E0306, span, "expected a function before '(', found " + describe(callee), {},
               callee.is_numeric() ? "write x.at(i) to read an image at a place" : "");
 }
@@ -57,11 +58,15 @@ Value Elaborator::call_with(const Value& callee, std::vector<Value> values, cons
 // ---- arguments ----
 
 // One argument a parameter, or none where the default is to be taken.
-std::optional<std::vector<std::optional<Argument>>> Elaborator::order_arguments(const std::vector<dsl::Param>& params, std::vector<Argument> args,
-                                                                                const Span& call, const std::string& name, const Span& declared) {
+std::optional<std::vector<std::optional<Argument>>> Elaborator::order_arguments(const std::vector<dsl::Param>& params,
+                                                                                std::vector<Argument> args,
+                                                                                const Span& call,
+                                                                                const std::string& name,
+                                                                                const Span& declared) {
   std::vector<std::optional<Argument>> ordered(params.size());
   std::vector<dsl::Note> notes;
-  if (declared.valid()) notes.push_back({declared, (name.empty() ? "the function" : "'" + name + "'") + std::string(" is declared here")});
+  if (declared.valid())
+    notes.push_back({declared, (name.empty() ? "the function" : "'" + name + "'") + std::string(" is declared here")});
   size_t next = 0;
   for (Argument& arg : args) {
     size_t at = next;
@@ -70,34 +75,41 @@ std::optional<std::vector<std::optional<Argument>>> Elaborator::order_arguments(
       for (const dsl::Param& param : params) known.push_back(param.name.text);
       at = static_cast<size_t>(std::ranges::find(known, arg.name->text) - known.begin());
       if (at == params.size()) {
-        report(Code::E0305, arg.name->span, "expected the name of a parameter of " + shown(name) + ", found '" + arg.name->text + "'", notes,
+        report(Code::E0305, arg.name->span,
+               "expected the name of a parameter of " + shown(name) + ", found '" + arg.name->text + "'", notes,
                suggestion(arg.name->text, known));
         return std::nullopt;
       }
     } else {
       if (at >= params.size()) {
-        report(Code::E0304, arg.span, "expected " + counted(params.size(), "argument") + " for " + shown(name) + ", found " + std::to_string(args.size()), notes);
+        report(Code::E0304, arg.span,
+               "expected " + counted(params.size(), "argument") + " for " + shown(name) + ", found " +
+                   std::to_string(args.size()),
+               notes);
         return std::nullopt;
       }
       ++next;
     }
     if (ordered[at]) {
-      report(Code::E0305, arg.name ? arg.name->span : arg.span, "expected one argument for '" + params[at].name.text + "', found a second", notes);
+      report(Code::E0305, arg.name ? arg.name->span : arg.span,
+             "expected one argument for '" + params[at].name.text + "', found a second", notes);
       return std::nullopt;
     }
     ordered[at] = std::move(arg);
   }
   for (size_t i = 0; i < params.size(); ++i) {
     if (ordered[i] || params[i].default_value) continue;
-    report(Code::E0304, call, "expected an argument for '" + params[i].name.text + "' of " + shown(name) + ", found none", notes);
+    report(Code::E0304, call,
+           "expected an argument for '" + params[i].name.text + "' of " + shown(name) + ", found none", notes);
     return std::nullopt;
   }
   return ordered;
 }
 
 // Defines the parameters in `scope`, with the generic names and extents that the arguments bind.
-bool Elaborator::bind_params(const std::vector<dsl::Param>& params, const std::vector<dsl::Name>& generics, std::vector<Argument> args, Scope& scope,
-                             const Span& call, const std::string& name, const Span& declared, bool element_params) {
+bool Elaborator::bind_params(const std::vector<dsl::Param>& params, const std::vector<dsl::Name>& generics,
+                             std::vector<Argument> args, Scope& scope, const Span& call, const std::string& name,
+                             const Span& declared, bool element_params) {
   auto ordered = order_arguments(params, std::move(args), call, name, declared);
   if (!ordered) return false;
   const Switched<Scope*> inside(scope_, &scope);
@@ -148,7 +160,10 @@ bool Elaborator::bind_params(const std::vector<dsl::Param>& params, const std::v
         known = known && !leaf.is<Image>() && (!dim || dim->is_constant());
       });
       if (!known) {
-        report(Code::E0501, how.span, "expected a value known at compile time for '" + param.name.text + "', found " + describe(value) + " known at run time", how.notes);
+        report(Code::E0501, how.span,
+               "expected a value known at compile time for '" + param.name.text + "', found " + describe(value) +
+                   " known at run time",
+               how.notes);
         ok = false;
       }
     }
@@ -156,7 +171,8 @@ bool Elaborator::bind_params(const std::vector<dsl::Param>& params, const std::v
   }
   for (const dsl::Name& generic : generics) {
     if (!ok || scope.find(generic.text)) continue;
-    report(Code::E0312, call, "expected arguments that say what '" + generic.text + "' of " + shown(name) + " is, found none",
+    report(Code::E0312, call,
+           "expected arguments that say what '" + generic.text + "' of " + shown(name) + " is, found none",
            {{generic.span, "'" + generic.text + "' is declared here"}});
     ok = false;
   }
@@ -171,7 +187,8 @@ bool Elaborator::check_recursion(const FunctionValue& fn, const Span& span) {
   for (size_t i = frames_.size(); i > 0;) {
     const Frame& frame = frames_[i - 1];
     if (frame.fn == fn.decl && frame.scope == fn.scope) {
-      report(Code::E0504, span, "expected functions without recursion, found that " + shown(fn.decl->name.text) + " calls itself",
+      report(Code::E0504, span,
+             "expected functions without recursion, found that " + shown(fn.decl->name.text) + " calls itself",
              {{fn.decl->name.span, "it is declared here"}});
       return false;
     }
@@ -187,14 +204,17 @@ Value Elaborator::inline_function(const FunctionValue& fn, std::vector<Argument>
   const dsl::FnDecl& decl = *fn.decl;
   if (!fn.self.empty()) args.insert(args.begin(), Argument{std::nullopt, fn.self[0], span});
   Scope* scope = new_scope(fn.scope);
-  if (!bind_params(decl.params, decl.generics, std::move(args), *scope, span, decl.name.text, decl.name.span, true)) return Error{};
+  if (!bind_params(decl.params, decl.generics, std::move(args), *scope, span, decl.name.text, decl.name.span, true))
+    return Error{};
 
   frames_.push_back({&decl, decl.name.text, span, fn.scope, fn.creator, fn.is_lambda});
   const size_t depth = frames_.size();
   const Switched<Scope*> inside(scope_, scope);
   Value value = evaluate_block(decl.body);
   const std::string subject = "the result of " + shown(decl.name.text);
-  const Span end = decl.body.value ? decl.body.value->span : decl.body.statements.empty() ? decl.body.span : decl.body.statements.back()->span;
+  const Span end = decl.body.value                ? decl.body.value->span
+                   : decl.body.statements.empty() ? decl.body.span
+                                                  : decl.body.statements.back()->span;
   if (value.is<Nothing>()) {
     value = fail(Code::E0321, end, "expected a value at the end of " + shown(decl.name.text) + ", found none");
   } else if (decl.result && !contains_error(value)) {
@@ -221,7 +241,8 @@ Value Elaborator::leave_call(const Value& value, size_t depth) const {
 
 // ---- built-in functions ----
 
-Value Elaborator::call_builtin(const BuiltinValue& builtin, std::vector<Argument> args, const Expr* syntax, const Span& span) {
+Value Elaborator::call_builtin(const BuiltinValue& builtin, std::vector<Argument> args, const Expr* syntax,
+                               const Span& span) {
   const Builtin& entry = *builtin.entry;
   const std::string name(entry.name);
   BuiltinCall call{.entry = entry, .args = {}, .spans = {}, .named = {}, .syntax = syntax, .span = span};
@@ -250,8 +271,9 @@ Value Elaborator::call_builtin(const BuiltinValue& builtin, std::vector<Argument
   if (call.args.size() < entry.min_args || call.args.size() > entry.max_args) {
     std::string wanted = std::to_string(entry.min_args - hidden);
     if (entry.max_args != entry.min_args) wanted += " to " + std::to_string(entry.max_args - hidden);
-    return fail(Code::E0304, span, "expected " + wanted + (wanted == "1" ? " argument" : " arguments") + " for '" + name + "', found " +
-                                       std::to_string(call.args.size() - hidden));
+    return fail(Code::E0304, span,
+                "expected " + wanted + (wanted == "1" ? " argument" : " arguments") + " for '" + name + "', found " +
+                    std::to_string(call.args.size() - hidden));
   }
   if (failed) return Error{};
   const SpanScope here(*this, span);
@@ -263,7 +285,8 @@ Value Elaborator::call_builtin(const BuiltinValue& builtin, std::vector<Argument
 Value Elaborator::call_optimizer(const OptimizerValue& optimizer, std::vector<Argument> args, const Span& span) {
   static const std::vector<dsl::Name> kNoGenerics;
   Scope* scope = new_scope(optimizer.scope);
-  if (!bind_params(optimizer.decl->params, kNoGenerics, std::move(args), *scope, span, optimizer.decl->name.text, optimizer.decl->name.span, false)) {
+  if (!bind_params(optimizer.decl->params, kNoGenerics, std::move(args), *scope, span, optimizer.decl->name.text,
+                   optimizer.decl->name.span, false)) {
     return Error{};
   }
   return OptimizerValue{optimizer.decl, scope, true};

@@ -9,19 +9,23 @@ namespace dr::lower {
 
 Value Elaborator::construct(const TypeValue& type, std::vector<Argument> args, const Span& span) {
   if (type.kind == TypeValue::Kind::Struct) return construct_struct(type, std::move(args), span);
-  if (type.kind != TypeValue::Kind::Element) return fail(Code::E0306, span, "expected a function before '(', found the type " + describe(type));
+  if (type.kind != TypeValue::Kind::Element)
+    return fail(Code::E0306, span, "expected a function before '(', found the type " + describe(type));
   std::vector<Value> values;
   const std::string name = type.element.str();
   for (const Argument& arg : args) {
     if (contains_error(arg.value)) return Error{};
-    if (arg.name) return fail(Code::E0305, arg.name->span, "expected arguments without names for '" + name + "', found '" + arg.name->text + "'");
+    if (arg.name)
+      return fail(Code::E0305, arg.name->span,
+                  "expected arguments without names for '" + name + "', found '" + arg.name->text + "'");
     if (!arg.value.is_numeric()) {
       return fail(Code::E0322, arg.span, "expected numbers for '" + name + "', found " + describe_element(arg.value));
     }
     values.push_back(arg.value);
   }
   if (values.empty()) return fail(Code::E0315, span, "expected components for " + name + ", found none");
-  return type.element.is_matrix() ? construct_matrix(type.element, values, span) : construct_vector(type.element, values, span);
+  return type.element.is_matrix() ? construct_matrix(type.element, values, span)
+                                  : construct_vector(type.element, values, span);
 }
 
 Value Elaborator::construct_vector(const Type& type, std::span<const Value> args, const Span& span) {
@@ -44,11 +48,13 @@ Value Elaborator::construct_vector(const Type& type, std::span<const Value> args
   for (const Value& arg : args) {
     const Type from = element_type(arg);
     count += static_cast<size_t>(from.components());
-    if (from.is_matrix()) return fail(Code::E0315, span, "expected scalars and vectors for " + type.str() + ", found " + from.str());
+    if (from.is_matrix())
+      return fail(Code::E0315, span, "expected scalars and vectors for " + type.str() + ", found " + from.str());
   }
   if (count != type.rows) {
-    return fail(Code::E0315, span, "expected " + std::to_string(type.rows) + (type.rows == 1 ? " component for " : " components for ") + type.str() + ", found " +
-                                       std::to_string(count));
+    return fail(Code::E0315, span,
+                "expected " + std::to_string(type.rows) + (type.rows == 1 ? " component for " : " components for ") +
+                    type.str() + ", found " + std::to_string(count));
   }
   for (const Value& arg : args) {
     const Value converted = convert_scalar(arg, type.scalar);
@@ -80,7 +86,8 @@ Value Elaborator::construct_matrix(const Type& type, std::span<const Value> args
   for (const Value& arg : args) {
     const Type from = element_type(arg);
     are_columns = are_columns && from.rows == type.rows && from.cols == 1;
-    if (from.is_matrix()) return fail(Code::E0315, span, "expected scalars and vectors for " + type.str() + ", found " + from.str());
+    if (from.is_matrix())
+      return fail(Code::E0315, span, "expected scalars and vectors for " + type.str() + ", found " + from.str());
   }
   for (const Value& arg : args) {
     const Value converted = convert_scalar(arg, Scalar::Float);
@@ -90,11 +97,14 @@ Value Elaborator::construct_matrix(const Type& type, std::span<const Value> args
   }
   if (are_columns) return compose(std::move(columns), type);
   if (all.size() != static_cast<size_t>(type.components())) {
-    return fail(Code::E0315, span, "expected " + std::to_string(type.components()) + " components for " + type.str() + ", found " + std::to_string(all.size()));
+    return fail(Code::E0315, span,
+                "expected " + std::to_string(type.components()) + " components for " + type.str() + ", found " +
+                    std::to_string(all.size()));
   }
   columns.clear();
   for (size_t c = 0; c < type.cols; ++c) {
-    std::vector<Value> column(all.begin() + static_cast<std::ptrdiff_t>(c * type.rows), all.begin() + static_cast<std::ptrdiff_t>((c + 1) * type.rows));
+    std::vector<Value> column(all.begin() + static_cast<std::ptrdiff_t>(c * type.rows),
+                              all.begin() + static_cast<std::ptrdiff_t>((c + 1) * type.rows));
     columns.push_back(compose(std::move(column), type.column()));
     if (columns.back().is_error()) return Error{};
   }
@@ -103,12 +113,14 @@ Value Elaborator::construct_matrix(const Type& type, std::span<const Value> args
 
 Value Elaborator::construct_struct(const TypeValue& type, std::vector<Argument> args, const Span& span) {
   const StructType& structure = *type.structure;
-  if (!structure.decl) return fail(Code::E0306, span, "expected a function before '(', found the type " + structure.name);
+  if (!structure.decl)
+    return fail(Code::E0306, span, "expected a function before '(', found the type " + structure.name);
   const dsl::StructDecl& decl = *structure.decl;
   Scope* scope = new_scope(&structure.module->scope);
   // A type that is known by its arguments already (`T` of a generic function) says what its generic names are.
   for (size_t i = 0; i < type.generics.size(); ++i) define(*scope, decl.generics[i], type.generics[i]);
-  if (!bind_params(decl.fields, decl.generics, std::move(args), *scope, span, structure.name, decl.name.span, false)) return Error{};
+  if (!bind_params(decl.fields, decl.generics, std::move(args), *scope, span, structure.name, decl.name.span, false))
+    return Error{};
   StructValue value;
   value.type = &structure;
   for (const dsl::Name& generic : decl.generics) value.generics.push_back(scope->find(generic.text)->value);

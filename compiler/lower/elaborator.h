@@ -39,12 +39,12 @@ using ir::Type;
 using ir::ValueId;
 
 // Limits of a program, all of them errors when reached.
-inline constexpr int64_t kMaxTrips = 4096;         // of one `for`, or items of one array
-inline constexpr size_t kMaxCalls = 64;            // calls inside each other
-inline constexpr size_t kMaxDepth = 2000;          // expressions inside each other, through calls
-inline constexpr size_t kMaxOps = 1'000'000;       // of a program
-inline constexpr size_t kMaxSteps = 50'000'000;    // expressions elaborated
-inline constexpr size_t kMaxCallNotes = 4;         // notes "in the call of 'f' here" of one message
+inline constexpr int64_t kMaxTrips = 4096;       // of one `for`, or items of one array
+inline constexpr size_t kMaxCalls = 64;          // calls inside each other
+inline constexpr size_t kMaxDepth = 2000;        // expressions inside each other, through calls
+inline constexpr size_t kMaxOps = 1'000'000;     // of a program
+inline constexpr size_t kMaxSteps = 50'000'000;  // expressions elaborated
+inline constexpr size_t kMaxCallNotes = 4;       // notes "in the call of 'f' here" of one message
 
 class Elaborator;
 
@@ -57,10 +57,10 @@ struct Argument {
 // A call of a built-in function, as its handler sees it.
 struct BuiltinCall {
   const Builtin& entry;
-  std::vector<Value> args;      // `self` first, then the positional ones; those of a raw entry are not evaluated
-  std::vector<Span> spans;      // parallel to args
-  std::vector<Argument> named;  // only names that the entry lists
-  const Expr* syntax = nullptr; // the call; null when a function value is called by another built-in
+  std::vector<Value> args;       // `self` first, then the positional ones; those of a raw entry are not evaluated
+  std::vector<Span> spans;       // parallel to args
+  std::vector<Argument> named;   // only names that the entry lists
+  const Expr* syntax = nullptr;  // the call; null when a function value is called by another built-in
   Span span;
 };
 
@@ -69,22 +69,22 @@ struct Builtin {
   size_t min_args = 1;
   size_t max_args = 1;
   Value (Elaborator::*handler)(BuiltinCall&) = nullptr;
-  OpKind kind = OpKind::Add;              // for handlers that serve several ops
+  OpKind kind = OpKind::Add;                 // for handlers that serve several ops
   std::vector<std::string_view> named = {};  // names that may be given
-  bool is_method = false;                 // called as x.name(...): the first argument is x
+  bool is_method = false;                    // called as x.name(...): the first argument is x
 };
 
 // How a declared type is held against a value.
 struct TypeMatch {
-  Code code{};                 // of a mismatch
-  std::string subject;         // "'x'", "the result of 'f'"
-  Span span;                   // of the value
+  Code code{};          // of a mismatch
+  std::string subject;  // "'x'", "the result of 'f'"
+  Span span;            // of the value
   std::vector<dsl::Note> notes;
   std::vector<dsl::Name> const* generics = nullptr;  // names that the value may bind
-  bool bind_extents = false;   // names in extents may be bound by the value
-  bool parameter = false;      // `vec3` is one element
-  bool stretch = false;        // extents of 1 are stretched to those written
-  bool ignore_extents = false; // somebody else looks at them
+  bool bind_extents = false;                         // names in extents may be bound by the value
+  bool parameter = false;                            // `vec3` is one element
+  bool stretch = false;                              // extents of 1 are stretched to those written
+  bool ignore_extents = false;                       // somebody else looks at them
 };
 
 class Elaborator {
@@ -102,7 +102,7 @@ class Elaborator {
     std::string name;
     Span call;
     const Scope* scope = nullptr;  // the names that it sees
-    size_t creator = 0;  // of a lambda: the frames below which it was made
+    size_t creator = 0;            // of a lambda: the frames below which it was made
     bool is_lambda = false;
   };
   struct RegionFrame {
@@ -115,7 +115,7 @@ class Elaborator {
   struct Writer {
     Span span;
     size_t update = SIZE_MAX;  // index into Step::updates
-    bool minimized = false; // a projection may follow
+    bool minimized = false;    // a projection may follow
   };
   struct StepFrame {
     ir::Step* step = nullptr;
@@ -155,8 +155,10 @@ class Elaborator {
   };
 
   // Messages (lower.cpp). `fail` reports and gives Error.
-  void report(Code code, const Span& span, std::string message, std::vector<dsl::Note> notes = {}, std::string help = {});
-  Error fail(Code code, const Span& span, std::string message, std::vector<dsl::Note> notes = {}, std::string help = {});
+  void report(Code code, const Span& span, std::string message, std::vector<dsl::Note> notes = {},
+              std::string help = {});
+  Error fail(Code code, const Span& span, std::string message, std::vector<dsl::Note> notes = {},
+             std::string help = {});
   void set_span(const Span& span);
   bool over_budget(const Span& span);
   static std::string suggestion(std::string_view name, const std::vector<std::string>& known);
@@ -183,11 +185,11 @@ class Elaborator {
   std::vector<std::string> visible_names() const;
 
   // What values are, in words (emission.cpp).
-  std::string describe(const Value& value) const;             // "vec3[V]", "Triangle"
-  std::string describe_element(const Value& value) const;     // without extents
+  std::string describe(const Value& value) const;          // "vec3[V]", "Triangle"
+  std::string describe_element(const Value& value) const;  // without extents
   std::string describe(const TypeValue& type) const;
   TypeValue type_of(const Value& value) const;
-  Type element_type(const Value& value) const;                // of a numeric value
+  Type element_type(const Value& value) const;  // of a numeric value
   Extent extent_of(const Value& value) const;
   std::string label(const Value& value, std::string_view otherwise) const;  // "'photo'" or `otherwise`
 
@@ -197,8 +199,8 @@ class Elaborator {
   uint32_t element_depth(std::span<const Value> values) const;
   Value apply(OpKind kind, std::vector<Value> operands, ir::Attrs attrs = {});
   bool convert_known_int(Value& value, Scalar to);
-  bool unify_scalars(std::vector<Value>& values);   // ints known at compile time become what the others are
-  bool unify_rows(std::vector<Value>& values);      // scalars become vectors
+  bool unify_scalars(std::vector<Value>& values);  // ints known at compile time become what the others are
+  bool unify_rows(std::vector<Value>& values);     // scalars become vectors
   bool check_extents(std::span<const Value> values, const Span& span);
   Value to_float(const Value& value);
   Value convert_scalar(const Value& value, Scalar to);
@@ -261,7 +263,8 @@ class Elaborator {
   std::optional<Value> match_named(const Value& value, const dsl::TypeExpr& type, TypeMatch& how);
   std::optional<Value> match_array(const Value& value, const dsl::TypeExpr& type, TypeMatch& how);
   std::optional<Value> match_tuple(const Value& value, const dsl::TypeExpr& type, TypeMatch& how);
-  std::optional<Value> match_type_value(const Value& value, const TypeValue& wanted, const dsl::TypeExpr& type, TypeMatch& how);
+  std::optional<Value> match_type_value(const Value& value, const TypeValue& wanted, const dsl::TypeExpr& type,
+                                        TypeMatch& how);
   std::optional<Value> match_element(const Value& value, const Type& wanted, const dsl::TypeExpr& type, TypeMatch& how);
   bool match_generics(const StructValue& value, const dsl::TypeExpr& type, TypeMatch& how);
   bool match_generic_arg(const Value& actual, const dsl::TypeExpr* type, const Expr* expr, TypeMatch& how);
@@ -278,8 +281,9 @@ class Elaborator {
   Value call_with(const Value& callee, std::vector<Value> args, const Span& span);
   Value inline_function(const FunctionValue& fn, std::vector<Argument> args, const Span& span);
   bool check_recursion(const FunctionValue& fn, const Span& span);
-  bool bind_params(const std::vector<dsl::Param>& params, const std::vector<dsl::Name>& generics, std::vector<Argument> args,
-                   Scope& scope, const Span& call, const std::string& name, const Span& declared, bool element_params);
+  bool bind_params(const std::vector<dsl::Param>& params, const std::vector<dsl::Name>& generics,
+                   std::vector<Argument> args, Scope& scope, const Span& call, const std::string& name,
+                   const Span& declared, bool element_params);
   std::optional<std::vector<std::optional<Argument>>> order_arguments(const std::vector<dsl::Param>& params,
                                                                       std::vector<Argument> args, const Span& call,
                                                                       const std::string& name, const Span& declared);
@@ -299,7 +303,8 @@ class Elaborator {
   void bind_pattern(const dsl::Pattern& pattern, const Value& value, const Span& span, bool is_var);
   void run_assign(const dsl::Stmt& stmt);
   Value assigned(const Value& current, std::span<const Expr* const> path, const Value& value, const dsl::Stmt& stmt);
-  Value assigned_components(const Value& current, std::span<const int> indices, const Value& value, const dsl::Stmt& stmt);
+  Value assigned_components(const Value& current, std::span<const int> indices, const Value& value,
+                            const dsl::Stmt& stmt);
   Value fit_assignment(const Value& current, const Value& value, const dsl::Stmt& stmt);
   void run_for(const dsl::Stmt& stmt);
   void run_const_if(const dsl::Stmt& stmt);
@@ -338,7 +343,8 @@ class Elaborator {
   void run_optimizer_update(const dsl::Stmt& stmt);
   std::optional<Image> fit_leaf(const Value& value, uint32_t leaf, const Span& span, std::string_view what);
   void run_minimize(const dsl::Stmt& stmt);
-  Value instantiate(const OptimizerValue& optimizer, uint32_t leaf, const Value& x, const Value& g, const dsl::Stmt& stmt);
+  Value instantiate(const OptimizerValue& optimizer, uint32_t leaf, const Value& x, const Value& g,
+                    const dsl::Stmt& stmt);
   std::vector<ValueId> emit_grad(const Value& y, const Value& seed, std::span<const ValueId> targets);
 
   // Built-in functions (builtins.cpp, builtins_vector.cpp, builtins_image.cpp).
@@ -387,7 +393,8 @@ class Elaborator {
   bool is_index(const Value& value) const;
   Value image_op(OpKind kind, std::span<const Value> operands, ir::Attrs attrs, std::span<const Value> elements_of);
   std::optional<std::array<bool, 3>> reduction_axes(const BuiltinCall& call);
-  Value grad(const Value& y, const Value& x, const std::optional<Argument>& seed, const Span& y_span, const Span& x_span);
+  Value grad(const Value& y, const Value& x, const std::optional<Argument>& seed, const Span& y_span,
+             const Span& x_span);
 
   dsl::SourceManager& sources_;
   const Options& options_;
@@ -409,7 +416,8 @@ class Elaborator {
   size_t depth_ = 0;
   size_t steps_ = 0;
   bool exhausted_ = false;
-  std::set<std::tuple<uint32_t, uint32_t, uint32_t, Code>> reported_;  // a place is told once, however often it is unrolled
+  std::set<std::tuple<uint32_t, uint32_t, uint32_t, Code>>
+      reported_;  // a place is told once, however often it is unrolled
 };
 
 }  // namespace dr::lower

@@ -30,7 +30,8 @@ std::string Elaborator::describe(const TypeValue& type) const {
       return (text.empty() ? "(" : text) + ")";
     }
     case TypeValue::Kind::Array:
-      return "array<" + (type.elements.empty() ? std::string("?") : describe(type.elements[0])) + ", " + std::to_string(type.count) + ">";
+      return "array<" + (type.elements.empty() ? std::string("?") : describe(type.elements[0])) + ", " +
+             std::to_string(type.count) + ">";
     case TypeValue::Kind::Function: return "a function";
     case TypeValue::Kind::Other: return "something else";
   }
@@ -86,7 +87,8 @@ Extent Elaborator::extent_of(const Value& value) const {
 }
 
 std::string Elaborator::label(const Value& value, std::string_view otherwise) const {
-  if (const auto* image = value.get<Image>(); image && !b_.value(image->id).name.empty()) return "'" + b_.value(image->id).name + "'";
+  if (const auto* image = value.get<Image>(); image && !b_.value(image->id).name.empty())
+    return "'" + b_.value(image->id).name + "'";
   return std::string(otherwise);
 }
 
@@ -142,7 +144,8 @@ Value Elaborator::apply(OpKind kind, std::vector<Value> operands, ir::Attrs attr
   if (const auto* message = std::get_if<std::string>(&inferred)) return fail(Code::E0322, span_, *message);
   const Type type = std::get<std::vector<ir::ResultType>>(inferred)[0].type;
 
-  const bool known = std::ranges::all_of(operands, [](const Value& operand) { return known_components(operand).has_value(); });
+  const bool known =
+      std::ranges::all_of(operands, [](const Value& operand) { return known_components(operand).has_value(); });
   if (known && info.shape == ops::Shape::Elementwise && info.eval) {
     std::vector<std::vector<double>> components;
     std::vector<const double*> planes;
@@ -153,9 +156,15 @@ Value Elaborator::apply(OpKind kind, std::vector<Value> operands, ir::Attrs attr
     }
     for (const auto& plane : components) planes.push_back(plane.data());
     std::vector<double> result(static_cast<size_t>(type.components()));
-    info.eval({.n = 1, .operands = planes, .operand_types = operand_types, .attrs = attrs, .result_type = type, .result = result.data()});
+    info.eval({.n = 1,
+               .operands = planes,
+               .operand_types = operand_types,
+               .attrs = attrs,
+               .result_type = type,
+               .result = result.data()});
     // NaN and Inf are left to run time: they are then made where the program says.
-    if (std::ranges::all_of(result, [](double x) { return std::isfinite(x); })) return make_constant(type, std::move(result));
+    if (std::ranges::all_of(result, [](double x) { return std::isfinite(x); }))
+      return make_constant(type, std::move(result));
   }
   const uint32_t element = element_depth(operands);
   std::vector<ValueId> ids;
@@ -170,7 +179,8 @@ bool Elaborator::convert_known_int(Value& value, Scalar to) {
   const auto* dim = value.get<Dim>();
   if (!dim || (to != Scalar::Float && to != Scalar::Uint)) return false;
   if (dim->is_constant()) {
-    if (to == Scalar::Uint && (dim->constant() < 0 || dim->constant() > std::numeric_limits<uint32_t>::max())) return false;
+    if (to == Scalar::Uint && (dim->constant() < 0 || dim->constant() > std::numeric_limits<uint32_t>::max()))
+      return false;
     value = Constant{{to, 1, 1}, {static_cast<double>(dim->constant())}};
     return true;
   }
@@ -244,8 +254,9 @@ bool Elaborator::check_extents(std::span<const Value> values, const Span& span) 
         const std::string what(kAxes[axis]);
         const bool raster = in_region() && regions_.back().what == "'raster'";
         report(Code::E0401, span,
-               "the " + what + " " + a[axis]->str() + " of " + label(values[k], describe(values[k])) + " does not match the " + what + " " +
-                   b[axis]->str() + " of " + label(values[i], describe(values[i])),
+               "the " + what + " " + a[axis]->str() + " of " + label(values[k], describe(values[k])) +
+                   " does not match the " + what + " " + b[axis]->str() + " of " +
+                   label(values[i], describe(values[i])),
                {}, raster ? "what belongs to a face is returned by 'setup'" : "");
         return false;
       }
@@ -318,9 +329,11 @@ Value Elaborator::dot(const Value& a, const Value& b) {
 bool Elaborator::refuse_in_region(std::string_view what, const Span& span) {
   if (!in_region()) return false;
   const RegionFrame& region = regions_.back();
-  report(Code::E0701, span, "expected arithmetic on elements inside " + std::string(region.what) + ", found " + std::string(what) +
-                                ", which needs whole images",
-         {{region.span, "the " + std::string(region.what.substr(1, region.what.size() - 2)) + " is here"}}, "compute it before with 'let'");
+  report(Code::E0701, span,
+         "expected arithmetic on elements inside " + std::string(region.what) + ", found " + std::string(what) +
+             ", which needs whole images",
+         {{region.span, "the " + std::string(region.what.substr(1, region.what.size() - 2)) + " is here"}},
+         "compute it before with 'let'");
   return true;
 }
 
@@ -328,19 +341,22 @@ bool Elaborator::refuse_element(const Value& value, std::string_view what, const
   const auto* operand = value.get<Image>();
   if (!operand || operand->element == 0) return false;
   const Type type = element_type(value);
-  report(Code::E0702, span, "expected a whole image for " + std::string(what) + ", found " + label(value, "a value") +
-                                ", which is one element inside this function",
+  report(Code::E0702, span,
+         "expected a whole image for " + std::string(what) + ", found " + label(value, "a value") +
+             ", which is one element inside this function",
          {}, "give the parameter an extent, such as " + type.str() + "[W, H]");
   return true;
 }
 
-std::optional<Extent> Elaborator::region_domain(Extent domain, std::span<const ir::RegionId> regions, const Span& span) {
+std::optional<Extent> Elaborator::region_domain(Extent domain, std::span<const ir::RegionId> regions,
+                                                const Span& span) {
   const auto include = [&](ValueId id) {
     const ir::ValueInfo& info = b_.value(id);
     if (info.accumulation) return true;
     const auto both = ir::broadcast(domain, info.extent);
     if (!both) {
-      report(Code::E0408, span, "expected parts of one extent in the region, found " + domain.str() + " and " + info.extent.str());
+      report(Code::E0408, span,
+             "expected parts of one extent in the region, found " + domain.str() + " and " + info.extent.str());
       return false;
     }
     domain = *both;

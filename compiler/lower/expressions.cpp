@@ -10,7 +10,9 @@ namespace dr::lower {
 Value Elaborator::evaluate(const Expr& expr) {
   if (over_budget(expr.span)) return Error{};
   if (depth_ >= kMaxDepth) {
-    return fail(Code::E0505, expr.span, "expected at most " + std::to_string(kMaxDepth) + " expressions inside each other, through calls, found more");
+    return fail(
+        Code::E0505, expr.span,
+        "expected at most " + std::to_string(kMaxDepth) + " expressions inside each other, through calls, found more");
   }
   ++depth_;
   const SpanScope span(*this, expr.span);
@@ -50,7 +52,8 @@ Value Elaborator::evaluate_any(const Expr& expr) {
 Value Elaborator::evaluate_number(const Expr& expr) {
   if (expr.kind == Expr::Kind::Float) return make_float(expr.float_value);
   if (!expr.unsigned_suffix) return Dim(expr.int_value);
-  if (expr.int_value > UINT32_MAX) return fail(Code::E0318, expr.span, "expected a number that fits uint, found " + expr.name);
+  if (expr.int_value > UINT32_MAX)
+    return fail(Code::E0318, expr.span, "expected a number that fits uint, found " + expr.name);
   return Constant{ir::kUint, {static_cast<double>(expr.int_value)}};
 }
 
@@ -92,17 +95,20 @@ Value Elaborator::field_of(const Value& base, const std::string& name, const Spa
     }
     std::vector<dsl::Note> notes;
     if (s->type->decl) notes.push_back({s->type->decl->name.span, "'" + s->type->name + "' is declared here"});
-    return fail(Code::E0307, span, "expected a field of " + s->type->name + ", found '" + name + "'", std::move(notes), suggestion(name, known));
+    return fail(Code::E0307, span, "expected a field of " + s->type->name + ", found '" + name + "'", std::move(notes),
+                suggestion(name, known));
   }
   if (const auto* tuple = base.get<TupleValue>()) {
     size_t index = 0;
     const auto [end, error] = std::from_chars(name.data(), name.data() + name.size(), index);
     if (error == std::errc() && end == name.data() + name.size()) {
-      const auto checked = checked_index(static_cast<int64_t>(index), static_cast<int64_t>(tuple->items.size()), "a tuple", span);
+      const auto checked =
+          checked_index(static_cast<int64_t>(index), static_cast<int64_t>(tuple->items.size()), "a tuple", span);
       return checked ? tuple->items[static_cast<size_t>(*checked)] : Value(Error{});
     }
   }
-  if (const auto* array = base.get<ArrayValue>(); array && name == "length") return Dim(static_cast<int64_t>(array->items.size()));
+  if (const auto* array = base.get<ArrayValue>(); array && name == "length")
+    return Dim(static_cast<int64_t>(array->items.size()));
   return fail(Code::E0307, span, "expected a value with a field '" + name + "', found " + describe(base));
 }
 
@@ -121,7 +127,8 @@ Value Elaborator::numeric_field(const Value& base, const std::string& name, cons
 }
 
 // The components that `name` names, or an error.
-std::optional<std::vector<int>> Elaborator::swizzle_indices(const Type& type, const std::string& name, const Span& span) {
+std::optional<std::vector<int>> Elaborator::swizzle_indices(const Type& type, const std::string& name,
+                                                            const Span& span) {
   constexpr std::string_view kSets[] = {"xyzw", "rgba", "stpq"};
   if (!type.is_matrix() && !name.empty()) {
     for (const std::string_view set : kSets) {
@@ -137,14 +144,18 @@ std::optional<std::vector<int>> Elaborator::swizzle_indices(const Type& type, co
       }
       for (const int index : indices) {
         if (index < type.rows) continue;
-        report(Code::E0308, span, "expected a component of " + type.str() + ", found '" + std::string(1, set[static_cast<size_t>(index)]) + "'");
+        report(Code::E0308, span,
+               "expected a component of " + type.str() + ", found '" + std::string(1, set[static_cast<size_t>(index)]) +
+                   "'");
         return std::nullopt;
       }
       return indices;
     }
   }
   std::vector<std::string> known = {"width", "height", "layers", "at", "layer"};
-  const std::string what = type.is_matrix() ? "expected a field of an image, found '" : "expected components such as 'x' or 'xyz', or a field of an image, found '";
+  const std::string what = type.is_matrix()
+                               ? "expected a field of an image, found '"
+                               : "expected components such as 'x' or 'xyz', or a field of an image, found '";
   report(Code::E0307, span, what + name + "' of " + type.str(), {},
          type.is_matrix() ? "write m[0] for the first column" : suggestion(name, known));
   return std::nullopt;
@@ -152,9 +163,12 @@ std::optional<std::vector<int>> Elaborator::swizzle_indices(const Type& type, co
 
 // ---- indices ----
 
-std::optional<int64_t> Elaborator::checked_index(int64_t index, int64_t count, std::string_view what, const Span& span) {
+std::optional<int64_t> Elaborator::checked_index(int64_t index, int64_t count, std::string_view what,
+                                                 const Span& span) {
   if (index >= 0 && index < count) return index;
-  report(Code::E0316, span, "expected an index from 0 to " + std::to_string(count - 1) + " into " + std::string(what) + ", found " + std::to_string(index));
+  report(Code::E0316, span,
+         "expected an index from 0 to " + std::to_string(count - 1) + " into " + std::string(what) + ", found " +
+             std::to_string(index));
   return std::nullopt;
 }
 
@@ -171,7 +185,8 @@ Value Elaborator::index_value(const Value& base, const Value& index, const Expr&
     std::string help;
     if (base.is_numeric()) help = "write x.at(i) to read an image at a place";
     if (base.is<TupleValue>()) help = "write t.0 for the first element of a tuple";
-    return fail(Code::E0317, expr.span, "expected an array, a vector or a matrix before '[', found " + describe(base), {}, std::move(help));
+    return fail(Code::E0317, expr.span, "expected an array, a vector or a matrix before '[', found " + describe(base),
+                {}, std::move(help));
   }
   if (!index.is_numeric() || element_type(index) != ir::kInt) {
     if (!index.is_numeric() || element_type(index) != ir::kUint) {
@@ -180,7 +195,9 @@ Value Elaborator::index_value(const Value& base, const Value& index, const Expr&
   }
   const auto known = known_components(index);
   const Type type = is_array ? Type{} : element_type(base);
-  const int64_t count = is_array ? static_cast<int64_t>(base.as<ArrayValue>().items.size()) : type.is_matrix() ? type.cols : type.rows;
+  const int64_t count = is_array           ? static_cast<int64_t>(base.as<ArrayValue>().items.size())
+                        : type.is_matrix() ? type.cols
+                                           : type.rows;
   const std::string what = is_array ? "an array of " + std::to_string(count) : type.str();
   const auto item = [&](int64_t i) {
     return is_array ? base.as<ArrayValue>().items[static_cast<size_t>(i)] : component(base, static_cast<int>(i));
@@ -190,7 +207,8 @@ Value Elaborator::index_value(const Value& base, const Value& index, const Expr&
     return checked ? item(*checked) : Value(Error{});
   }
   // Known at run time only: a chain of choices, the first and the last item standing for what lies outside.
-  if (count == 0) return fail(Code::E0316, expr.b->span, "expected an index into an array that has items, found an empty one");
+  if (count == 0)
+    return fail(Code::E0316, expr.b->span, "expected an index into an array that has items, found an empty one");
   Value result = item(count - 1);
   for (int64_t i = count - 2; i >= 0; --i) {
     const Value place = convert_scalar(index, Scalar::Int);
@@ -226,7 +244,9 @@ Value Elaborator::unify_items(std::vector<Value> items, std::span<const Span> sp
     if (wanted.kind == TypeValue::Kind::Element) convert_known_int(items[i], wanted.element.scalar);
     const TypeValue found = type_of(items[i]);
     if (found.kind != TypeValue::Kind::Other && same_type(found, wanted)) continue;
-    return fail(Code::E0319, spans[i], "expected items of one type in an array, found " + describe_element(items[i]) + " beside " + describe(wanted));
+    return fail(
+        Code::E0319, spans[i],
+        "expected items of one type in an array, found " + describe_element(items[i]) + " beside " + describe(wanted));
   }
   return ArrayValue{std::move(items)};
 }
@@ -235,7 +255,8 @@ Value Elaborator::unify_items(std::vector<Value> items, std::span<const Span> sp
 
 bool Elaborator::is_image_value(const Value& value, const Span& span, std::string_view what) {
   if (value.is_numeric()) return true;
-  if (!value.is_error()) report(Code::E0208, span, "expected a number or an image for " + std::string(what) + ", found " + describe(value));
+  if (!value.is_error())
+    report(Code::E0208, span, "expected a number or an image for " + std::string(what) + ", found " + describe(value));
   return false;
 }
 
@@ -243,8 +264,9 @@ std::optional<int64_t> Elaborator::evaluate_known_int(const Expr& expr, std::str
   const Value value = evaluate(expr);
   if (value.is_error()) return std::nullopt;
   if (const auto number = known_int(value)) return number;
-  report(Code::E0501, expr.span, "expected an int known at compile time for " + std::string(what) + ", found " + describe(value) +
-                                     (value.is_numeric() && element_type(value) == ir::kInt ? " known at run time" : ""));
+  report(Code::E0501, expr.span,
+         "expected an int known at compile time for " + std::string(what) + ", found " + describe(value) +
+             (value.is_numeric() && element_type(value) == ir::kInt ? " known at run time" : ""));
   return std::nullopt;
 }
 
@@ -253,8 +275,9 @@ std::optional<Dim> Elaborator::evaluate_dim(const Expr& expr, std::string_view w
   const Value value = evaluate(expr);
   if (value.is_error()) return std::nullopt;
   if (const auto* dim = value.get<Dim>()) return *dim;
-  report(Code::E0403, expr.span, "expected " + std::string(what) + " of numbers and symbols, found " + describe(value) +
-                                     (value.is_numeric() && element_type(value) == ir::kInt ? " known at run time" : ""));
+  report(Code::E0403, expr.span,
+         "expected " + std::string(what) + " of numbers and symbols, found " + describe(value) +
+             (value.is_numeric() && element_type(value) == ir::kInt ? " known at run time" : ""));
   return std::nullopt;
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The entry of lowering: messages with their chain of calls, limits, and the root file's leaves, `let`s and steps in the
-// order written.
+// The entry of lowering: messages with their chain of calls, limits, and the root file's leaves, `let`s and steps in
+// the order written.
 #include "compiler/lower/lower.h"
 
 #include <algorithm>
@@ -19,7 +19,8 @@ std::optional<ir::Graph> lower(dsl::SourceManager& sources, dsl::FileId root, co
 
 // ---- messages ----
 
-void Elaborator::report(Code code, const Span& span, std::string message, std::vector<dsl::Note> notes, std::string help) {
+void Elaborator::report(Code code, const Span& span, std::string message, std::vector<dsl::Note> notes,
+                        std::string help) {
   if (!reported_.emplace(span.file.index, span.begin, span.end, code).second) return;
   dsl::Diagnostic& diagnostic = diagnostics_.error(code, span, std::move(message));
   diagnostic.notes = std::move(notes);
@@ -33,7 +34,8 @@ void Elaborator::report(Code code, const Span& span, std::string message, std::v
   diagnostic.help = std::move(help);
 }
 
-Error Elaborator::fail(Code code, const Span& span, std::string message, std::vector<dsl::Note> notes, std::string help) {
+Error Elaborator::fail(Code code, const Span& span, std::string message, std::vector<dsl::Note> notes,
+                       std::string help) {
   report(code, span, std::move(message), std::move(notes), std::move(help));
   return Error{};
 }
@@ -52,10 +54,12 @@ void Elaborator::set_span(const Span& span) {
 bool Elaborator::over_budget(const Span& span) {
   if (exhausted_ || diagnostics_.full()) return true;
   if (b_.graph().op_count() > kMaxOps) {
-    report(Code::E0503, span, "expected a program of at most " + std::to_string(kMaxOps) + " operations after unrolling, found more");
+    report(Code::E0503, span,
+           "expected a program of at most " + std::to_string(kMaxOps) + " operations after unrolling, found more");
     exhausted_ = true;
   } else if (++steps_ > kMaxSteps) {
-    report(Code::E0503, span, "expected at most " + std::to_string(kMaxSteps) + " expressions after unrolling, found more");
+    report(Code::E0503, span,
+           "expected at most " + std::to_string(kMaxSteps) + " expressions after unrolling, found more");
     exhausted_ = true;
   }
   return exhausted_;
@@ -160,7 +164,8 @@ void Elaborator::declare_leaf(ModuleInfo& root, const dsl::LeafDecl& decl) {
         symbol.value = Dim::symbol(name->name);
         root.items.emplace(name->name, std::move(symbol));
       } else if (found->second.kind == ModuleItem::Kind::Leaf || found->second.kind == ModuleItem::Kind::Let) {
-        report(Code::E0403, name->span, "expected a number, a const or a new symbol in an extent, found the value '" + name->name + "'",
+        report(Code::E0403, name->span,
+               "expected a number, a const or a new symbol in an extent, found the value '" + name->name + "'",
                {{found->second.span, "'" + name->name + "' is declared here"}});
         return;
       }
@@ -191,11 +196,13 @@ std::vector<double> Elaborator::initial_value(const dsl::LeafDecl& decl, const T
   ok = false;
   Value value = evaluate(*decl.initial);
   if (value.is_error()) return {};
-  const std::string wanted = "expected a value of type " + type.str() + " that is known at compile time for '" + decl.name.text + "', found ";
+  const std::string wanted =
+      "expected a value of type " + type.str() + " that is known at compile time for '" + decl.name.text + "', found ";
   convert_known_int(value, type.scalar);
   const auto components = known_components(value);
   if (!components) {
-    report(Code::E0612, decl.initial->span, wanted + describe(value) + (value.is_numeric() ? " computed at run time" : ""));
+    report(Code::E0612, decl.initial->span,
+           wanted + describe(value) + (value.is_numeric() ? " computed at run time" : ""));
     return {};
   }
   const Type found = element_type(value);

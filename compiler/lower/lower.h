@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Syntax trees -> graph. Checking is done here, by elaboration: functions inline, generics and extents are
-// bound by the arguments of each call, compile-time values (constants, arrays, structs, functions) disappear, and what is
-// left are ops on images.
+// bound by the arguments of each call, compile-time values (constants, arrays, structs, functions) disappear, and what
+// is left are ops on images.
 #pragma once
 
 #include <map>
@@ -18,7 +18,7 @@
 namespace dr::lower {
 
 struct Options {
-  std::vector<std::string> include_dirs;                  // -I
+  std::vector<std::string> include_dirs;                    // -I
   std::map<std::string, std::string, std::less<>> defines;  // -D name=value, overriding `const`s of the root file
 };
 

@@ -30,7 +30,8 @@ Value Elaborator::matrix_scalar(OpKind kind, const Value& a, const Value& b) {
 // The columns weighted by the vector's components, in order.
 Value Elaborator::matrix_vector(const Value& m, const Value& v) {
   Value sum = mul(component(m, 0), component(v, 0));
-  for (int c = 1; c < element_type(m).cols && !sum.is_error(); ++c) sum = add(sum, mul(component(m, c), component(v, c)));
+  for (int c = 1; c < element_type(m).cols && !sum.is_error(); ++c)
+    sum = add(sum, mul(component(m, c), component(v, c)));
   return sum;
 }
 
@@ -42,8 +43,9 @@ Value Elaborator::matrix_product(const Value& a, const Value& b, const Span& spa
   if (!check_extents(std::vector<Value>{a, b}, span)) return Error{};
   const int inner_a = type_a.is_matrix() ? type_a.cols : type_a.rows;  // a vector on the left is a row
   if (inner_a != type_b.rows) {
-    return fail(Code::E0301, span, "cannot multiply " + type_a.str() + " and " + type_b.str() + ", expected " + std::to_string(inner_a) + " rows on the right, found " +
-                                       std::to_string(type_b.rows));
+    return fail(Code::E0301, span,
+                "cannot multiply " + type_a.str() + " and " + type_b.str() + ", expected " + std::to_string(inner_a) +
+                    " rows on the right, found " + std::to_string(type_b.rows));
   }
   if (type_a.is_matrix() && type_b.is_vector()) return matrix_vector(a, b);
   std::vector<Value> parts;
@@ -52,7 +54,8 @@ Value Elaborator::matrix_product(const Value& a, const Value& b, const Span& spa
     parts.push_back(type_a.is_matrix() ? matrix_vector(a, column) : dot(a, column));
     if (parts.back().is_error()) return Error{};
   }
-  return compose(std::move(parts), type_a.is_matrix() ? Type{Scalar::Float, type_a.rows, type_b.cols} : ir::vec(type_b.cols));
+  return compose(std::move(parts),
+                 type_a.is_matrix() ? Type{Scalar::Float, type_a.rows, type_b.cols} : ir::vec(type_b.cols));
 }
 
 Value Elaborator::transpose(const Value& m) {
@@ -80,10 +83,12 @@ Elaborator::Entries Elaborator::entries(const Value& m) {
 }
 
 // The determinant of the square matrix that these columns and rows leave.
-Value Elaborator::minor_determinant(const Entries& m, const std::vector<size_t>& columns, const std::vector<size_t>& rows) {
+Value Elaborator::minor_determinant(const Entries& m, const std::vector<size_t>& columns,
+                                    const std::vector<size_t>& rows) {
   if (columns.size() == 1) return m[columns[0]][rows[0]];
   if (columns.size() == 2) {
-    return sub(mul(m[columns[0]][rows[0]], m[columns[1]][rows[1]]), mul(m[columns[1]][rows[0]], m[columns[0]][rows[1]]));
+    return sub(mul(m[columns[0]][rows[0]], m[columns[1]][rows[1]]),
+               mul(m[columns[1]][rows[0]], m[columns[0]][rows[1]]));
   }
   Value sum;
   const std::vector<size_t> rest(columns.begin() + 1, columns.end());
@@ -115,7 +120,8 @@ Value Elaborator::builtin_transpose(BuiltinCall& call) {
 
 Value Elaborator::builtin_determinant(BuiltinCall& call) {
   const Value& m = call.args[0];
-  if (!m.is_numeric() || !element_type(m).is_matrix() || element_type(m).rows != element_type(m).cols) return wrong_type(call, 0, "a square matrix");
+  if (!m.is_numeric() || !element_type(m).is_matrix() || element_type(m).rows != element_type(m).cols)
+    return wrong_type(call, 0, "a square matrix");
   const size_t n = element_type(m).rows;
   return minor_determinant(entries(m), all_but(n, n), all_but(n, n));
 }
@@ -123,7 +129,8 @@ Value Elaborator::builtin_determinant(BuiltinCall& call) {
 // The transposed cofactors over the determinant.
 Value Elaborator::builtin_inverse(BuiltinCall& call) {
   const Value& m = call.args[0];
-  if (!m.is_numeric() || !element_type(m).is_matrix() || element_type(m).rows != element_type(m).cols) return wrong_type(call, 0, "a square matrix");
+  if (!m.is_numeric() || !element_type(m).is_matrix() || element_type(m).rows != element_type(m).cols)
+    return wrong_type(call, 0, "a square matrix");
   const Type type = element_type(m);
   const Entries all = entries(m);
   const size_t n = type.rows;
@@ -150,7 +157,8 @@ Value Elaborator::builtin_inverse(BuiltinCall& call) {
 
 Value Elaborator::builtin_outer_product(BuiltinCall& call) {
   for (size_t i = 0; i < 2; ++i) {
-    if (!call.args[i].is_numeric() || !element_type(call.args[i]).is_vector() || !element_type(call.args[i]).is_float()) {
+    if (!call.args[i].is_numeric() || !element_type(call.args[i]).is_vector() ||
+        !element_type(call.args[i]).is_float()) {
       return wrong_type(call, i, "a vector of floats");
     }
   }

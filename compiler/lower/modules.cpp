@@ -55,7 +55,8 @@ void Elaborator::load_import(ModuleInfo& importer, const dsl::ImportDecl& import
   // The importing file's folder, the program's, those of -I, the library.
   std::vector<std::string> folders;
   if (!importer.folder.empty()) folders.push_back(importer.folder);
-  if (!modules_.front().folder.empty() && importer.folder != modules_.front().folder) folders.push_back(modules_.front().folder);
+  if (!modules_.front().folder.empty() && importer.folder != modules_.front().folder)
+    folders.push_back(modules_.front().folder);
   folders.insert(folders.end(), options_.include_dirs.begin(), options_.include_dirs.end());
   std::string path, folder;
   std::optional<std::string> text;
@@ -84,9 +85,11 @@ void Elaborator::load_import(ModuleInfo& importer, const dsl::ImportDecl& import
 
   ModuleInfo* module = nullptr;
   std::error_code error;
-  const std::string identity = folder.empty() ? "library:" + path : std::filesystem::weakly_canonical(path, error).string();
+  const std::string identity =
+      folder.empty() ? "library:" + path : std::filesystem::weakly_canonical(path, error).string();
   for (ModuleInfo& other : modules_) {
-    const bool same = other.path == identity || (!folder.empty() && other.is_root && std::filesystem::equivalent(other.path, path, error));
+    const bool same = other.path == identity ||
+                      (!folder.empty() && other.is_root && std::filesystem::equivalent(other.path, path, error));
     if (same) module = &other;
   }
   if (module && module->loading) {
@@ -110,19 +113,24 @@ void Elaborator::add_item(ModuleInfo& module, const dsl::Name& name, ModuleItem 
 void Elaborator::collect_items(ModuleInfo& module) {
   const auto root_only = [&](const Span& span, std::string_view what) {
     if (module.is_root) return false;
-    report(Code::E0207, span, "expected functions, structs, optimizers and constants in a module, found " + std::string(what));
+    report(Code::E0207, span,
+           "expected functions, structs, optimizers and constants in a module, found " + std::string(what));
     return true;
   };
   for (const dsl::Item& item : module.syntax.items) {
     switch (item.kind) {
       case dsl::Item::Kind::Const:
         add_item(module, item.constant->name,
-                 {.kind = ModuleItem::Kind::Const, .state = ModuleItem::State::Waiting, .span = item.constant->name.span,
+                 {.kind = ModuleItem::Kind::Const,
+                  .state = ModuleItem::State::Waiting,
+                  .span = item.constant->name.span,
                   .constant = item.constant.get()});
         break;
       case dsl::Item::Kind::Fn:
         add_item(module, item.fn->name,
-                 {.kind = ModuleItem::Kind::Fn, .span = item.fn->name.span, .value = FunctionValue{.decl = item.fn.get(), .scope = &module.scope}});
+                 {.kind = ModuleItem::Kind::Fn,
+                  .span = item.fn->name.span,
+                  .value = FunctionValue{.decl = item.fn.get(), .scope = &module.scope}});
         break;
       case dsl::Item::Kind::Struct: {
         StructType& type = module.structs.emplace_back();
@@ -131,19 +139,22 @@ void Elaborator::collect_items(ModuleInfo& module) {
         type.module = &module;
         for (const dsl::Param& field : item.structure->fields) {
           if (std::ranges::find(type.fields, field.name.text) != type.fields.end()) {
-            report(Code::E0202, field.name.span, "expected each field once in a struct, found '" + field.name.text + "' again");
+            report(Code::E0202, field.name.span,
+                   "expected each field once in a struct, found '" + field.name.text + "' again");
           }
           type.fields.push_back(field.name.text);
         }
         TypeValue value;
         value.kind = TypeValue::Kind::Struct;
         value.structure = &type;
-        add_item(module, item.structure->name, {.kind = ModuleItem::Kind::Struct, .span = item.structure->name.span, .value = value});
+        add_item(module, item.structure->name,
+                 {.kind = ModuleItem::Kind::Struct, .span = item.structure->name.span, .value = value});
         break;
       }
       case dsl::Item::Kind::Optimizer:
         add_item(module, item.optimizer->name,
-                 {.kind = ModuleItem::Kind::Optimizer, .span = item.optimizer->name.span,
+                 {.kind = ModuleItem::Kind::Optimizer,
+                  .span = item.optimizer->name.span,
                   .value = OptimizerValue{item.optimizer.get(), &module.scope, false}});
         break;
       case dsl::Item::Kind::Leaf:
@@ -154,7 +165,8 @@ void Elaborator::collect_items(ModuleInfo& module) {
         if (root_only(item.statement->span, "a 'let'")) break;
         for (const dsl::Name& name : item.statement->pattern.names) {
           if (name.text == "_") continue;
-          add_item(module, name, {.kind = ModuleItem::Kind::Let, .state = ModuleItem::State::Waiting, .span = name.span});
+          add_item(module, name,
+                   {.kind = ModuleItem::Kind::Let, .state = ModuleItem::State::Waiting, .span = name.span});
         }
         break;
       case dsl::Item::Kind::Step: root_only(item.step->name.span, "the step '" + item.step->name.text + "'"); break;
@@ -170,7 +182,8 @@ Value Elaborator::item_value(ModuleInfo& module, std::string_view name, ModuleIt
   }
   if (item.kind != ModuleItem::Kind::Const || item.state == ModuleItem::State::Done) return item.value;
   if (item.state == ModuleItem::State::Busy) {
-    return fail(Code::E0506, use, "expected constants without a cycle, found that '" + std::string(name) + "' needs itself",
+    return fail(Code::E0506, use,
+                "expected constants without a cycle, found that '" + std::string(name) + "' needs itself",
                 {{item.span, "'" + std::string(name) + "' is declared here"}});
   }
   item.state = ModuleItem::State::Busy;
@@ -186,8 +199,9 @@ Value Elaborator::item_value(ModuleInfo& module, std::string_view name, ModuleIt
     bool known = true;
     for_each_leaf(value, [&](const Value& leaf) { known = known && !leaf.is<Image>(); });
     if (!known) {
-      value = fail(Code::E0501, decl.value->span, "expected a value known at compile time for the const '" + decl.name.text +
-                                                      "', found one that is computed at run time");
+      value = fail(Code::E0501, decl.value->span,
+                   "expected a value known at compile time for the const '" + decl.name.text +
+                       "', found one that is computed at run time");
     }
   }
   item.value = value;
@@ -209,7 +223,8 @@ void Elaborator::define(Scope& scope, const dsl::Name& name, Value value, bool i
   // The top level's names were collected before: here they get their values.
   if (scope.parent == nullptr) {
     const auto found = scope.module->items.find(name.text);
-    if (found != scope.module->items.end() && found->second.kind == ModuleItem::Kind::Let && found->second.span == name.span) {
+    if (found != scope.module->items.end() && found->second.kind == ModuleItem::Kind::Let &&
+        found->second.span == name.span) {
       found->second.value = std::move(value);
       found->second.state = ModuleItem::State::Done;
     }
@@ -258,7 +273,8 @@ Value Elaborator::name_value(const std::string& name, const Span& span) {
     value.element = *type;
     return value;
   }
-  return fail(Code::E0201, span, "expected a name that is declared, found '" + name + "'", {}, suggestion(name, visible_names()));
+  return fail(Code::E0201, span, "expected a name that is declared, found '" + name + "'", {},
+              suggestion(name, visible_names()));
 }
 
 Value Elaborator::module_field(ModuleInfo& module, const std::string& name, const Span& span) {
@@ -269,8 +285,10 @@ Value Elaborator::module_field(ModuleInfo& module, const std::string& name, cons
       if (item.kind != ModuleItem::Kind::Import) known.push_back(other);
     }
     const std::string module_name = module.path.substr(module.path.find_last_of("/:") + 1);
-    return fail(Code::E0205, span, "expected a name of the module '" + module_name.substr(0, module_name.rfind(".dr")) + "', found '" + name + "'",
-                {}, suggestion(name, known));
+    return fail(
+        Code::E0205, span,
+        "expected a name of the module '" + module_name.substr(0, module_name.rfind(".dr")) + "', found '" + name + "'",
+        {}, suggestion(name, known));
   }
   return item_value(module, name, found->second, span);
 }
@@ -283,8 +301,9 @@ std::vector<std::string> Elaborator::visible_names() const {
   for (const auto& [name, item] : scope_->module->items) names.push_back(name);
   std::vector<std::string> builtins = builtin_names();
   names.insert(names.end(), builtins.begin(), builtins.end());
-  names.insert(names.end(), {"step_index", "bool", "int", "uint", "float", "vec2", "vec3", "vec4", "ivec2", "ivec3", "ivec4", "uvec2",
-                             "uvec3", "uvec4", "bvec2", "bvec3", "bvec4", "mat2", "mat3", "mat4"});
+  names.insert(names.end(),
+               {"step_index", "bool",  "int",   "uint",  "float", "vec2",  "vec3",  "vec4", "ivec2", "ivec3",
+                "ivec4",      "uvec2", "uvec3", "uvec4", "bvec2", "bvec3", "bvec4", "mat2", "mat3",  "mat4"});
   return names;
 }
 

@@ -17,7 +17,9 @@ std::string_view verb(std::string_view op) {
   return "compare";
 }
 
-bool is_one_of(std::string_view op, std::initializer_list<std::string_view> ops) { return std::ranges::find(ops, op) != ops.end(); }
+bool is_one_of(std::string_view op, std::initializer_list<std::string_view> ops) {
+  return std::ranges::find(ops, op) != ops.end();
+}
 
 OpKind arithmetic_kind(std::string_view op) {
   if (op == "+") return OpKind::Add;
@@ -44,12 +46,14 @@ Value Elaborator::evaluate_unary(const Expr& expr) {
   const Value a = evaluate(*expr.a);
   if (a.is_error()) return a;
   const auto refuse = [&](std::string_view wanted) {
-    return fail(Code::E0302, expr.span, "expected " + std::string(wanted) + " after '" + expr.op + "', found " + describe_element(a));
+    return fail(Code::E0302, expr.span,
+                "expected " + std::string(wanted) + " after '" + expr.op + "', found " + describe_element(a));
   };
   if (expr.op == "!") {
     if (!a.is_numeric() || element_type(a) != ir::kBool) {
       return a.is_numeric() && element_type(a).is_bool()
-                 ? Value(fail(Code::E0302, expr.span, "expected a bool after '!', found " + describe_element(a), {}, "write not(v) for a vector"))
+                 ? Value(fail(Code::E0302, expr.span, "expected a bool after '!', found " + describe_element(a), {},
+                              "write not(v) for a vector"))
                  : Value(refuse("a bool"));
     }
     return apply(OpKind::LogicalNot, {a});
@@ -57,7 +61,8 @@ Value Elaborator::evaluate_unary(const Expr& expr) {
   if (expr.op == "-") {
     if (!a.is_numeric() || element_type(a).is_bool()) return refuse("a number");
     if (const auto* dim = a.get<Dim>()) return checked_dim(Dim(0) - *dim, expr.span);
-    if (element_type(a).is_matrix()) return map_columns(a, [&](const Value& column) { return apply(OpKind::Neg, {column}); });
+    if (element_type(a).is_matrix())
+      return map_columns(a, [&](const Value& column) { return apply(OpKind::Neg, {column}); });
     return apply(OpKind::Neg, {a});
   }
   if (!a.is_numeric() || !element_type(a).is_integer()) return refuse("an int or uint");
@@ -89,7 +94,8 @@ Value Elaborator::binary(const std::string& op, Value a, Value b, const Span& sp
   if (a.is_error() || b.is_error()) return Error{};
   if (is_one_of(op, {"&&", "||"})) return logic(op, a, b, span);
   if (!a.is_numeric() || !b.is_numeric()) {
-    return fail(Code::E0302, span, "expected numbers beside '" + op + "', found " + describe_element(a) + " and " + describe_element(b));
+    return fail(Code::E0302, span,
+                "expected numbers beside '" + op + "', found " + describe_element(a) + " and " + describe_element(b));
   }
   if (a.is<Dim>() && b.is<Dim>()) {
     bool done = false;
@@ -99,7 +105,8 @@ Value Elaborator::binary(const std::string& op, Value a, Value b, const Span& sp
   if (is_one_of(op, {"==", "!=", "<", "<=", ">", ">="})) return compare(op, std::move(a), std::move(b), span);
   if (is_one_of(op, {"&", "|", "^", "<<", ">>"})) return bits(op, std::move(a), std::move(b), span);
 
-  const std::string words = "cannot " + std::string(verb(op)) + " " + describe_element(a) + " and " + describe_element(b);
+  const std::string words =
+      "cannot " + std::string(verb(op)) + " " + describe_element(a) + " and " + describe_element(b);
   std::vector<Value> operands{a, b};
   if (!unify_scalars(operands) || element_type(operands[0]).is_bool()) {
     const bool mixed = !element_type(a).is_bool() && !element_type(b).is_bool();
@@ -117,7 +124,8 @@ Value Elaborator::binary(const std::string& op, Value a, Value b, const Span& sp
       Value product = matrix_product(operands[0], operands[1], span, done);
       if (done) return product;
     }
-    if (type_a.is_scalar() || type_b.is_scalar() || type_a == type_b) return matrix_scalar(kind, operands[0], operands[1]);
+    if (type_a.is_scalar() || type_b.is_scalar() || type_a == type_b)
+      return matrix_scalar(kind, operands[0], operands[1]);
     return fail(Code::E0301, span, words);
   }
   if (!unify_rows(operands)) return fail(Code::E0301, span, words);
@@ -146,7 +154,12 @@ Value Elaborator::dim_arithmetic(const std::string& op, const Dim& a, const Dim&
     const Dim difference = a - b;
     if (difference.is_constant()) {
       const int64_t d = difference.constant();
-      return make_bool(op == "==" ? d == 0 : op == "!=" ? d != 0 : op == "<" ? d < 0 : op == "<=" ? d <= 0 : op == ">" ? d > 0 : d >= 0);
+      return make_bool(op == "=="   ? d == 0
+                       : op == "!=" ? d != 0
+                       : op == "<"  ? d < 0
+                       : op == "<=" ? d <= 0
+                       : op == ">"  ? d > 0
+                                    : d >= 0);
     }
   }
   done = known && is_one_of(op, {"&", "|", "^"});
@@ -166,8 +179,12 @@ Value Elaborator::compare(const std::string& op, Value a, Value b, const Span& s
   if (!agree || !type_a.is_scalar() || !type_b.is_scalar() || (type_a.is_bool() && !equality)) {
     std::string help;
     if (type_a.is_vector() && type_a == type_b) {
-      const std::string_view name = op == "==" ? "all(equal(a, b))" : op == "!=" ? "any(notEqual(a, b))" : op == "<" ? "lessThan(a, b)"
-                                  : op == "<=" ? "lessThanEqual(a, b)" : op == ">" ? "greaterThan(a, b)" : "greaterThanEqual(a, b)";
+      const std::string_view name = op == "=="   ? "all(equal(a, b))"
+                                    : op == "!=" ? "any(notEqual(a, b))"
+                                    : op == "<"  ? "lessThan(a, b)"
+                                    : op == "<=" ? "lessThanEqual(a, b)"
+                                    : op == ">"  ? "greaterThan(a, b)"
+                                                 : "greaterThanEqual(a, b)";
       help = "write " + std::string(name);
     }
     return fail(Code::E0301, span, words, {}, std::move(help));
@@ -181,7 +198,8 @@ Value Elaborator::compare(const std::string& op, Value a, Value b, const Span& s
 Value Elaborator::logic(const std::string& op, const Value& a, const Value& b, const Span& span) {
   for (const Value* side : {&a, &b}) {
     if (side->is_numeric() && element_type(*side) == ir::kBool) continue;
-    return fail(Code::E0302, span, "expected bools beside '" + op + "', found " + describe_element(a) + " and " + describe_element(b));
+    return fail(Code::E0302, span,
+                "expected bools beside '" + op + "', found " + describe_element(a) + " and " + describe_element(b));
   }
   // `true && x` is x, so that a condition of the program's configuration leaves no trace.
   if (known_bool(a)) return b;
@@ -190,19 +208,25 @@ Value Elaborator::logic(const std::string& op, const Value& a, const Value& b, c
 }
 
 Value Elaborator::bits(const std::string& op, Value a, Value b, const Span& span) {
-  const std::string words = "expected ints or uints beside '" + op + "', found " + describe_element(a) + " and " + describe_element(b);
+  const std::string words =
+      "expected ints or uints beside '" + op + "', found " + describe_element(a) + " and " + describe_element(b);
   const bool is_shift = op == "<<" || op == ">>";
   std::vector<Value> operands{std::move(a), std::move(b)};
   bool agree = unify_scalars(operands);
   if (operands[0].is_error() || operands[1].is_error()) return Error{};
-  if (!element_type(operands[0]).is_integer() || !element_type(operands[1]).is_integer()) return fail(Code::E0302, span, words);
+  if (!element_type(operands[0]).is_integer() || !element_type(operands[1]).is_integer())
+    return fail(Code::E0302, span, words);
   // The amount of a shift is a number of bits, whatever its type.
   if (is_shift && !agree) {
     operands[1] = convert_scalar(operands[1], element_type(operands[0]).scalar);
     agree = true;
   }
   if (!agree || !unify_rows(operands)) return fail(Code::E0302, span, words);
-  const OpKind kind = op == "&" ? OpKind::BitAnd : op == "|" ? OpKind::BitOr : op == "^" ? OpKind::BitXor : op == "<<" ? OpKind::ShiftLeft : OpKind::ShiftRight;
+  const OpKind kind = op == "&"    ? OpKind::BitAnd
+                      : op == "|"  ? OpKind::BitOr
+                      : op == "^"  ? OpKind::BitXor
+                      : op == "<<" ? OpKind::ShiftLeft
+                                   : OpKind::ShiftRight;
   return apply(kind, std::move(operands));
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// `raster`: setup, corners and cull are ordinary arithmetic on an axis of faces; depth, keep and tag become regions that get
-// the record of the face as parameters. A missing keep is written out here.
+// `raster`: setup, corners and cull are ordinary arithmetic on an axis of faces; depth, keep and tag become regions
+// that get the record of the face as parameters. A missing keep is written out here.
 #include <algorithm>
 
 #include "compiler/lower/elaborator.h"
@@ -14,10 +14,11 @@ struct Elaborator::RasterCall {
   Extent domain;
   int64_t nearest = 1;
   int64_t corners = 3;
-  const dsl::FnDecl *setup = nullptr, *corner = nullptr, *depth = nullptr, *keep = nullptr, *tag = nullptr, *cull = nullptr;
-  Value record;                 // what setup gave
-  std::vector<Value> fields;    // its images, then what a missing keep adds
-  std::vector<Value> hull;      // the corners
+  const dsl::FnDecl *setup = nullptr, *corner = nullptr, *depth = nullptr, *keep = nullptr, *tag = nullptr,
+                    *cull = nullptr;
+  Value record;               // what setup gave
+  std::vector<Value> fields;  // its images, then what a missing keep adds
+  std::vector<Value> hull;    // the corners
 };
 
 // ---- arguments and functions ----
@@ -46,20 +47,26 @@ bool Elaborator::raster_arguments(const Expr& expr, RasterCall& call) {
     }
     const bool nearest = arg.name->text == "nearest";
     if (!nearest && arg.name->text != "corners") {
-      report(Code::E0305, arg.name->span, "expected the name of a parameter of 'raster', found '" + arg.name->text + "'", {}, suggestion(arg.name->text, kNames));
+      report(Code::E0305, arg.name->span,
+             "expected the name of a parameter of 'raster', found '" + arg.name->text + "'", {},
+             suggestion(arg.name->text, kNames));
       return false;
     }
     const auto number = evaluate_known_int(*arg.value, "'" + arg.name->text + "'");
     ok = ok && number.has_value();
     if (!number) continue;
     if (nearest ? *number < 1 || *number > 64 : *number != 3 && *number != 6) {
-      report(Code::E0705, arg.value->span, std::string("expected ") + (nearest ? "1 to 64 for 'nearest'" : "3 or 6 for 'corners'") + ", found " + std::to_string(*number));
+      report(Code::E0705, arg.value->span,
+             std::string("expected ") + (nearest ? "1 to 64 for 'nearest'" : "3 or 6 for 'corners'") + ", found " +
+                 std::to_string(*number));
       ok = false;
     }
     (nearest ? call.nearest : call.corners) = *number;
   }
   if (next < 3) {
-    report(Code::E0304, expr.span, "expected faces, width, height and layers for 'raster', found " + std::to_string(next) + (next == 1 ? " argument" : " arguments"));
+    report(Code::E0304, expr.span,
+           "expected faces, width, height and layers for 'raster', found " + std::to_string(next) +
+               (next == 1 ? " argument" : " arguments"));
     return false;
   }
   return ok;
@@ -72,11 +79,13 @@ bool Elaborator::raster_functions(const Expr& expr, RasterCall& call) {
       if (fn.name.text == name && !place) place = &fn;
     }
     if (!place) {
-      if (required) report(Code::E0704, expr.span, "expected a function '" + std::string(name) + "' in 'raster', found none");
+      if (required)
+        report(Code::E0704, expr.span, "expected a function '" + std::string(name) + "' in 'raster', found none");
       ok = ok && !required;
     } else if (place->params.size() != params) {
-      report(Code::E0706, place->name.span, "expected " + std::to_string(params) + (params == 1 ? " parameter" : " parameters") + " of '" + std::string(name) + "', found " +
-                                                std::to_string(place->params.size()));
+      report(Code::E0706, place->name.span,
+             "expected " + std::to_string(params) + (params == 1 ? " parameter" : " parameters") + " of '" +
+                 std::string(name) + "', found " + std::to_string(place->params.size()));
       ok = false;
     }
   };
@@ -105,7 +114,8 @@ Value Elaborator::call_raster_fn(const dsl::FnDecl& fn, std::vector<Value> args,
   if (contains_error(result)) return Error{};
   if (type.is_scalar()) convert_known_int(result, type.scalar);
   if (result.is_numeric() && element_type(result) == type) return result;
-  return fail(Code::E0709, result_span(fn), "expected " + type.str() + " from '" + fn.name.text + "', found " + describe_element(result));
+  return fail(Code::E0709, result_span(fn),
+              "expected " + type.str() + " from '" + fn.name.text + "', found " + describe_element(result));
 }
 
 // Whether everything in it belongs to a face and a layer.
@@ -117,7 +127,9 @@ bool Elaborator::check_record(const Value& value, const RasterCall& call, const 
     const auto both = ir::broadcast(extent, {call.faces, 1, call.domain.l});
     if (both && *both == Extent{call.faces, 1, call.domain.l}) return;
     ok = false;
-    report(Code::E0707, result_span(fn), "expected values of the extent " + Extent{call.faces, 1, call.domain.l}.str() + " from '" + fn.name.text + "', found " + describe(leaf));
+    report(Code::E0707, result_span(fn),
+           "expected values of the extent " + Extent{call.faces, 1, call.domain.l}.str() + " from '" + fn.name.text +
+               "', found " + describe(leaf));
   });
   return ok;
 }
@@ -166,7 +178,8 @@ std::optional<ir::RegionId> Elaborator::raster_region(const RasterCall& call, co
   const auto belongs = [&](const Extent& extent, const Span& span) {
     const auto both = ir::broadcast(extent, call.domain);
     if (both && *both == call.domain) return true;
-    report(Code::E0708, span, "expected values of the extent " + call.domain.str() + " inside 'raster', found one of " + extent.str(), {},
+    report(Code::E0708, span,
+           "expected values of the extent " + call.domain.str() + " inside 'raster', found one of " + extent.str(), {},
            "what belongs to a face is returned by 'setup'");
     return false;
   };
@@ -183,22 +196,22 @@ std::optional<ir::RegionId> Elaborator::raster_region(const RasterCall& call, co
 
 // ---- coverage ----
 
-// What a missing keep has to know of the edge from a to b: an end of it, and the way along it. The difference is taken in
-// the order of the ends' coordinates, whichever comes first in the face, so that both faces beside the edge compute the same
-// numbers but for the sign, and with them complementary sides: no pixel is lost and none is taken twice.
+// What a missing keep has to know of the edge from a to b: an end of it, and the way along it. The difference is taken
+// in the order of the ends' coordinates, whichever comes first in the face, so that both faces beside the edge compute
+// the same numbers but for the sign, and with them complementary sides: no pixel is lost and none is taken twice.
 Value Elaborator::coverage_edge(const Value& a, const Value& b) {
   const Value ax = component(a, 0), ay = component(a, 1), bx = component(b, 0), by = component(b, 1);
   const Value same_x = apply(OpKind::Equal, {ax, bx});
-  const Value swapped =
-      apply(OpKind::LogicalOr, {apply(OpKind::Less, {bx, ax}), apply(OpKind::LogicalAnd, {same_x, apply(OpKind::Less, {by, ay})})});
+  const Value swapped = apply(OpKind::LogicalOr, {apply(OpKind::Less, {bx, ax}),
+                                                  apply(OpKind::LogicalAnd, {same_x, apply(OpKind::Less, {by, ay})})});
   const Value low = select(swapped, b, a), high = select(swapped, a, b);
   const Value way = sub(high, low);
   const Value forward = select(swapped, apply(OpKind::Neg, {way}), way);
   return compose({component(low, 0), component(low, 1), component(forward, 0), component(forward, 1)}, ir::vec(4));
 }
 
-// Whether p lies on the same side of all three edges of a triangle. A point on an edge belongs to the side for which the
-// edge is a top or left one; a triangle without area has no inside.
+// Whether p lies on the same side of all three edges of a triangle. A point on an edge belongs to the side for which
+// the edge is a top or left one; a triangle without area has no inside.
 Value Elaborator::coverage(std::span<const Value> edges, const Value& p) {
   const Value zero = make_float(0);
   const auto less = [&](const Value& a, const Value& b) { return apply(OpKind::Less, {a, b}); };
@@ -266,7 +279,8 @@ Value Elaborator::evaluate_raster(const Expr& expr) {
   ir::Attrs attrs;
   attrs.ints = {call.nearest, static_cast<int64_t>(call.fields.size()), call.corners};
   attrs.dims = {call.domain.w, call.domain.h, call.domain.l, call.faces};
-  const std::vector<ValueId> results = ops::emit_multi(b_, OpKind::Raster, std::move(operands), std::move(attrs), {*depth, *keep, *tag});
+  const std::vector<ValueId> results =
+      ops::emit_multi(b_, OpKind::Raster, std::move(operands), std::move(attrs), {*depth, *keep, *tag});
   static const StructType kFragment{"Fragment", {"face", "tag"}, nullptr, nullptr};
   ArrayValue nearest;
   for (size_t k = 0; k < static_cast<size_t>(call.nearest); ++k) {

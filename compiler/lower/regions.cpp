@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// `if` and `reduce` on elements. Their domain is known only when their bodies are: the regions are built first, and the op
-// takes the extent to which everything in them stretches.
+// `if` and `reduce` on elements. Their domain is known only when their bodies are: the regions are built first, and the
+// op takes the extent to which everything in them stretches.
 #include <algorithm>
 
 #include "compiler/lower/elaborator.h"
@@ -20,7 +20,8 @@ Value Elaborator::evaluate_if(const Expr& expr) {
   if (contains_error(condition)) return Error{};
   if (!condition.is_numeric() || element_type(condition) != ir::kBool) {
     const bool vector = condition.is_numeric() && element_type(condition).is_bool();
-    return fail(Code::E0313, expr.a->span, "expected a bool as condition, found " + describe_element(condition), {}, vector ? "write any(v) or all(v)" : "");
+    return fail(Code::E0313, expr.a->span, "expected a bool as condition, found " + describe_element(condition), {},
+                vector ? "write any(v) or all(v)" : "");
   }
   if (const auto known = known_bool(condition)) return evaluate_block(*known ? expr.then_block : *expr.else_block);
   // Where neither branch computes anything, choosing costs less than branching.
@@ -57,22 +58,27 @@ std::optional<Type> Elaborator::branch_type(const Value& a, const Value& b, cons
   if (type_a == type_b) return type_a;
   if (a.is<Dim>() && type_b.is_scalar() && !type_b.is_bool()) return type_b;
   if (b.is<Dim>() && type_a.is_scalar() && !type_a.is_bool()) return type_a;
-  report(Code::E0314, expr.span, "expected branches of one type, found " + describe_element(a) + " and " + describe_element(b));
+  report(Code::E0314, expr.span,
+         "expected branches of one type, found " + describe_element(a) + " and " + describe_element(b));
   return std::nullopt;
 }
 
 // Walks two values of one structure; what both sides have in common stays as it is.
 Value Elaborator::merge_branches(const Value& a, const Value& b, const Expr& expr, const LeafPair& leaf) {
   if (contains_error(a) || contains_error(b)) return Error{};
-  if (a.is<Nothing>() || b.is<Nothing>()) return fail(Code::E0321, expr.span, "expected a value from both branches, found none from one");
+  if (a.is<Nothing>() || b.is<Nothing>())
+    return fail(Code::E0321, expr.span, "expected a value from both branches, found none from one");
   if (same_value(a, b)) return a;
   if (a.is_numeric() && b.is_numeric()) return leaf(a, b);
   const auto* s = a.get<StructValue>();
   const bool alike = a.is_composite() && a.data.index() == b.data.index() && parts_of(a).size() == parts_of(b).size() &&
                      (!s || s->type == b.as<StructValue>().type);
   if (!alike) {
-    const std::string help = a.is<FunctionValue>() || b.is<FunctionValue>() ? "choose between functions with 'const if'" : "";
-    return fail(Code::E0314, expr.span, "expected branches of one type, found " + describe_element(a) + " and " + describe_element(b), {}, help);
+    const std::string help =
+        a.is<FunctionValue>() || b.is<FunctionValue>() ? "choose between functions with 'const if'" : "";
+    return fail(Code::E0314, expr.span,
+                "expected branches of one type, found " + describe_element(a) + " and " + describe_element(b), {},
+                help);
   }
   std::vector<Value> parts;
   for (size_t i = 0; i < parts_of(a).size(); ++i) {
@@ -91,7 +97,8 @@ Value Elaborator::select_branches(const Value& condition, const Value& a, const 
     convert_known_int(else_value, type->scalar);
     if (!type->is_matrix()) return select(condition, then_value, else_value);
     std::vector<Value> columns;
-    for (int c = 0; c < type->cols; ++c) columns.push_back(select(condition, component(then_value, c), component(else_value, c)));
+    for (int c = 0; c < type->cols; ++c)
+      columns.push_back(select(condition, component(then_value, c), component(else_value, c)));
     return compose(std::move(columns), *type);
   });
 }
@@ -137,7 +144,8 @@ Value Elaborator::emit_if(const Value& condition, const Expr& expr) {
   ir::Attrs attrs;
   attrs.dims = {domain->w, domain->h, domain->l};
   attrs.yields.assign(std::max<size_t>(pairs.size(), 1), ir::Yield::Element);
-  const std::vector<ValueId> results = ops::emit_multi(b_, OpKind::If, {condition_id}, std::move(attrs), {then_region, else_region});
+  const std::vector<ValueId> results =
+      ops::emit_multi(b_, OpKind::If, {condition_id}, std::move(attrs), {then_region, else_region});
   size_t next = 0;
   return merge_branches(a, b, expr, [&](const Value&, const Value&) -> Value {
     const Pair& pair = pairs[next];
@@ -163,7 +171,9 @@ Value Elaborator::evaluate_reduce(const Expr& expr) {
   if (expr.c) {
     const auto known = evaluate_known_int(*expr.c, "'max'");
     if (!known) return Error{};
-    if (*known < 0 || *known > INT32_MAX) return fail(Code::E0710, expr.c->span, "expected a bound of at least 0 on the trips, found " + std::to_string(*known));
+    if (*known < 0 || *known > INT32_MAX)
+      return fail(Code::E0710, expr.c->span,
+                  "expected a bound of at least 0 on the trips, found " + std::to_string(*known));
     bound = *known;
   } else if (begin.is<Dim>() && end.is<Dim>()) {
     const Dim trips = end.as<Dim>() - begin.as<Dim>();
@@ -194,13 +204,16 @@ Value Elaborator::evaluate_reduce(const Expr& expr) {
   std::vector<Value> leaves;
   for_each_leaf(body, [&](const Value& leaf) { leaves.push_back(leaf); });
   const auto refuse = [&](std::string_view wanted) {
-    report(Code::E0711, at, "expected " + std::string(wanted) + " from the body of 'reduce', found " + describe_element(body));
+    report(Code::E0711, at,
+           "expected " + std::string(wanted) + " from the body of 'reduce', found " + describe_element(body));
     ok = false;
   };
   if (ok && leaves.empty()) refuse("numbers");
   if (ok && yield == ir::Yield::ArgMin && leaves.size() != 1) refuse("one number");
   for (const Value& leaf : leaves) {
-    if (ok && (!leaf.is_numeric() || element_type(leaf).is_bool() || (element_type(leaf).is_matrix() && yield != ir::Yield::Sum))) refuse("numbers");
+    if (ok && (!leaf.is_numeric() || element_type(leaf).is_bool() ||
+               (element_type(leaf).is_matrix() && yield != ir::Yield::Sum)))
+      refuse("numbers");
     if (ok && yield == ir::Yield::ArgMin && !element_type(leaf).is_scalar()) refuse("one number");
   }
   std::vector<ValueId> yields;
@@ -217,7 +230,8 @@ Value Elaborator::evaluate_reduce(const Expr& expr) {
   attrs.ints = {bound};
   attrs.dims = {domain->w, domain->h, domain->l};
   attrs.yields.assign(leaves.size(), yield);
-  const std::vector<ValueId> results = ops::emit_multi(b_, OpKind::Reduce, {begin_id, end_id}, std::move(attrs), {region});
+  const std::vector<ValueId> results =
+      ops::emit_multi(b_, OpKind::Reduce, {begin_id, end_id}, std::move(attrs), {region});
   size_t next = 0;
   return map_leaves(body, [&](const Value& leaf) -> Value { return image(results[next++], {&begin, &end, &leaf}); });
 }

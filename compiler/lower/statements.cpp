@@ -36,7 +36,8 @@ void Elaborator::run_statement(const dsl::Stmt& stmt) {
       break;
     case dsl::Stmt::Kind::Expr:
       if (!contains_error(evaluate(*stmt.a))) {
-        report(Code::E0509, stmt.a->span, "expected a statement with an effect, found a value that is not used", {}, "bind it with 'let', or leave out the ';'");
+        report(Code::E0509, stmt.a->span, "expected a statement with an effect, found a value that is not used", {},
+               "bind it with 'let', or leave out the ';'");
       }
       break;
     case dsl::Stmt::Kind::For: run_for(stmt); break;
@@ -73,7 +74,8 @@ void Elaborator::bind_pattern(const dsl::Pattern& pattern, const Value& value, c
   const bool fits = !value.is<StructValue>() && value.is_composite() && parts.size() == pattern.names.size();
   if (!fits && !contains_error(value)) {
     const std::string found = value.is<TupleValue>() ? "a tuple of " + std::to_string(parts.size()) : describe(value);
-    report(Code::E0320, span, "expected a tuple of " + std::to_string(pattern.names.size()) + " for these names, found " + found);
+    report(Code::E0320, span,
+           "expected a tuple of " + std::to_string(pattern.names.size()) + " for these names, found " + found);
   }
   for (size_t i = 0; i < pattern.names.size(); ++i) {
     const Value part = fits ? parts[i] : Value(Error{});
@@ -95,12 +97,15 @@ void Elaborator::run_assign(const dsl::Stmt& stmt) {
   if (!binding) {
     const auto item = scope_->module->items.find(at->name);
     if (item == scope_->module->items.end()) {
-      report(Code::E0201, at->span, "expected the name of a variable, found '" + at->name + "'", {}, suggestion(at->name, visible_names()));
+      report(Code::E0201, at->span, "expected the name of a variable, found '" + at->name + "'", {},
+             suggestion(at->name, visible_names()));
       return;
     }
     const bool leaf = item->second.kind == ModuleItem::Kind::Leaf;
-    report(Code::E0507, at->span, "expected a 'var' before '=', found " + std::string(leaf ? "the leaf '" : "'") + at->name + "'",
-           {{item->second.span, "'" + at->name + "' is declared here"}}, leaf ? "write '<-' to give a leaf its next value" : "");
+    report(Code::E0507, at->span,
+           "expected a 'var' before '=', found " + std::string(leaf ? "the leaf '" : "'") + at->name + "'",
+           {{item->second.span, "'" + at->name + "' is declared here"}},
+           leaf ? "write '<-' to give a leaf its next value" : "");
     return;
   }
   if (!binding->is_var) {
@@ -111,7 +116,8 @@ void Elaborator::run_assign(const dsl::Stmt& stmt) {
   if (binding->frame != frames_.size() || binding->region != regions_.size()) {
     const bool region = binding->region != regions_.size();
     report(Code::E0508, at->span,
-           "expected an assignment to a variable of this " + std::string(region ? "region" : "function") + ", found '" + at->name + "' from outside",
+           "expected an assignment to a variable of this " + std::string(region ? "region" : "function") + ", found '" +
+               at->name + "' from outside",
            {{binding->span, "'" + at->name + "' is declared here"}}, region ? "make it the value of the region" : "");
     return;
   }
@@ -129,7 +135,8 @@ void Elaborator::run_assign(const dsl::Stmt& stmt) {
 }
 
 // `current` with `value` at the end of the path.
-Value Elaborator::assigned(const Value& current, std::span<const Expr* const> path, const Value& value, const dsl::Stmt& stmt) {
+Value Elaborator::assigned(const Value& current, std::span<const Expr* const> path, const Value& value,
+                           const dsl::Stmt& stmt) {
   if (path.empty()) return fit_assignment(current, value, stmt);
   const Expr& step = *path[0];
   const auto rest = path.subspan(1);
@@ -138,7 +145,8 @@ Value Elaborator::assigned(const Value& current, std::span<const Expr* const> pa
     if (!indices) return Error{};
     for (size_t i = 0; i < indices->size(); ++i) {
       for (size_t k = 0; k < i; ++k) {
-        if ((*indices)[i] == (*indices)[k]) return fail(Code::E0308, step.span, "expected each component once before '=', found '" + step.name + "'");
+        if ((*indices)[i] == (*indices)[k])
+          return fail(Code::E0308, step.span, "expected each component once before '=', found '" + step.name + "'");
       }
     }
     const Value part = swizzle(current, *indices);
@@ -149,14 +157,17 @@ Value Elaborator::assigned(const Value& current, std::span<const Expr* const> pa
     const auto index = evaluate_known_int(*step.b, "the place of an assignment");
     if (!index) return Error{};
     const Type type = element_type(current);
-    if (type.is_scalar()) return fail(Code::E0317, step.span, "expected an array, a vector or a matrix before '[', found " + describe(current));
+    if (type.is_scalar())
+      return fail(Code::E0317, step.span,
+                  "expected an array, a vector or a matrix before '[', found " + describe(current));
     const auto checked = checked_index(*index, type.is_matrix() ? type.cols : type.rows, type.str(), step.b->span);
     if (!checked) return Error{};
     const int place = static_cast<int>(*checked);
     const Value next = assigned(component(current, place), rest, value, stmt);
     if (next.is_error()) return Error{};
     std::vector<Value> parts;
-    for (int i = 0; i < (type.is_matrix() ? type.cols : type.rows); ++i) parts.push_back(i == place ? next : component(current, i));
+    for (int i = 0; i < (type.is_matrix() ? type.cols : type.rows); ++i)
+      parts.push_back(i == place ? next : component(current, i));
     return compose(std::move(parts), type);
   }
   // A field of a struct or an item of an array.
@@ -165,16 +176,20 @@ Value Elaborator::assigned(const Value& current, std::span<const Expr* const> pa
   if (const auto* s = current.get<StructValue>(); s && step.kind == Expr::Kind::Field) {
     place = static_cast<size_t>(std::ranges::find(s->type->fields, step.name) - s->type->fields.begin());
     if (place == parts.size()) {
-      return fail(Code::E0307, step.span, "expected a field of " + s->type->name + ", found '" + step.name + "'", {}, suggestion(step.name, s->type->fields));
+      return fail(Code::E0307, step.span, "expected a field of " + s->type->name + ", found '" + step.name + "'", {},
+                  suggestion(step.name, s->type->fields));
     }
   } else if (current.is<ArrayValue>() && step.kind == Expr::Kind::Index) {
     const auto index = evaluate_known_int(*step.b, "the place of an assignment");
     if (!index) return Error{};
-    const auto checked = checked_index(*index, static_cast<int64_t>(parts.size()), "an array of " + std::to_string(parts.size()), step.b->span);
+    const auto checked = checked_index(*index, static_cast<int64_t>(parts.size()),
+                                       "an array of " + std::to_string(parts.size()), step.b->span);
     if (!checked) return Error{};
     place = static_cast<size_t>(*checked);
   } else {
-    return fail(Code::E0507, step.span, "expected a component, a field of a struct or an item of an array before '=', found a part of " + describe(current));
+    return fail(Code::E0507, step.span,
+                "expected a component, a field of a struct or an item of an array before '=', found a part of " +
+                    describe(current));
   }
   Value next = assigned(parts[place], rest, value, stmt);
   if (next.is_error()) return Error{};
@@ -182,25 +197,30 @@ Value Elaborator::assigned(const Value& current, std::span<const Expr* const> pa
   return with_parts(current, std::move(parts));
 }
 
-Value Elaborator::assigned_components(const Value& current, std::span<const int> indices, const Value& value, const dsl::Stmt& stmt) {
+Value Elaborator::assigned_components(const Value& current, std::span<const int> indices, const Value& value,
+                                      const dsl::Stmt& stmt) {
   const Type type = element_type(current);
   if (type.is_scalar()) return value;
   std::vector<Value> parts;
   for (int i = 0; i < type.rows; ++i) parts.push_back(component(current, i));
   const SpanScope span(*this, stmt.span);
-  for (size_t i = 0; i < indices.size(); ++i) parts[static_cast<size_t>(indices[i])] = component(value, static_cast<int>(i));
+  for (size_t i = 0; i < indices.size(); ++i)
+    parts[static_cast<size_t>(indices[i])] = component(value, static_cast<int>(i));
   return compose(std::move(parts), type);
 }
 
 // The new value of a place, of the type that the place has. Extents may change.
 Value Elaborator::fit_assignment(const Value& current, const Value& value, const dsl::Stmt& stmt) {
   Value fitted = value;
-  if (current.is_numeric() && element_type(current).is_scalar()) convert_known_int(fitted, element_type(current).scalar);
+  if (current.is_numeric() && element_type(current).is_scalar())
+    convert_known_int(fitted, element_type(current).scalar);
   const TypeValue wanted = type_of(current), found = type_of(fitted);
   if (same_type(wanted, found) || (wanted.kind == TypeValue::Kind::Other && found.kind == wanted.kind)) return fitted;
   const bool int_before = current.is<Dim>() && fitted.is_numeric() && element_type(fitted) == ir::kFloat;
-  return fail(Code::E0511, stmt.a->span, "expected a value of type " + describe_element(current) + " for the variable, found " + describe_element(value), {},
-              int_before ? "start with a float, such as 0.0" : "");
+  return fail(
+      Code::E0511, stmt.a->span,
+      "expected a value of type " + describe_element(current) + " for the variable, found " + describe_element(value),
+      {}, int_before ? "start with a float, such as 0.0" : "");
 }
 
 // ---- compile-time control flow ----
@@ -211,8 +231,10 @@ void Elaborator::run_for(const dsl::Stmt& stmt) {
   if (!begin || !end) return;
   int64_t trips = 0;
   if (*end > *begin && (__builtin_sub_overflow(*end, *begin, &trips) || trips > kMaxTrips)) {
-    report(Code::E0502, stmt.b->span, "expected at most " + std::to_string(kMaxTrips) + " trips of 'for', found a range from " + std::to_string(*begin) + " to " + std::to_string(*end), {},
-           "use 'reduce' for a loop that is not unrolled");
+    report(Code::E0502, stmt.b->span,
+           "expected at most " + std::to_string(kMaxTrips) + " trips of 'for', found a range from " +
+               std::to_string(*begin) + " to " + std::to_string(*end),
+           {}, "use 'reduce' for a loop that is not unrolled");
     return;
   }
   for (int64_t i = *begin; i < *end; ++i) {
@@ -220,7 +242,8 @@ void Elaborator::run_for(const dsl::Stmt& stmt) {
     define(*scope_, stmt.loop_var, Dim(i));
     if (over_budget(stmt.span)) return;
     if (const Value value = run_statements(stmt.body); !value.is<Nothing>() && !contains_error(value)) {
-      report(Code::E0509, stmt.body.value->span, "expected statements in the body of 'for', found a value that is not used", {}, "");
+      report(Code::E0509, stmt.body.value->span,
+             "expected statements in the body of 'for', found a value that is not used", {}, "");
       return;
     }
   }
@@ -233,7 +256,9 @@ std::optional<bool> Elaborator::known_condition(const Expr& expr) {
   if (!condition.is_numeric() || element_type(condition) != ir::kBool) {
     report(Code::E0313, expr.span, "expected a bool as condition, found " + describe(condition));
   } else {
-    report(Code::E0501, expr.span, "expected a condition known at compile time for 'const if', found one known at run time", {}, "leave out 'const' to choose for each element");
+    report(Code::E0501, expr.span,
+           "expected a condition known at compile time for 'const if', found one known at run time", {},
+           "leave out 'const' to choose for each element");
   }
   return std::nullopt;
 }

@@ -33,14 +33,17 @@ void Elaborator::run_step(const dsl::StepDecl& decl) {
   const Switched<StepFrame*> inside(step_, &frame);
   const Value value = evaluate_block(decl.body);
   if (!value.is<Nothing>() && !contains_error(value)) {
-    report(Code::E0509, decl.body.value->span, "expected statements in a step, found a value that is not used", {}, "write 'output name = value;'");
+    report(Code::E0509, decl.body.value->span, "expected statements in a step, found a value that is not used", {},
+           "write 'output name = value;'");
   }
   b_.graph().steps.back() = std::move(step);
 }
 
 bool Elaborator::in_step(std::string_view what, const Span& span) {
   if (step_ && frames_.empty() && !in_region()) return true;
-  report(Code::E0512, span, "expected " + std::string(what) + " directly in a step, found it " + (step_ ? "in a function or region" : "elsewhere"));
+  report(Code::E0512, span,
+         "expected " + std::string(what) + " directly in a step, found it " +
+             (step_ ? "in a function or region" : "elsewhere"));
   return false;
 }
 
@@ -54,7 +57,8 @@ void Elaborator::run_output(const dsl::Stmt& stmt) {
     const Span at = item.value ? item.value->span : item.name.span;
     const auto [first, added] = step_->outputs.emplace(item.name.text, item.name.span);
     if (!added) {
-      report(Code::E0610, item.name.span, "expected each output once in a step, found '" + item.name.text + "' again", {{first->second, "the first one is here"}});
+      report(Code::E0610, item.name.span, "expected each output once in a step, found '" + item.name.text + "' again",
+             {{first->second, "the first one is here"}});
       continue;
     }
     add_output(item.name.text, value, at);
@@ -68,7 +72,9 @@ void Elaborator::add_output(const std::string& name, const Value& value, const S
     return;
   }
   const std::vector<Value>& parts = parts_of(value);
-  if (parts.empty()) report(Code::E0611, span, "expected a number, an image or a composition of them as output, found " + describe(value));
+  if (parts.empty())
+    report(Code::E0611, span,
+           "expected a number, an image or a composition of them as output, found " + describe(value));
   for (size_t i = 0; i < parts.size(); ++i) add_output(name + "." + part_name(value, i), parts[i], span);
 }
 
@@ -82,13 +88,17 @@ std::optional<Image> Elaborator::fit_leaf(const Value& value, uint32_t leaf, con
   if (target.type.is_scalar()) convert_known_int(fitted, target.type.scalar);
   const std::vector<dsl::Note> notes{{target.span, "'" + target.name + "' is declared here"}};
   if (!fitted.is_numeric() || element_type(fitted) != target.type) {
-    report(Code::E0603, span, "expected " + target.type.str() + " as " + std::string(what) + ", found " + describe_element(value), notes);
+    report(Code::E0603, span,
+           "expected " + target.type.str() + " as " + std::string(what) + ", found " + describe_element(value), notes);
     return std::nullopt;
   }
   const Extent extent = extent_of(fitted);
   const auto both = ir::broadcast(extent, target.extent);
   if (!both || *both != target.extent) {
-    report(Code::E0603, span, "expected " + target.type.str() + target.extent.str() + " as " + std::string(what) + ", found " + describe(fitted), notes);
+    report(Code::E0603, span,
+           "expected " + target.type.str() + target.extent.str() + " as " + std::string(what) + ", found " +
+               describe(fitted),
+           notes);
     return std::nullopt;
   }
   const Image image{materialize(fitted)};
@@ -106,8 +116,9 @@ void Elaborator::run_update(const dsl::Stmt& stmt) {
     const auto item = scope_->module->items.find(name);
     const bool failed = item != scope_->module->items.end() && item->second.kind == ModuleItem::Kind::Leaf && !leaf;
     if (failed) return;  // its declaration was wrong
-    report(Code::E0601, stmt.target->span, "expected a param or state before '<-', found " + std::string(leaf ? "the input " : "") + "'" + name + "'", {},
-           leaf ? "" : suggestion(name, known));
+    report(Code::E0601, stmt.target->span,
+           "expected a param or state before '<-', found " + std::string(leaf ? "the input " : "") + "'" + name + "'",
+           {}, leaf ? "" : suggestion(name, known));
     return;
   }
   const auto writer = step_->writers.find(*leaf);
@@ -119,10 +130,12 @@ void Elaborator::run_update(const dsl::Stmt& stmt) {
     return;
   }
   if (!writer->second.minimized) {
-    report(Code::E0602, stmt.span, "expected one writer of '" + name + "' in a step, found a second", {{writer->second.span, "the first one is here"}});
+    report(Code::E0602, stmt.span, "expected one writer of '" + name + "' in a step, found a second",
+           {{writer->second.span, "the first one is here"}});
     return;
   }
-  // After `minimize`, one update of the same param projects what the optimizer gave: there the name means the new value.
+  // After `minimize`, one update of the same param projects what the optimizer gave: there the name means the new
+  // value.
   writer->second.minimized = false;
   writer->second.span = stmt.span;
   const size_t place = writer->second.update;
@@ -141,12 +154,15 @@ void Elaborator::run_optimizer_update(const dsl::Stmt& stmt) {
   if (state == optimizer_->states.end()) {
     std::vector<std::string> known;
     for (const auto& [other, leaf] : optimizer_->states) known.push_back(other);
-    report(Code::E0614, stmt.target->span, "expected a state of the optimizer '" + optimizer_->name + "' before '<-', found '" + name + "'", {}, suggestion(name, known));
+    report(Code::E0614, stmt.target->span,
+           "expected a state of the optimizer '" + optimizer_->name + "' before '<-', found '" + name + "'", {},
+           suggestion(name, known));
     return;
   }
   const uint32_t leaf = state->second.first;
   if (const auto writer = step_->writers.find(leaf); writer != step_->writers.end()) {
-    report(Code::E0602, stmt.span, "expected one writer of '" + name + "' in an optimizer, found a second", {{writer->second.span, "the first one is here"}});
+    report(Code::E0602, stmt.span, "expected one writer of '" + name + "' in an optimizer, found a second",
+           {{writer->second.span, "the first one is here"}});
     return;
   }
   const auto value = fit_leaf(evaluate(*stmt.a), leaf, stmt.a->span, "the next value of '" + name + "'");
@@ -163,9 +179,11 @@ std::vector<ValueId> Elaborator::emit_grad(const Value& y, const Value& seed, st
   return ops::emit_multi(b_, OpKind::Grad, std::move(operands));
 }
 
-Value Elaborator::grad(const Value& y, const Value& x, const std::optional<Argument>& seed, const Span& y_span, const Span& x_span) {
+Value Elaborator::grad(const Value& y, const Value& x, const std::optional<Argument>& seed, const Span& y_span,
+                       const Span& x_span) {
   if (!y.is_numeric() || !element_type(y).is_float()) {
-    return fail(Code::E0608, y_span, "expected a float, vector or matrix of floats to differentiate, found " + describe(y));
+    return fail(Code::E0608, y_span,
+                "expected a float, vector or matrix of floats to differentiate, found " + describe(y));
   }
   std::vector<ValueId> targets;
   bool ok = true;
@@ -174,19 +192,25 @@ Value Elaborator::grad(const Value& y, const Value& x, const std::optional<Argum
     if (!target) {
       ok = false;
       const bool known = leaf.is_numeric();
-      report(Code::E0607, x_span, "expected a leaf or a value computed from leaves to differentiate by, found " + (known ? "a number known at compile time" : describe(leaf)));
+      report(Code::E0607, x_span,
+             "expected a leaf or a value computed from leaves to differentiate by, found " +
+                 (known ? "a number known at compile time" : describe(leaf)));
     } else if (!element_type(leaf).is_float()) {
       ok = false;
       report(Code::E0608, x_span, "expected floats to differentiate by, found " + describe(leaf));
     } else if (target->element != 0 && extent_of(leaf) != extent_of(y)) {
       ok = false;
-      report(Code::E0607, x_span, "expected an element of the extent of what is differentiated, found " + describe(leaf) + " and " + describe(y));
+      report(Code::E0607, x_span,
+             "expected an element of the extent of what is differentiated, found " + describe(leaf) + " and " +
+                 describe(y));
     } else {
       targets.push_back(target->id);
     }
   });
   if (!ok) return Error{};
-  if (targets.empty()) return fail(Code::E0607, x_span, "expected a leaf or a value computed from leaves to differentiate by, found " + describe(x));
+  if (targets.empty())
+    return fail(Code::E0607, x_span,
+                "expected a leaf or a value computed from leaves to differentiate by, found " + describe(x));
   const Type type = element_type(y);
   Value start = Constant{type, std::vector<double>(static_cast<size_t>(type.components()), 1.0)};
   if (seed) {
@@ -194,7 +218,8 @@ Value Elaborator::grad(const Value& y, const Value& x, const std::optional<Argum
     if (type.is_scalar()) convert_known_int(start, Scalar::Float);
     const auto both = start.is_numeric() ? ir::broadcast(extent_of(start), extent_of(y)) : std::nullopt;
     if (!start.is_numeric() || element_type(start) != type || !both || *both != extent_of(y)) {
-      return fail(Code::E0609, seed->span, "expected a seed of " + describe(y) + ", as what is differentiated, found " + describe(seed->value));
+      return fail(Code::E0609, seed->span,
+                  "expected a seed of " + describe(y) + ", as what is differentiated, found " + describe(seed->value));
     }
   }
   const std::vector<ValueId> results = emit_grad(y, start, targets);
@@ -210,7 +235,8 @@ void Elaborator::run_minimize(const dsl::Stmt& stmt) {
   if (ok) convert_known_int(objective, Scalar::Float);
   if (ok && (!objective.is_numeric() || element_type(objective) != ir::kFloat || !extent_of(objective).is_unit())) {
     const bool image = objective.is_numeric() && element_type(objective).is_float();
-    report(Code::E0605, stmt.a->span, "expected one float to minimize, found " + describe(objective), {}, image ? "take its mean or sum" : "");
+    report(Code::E0605, stmt.a->span, "expected one float to minimize, found " + describe(objective), {},
+           image ? "take its mean or sum" : "");
     ok = false;
   }
   std::vector<uint32_t> leaves;
@@ -222,16 +248,21 @@ void Elaborator::run_minimize(const dsl::Stmt& stmt) {
         ok = false;
         continue;
       }
-      report(Code::E0604, target->span, "expected a param after 'over', found " + (leaf ? "the " + std::string(kind_word(b_.graph().leaves[*leaf].kind)) + " " : "") + name);
+      report(Code::E0604, target->span,
+             "expected a param after 'over', found " +
+                 (leaf ? "the " + std::string(kind_word(b_.graph().leaves[*leaf].kind)) + " " : "") + name);
       ok = false;
       continue;
     }
     if (!b_.graph().leaves[*leaf].type.is_float()) {
-      report(Code::E0604, target->span, "expected a param of floats after 'over', found " + name + " of type " + b_.graph().leaves[*leaf].type.str());
+      report(
+          Code::E0604, target->span,
+          "expected a param of floats after 'over', found " + name + " of type " + b_.graph().leaves[*leaf].type.str());
       ok = false;
     }
     if (const auto writer = step_->writers.find(*leaf); writer != step_->writers.end()) {
-      report(Code::E0602, target->span, "expected one writer of " + name + " in a step, found a second", {{writer->second.span, "the first one is here"}});
+      report(Code::E0602, target->span, "expected one writer of " + name + " in a step, found a second",
+             {{writer->second.span, "the first one is here"}});
       ok = false;
     }
     // Also named twice in one `over`: the slot is filled below.
@@ -262,7 +293,8 @@ void Elaborator::run_minimize(const dsl::Stmt& stmt) {
   const std::vector<ValueId> gradients = emit_grad(objective, make_float(1), ids);
   for (size_t i = 0; i < leaves.size(); ++i) {
     const Value next = instantiate(called, leaves[i], targets[i], Image{gradients[i]}, stmt);
-    const auto value = fit_leaf(next, leaves[i], stmt.b->span, "the optimizer's value for '" + b_.graph().leaves[leaves[i]].name + "'");
+    const auto value = fit_leaf(next, leaves[i], stmt.b->span,
+                                "the optimizer's value for '" + b_.graph().leaves[leaves[i]].name + "'");
     if (!value) continue;
     step_->writers[leaves[i]].update = step_->step->updates.size();
     step_->step->updates.push_back({leaves[i], value->id});
@@ -270,7 +302,8 @@ void Elaborator::run_minimize(const dsl::Stmt& stmt) {
 }
 
 // One optimizer for one param: states of its own, and its update inlined.
-Value Elaborator::instantiate(const OptimizerValue& optimizer, uint32_t leaf, const Value& x, const Value& g, const dsl::Stmt& stmt) {
+Value Elaborator::instantiate(const OptimizerValue& optimizer, uint32_t leaf, const Value& x, const Value& g,
+                              const dsl::Stmt& stmt) {
   const dsl::OptimizerDecl& decl = *optimizer.decl;
   const ir::Leaf param = b_.graph().leaves[leaf];
   Scope* scope = new_scope(optimizer.scope);
@@ -280,13 +313,20 @@ Value Elaborator::instantiate(const OptimizerValue& optimizer, uint32_t leaf, co
   for (const dsl::LeafDecl& state : decl.states) {
     const Switched<Scope*> inside(scope_, scope);
     const SpanScope span(*this, state.span);
-    ir::Leaf memory{ir::Leaf::Kind::State, step_->step->name + "." + param.name + "." + state.name.text, param.type, param.extent, {}, state.span};
+    ir::Leaf memory{ir::Leaf::Kind::State,
+                    step_->step->name + "." + param.name + "." + state.name.text,
+                    param.type,
+                    param.extent,
+                    {},
+                    state.span};
     if (state.type) {
       const auto resolved = type_name(*state.type);
       if (!resolved) return Error{};
       const auto& type = resolved->as<TypeValue>();
       if (type.kind != TypeValue::Kind::Element) {
-        return fail(Code::E0613, state.type->span, "expected a scalar, vector or matrix type for the state '" + state.name.text + "', found " + describe(type));
+        return fail(Code::E0613, state.type->span,
+                    "expected a scalar, vector or matrix type for the state '" + state.name.text + "', found " +
+                        describe(type));
       }
       memory.type = type.element;
       memory.extent = {};

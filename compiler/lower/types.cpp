@@ -34,12 +34,14 @@ std::optional<Value> Elaborator::type_name(const dsl::TypeExpr& type) {
     }
   }
   if (!declared) {
-    std::vector<std::string> known = {"bool", "int", "uint", "float", "vec2", "vec3", "vec4", "ivec2", "ivec3", "ivec4", "uvec2", "uvec3", "uvec4",
-                                      "bvec2", "bvec3", "bvec4", "mat2", "mat3", "mat4", "array"};
+    std::vector<std::string> known = {"bool",  "int",   "uint",  "float", "vec2",  "vec3",  "vec4",
+                                      "ivec2", "ivec3", "ivec4", "uvec2", "uvec3", "uvec4", "bvec2",
+                                      "bvec3", "bvec4", "mat2",  "mat3",  "mat4",  "array"};
     for (const auto& [name, item] : items) {
       if (item.kind == ModuleItem::Kind::Struct) known.push_back(name);
     }
-    report(Code::E0310, first.span, "expected the name of a type, found '" + first.text + "'", {}, suggestion(first.text, known));
+    report(Code::E0310, first.span, "expected the name of a type, found '" + first.text + "'", {},
+           suggestion(first.text, known));
     return std::nullopt;
   }
   Value found = name_value(first.text, first.span);
@@ -53,7 +55,8 @@ std::optional<Value> Elaborator::type_name(const dsl::TypeExpr& type) {
 bool Elaborator::mismatch(const Value& value, const std::string& wanted, TypeMatch& how) {
   std::string help;
   if (value.is<Image>() && element_type(value) == ir::kInt && wanted == "float") help = "convert it with float(...)";
-  report(how.code, how.span, "expected " + how.subject + " to be " + wanted + ", found " + describe_element(value), how.notes, std::move(help));
+  report(how.code, how.span, "expected " + how.subject + " to be " + wanted + ", found " + describe_element(value),
+         how.notes, std::move(help));
   return false;
 }
 
@@ -93,7 +96,10 @@ bool Elaborator::match_extent(const Dim& actual, const Expr& wanted, int axis, T
   *stretched = dim;
   if (actual == dim || (how.stretch && actual.is_one())) return true;
   constexpr std::string_view kAxes[] = {"width", "height", "layers"};
-  report(Code::E0402, how.span, "expected the " + std::string(kAxes[axis]) + " of " + how.subject + " to be " + dim.str() + ", found " + actual.str(), how.notes);
+  report(Code::E0402, how.span,
+         "expected the " + std::string(kAxes[axis]) + " of " + how.subject + " to be " + dim.str() + ", found " +
+             actual.str(),
+         how.notes);
   return false;
 }
 
@@ -168,7 +174,8 @@ std::optional<Value> Elaborator::match_array(const Value& value, const dsl::Type
     result.items.push_back(*std::move(matched));
   }
   how.subject = "the length of " + subject;
-  if (type.type_args.size() == 2 && !match_generic_arg(Dim(static_cast<int64_t>(array->items.size())), type.type_args[1].get(), type.value_args[1].get(), how)) {
+  if (type.type_args.size() == 2 && !match_generic_arg(Dim(static_cast<int64_t>(array->items.size())),
+                                                       type.type_args[1].get(), type.value_args[1].get(), how)) {
     return std::nullopt;
   }
   how.subject = subject;
@@ -184,15 +191,18 @@ bool Elaborator::match_generic_arg(const Value& actual, const dsl::TypeExpr* typ
   };
   Value wanted;
   if (type && type->path.size() == 1 && how.generics && !scope_->find(type->path[0].text) &&
-      std::ranges::any_of(*how.generics, [&](const dsl::Name& generic) { return generic.text == type->path[0].text; })) {
+      std::ranges::any_of(*how.generics,
+                          [&](const dsl::Name& generic) { return generic.text == type->path[0].text; })) {
     define(*scope_, type->path[0], actual);
     return true;
   }
   if (type) {
     // A bare name was read as a type; it may be a number all the same.
-    if (type->kind == dsl::TypeExpr::Kind::Named && type->type_args.empty() && !type->has_extents && !type->path.empty()) {
+    if (type->kind == dsl::TypeExpr::Kind::Named && type->type_args.empty() && !type->has_extents &&
+        !type->path.empty()) {
       wanted = name_value(type->path[0].text, type->path[0].span);
-      for (size_t i = 1; i < type->path.size(); ++i) wanted = field_of(wanted, type->path[i].text, type->path[i].span, nullptr);
+      for (size_t i = 1; i < type->path.size(); ++i)
+        wanted = field_of(wanted, type->path[i].text, type->path[i].span, nullptr);
     } else {
       const auto resolved = type_name(*type);
       if (!resolved) return false;
@@ -203,15 +213,17 @@ bool Elaborator::match_generic_arg(const Value& actual, const dsl::TypeExpr* typ
   }
   if (wanted.is_error()) return false;
   if (same_value(actual, wanted)) return true;
-  report(how.code, how.span, "expected " + how.subject + " to be " + words(wanted) + ", found " + words(actual), how.notes);
+  report(how.code, how.span, "expected " + how.subject + " to be " + words(wanted) + ", found " + words(actual),
+         how.notes);
   return false;
 }
 
 bool Elaborator::match_generics(const StructValue& value, const dsl::TypeExpr& type, TypeMatch& how) {
   if (type.type_args.empty()) return true;
   if (type.type_args.size() != value.generics.size()) {
-    report(Code::E0311, type.span, "expected " + std::to_string(value.generics.size()) + " arguments for the type " + value.type->name + ", found " +
-                                       std::to_string(type.type_args.size()));
+    report(Code::E0311, type.span,
+           "expected " + std::to_string(value.generics.size()) + " arguments for the type " + value.type->name +
+               ", found " + std::to_string(type.type_args.size()));
     return false;
   }
   const std::string subject = how.subject;
@@ -223,7 +235,8 @@ bool Elaborator::match_generics(const StructValue& value, const dsl::TypeExpr& t
   return true;
 }
 
-std::optional<Value> Elaborator::match_type_value(const Value& value, const TypeValue& wanted, const dsl::TypeExpr& type, TypeMatch& how) {
+std::optional<Value> Elaborator::match_type_value(const Value& value, const TypeValue& wanted,
+                                                  const dsl::TypeExpr& type, TypeMatch& how) {
   if (wanted.kind == TypeValue::Kind::Element) return match_element(value, wanted.element, type, how);
   if (wanted.kind == TypeValue::Kind::Struct) {
     const auto* s = value.get<StructValue>();
@@ -238,7 +251,8 @@ std::optional<Value> Elaborator::match_type_value(const Value& value, const Type
   return std::nullopt;
 }
 
-std::optional<Value> Elaborator::match_element(const Value& value, const Type& wanted, const dsl::TypeExpr& type, TypeMatch& how) {
+std::optional<Value> Elaborator::match_element(const Value& value, const Type& wanted, const dsl::TypeExpr& type,
+                                               TypeMatch& how) {
   Value fitted = value;
   if (wanted.is_scalar()) convert_known_int(fitted, wanted.scalar);
   if (fitted.is_error()) return std::nullopt;
@@ -247,7 +261,8 @@ std::optional<Value> Elaborator::match_element(const Value& value, const Type& w
     return std::nullopt;
   }
   if (!type.has_extents) {
-    if (auto* image = fitted.get<Image>(); image && how.parameter && image->element == 0) image->element = static_cast<uint32_t>(frames_.size() + 1);
+    if (auto* image = fitted.get<Image>(); image && how.parameter && image->element == 0)
+      image->element = static_cast<uint32_t>(frames_.size() + 1);
     return fitted;
   }
   if (how.parameter && refuse_element(fitted, how.subject, how.span)) return std::nullopt;
@@ -257,13 +272,15 @@ std::optional<Value> Elaborator::match_element(const Value& value, const Type& w
   const Dim* actual[] = {&extent.w, &extent.h, &extent.l};
   Dim* stretched[] = {&target.w, &target.h, &target.l};
   for (size_t axis = 0; axis < type.extents.size() && axis < 3; ++axis) {
-    if (!match_extent(*actual[axis], *type.extents[axis], static_cast<int>(axis), how, stretched[axis])) return std::nullopt;
+    if (!match_extent(*actual[axis], *type.extents[axis], static_cast<int>(axis), how, stretched[axis]))
+      return std::nullopt;
   }
   return how.stretch ? broadcast(fitted, target) : fitted;
 }
 
 // A value for a name that was declared with a type.
-std::optional<Value> Elaborator::declared(const Value& value, const dsl::TypeExpr& type, std::string subject, const Span& span) {
+std::optional<Value> Elaborator::declared(const Value& value, const dsl::TypeExpr& type, std::string subject,
+                                          const Span& span) {
   TypeMatch how;
   how.code = Code::E0309;
   how.subject = std::move(subject);

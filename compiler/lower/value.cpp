@@ -100,7 +100,8 @@ bool same_type(const TypeValue& a, const TypeValue& b) {
   if (a.kind != b.kind) return false;
   switch (a.kind) {
     case TypeValue::Kind::Element: return a.element == b.element;
-    case TypeValue::Kind::Struct: return a.structure == b.structure && std::ranges::equal(a.generics, b.generics, same_value);
+    case TypeValue::Kind::Struct:
+      return a.structure == b.structure && std::ranges::equal(a.generics, b.generics, same_value);
     case TypeValue::Kind::Tuple: return std::ranges::equal(a.elements, b.elements, same_type);
     case TypeValue::Kind::Array: return a.count == b.count && std::ranges::equal(a.elements, b.elements, same_type);
     case TypeValue::Kind::Function: return true;

@@ -26,8 +26,8 @@ struct Scope;
 struct ModuleInfo;
 struct Builtin;
 
-// A value of the graph. `element` is the depth of the outermost call (1: called from the top level) in which it is, or is
-// computed from, the current element of a parameter such as `x : vec3`; 0 where it is a whole image.
+// A value of the graph. `element` is the depth of the outermost call (1: called from the top level) in which it is, or
+// is computed from, the current element of a parameter such as `x : vec3`; 0 where it is a whole image.
 struct Image {
   ir::ValueId id;
   uint32_t element = 0;
@@ -99,25 +99,35 @@ struct Nothing {};  // a block without a value
 struct Error {};    // already reported: silences what follows
 
 struct Value {
-  using Data = std::variant<Error, Nothing, Image, Constant, ir::Dim, StructValue, TupleValue, ArrayValue, FunctionValue,
-                            BuiltinValue, ModuleValue, OptimizerValue, TypeValue, StringValue>;
+  using Data = std::variant<Error, Nothing, Image, Constant, ir::Dim, StructValue, TupleValue, ArrayValue,
+                            FunctionValue, BuiltinValue, ModuleValue, OptimizerValue, TypeValue, StringValue>;
   Data data;
 
   Value() = default;
   template <class T>
-    requires(!std::is_same_v<std::remove_cvref_t<T>, Value>)
-  Value(T&& content) : data(std::forward<T>(content)) {}  // NOLINT: each alternative is a value
+  requires(!std::is_same_v<std::remove_cvref_t<T>, Value>) Value(T&& content)
+      : data(std::forward<T>(content)) {}  // NOLINT: each alternative is a value
 
   template <class T>
-  bool is() const { return std::holds_alternative<T>(data); }
+  bool is() const {
+    return std::holds_alternative<T>(data);
+  }
   template <class T>
-  const T* get() const { return std::get_if<T>(&data); }
+  const T* get() const {
+    return std::get_if<T>(&data);
+  }
   template <class T>
-  T* get() { return std::get_if<T>(&data); }
+  T* get() {
+    return std::get_if<T>(&data);
+  }
   template <class T>
-  const T& as() const { return std::get<T>(data); }
+  const T& as() const {
+    return std::get<T>(data);
+  }
   template <class T>
-  T& as() { return std::get<T>(data); }
+  T& as() {
+    return std::get<T>(data);
+  }
 
   bool is_error() const { return is<Error>(); }
   // Something with an element type: an image, a constant or an int of the compiler.
@@ -147,7 +157,8 @@ Value map_leaves(const Value& value, const std::function<Value(const Value&)>& f
 void for_each_leaf(const Value& value, const std::function<void(const Value&)>& f);
 bool contains_error(const Value& value);
 
-// Whether both stand for the same thing without computing anything: equal constants, one and the same value or function.
+// Whether both stand for the same thing without computing anything: equal constants, one and the same value or
+// function.
 bool same_value(const Value& a, const Value& b);
 bool same_type(const TypeValue& a, const TypeValue& b);
 
@@ -156,9 +167,9 @@ bool same_type(const TypeValue& a, const TypeValue& b);
 // What a name stands for.
 struct Binding {
   Value value = {};
-  dsl::Span span;           // of the declaration
+  dsl::Span span;  // of the declaration
   bool is_var = false;
-  size_t frame = 0;         // how many calls and regions were open at the declaration: where a `var` may be assigned
+  size_t frame = 0;  // how many calls and regions were open at the declaration: where a `var` may be assigned
   size_t region = 0;
   std::optional<uint32_t> leaf;  // index into Graph::leaves
 };

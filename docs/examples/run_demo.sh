@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 # The demo: a sphere becomes a pear from two silhouettes. usage: run_demo.sh BUILD_DIR [OUT_DIR]
 set -euo pipefail
-cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")"
-bin=$1/bin
-out=${2:-../../out}
+bin=$(cd "$1" && pwd)/bin
+here=$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")
+out=${2:-$here/../../out}
 mkdir -p "$out"
 out=$(cd "$out" && pwd)
+cd "$here"
 
 # The software device always gives the same pictures; DR_DEVICE chooses another one.
 if [[ -z ${DR_DEVICE-} && -n ${DR_LAVAPIPE_ICD-} ]]; then export VK_ICD_FILENAMES=$DR_LAVAPIPE_ICD VK_DRIVER_FILES=$DR_LAVAPIPE_ICD; fi
