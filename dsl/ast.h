@@ -30,12 +30,13 @@ struct TypeExpr {
   enum class Kind : uint8_t { Named, Tuple, Function };
   Kind kind = Kind::Named;
   Span span;
-  std::vector<Name> path;                  // Named: `vec3`, or `camera.Pose` as two names
-  std::vector<TypePtr> type_args;          // Named: a generic argument that is a type (null where it is a value)
-  std::vector<ExprPtr> value_args;         // Named: a generic argument that is a value (null where it is a type); parallel to type_args
-  std::vector<TypePtr> elements;           // Tuple
-  std::vector<ExprPtr> extents;            // 0 to 3; empty brackets are an error
-  bool has_extents = false;                // `vec3` (element) and `vec3[1]` (whole image) differ as fn parameters
+  std::vector<Name> path;          // Named: `vec3`, or `camera.Pose` as two names
+  std::vector<TypePtr> type_args;  // Named: a generic argument that is a type (null where it is a value)
+  std::vector<ExprPtr>
+      value_args;  // Named: a generic argument that is a value (null where it is a type); parallel to type_args
+  std::vector<TypePtr> elements;  // Tuple
+  std::vector<ExprPtr> extents;   // 0 to 3; empty brackets are an error
+  bool has_extents = false;       // `vec3` (element) and `vec3[1]` (whole image) differ as fn parameters
 };
 
 struct Arg {
@@ -45,7 +46,7 @@ struct Arg {
 
 struct Param {
   Name name;
-  TypePtr type;       // null: any type, inferred from the argument
+  TypePtr type;           // null: any type, inferred from the argument
   ExprPtr default_value;  // null: required
   bool is_const = false;  // `const K : int`: the argument must be known at compile time
 };
@@ -61,12 +62,12 @@ struct Block {
 struct FnDecl {
   Name name;  // empty text: a lambda
   Span span;
-  std::string doc;                    // `///` lines above, joined by newlines
-  std::vector<Name> generics;         // `fn f<T, K>`
+  std::string doc;             // `///` lines above, joined by newlines
+  std::vector<Name> generics;  // `fn f<T, K>`
   std::vector<Param> params;
-  TypePtr result;                     // null: inferred
+  TypePtr result;  // null: inferred
   Block body;
-  std::optional<Name> vjp_of;         // `@vjp(f)`
+  std::optional<Name> vjp_of;  // `@vjp(f)`
 };
 
 struct Expr {
@@ -106,7 +107,7 @@ struct Expr {
   Block then_block;
   std::optional<Block> else_block;  // `else if` is a block whose value is an If
   std::unique_ptr<FnDecl> fn;
-  std::vector<FnDecl> raster_fns;   // setup, corner, depth, keep, tag, cull
+  std::vector<FnDecl> raster_fns;  // setup, corner, depth, keep, tag, cull
 };
 
 // A pattern on the left of `let`: a name, or a tuple of names (`_` discards).
@@ -153,7 +154,7 @@ struct StructDecl {
   Span span;
   std::string doc;
   std::vector<Name> generics;
-  std::vector<Param> fields;  // default_value allowed
+  std::vector<Param> fields;    // default_value allowed
   std::vector<FnDecl> methods;  // first parameter is `self`
 };
 
@@ -172,7 +173,7 @@ struct LeafDecl {
   Name name;
   Span span;
   std::string doc;
-  TypePtr type;   // null only for the state of an optimizer: then that of the parameter it serves
+  TypePtr type;     // null only for the state of an optimizer: then that of the parameter it serves
   ExprPtr initial;  // null: bound by the host (zero for a state)
 };
 

@@ -61,8 +61,8 @@ struct BufferObject {
 };
 struct ImageObject {
   vk::raii::Image image{nullptr};
-  vk::raii::ImageView all{nullptr};                 // every layer, for reading
-  std::vector<vk::raii::ImageView> layers;          // one each, for attachments
+  vk::raii::ImageView all{nullptr};         // every layer, for reading
+  std::vector<vk::raii::ImageView> layers;  // one each, for attachments
   Size size;
 };
 
@@ -116,7 +116,8 @@ struct Program::State {
   Objects objects;
   std::vector<StepState> steps;
   std::vector<int32_t> specialization;
-  // The destructor runs after the members above are gone in reverse order; the device outlives them by the shared pointer.
+  // The destructor runs after the members above are gone in reverse order; the device outlives them by the shared
+  // pointer.
 
   const vk::raii::Device& vk_device() const { return device->device; }
 
@@ -125,12 +126,14 @@ struct Program::State {
     const auto value = dim ? dim->evaluate(symbols) : std::nullopt;
     if (!value) throw Failure{"the extent '" + expression + "' of " + what + " has no value: bind its symbols"};
     if (*value < 1 || *value > kMaxElements)
-      throw Failure{"the extent '" + expression + "' of " + what + " is " + std::to_string(*value) + ", which is not between 1 and 2^31"};
+      throw Failure{"the extent '" + expression + "' of " + what + " is " + std::to_string(*value) +
+                    ", which is not between 1 and 2^31"};
     return *value;
   }
   Size size_of(const bundle::ExtentT& e, const std::string& what) const {
     const Size s{evaluate(e.w, what), evaluate(e.h, what), evaluate(e.l, what)};
-    if (s.w > kMaxElements / s.h || s.w * s.h > kMaxElements / s.l) throw Failure{what + " has more than 2^31 elements"};
+    if (s.w > kMaxElements / s.h || s.w * s.h > kMaxElements / s.l)
+      throw Failure{what + " has more than 2^31 elements"};
     return s;
   }
 
@@ -155,7 +158,8 @@ struct Program::State {
       symbols[symbol] = value;
       symbol_origin[symbol] = origin;
     } else if (it->second != value) {
-      throw Failure{"'" + symbol + "' is " + std::to_string(it->second) + " by " + symbol_origin[symbol] + ", but " + std::to_string(value) + " by " + origin};
+      throw Failure{"'" + symbol + "' is " + std::to_string(it->second) + " by " + symbol_origin[symbol] + ", but " +
+                    std::to_string(value) + " by " + origin};
     }
   }
 
@@ -164,7 +168,8 @@ struct Program::State {
     const bundle::LeafT& leaf = *bundle.leaves[index];
     const std::string origin = "leaf '" + name + "'";
     if (data.components != components_of(*leaf.type))
-      throw Failure{origin + " has " + std::to_string(components_of(*leaf.type)) + " components an element, the data has " + std::to_string(data.components)};
+      throw Failure{origin + " has " + std::to_string(components_of(*leaf.type)) +
+                    " components an element, the data has " + std::to_string(data.components)};
     auto converted = data.converted(kind_of(*leaf.type));
     if (!converted) throw Failure{origin + ": " + converted.error()};
     const std::pair<const std::string*, int64_t> axes[] = {
@@ -172,13 +177,16 @@ struct Program::State {
     const char* const axis_names[] = {"width", "height", "number of layers"};
     for (size_t a = 0; a < 3; ++a) {
       const auto dim = ir::Dim::parse(*axes[a].first);
-      if (const auto symbol = dim->as_symbol()) set_symbol(*symbol, axes[a].second, origin);
+      if (const auto symbol = dim->as_symbol())
+        set_symbol(*symbol, axes[a].second, origin);
       else if (const auto value = dim->evaluate(symbols); value && *value != axes[a].second)
-        throw Failure{origin + " has a " + axis_names[a] + " of " + std::to_string(axes[a].second) + ", expected " + *axes[a].first + " = " +
-                      std::to_string(*value)};
+        throw Failure{origin + " has a " + axis_names[a] + " of " + std::to_string(axes[a].second) + ", expected " +
+                      *axes[a].first + " = " + std::to_string(*value)};
     }
-    if (prepared) upload(leaf.resource, *converted);
-    else pending[index] = std::move(converted).value();
+    if (prepared)
+      upload(leaf.resource, *converted);
+    else
+      pending[index] = std::move(converted).value();
   }
 
   // Allocation, initial contents, shader modules: everything that waits for the sizes.
@@ -193,8 +201,10 @@ struct Program::State {
     specialization.clear();
     for (const std::string& s : bundle.symbols) {
       const auto it = symbols.find(s);
-      if (it == symbols.end()) throw Failure{"symbol '" + s + "' has no value: bind a leaf that has it, or the symbol itself"};
-      if (it->second < 1 || it->second >= kMaxElements) throw Failure{"symbol '" + s + "' is " + std::to_string(it->second)};
+      if (it == symbols.end())
+        throw Failure{"symbol '" + s + "' has no value: bind a leaf that has it, or the symbol itself"};
+      if (it->second < 1 || it->second >= kMaxElements)
+        throw Failure{"symbol '" + s + "' is " + std::to_string(it->second)};
       specialization.push_back(static_cast<int32_t>(it->second));
     }
     for (size_t k = 0; k < bundle.leaves.size(); ++k)
@@ -202,12 +212,14 @@ struct Program::State {
         const Size s = size_of(*bundle.leaves[k]->extent, "leaf '" + bundle.leaves[k]->name + "'");
         const io::Array& data = *pending[k];
         if (data.width != s.w || data.height != s.h || data.layers != s.l)
-          throw Failure{"leaf '" + bundle.leaves[k]->name + "' has data of " + std::to_string(data.width) + " x " + std::to_string(data.height) + " x " +
-                        std::to_string(data.layers) + ", expected " + std::to_string(s.w) + " x " + std::to_string(s.h) + " x " + std::to_string(s.l)};
+          throw Failure{"leaf '" + bundle.leaves[k]->name + "' has data of " + std::to_string(data.width) + " x " +
+                        std::to_string(data.height) + " x " + std::to_string(data.layers) + ", expected " +
+                        std::to_string(s.w) + " x " + std::to_string(s.h) + " x " + std::to_string(s.l)};
       }
     allocate();
     const auto& d = vk_device();
-    command_pool = vk::raii::CommandPool(d, vk::CommandPoolCreateInfo(vk::CommandPoolCreateFlagBits::eResetCommandBuffer, device->family));
+    command_pool = vk::raii::CommandPool(
+        d, vk::CommandPoolCreateInfo(vk::CommandPoolCreateFlagBits::eResetCommandBuffer, device->family));
     fence = vk::raii::Fence(d, vk::FenceCreateInfo());
     for (const auto& s : bundle.shaders) {
       vk::ShaderModuleCreateInfo info;
@@ -237,7 +249,8 @@ struct Program::State {
 
   vk::DeviceSize buffer_bytes(const bundle::ResourceT& r) const {
     const Size s = size_of(*r.extent, "'" + r.name + "'");
-    return static_cast<vk::DeviceSize>(s.count()) * static_cast<vk::DeviceSize>(r.role == bundle::Role::Scratch ? 1 : components_of(*r.type)) * 4;
+    return static_cast<vk::DeviceSize>(s.count()) *
+           static_cast<vk::DeviceSize>(r.role == bundle::Role::Scratch ? 1 : components_of(*r.type)) * 4;
   }
 
   void allocate() {
@@ -258,7 +271,8 @@ struct Program::State {
                         std::to_string(device->properties.limits.maxStorageBufferRange) + " in one buffer"};
         vk::BufferCreateInfo info;
         info.size = bytes;
-        info.usage = vk::BufferUsageFlagBits::eStorageBuffer | vk::BufferUsageFlagBits::eTransferSrc | vk::BufferUsageFlagBits::eTransferDst;
+        info.usage = vk::BufferUsageFlagBits::eStorageBuffer | vk::BufferUsageFlagBits::eTransferSrc |
+                     vk::BufferUsageFlagBits::eTransferDst;
         buffers[k].buffer = vk::raii::Buffer(d, info);
         buffers[k].bytes = bytes;
         device->name(buffers[k].buffer, r.name);
@@ -267,8 +281,8 @@ struct Program::State {
         const Size s = size_of(*r.extent, "'" + r.name + "'");
         const auto limit = static_cast<int64_t>(device->properties.limits.maxImageDimension2D);
         if (s.w > limit || s.h > limit || s.l > static_cast<int64_t>(device->properties.limits.maxImageArrayLayers))
-          throw Failure{"'" + r.name + "' is an image of " + std::to_string(s.w) + " x " + std::to_string(s.h) + " x " + std::to_string(s.l) +
-                        ", the device allows " + std::to_string(limit) + " on a side"};
+          throw Failure{"'" + r.name + "' is an image of " + std::to_string(s.w) + " x " + std::to_string(s.h) + " x " +
+                        std::to_string(s.l) + ", the device allows " + std::to_string(limit) + " on a side"};
         vk::ImageCreateInfo info;
         info.imageType = vk::ImageType::e2D;
         const bool depth = r.storage == Storage::Depth;
@@ -277,7 +291,8 @@ struct Program::State {
         info.mipLevels = 1;
         info.arrayLayers = static_cast<uint32_t>(s.l);
         info.usage = depth ? vk::ImageUsageFlags(vk::ImageUsageFlagBits::eDepthStencilAttachment)
-                           : vk::ImageUsageFlagBits::eColorAttachment | vk::ImageUsageFlagBits::eSampled | vk::ImageUsageFlagBits::eTransferSrc;
+                           : vk::ImageUsageFlagBits::eColorAttachment | vk::ImageUsageFlagBits::eSampled |
+                                 vk::ImageUsageFlagBits::eTransferSrc;
         images[k].image = vk::raii::Image(d, info);
         images[k].size = s;
         device->name(images[k].image, r.name);
@@ -297,7 +312,8 @@ struct Program::State {
       try {
         block.memory = vk::raii::DeviceMemory(d, vk::MemoryAllocateInfo(bytes, type));
       } catch (const vk::SystemError&) {
-        throw Failure{"the device has no memory for " + std::to_string(bytes) + " bytes; the largest values are " + largest_resources()};
+        throw Failure{"the device has no memory for " + std::to_string(bytes) + " bytes; the largest values are " +
+                      largest_resources()};
       }
       block_of[type] = blocks.size();
       blocks.push_back(std::move(block));
@@ -314,7 +330,8 @@ struct Program::State {
       view.image = *images[k].image;
       const bool depth = r.storage == Storage::Depth;
       view.format = depth ? vk::Format::eD32Sfloat : format_of(*r.type);
-      view.subresourceRange = {depth ? vk::ImageAspectFlagBits::eDepth : vk::ImageAspectFlagBits::eColor, 0, 1, 0, static_cast<uint32_t>(images[k].size.l)};
+      view.subresourceRange = {depth ? vk::ImageAspectFlagBits::eDepth : vk::ImageAspectFlagBits::eColor, 0, 1, 0,
+                               static_cast<uint32_t>(images[k].size.l)};
       view.viewType = vk::ImageViewType::e2DArray;
       images[k].all = vk::raii::ImageView(d, view);
       view.viewType = vk::ImageViewType::e2D;
@@ -367,12 +384,18 @@ struct Program::State {
     submit.setCommandBuffers(handle);
     device->queue.submit(submit, *fence);
     constexpr uint64_t kSecond = 1'000'000'000;
-    if (vk_device().waitForFences(*fence, VK_TRUE, 600 * kSecond) != vk::Result::eSuccess) throw Failure{"the device did not finish within ten minutes"};
+    if (vk_device().waitForFences(*fence, VK_TRUE, 600 * kSecond) != vk::Result::eSuccess) {
+      vk_device().waitIdle();  // what the device still uses must not be freed under it
+      throw Failure{"the device did not finish within ten minutes"};
+    }
     vk_device().resetFences(*fence);
   }
 
   void once(const std::function<void(const vk::raii::CommandBuffer&)>& record) {
-    auto commands = std::move(vk::raii::CommandBuffers(vk_device(), vk::CommandBufferAllocateInfo(*command_pool, vk::CommandBufferLevel::ePrimary, 1)).front());
+    auto commands =
+        std::move(vk::raii::CommandBuffers(
+                      vk_device(), vk::CommandBufferAllocateInfo(*command_pool, vk::CommandBufferLevel::ePrimary, 1))
+                      .front());
     commands.begin(vk::CommandBufferBeginInfo(vk::CommandBufferUsageFlagBits::eOneTimeSubmit));
     everything_before(commands);
     record(commands);
@@ -382,13 +405,17 @@ struct Program::State {
 
   // Makes what earlier submissions and the host wrote visible to what follows.
   static void everything_before(const vk::raii::CommandBuffer& commands) {
-    const auto stages = vk::PipelineStageFlagBits::eComputeShader | vk::PipelineStageFlagBits::eAllGraphics | vk::PipelineStageFlagBits::eTransfer;
-    const vk::MemoryBarrier barrier(vk::AccessFlagBits::eMemoryWrite, vk::AccessFlagBits::eMemoryRead | vk::AccessFlagBits::eMemoryWrite);
+    const auto stages = vk::PipelineStageFlagBits::eComputeShader | vk::PipelineStageFlagBits::eAllGraphics |
+                        vk::PipelineStageFlagBits::eTransfer;
+    const vk::MemoryBarrier barrier(vk::AccessFlagBits::eMemoryWrite,
+                                    vk::AccessFlagBits::eMemoryRead | vk::AccessFlagBits::eMemoryWrite);
     commands.pipelineBarrier(stages, stages, {}, barrier, {}, {});
   }
 
   void upload(uint32_t resource, const io::Array& array) {
     const vk::DeviceSize bytes = buffers[resource].bytes;
+    if (static_cast<vk::DeviceSize>(array.scalar_count()) * 4 != bytes)
+      throw Failure{"the data of '" + bundle.resources[resource]->name + "' has another size than its buffer"};
     need_staging(bytes);
     if (array.kind == io::ElementKind::Bool) {
       auto* words = static_cast<uint32_t*>(staging_data);
@@ -396,17 +423,23 @@ struct Program::State {
     } else {
       std::memcpy(staging_data, array.bytes.data(), array.bytes.size());
     }
-    once([&](const vk::raii::CommandBuffer& c) { c.copyBuffer(*staging.buffer, *buffers[resource].buffer, vk::BufferCopy(0, 0, bytes)); });
+    once([&](const vk::raii::CommandBuffer& c) {
+      c.copyBuffer(*staging.buffer, *buffers[resource].buffer, vk::BufferCopy(0, 0, bytes));
+    });
   }
 
   void copy_image(const vk::raii::CommandBuffer& c, uint32_t resource, vk::Buffer to) const {
     const ImageObject& image = images[resource];
-    const vk::ImageSubresourceRange range(vk::ImageAspectFlagBits::eColor, 0, 1, 0, static_cast<uint32_t>(image.size.l));
-    const auto shaders_stages = vk::PipelineStageFlagBits::eComputeShader | vk::PipelineStageFlagBits::eFragmentShader | vk::PipelineStageFlagBits::eVertexShader;
-    vk::ImageMemoryBarrier barrier(vk::AccessFlagBits::eMemoryWrite, vk::AccessFlagBits::eTransferRead, vk::ImageLayout::eShaderReadOnlyOptimal,
-                                   vk::ImageLayout::eTransferSrcOptimal, VK_QUEUE_FAMILY_IGNORED, VK_QUEUE_FAMILY_IGNORED, *image.image, range);
-    c.pipelineBarrier(shaders_stages | vk::PipelineStageFlagBits::eColorAttachmentOutput | vk::PipelineStageFlagBits::eTransfer,
-                      vk::PipelineStageFlagBits::eTransfer, {}, {}, {}, barrier);
+    const vk::ImageSubresourceRange range(vk::ImageAspectFlagBits::eColor, 0, 1, 0,
+                                          static_cast<uint32_t>(image.size.l));
+    const auto shaders_stages = vk::PipelineStageFlagBits::eComputeShader | vk::PipelineStageFlagBits::eFragmentShader |
+                                vk::PipelineStageFlagBits::eVertexShader;
+    vk::ImageMemoryBarrier barrier(vk::AccessFlagBits::eMemoryWrite, vk::AccessFlagBits::eTransferRead,
+                                   vk::ImageLayout::eShaderReadOnlyOptimal, vk::ImageLayout::eTransferSrcOptimal,
+                                   VK_QUEUE_FAMILY_IGNORED, VK_QUEUE_FAMILY_IGNORED, *image.image, range);
+    c.pipelineBarrier(
+        shaders_stages | vk::PipelineStageFlagBits::eColorAttachmentOutput | vk::PipelineStageFlagBits::eTransfer,
+        vk::PipelineStageFlagBits::eTransfer, {}, {}, {}, barrier);
     vk::BufferImageCopy region;
     region.imageSubresource = {vk::ImageAspectFlagBits::eColor, 0, 0, static_cast<uint32_t>(image.size.l)};
     region.imageExtent = vk::Extent3D(static_cast<uint32_t>(image.size.w), static_cast<uint32_t>(image.size.h), 1);
@@ -427,8 +460,10 @@ struct Program::State {
     const auto bytes = static_cast<vk::DeviceSize>(size.count() * stored * 4);
     need_staging(bytes);
     once([&](const vk::raii::CommandBuffer& c) {
-      if (image) copy_image(c, resource, *staging.buffer);
-      else c.copyBuffer(*buffers[resource].buffer, *staging.buffer, vk::BufferCopy(0, 0, bytes));
+      if (image)
+        copy_image(c, resource, *staging.buffer);
+      else
+        c.copyBuffer(*buffers[resource].buffer, *staging.buffer, vk::BufferCopy(0, 0, bytes));
       c.pipelineBarrier(vk::PipelineStageFlagBits::eTransfer, vk::PipelineStageFlagBits::eHost, {},
                         vk::MemoryBarrier(vk::AccessFlagBits::eTransferWrite, vk::AccessFlagBits::eHostRead), {}, {});
     });
@@ -439,8 +474,10 @@ struct Program::State {
       for (int c = 0; c < n; ++c) {
         const uint32_t word = words[e * stored + c];
         std::byte* to = out.bytes.data() + static_cast<size_t>(e * n + c) * width;
-        if (width == 1) *to = std::byte{word != 0};
-        else std::memcpy(to, &word, 4);
+        if (width == 1)
+          *to = std::byte{word != 0};
+        else
+          std::memcpy(to, &word, 4);
       }
     return out;
   }
@@ -466,7 +503,8 @@ struct Program::State {
     std::vector<vk::DescriptorSetLayoutBinding> bindings;
     std::vector<vk::DescriptorPoolSize> sizes;
     for (uint32_t k = 0; k < resources.size(); ++k) {
-      const auto type = bundle.resources[resources[k]]->storage == Storage::Buffer ? vk::DescriptorType::eStorageBuffer : vk::DescriptorType::eSampledImage;
+      const auto type = bundle.resources[resources[k]]->storage == Storage::Buffer ? vk::DescriptorType::eStorageBuffer
+                                                                                   : vk::DescriptorType::eSampledImage;
       bindings.emplace_back(k, type, 1, stages);
       sizes.emplace_back(type, 1);
     }
@@ -493,8 +531,10 @@ struct Program::State {
       vk::WriteDescriptorSet write(bound.set, k, 0, 1, bindings[k].descriptorType);
       const vk::DescriptorBufferInfo buffer(*buffers[r].buffer, 0, VK_WHOLE_SIZE);
       const vk::DescriptorImageInfo image({}, *images[r].all, vk::ImageLayout::eShaderReadOnlyOptimal);
-      if (bindings[k].descriptorType == vk::DescriptorType::eStorageBuffer) write.setBufferInfo(buffer);
-      else write.setImageInfo(image);
+      if (bindings[k].descriptorType == vk::DescriptorType::eStorageBuffer)
+        write.setBufferInfo(buffer);
+      else
+        write.setImageInfo(image);
       d.updateDescriptorSets(write, {});
     }
     return bound;
@@ -504,7 +544,8 @@ struct Program::State {
     std::vector<vk::SpecializationMapEntry> entries;
     const auto specialize = specialization_info(entries);
     vk::ComputePipelineCreateInfo info;
-    info.stage = vk::PipelineShaderStageCreateInfo({}, vk::ShaderStageFlagBits::eCompute, *shaders[static_cast<size_t>(shader)], "main", &specialize);
+    info.stage = vk::PipelineShaderStageCreateInfo({}, vk::ShaderStageFlagBits::eCompute,
+                                                   *shaders[static_cast<size_t>(shader)], "main", &specialize);
     info.layout = layout;
     objects.pipelines.emplace_back(vk_device(), nullptr, info);
     device->name(objects.pipelines.back(), bundle.shaders[static_cast<size_t>(shader)]->name);
@@ -520,7 +561,8 @@ struct Program::State {
     return Use::ComputeReadWrite;
   }
 
-  static void record_dispatch(const vk::raii::CommandBuffer& c, vk::Pipeline pipeline, const Bound& bound, std::array<int32_t, 4> push, int64_t elements) {
+  static void record_dispatch(const vk::raii::CommandBuffer& c, vk::Pipeline pipeline, const Bound& bound,
+                              std::array<int32_t, 4> push, int64_t elements) {
     constexpr int64_t kGroup = 64, kMaxGroups = 65535;
     const int64_t groups = (elements + kGroup - 1) / kGroup;
     const int64_t x = std::min(groups, kMaxGroups), y = (groups + x - 1) / x;
@@ -547,7 +589,12 @@ struct Program::State {
     const Bound bound = bind_resources(resources, vk::ShaderStageFlagBits::eCompute);
     const vk::Pipeline pipeline = compute_pipeline(c.compute, bound.layout);
     const int64_t elements = evaluate(c.elements, "pass '" + c.label + "'");
-    p.record = [=, push = push_of(c)](const vk::raii::CommandBuffer& commands) { record_dispatch(commands, pipeline, bound, push, elements); };
+    // Invocations are counted in an int, and the last row of workgroups may be partly idle.
+    if (elements > kMaxElements - (int64_t{1} << 23))
+      throw Failure{"pass '" + c.label + "' has " + std::to_string(elements) + " invocations, about 2^31 is the most"};
+    p.record = [=, push = push_of(c)](const vk::raii::CommandBuffer& commands) {
+      record_dispatch(commands, pipeline, bound, push, elements);
+    };
     out.push_back(std::move(p));
   }
 
@@ -571,7 +618,9 @@ struct Program::State {
       const Bound bound = bind_resources(resources, vk::ShaderStageFlagBits::eCompute);
       const vk::Pipeline pipeline = compute_pipeline(stage == 0 ? c.compute : c.next, bound.layout);
       const std::array<int32_t, 4> push{0, static_cast<int32_t>(n), static_cast<int32_t>(partials), 0};
-      p.record = [=](const vk::raii::CommandBuffer& commands) { record_dispatch(commands, pipeline, bound, push, outs * partials); };
+      p.record = [=](const vk::raii::CommandBuffer& commands) {
+        record_dispatch(commands, pipeline, bound, push, outs * partials);
+      };
       out.push_back(std::move(p));
       if (partials == 1) return;
       n = partials;
@@ -597,15 +646,18 @@ struct Program::State {
     std::vector<uint32_t> targets = c.colors;
     for (uint32_t color : c.colors) {
       colors.emplace_back(static_cast<uint32_t>(attachments.size()), vk::ImageLayout::eColorAttachmentOptimal);
-      attachments.emplace_back(vk::AttachmentDescriptionFlags{}, format_of(*bundle.resources[color]->type), vk::SampleCountFlagBits::e1, vk::AttachmentLoadOp::eClear,
-                               vk::AttachmentStoreOp::eStore, vk::AttachmentLoadOp::eDontCare, vk::AttachmentStoreOp::eDontCare,
+      attachments.emplace_back(vk::AttachmentDescriptionFlags{}, format_of(*bundle.resources[color]->type),
+                               vk::SampleCountFlagBits::e1, vk::AttachmentLoadOp::eClear, vk::AttachmentStoreOp::eStore,
+                               vk::AttachmentLoadOp::eDontCare, vk::AttachmentStoreOp::eDontCare,
                                vk::ImageLayout::eUndefined, vk::ImageLayout::eShaderReadOnlyOptimal);
       p.accesses.push_back({color, Use::ColorWrite});
     }
-    const vk::AttachmentReference depth(static_cast<uint32_t>(attachments.size()), vk::ImageLayout::eDepthStencilAttachmentOptimal);
+    const vk::AttachmentReference depth(static_cast<uint32_t>(attachments.size()),
+                                        vk::ImageLayout::eDepthStencilAttachmentOptimal);
     if (c.depth >= 0) {
-      attachments.emplace_back(vk::AttachmentDescriptionFlags{}, vk::Format::eD32Sfloat, vk::SampleCountFlagBits::e1, vk::AttachmentLoadOp::eClear,
-                               vk::AttachmentStoreOp::eDontCare, vk::AttachmentLoadOp::eDontCare, vk::AttachmentStoreOp::eDontCare,
+      attachments.emplace_back(vk::AttachmentDescriptionFlags{}, vk::Format::eD32Sfloat, vk::SampleCountFlagBits::e1,
+                               vk::AttachmentLoadOp::eClear, vk::AttachmentStoreOp::eDontCare,
+                               vk::AttachmentLoadOp::eDontCare, vk::AttachmentStoreOp::eDontCare,
                                vk::ImageLayout::eUndefined, vk::ImageLayout::eDepthStencilAttachmentOptimal);
       targets.push_back(static_cast<uint32_t>(c.depth));
       p.accesses.push_back({static_cast<uint32_t>(c.depth), Use::DepthWrite});
@@ -614,15 +666,20 @@ struct Program::State {
     subpass.pipelineBindPoint = vk::PipelineBindPoint::eGraphics;
     subpass.setColorAttachments(colors);
     if (c.depth >= 0) subpass.pDepthStencilAttachment = &depth;
-    // The layout changes must come after earlier readers and before later ones; the barriers between commands meet these.
-    const auto attach = vk::PipelineStageFlagBits::eColorAttachmentOutput | vk::PipelineStageFlagBits::eEarlyFragmentTests | vk::PipelineStageFlagBits::eLateFragmentTests;
+    // The layout changes must come after earlier readers and before later ones; the barriers between commands meet
+    // these.
+    const auto attach = vk::PipelineStageFlagBits::eColorAttachmentOutput |
+                        vk::PipelineStageFlagBits::eEarlyFragmentTests | vk::PipelineStageFlagBits::eLateFragmentTests;
     const auto attach_access = vk::AccessFlagBits::eColorAttachmentRead | vk::AccessFlagBits::eColorAttachmentWrite |
-                               vk::AccessFlagBits::eDepthStencilAttachmentRead | vk::AccessFlagBits::eDepthStencilAttachmentWrite;
-    const auto readers = vk::PipelineStageFlagBits::eVertexShader | vk::PipelineStageFlagBits::eFragmentShader | vk::PipelineStageFlagBits::eComputeShader |
-                         vk::PipelineStageFlagBits::eTransfer;
+                               vk::AccessFlagBits::eDepthStencilAttachmentRead |
+                               vk::AccessFlagBits::eDepthStencilAttachmentWrite;
+    const auto readers = vk::PipelineStageFlagBits::eVertexShader | vk::PipelineStageFlagBits::eFragmentShader |
+                         vk::PipelineStageFlagBits::eComputeShader | vk::PipelineStageFlagBits::eTransfer;
     const vk::SubpassDependency dependencies[] = {
-        {VK_SUBPASS_EXTERNAL, 0, attach | readers, attach, vk::AccessFlagBits::eColorAttachmentWrite | vk::AccessFlagBits::eDepthStencilAttachmentWrite, attach_access},
-        {0, VK_SUBPASS_EXTERNAL, attach, readers | attach, vk::AccessFlagBits::eColorAttachmentWrite | vk::AccessFlagBits::eDepthStencilAttachmentWrite,
+        {VK_SUBPASS_EXTERNAL, 0, attach | readers, attach,
+         vk::AccessFlagBits::eColorAttachmentWrite | vk::AccessFlagBits::eDepthStencilAttachmentWrite, attach_access},
+        {0, VK_SUBPASS_EXTERNAL, attach, readers | attach,
+         vk::AccessFlagBits::eColorAttachmentWrite | vk::AccessFlagBits::eDepthStencilAttachmentWrite,
          vk::AccessFlagBits::eShaderRead | vk::AccessFlagBits::eTransferRead | attach_access}};
     vk::RenderPassCreateInfo pass_info;
     pass_info.setAttachments(attachments);
@@ -649,7 +706,8 @@ struct Program::State {
     depth_test.depthTestEnable = depth_test.depthWriteEnable = c.depth >= 0;
     depth_test.depthCompareOp = vk::CompareOp::eLess;
     vk::PipelineColorBlendAttachmentState no_blend;
-    no_blend.colorWriteMask = vk::ColorComponentFlagBits::eR | vk::ColorComponentFlagBits::eG | vk::ColorComponentFlagBits::eB | vk::ColorComponentFlagBits::eA;
+    no_blend.colorWriteMask = vk::ColorComponentFlagBits::eR | vk::ColorComponentFlagBits::eG |
+                              vk::ColorComponentFlagBits::eB | vk::ColorComponentFlagBits::eA;
     const std::vector<vk::PipelineColorBlendAttachmentState> blends(colors.size(), no_blend);
     vk::PipelineColorBlendStateCreateInfo blend;
     blend.setAttachments(blends);
@@ -672,7 +730,8 @@ struct Program::State {
     for (size_t l = 0; l < static_cast<size_t>(size.l); ++l) {
       std::vector<vk::ImageView> views;
       for (uint32_t t : targets) {
-        if (images[t].layers.size() != static_cast<size_t>(size.l) || images[t].size.w != size.w || images[t].size.h != size.h)
+        if (images[t].layers.size() != static_cast<size_t>(size.l) || images[t].size.w != size.w ||
+            images[t].size.h != size.h)
           throw Failure{what + " has an attachment of another extent"};
         views.push_back(*images[t].layers[l]);
       }
@@ -685,7 +744,8 @@ struct Program::State {
       framebuffers.push_back(*objects.framebuffers.back());
     }
     std::vector<vk::ClearValue> clears;
-    for (uint32_t bits : c.clear) clears.emplace_back(vk::ClearColorValue(std::array<uint32_t, 4>{bits, bits, bits, bits}));
+    for (uint32_t bits : c.clear)
+      clears.emplace_back(vk::ClearColorValue(std::array<uint32_t, 4>{bits, bits, bits, bits}));
     if (c.depth >= 0) clears.emplace_back(vk::ClearDepthStencilValue(1.0f, 0));
     const int64_t vertices = evaluate(c.elements, what);
     p.record = [=, push = push_of(c)](const vk::raii::CommandBuffer& commands) mutable {
@@ -707,7 +767,9 @@ struct Program::State {
   void add_fill(const bundle::CommandT& c, std::vector<Primitive>& out) {
     Primitive p{c.label, {{static_cast<uint32_t>(c.target), Use::TransferWrite}}, {}};
     const vk::Buffer target = *buffers[static_cast<size_t>(c.target)].buffer;
-    p.record = [target, value = c.value](const vk::raii::CommandBuffer& commands) { commands.fillBuffer(target, 0, VK_WHOLE_SIZE, value); };
+    p.record = [target, value = c.value](const vk::raii::CommandBuffer& commands) {
+      commands.fillBuffer(target, 0, VK_WHOLE_SIZE, value);
+    };
     out.push_back(std::move(p));
   }
 
@@ -716,12 +778,16 @@ struct Program::State {
     Primitive p{c.label, {{from, Use::TransferRead}, {to, Use::TransferWrite}}, {}};
     const vk::Buffer target = *buffers[to].buffer;
     if (bundle.resources[from]->storage == Storage::Image) {
-      if (bundle.resources[from]->type->rows == 3) throw Failure{"command '" + c.label + "' copies an image of three components"};
+      if (bundle.resources[from]->type->rows == 3)
+        throw Failure{"command '" + c.label + "' copies an image of three components"};
       p.record = [this, from, target](const vk::raii::CommandBuffer& commands) { copy_image(commands, from, target); };
     } else {
-      if (buffers[from].bytes != buffers[to].bytes) throw Failure{"command '" + c.label + "' copies between sizes that differ"};
+      if (buffers[from].bytes != buffers[to].bytes)
+        throw Failure{"command '" + c.label + "' copies between sizes that differ"};
       const vk::Buffer source = *buffers[from].buffer;
-      p.record = [=, bytes = buffers[from].bytes](const vk::raii::CommandBuffer& commands) { commands.copyBuffer(source, target, vk::BufferCopy(0, 0, bytes)); };
+      p.record = [=, bytes = buffers[from].bytes](const vk::raii::CommandBuffer& commands) {
+        commands.copyBuffer(source, target, vk::BufferCopy(0, 0, bytes));
+      };
     }
     out.push_back(std::move(p));
   }
@@ -740,14 +806,18 @@ struct Program::State {
     const std::vector<Barrier> barriers = plan_barriers(accesses);
     Recorded out;
     out.count = static_cast<int>(primitives.size());
-    out.commands = std::move(vk::raii::CommandBuffers(vk_device(), vk::CommandBufferAllocateInfo(*command_pool, vk::CommandBufferLevel::ePrimary, 1)).front());
+    out.commands =
+        std::move(vk::raii::CommandBuffers(
+                      vk_device(), vk::CommandBufferAllocateInfo(*command_pool, vk::CommandBufferLevel::ePrimary, 1))
+                      .front());
     out.commands.begin(vk::CommandBufferBeginInfo());
     everything_before(out.commands);
     for (size_t k = 0; k < primitives.size(); ++k) {
       const Barrier& b = barriers[k];
       if (b.from.stages != 0) {
         const vk::MemoryBarrier memory(vk::AccessFlags(b.from.access), vk::AccessFlags(b.to.access));
-        out.commands.pipelineBarrier(vk::PipelineStageFlags(b.from.stages), vk::PipelineStageFlags(b.to.stages), {}, memory, {}, {});
+        out.commands.pipelineBarrier(vk::PipelineStageFlags(b.from.stages), vk::PipelineStageFlags(b.to.stages), {},
+                                     memory, {}, {});
       }
       if (device->debug_names) {
         vk::DebugUtilsLabelEXT label;
@@ -801,6 +871,8 @@ auto guarded(F&& f) -> Result<decltype(f())> {
     return io::Error{"the device was lost while it ran a step"};
   } catch (const vk::SystemError& e) {
     return io::Error{std::string("Vulkan reports: ") + e.what()};
+  } catch (const std::bad_alloc&) {
+    return io::Error{"this machine has not enough memory for the program's data"};
   }
 }
 
@@ -834,6 +906,7 @@ Result<Program> Program::describe(std::span<const uint8_t> bytes) {
   if (const auto* problem = std::get_if<std::string>(&bundle)) return io::Error{*problem};
   Program program;
   program.state_->bundle = std::move(std::get<bundle::BundleT>(bundle));
+  program.state_->pending.resize(program.state_->bundle.leaves.size());
   return program;
 }
 
@@ -866,7 +939,15 @@ Result<void> Program::bind(const std::string& leaf, const io::Array& data) {
 }
 
 Result<void> Program::bind_symbol(const std::string& symbol, int64_t value) {
-  return guarded([&] { state_->set_symbol(symbol, value, "the symbol's own binding"); });
+  return guarded([&] {
+    const std::vector<std::string>& all = state_->bundle.symbols;
+    if (std::find(all.begin(), all.end(), symbol) == all.end()) {
+      std::string names;
+      for (const std::string& s : all) names += (names.empty() ? "" : ", ") + s;
+      throw Failure{"there is no symbol '" + symbol + "'; there are: " + names};
+    }
+    state_->set_symbol(symbol, value, "the symbol's own binding");
+  });
 }
 
 Result<void> Program::run(const std::string& step, int times) {

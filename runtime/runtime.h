@@ -7,7 +7,8 @@
 //   program->run("fit_shape", 100);
 //   auto alpha = program->output("fit_shape", "alpha");
 //
-// Every function that can fail on what the outside gives returns a Result with one sentence. Objects are not thread safe.
+// Every function that can fail on what the outside gives returns a Result with one sentence. Objects are not thread
+// safe.
 #pragma once
 
 #include <cstdint>
@@ -25,7 +26,8 @@ namespace dr::runtime {
 using io::Result;
 
 struct DeviceOptions {
-  // Part of the device's name, any case ("lavapipe" also finds Mesa's llvmpipe), or its number in list(); empty: the first.
+  // Part of the device's name, any case ("lavapipe" also finds Mesa's llvmpipe), or its number in list(); empty: the
+  // first.
   std::string name;
   // Core and synchronization validation, where the layer is installed; messages are kept, see validation_messages().
   bool validation = false;
@@ -75,7 +77,8 @@ class Program {
   std::vector<LeafInfo> leaves() const;
   bool is_input(const std::string& leaf) const;
 
-  // Gives a leaf its data; the first time this also gives values to the symbols of its extent, which later data must keep.
+  // Gives a leaf its data; the first time this also gives values to the symbols of its extent, which later data must
+  // keep.
   Result<void> bind(const std::string& leaf, const io::Array& data);
   // Gives a symbol its value where no leaf does.
   Result<void> bind_symbol(const std::string& symbol, int64_t value);

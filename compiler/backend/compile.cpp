@@ -17,7 +17,8 @@ PackOptions pack_options(const target::Profile& profile, const CompileOptions& o
   PackOptions out;
   out.fused = options.fused;
   out.fragment = options.lower == Lower::Fragment || (options.lower == Lower::Auto && profile.lower == "fragment");
-  out.hardware_raster = options.raster == RasterLower::Hardware || (options.raster == RasterLower::Auto && profile.raster == "hardware");
+  out.hardware_raster =
+      options.raster == RasterLower::Hardware || (options.raster == RasterLower::Auto && profile.raster == "hardware");
   return out;
 }
 
@@ -27,20 +28,21 @@ namespace {
 std::optional<std::string> over_limit(const bundle::BundleT& bundle, const target::Profile& profile) {
   for (const auto& step : bundle.steps)
     for (const auto& c : step->commands) {
-      const auto buffers = static_cast<uint32_t>(std::count_if(c->bindings.begin(), c->bindings.end(), [&](const auto& b) {
-        return bundle.resources[b->resource]->storage == bundle::Storage::Buffer;
-      }));
+      const auto buffers =
+          static_cast<uint32_t>(std::count_if(c->bindings.begin(), c->bindings.end(), [&](const auto& b) {
+            return bundle.resources[b->resource]->storage == bundle::Storage::Buffer;
+          }));
       if (buffers > profile.max_per_stage_descriptor_storage_buffers)
-        return "pass '" + c->label + "' binds " + std::to_string(buffers) + " storage buffers, profile '" + profile.name + "' allows " +
-               std::to_string(profile.max_per_stage_descriptor_storage_buffers);
+        return "pass '" + c->label + "' binds " + std::to_string(buffers) + " storage buffers, profile '" +
+               profile.name + "' allows " + std::to_string(profile.max_per_stage_descriptor_storage_buffers);
       const bool fragment = c->fragment >= 0;
       if (fragment && buffers + c->colors.size() > profile.max_fragment_combined_output_resources)
-        return "pass '" + c->label + "' binds " + std::to_string(buffers) + " storage buffers and " + std::to_string(c->colors.size()) +
-               " colour attachments in a fragment shader, profile '" + profile.name + "' allows " +
-               std::to_string(profile.max_fragment_combined_output_resources) + " together";
+        return "pass '" + c->label + "' binds " + std::to_string(buffers) + " storage buffers and " +
+               std::to_string(c->colors.size()) + " colour attachments in a fragment shader, profile '" + profile.name +
+               "' allows " + std::to_string(profile.max_fragment_combined_output_resources) + " together";
       if (c->colors.size() > profile.max_color_attachments)
-        return "pass '" + c->label + "' writes " + std::to_string(c->colors.size()) + " colour attachments, profile '" + profile.name +
-               "' allows " + std::to_string(profile.max_color_attachments);
+        return "pass '" + c->label + "' writes " + std::to_string(c->colors.size()) + " colour attachments, profile '" +
+               profile.name + "' allows " + std::to_string(profile.max_color_attachments);
     }
   return std::nullopt;
 }
@@ -58,7 +60,8 @@ std::string numbered(const std::string& source) {
 
 }  // namespace
 
-std::variant<Compiled, std::string> compile(const ir::Graph& graph, const target::Profile& profile, const CompileOptions& options) {
+std::variant<Compiled, std::string> compile(const ir::Graph& graph, const target::Profile& profile,
+                                            const CompileOptions& options) {
   Compiled out;
   out.schedule = pack(graph, profile, pack_options(profile, options));
   if (const auto problems = check_schedule(graph, out.schedule, profile); !problems.empty()) {
@@ -90,7 +93,8 @@ std::variant<Compiled, std::string> compile(const ir::Graph& graph, const target
   bool wide = false;
   for (size_t k = 0; k < modules.size(); ++k) {
     if (const auto* problem = std::get_if<std::string>(&modules[k]))
-      DR_ICE("generated shader '" + out.glsl[k].name + "' is refused: " + *problem + "\n" + numbered(out.glsl[k].source));
+      DR_ICE("generated shader '" + out.glsl[k].name + "' is refused: " + *problem + "\n" +
+             numbered(out.glsl[k].source));
     auto shader = std::make_unique<bundle::ShaderT>();
     shader->name = out.glsl[k].name;
     shader->stage = out.glsl[k].stage;

@@ -35,7 +35,8 @@ struct Compiled {
 };
 
 // `graph` has no Grad ops. The error is a limit of the profile that cannot be met, in one sentence.
-std::variant<Compiled, std::string> compile(const ir::Graph& graph, const target::Profile& profile, const CompileOptions& options);
+std::variant<Compiled, std::string> compile(const ir::Graph& graph, const target::Profile& profile,
+                                            const CompileOptions& options);
 
 PackOptions pack_options(const target::Profile& profile, const CompileOptions& options);
 

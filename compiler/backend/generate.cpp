@@ -94,15 +94,18 @@ void Generator::step(const StepSchedule& schedule) {
     }
   std::vector<const ir::Op*> rasters;
   for (ir::OpId id : graph_.region(graph_.root()).ops)
-    if (graph_.op(id).kind == OpKind::Raster && schedule.stored.count(graph_.op(id).results[0]) != 0) rasters.push_back(&graph_.op(id));
+    if (graph_.op(id).kind == OpKind::Raster && schedule.stored.count(graph_.op(id).results[0]) != 0)
+      rasters.push_back(&graph_.op(id));
   for (const ir::Op* op : rasters) {
     auto results = std::make_unique<bundle::RasterResultsT>();
     for (ValueId v : op->results) results->resources.push_back(resource_index(v));
     out_->rasters.push_back(std::move(results));
   }
   // Leaves change when the step ends: what else reads an old leaf then gets a copy of it first.
+  // An output stays what its step saw, also when another step changes the leaf before it is read.
   std::set<uint32_t> changing;
-  for (const auto& [leaf, value] : schedule.updates) changing.insert(leaf);
+  for (const StepSchedule& any : schedule_.steps)
+    for (const auto& [leaf, value] : any.updates) changing.insert(leaf);
   std::map<uint32_t, uint32_t> snapshots;
   auto source = [&](ValueId value) {
     const uint32_t index = resource_index(value);
@@ -167,8 +170,8 @@ void Generator::fill(const std::string& label, uint32_t target, uint32_t value) 
   c.value = value;
 }
 
-bundle::CommandT& Generator::dispatch(const Pass& pass, const std::string& suffix, Shader& s, const std::string& elements,
-                                      std::vector<int> push) {
+bundle::CommandT& Generator::dispatch(const Pass& pass, const std::string& suffix, Shader& s,
+                                      const std::string& elements, std::vector<int> push) {
   auto& c = command(bundle::CommandKind::Dispatch, pass.name + suffix);
   c.compute = add_shader(pass.name + suffix, bundle::Stage::Compute, s.finish(compute_layout()));
   c.bindings = s.take_bindings();
@@ -185,7 +188,8 @@ void Generator::linear_index(Shader& s, const std::string& elements) {
 
 void Generator::place_from_index(Shader& s, const Extent& e) {
   const std::string w = dim_expression(e.w), h = dim_expression(e.h);
-  s.body().line("ivec3 at = ivec3(index % " + w + ", (index / " + w + ") % " + h + ", index / (" + w + " * " + h + "));");
+  s.body().line("ivec3 at = ivec3(index % " + w + ", (index / " + w + ") % " + h + ", index / (" + w + " * " + h +
+                "));");
 }
 
 void Generator::map_pass(const Pass& pass) {
@@ -199,7 +203,8 @@ void Generator::map_pass(const Pass& pass) {
 
 void Generator::fragment_pass(const Pass& pass) {
   Shader vertex = shader();
-  vertex.body().line("gl_Position = vec4(gl_VertexIndex == 1 ? 3.0 : -1.0, gl_VertexIndex == 2 ? 3.0 : -1.0, 0.5, 1.0);");
+  vertex.body().line(
+      "gl_Position = vec4(gl_VertexIndex == 1 ? 3.0 : -1.0, gl_VertexIndex == 2 ? 3.0 : -1.0, 0.5, 1.0);");
   Shader s = shader();
   s.body().line("ivec3 at = ivec3(ivec2(gl_FragCoord.xy), pc.layer);");
   s.element_ops(pass.ops);
@@ -232,20 +237,14 @@ void Generator::reduce_pass(const Pass& pass) {
   const Extent& from = resource(source).extent;
   const Dim* const axes[] = {&from.w, &from.h, &from.l};
   Dim outs = 1, count = 1;
-  for (size_t a = 0; a < 3; ++a) (op.attrs.ints[a] != 0 ? count : outs) = (op.attrs.ints[a] != 0 ? count : outs) * *axes[a];
+  for (size_t a = 0; a < 3; ++a)
+    (op.attrs.ints[a] != 0 ? count : outs) = (op.attrs.ints[a] != 0 ? count : outs) * *axes[a];
   const int n = type.components();
 
   // Folds up to 64 inputs in groups of eight: a fixed tree, whatever the lowering.
   auto fold = [&](Shader& s, const std::string& read, const std::string& target_name) {
     const bool sum = op.kind == OpKind::ReduceSum;
-    std::string first = glsl::zero(type);
-    if (!sum) {
-      const bool least = op.kind == OpKind::ReduceMin;
-      const std::string limit = type.is_float()                        ? (least ? "uintBitsToFloat(0x7f800000u)" : "uintBitsToFloat(0xff800000u)")
-                                : type.scalar == ir::Scalar::Int ? (least ? "2147483647" : "(-2147483647 - 1)")
-                                                                       : (least ? "4294967295u" : "0u");
-      first = type.is_scalar() ? limit : type.str() + "(" + limit + ")";
-    }
+    const std::string first = sum ? glsl::zero(type) : glsl::limit(type, op.kind == OpKind::ReduceMin);
     auto combine = [&](const std::string& into, const std::string& what) {
       if (sum) {
         s.body().line(into + " = " + into + " + " + what + ";");
@@ -253,7 +252,8 @@ void Generator::reduce_pass(const Pass& pass) {
       }
       for (int c = 0; c < n; ++c) {
         const std::string part = type.is_scalar() ? "" : "[" + std::to_string(c) + "]";
-        s.body().line("if (" + what + part + (op.kind == OpKind::ReduceMin ? " < " : " > ") + into + part + ") " + into + part + " = " + what + part + ";");
+        s.body().line("if (" + what + part + (op.kind == OpKind::ReduceMin ? " < " : " > ") + into + part + ") " +
+                      into + part + " = " + what + part + ";");
       }
     };
     s.body().line(type.str() + " total = " + first + ";");

@@ -14,7 +14,8 @@ namespace dr::backend {
 // Fills the bundle's symbols, leaves, resources and steps, and gives the GLSL of its shaders.
 class Generator {
  public:
-  Generator(const ir::Graph& graph, const Schedule& schedule, const target::Profile& profile) : graph_(graph), schedule_(schedule), profile_(profile) {}
+  Generator(const ir::Graph& graph, const Schedule& schedule, const target::Profile& profile)
+      : graph_(graph), schedule_(schedule), profile_(profile) {}
   void process(bundle::BundleT& bundle, std::vector<GlslShader>& shaders);
 
  private:
@@ -37,8 +38,8 @@ class Generator {
   int add_shader(const std::string& name, bundle::Stage stage, std::string source);
   uint32_t add_scratch(const std::string& name, const std::string& words);
   bundle::CommandT& command(bundle::CommandKind kind, const std::string& label);
-  bundle::CommandT& dispatch(const Pass& pass, const std::string& suffix, glsl::Shader& shader, const std::string& elements,
-                             std::vector<int> push = {0, 0, 0});
+  bundle::CommandT& dispatch(const Pass& pass, const std::string& suffix, glsl::Shader& shader,
+                             const std::string& elements, std::vector<int> push = {0, 0, 0});
   void fill(const std::string& label, uint32_t target, uint32_t value);
   uint32_t resource_index(ir::ValueId value) const { return step_->stored.at(value).index; }
   const Resource& resource(ir::ValueId value) const { return schedule_.resources[resource_index(value)]; }

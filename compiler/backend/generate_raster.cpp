@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Raster passes: draws that propose and a fragment shader that decides, peeled K times; or compute shaders that loop over
-// each face's box. All keep exactly the pixels whose centre `keep` accepts, ordered by (key, face).
+// Raster passes: draws that propose and a fragment shader that decides, peeled K times; or compute shaders that loop
+// over each face's box. All keep exactly the pixels whose centre `keep` accepts, ordered by (key, face).
 #include "compiler/backend/generate.h"
 
 namespace dr::backend {
@@ -16,7 +16,7 @@ namespace {
 enum RegionIndex : size_t { kDepth, kKeep, kTag };
 
 struct Parts {
-  size_t count;          // K
+  size_t count;  // K
   std::vector<ValueId> fields, corners;
   ValueId cull;
   Dim w, h, l, faces;
@@ -28,7 +28,8 @@ Parts parts_of(const ir::Op& op) {
   p.count = static_cast<size_t>(op.attrs.ints[0]);
   const auto fields = static_cast<size_t>(op.attrs.ints[1]), corners = static_cast<size_t>(op.attrs.ints[2]);
   p.fields.assign(op.operands.begin(), op.operands.begin() + static_cast<ptrdiff_t>(fields));
-  p.corners.assign(op.operands.begin() + static_cast<ptrdiff_t>(fields), op.operands.begin() + static_cast<ptrdiff_t>(fields + corners));
+  p.corners.assign(op.operands.begin() + static_cast<ptrdiff_t>(fields),
+                   op.operands.begin() + static_cast<ptrdiff_t>(fields + corners));
   p.cull = op.operands.back();
   p.w = op.attrs.dims[0];
   p.h = op.attrs.dims[1];
@@ -42,8 +43,8 @@ bool dr_is_nan(float x) { return (floatBitsToUint(x) & 0x7fffffffu) > 0x7f800000
 bool dr_is_nan(vec2 x) { return dr_is_nan(x.x) || dr_is_nan(x.y); }
 )";
 
-// Corners moved outwards by a pixel, because devices snap corners to a grid of 1/16 to 1/256 of a pixel. Where that would make a
-// long spike, or coordinates are huge, the triangle that covers the box around the hull proposes instead.
+// Corners moved outwards by a pixel, because devices snap corners to a grid of 1/16 to 1/256 of a pixel. Where that
+// would make a long spike, or coordinates are huge, the triangle that covers the box around the hull proposes instead.
 constexpr const char* kGrow = R"(
 vec2 grown_corner(vec2 a, vec2 b, vec2 c, int k, vec2 size) {
   vec2 low = clamp(min(a, min(b, c)), vec2(-2.0), size + 2.0) - 1.0;
@@ -70,8 +71,10 @@ vec2 grown_corner(vec2 a, vec2 b, vec2 c, int k, vec2 size) {
 
 void Generator::raster_pass(const Pass& pass) {
   const ir::Op& op = graph_.op(pass.ops.back());
-  if (pass.hardware) raster_hardware(pass, op);
-  else raster_compute(pass, op);
+  if (pass.hardware)
+    raster_hardware(pass, op);
+  else
+    raster_compute(pass, op);
 }
 
 namespace {
@@ -85,13 +88,15 @@ class Closures {
   // A value of the record; `place` names the face and layer.
   std::string record(ValueId value, const std::string& place) {
     const ir::Op& def = graph_.op(graph_.value(value).op);
-    return def.kind == ir::OpKind::Const ? glsl::literal(graph_.value(value).type, def.attrs.floats) : shader_.load(value, place);
+    return def.kind == ir::OpKind::Const ? glsl::literal(graph_.value(value).type, def.attrs.floats)
+                                         : shader_.load(value, place);
   }
   // Loads the fields once, for all three closures.
   void load_fields(const std::string& place) {
     for (size_t k = 0; k < parts_.fields.size(); ++k) {
       const std::string name = shader_.unique("field");
-      shader_.body().line(graph_.value(parts_.fields[k]).type.str() + " " + name + " = " + record(parts_.fields[k], place) + ";");
+      shader_.body().line(graph_.value(parts_.fields[k]).type.str() + " " + name + " = " +
+                          record(parts_.fields[k], place) + ";");
       fields_.push_back(name);
     }
   }
@@ -136,7 +141,8 @@ void Generator::raster_hardware(const Pass& pass, const ir::Op& op) {
   };
   const uint32_t depth = add_image(pass.name + "_depth", bundle::Storage::Depth, ir::kFloat);
   std::vector<uint32_t> keys;
-  for (size_t k = 0; k < parts.count; ++k) keys.push_back(add_image(pass.name + "_key_" + std::to_string(k), bundle::Storage::Image, ir::kUint));
+  for (size_t k = 0; k < parts.count; ++k)
+    keys.push_back(add_image(pass.name + "_key_" + std::to_string(k), bundle::Storage::Image, ir::kUint));
 
   for (size_t k = 0; k < parts.count; ++k) {
     // Both stages bind one set: what the vertex stage reads comes first in both.
@@ -164,7 +170,8 @@ void Generator::raster_hardware(const Pass& pass, const ir::Op& op) {
       v.body().line("dropped = dropped || dr_is_nan(" + name + ");");
     }
     v.body().line("int first = 3 * (triangle % " + std::to_string(triangles) + ");");
-    v.body().line("vec2 p = grown_corner(corners[first], corners[first + 1], corners[first + 2], gl_VertexIndex % 3, size);");
+    v.body().line(
+        "vec2 p = grown_corner(corners[first], corners[first + 1], corners[first + 2], gl_VertexIndex % 3, size);");
     v.body().line("if (dropped) p = vec2(-4.0) * size;");
     v.body().line("out_face = face;");
     v.body().line("gl_Position = vec4(p / size * 2.0 - 1.0, 0.5, 1.0);");
@@ -172,7 +179,9 @@ void Generator::raster_hardware(const Pass& pass, const ir::Op& op) {
     Shader f = shader();
     f.prelude(kIsNan);
     f.declare("layout(location = 0) flat in int in_face;\n");
-    f.declare("layout(location = 0) out int out_face;\nlayout(location = 1) out int out_tag;\nlayout(location = 2) out uint out_key;\n");
+    f.declare(
+        "layout(location = 0) out int out_face;\nlayout(location = 1) out int out_tag;\nlayout(location = 2) out uint "
+        "out_key;\n");
     bind_corners(f);
     Closures closures(f, graph_, pass, op);
     f.body().line("int face = in_face;");
@@ -188,7 +197,8 @@ void Generator::raster_hardware(const Pass& pass, const ir::Op& op) {
       const std::string face = f.bind(step_->stored.at(op.results[2 * (k - 1)]), bundle::Access::Read);
       f.body().line("uint previous_key_here = texelFetch(" + key + ", at, 0).x;");
       f.body().line("int previous_face_here = texelFetch(" + face + ", at, 0).x;");
-      f.body().line("if (key < previous_key_here || (key == previous_key_here && face <= previous_face_here)) discard;");
+      f.body().line(
+          "if (key < previous_key_here || (key == previous_key_here && face <= previous_face_here)) discard;");
     }
     f.body().line("out_face = face;");
     f.body().line("out_tag = " + closures.closure(kTag) + " & 15;");
@@ -201,7 +211,8 @@ void Generator::raster_hardware(const Pass& pass, const ir::Op& op) {
     c.fragment = add_shader(name, bundle::Stage::Fragment, f.finish(""));
     c.bindings = f.take_bindings();
     const auto own = v.take_bindings();
-    for (size_t b = 0; b < own.size(); ++b) DR_ASSERT(b < c.bindings.size() && own[b]->resource == c.bindings[b]->resource);
+    for (size_t b = 0; b < own.size(); ++b)
+      DR_ASSERT(b < c.bindings.size() && own[b]->resource == c.bindings[b]->resource);
     c.elements = (parts.faces * Dim(static_cast<int64_t>(parts.corners.size()))).str();
     c.extent = bundle_extent(parts.extent());
     c.colors = {resource_index(op.results[2 * k]), resource_index(op.results[2 * k + 1]), keys[k]};
@@ -260,8 +271,10 @@ void Generator::raster_compute(const Pass& pass, const ir::Op& op) {
   s.body().line("int pixel = (at.z * " + h + " + at.y) * " + w + " + at.x;");
   const std::string key_words = s.bind_words(keys, wide ? "slots" : "keys", bundle::Access::ReadWrite, word);
   if (wide) {
-    s.body().line("uint64_t entry = (uint64_t(key) << 36) | (uint64_t(uint(face)) << 4) | uint64_t(" + closures.closure(kTag) + " & 15);");
-    // Each slot keeps the smaller entry and hands the other on, so that the K smallest end up sorted whatever the order.
+    s.body().line("uint64_t entry = (uint64_t(key) << 36) | (uint64_t(uint(face)) << 4) | uint64_t(" +
+                  closures.closure(kTag) + " & 15);");
+    // Each slot keeps the smaller entry and hands the other on, so that the K smallest end up sorted whatever the
+    // order.
     s.body().line("for (int k = 0; k < " + std::to_string(parts.count) + "; ++k) {");
     s.body().line("uint64_t old = atomicMin(" + key_words + ".d[k * " + n + " + pixel], entry);");
     s.body().line("entry = max(old, entry);");
@@ -272,7 +285,8 @@ void Generator::raster_compute(const Pass& pass, const ir::Op& op) {
     s.body().line("int slot = pc.a * " + n + " + pixel;");
     s.body().line("if (pc.a > 0) {");
     s.body().line("uint before = " + key_words + ".d[slot - " + n + "];");
-    s.body().line("if (key < before || (key == before && uint(face) <= " + id_words + ".d[slot - " + n + "])) continue;");
+    s.body().line("if (key < before || (key == before && uint(face) <= " + id_words + ".d[slot - " + n +
+                  "])) continue;");
     s.body().line("}");
     s.body().line("if (pc.b == 0) atomicMin(" + key_words + ".d[slot], key);");
     s.body().line("else if (" + key_words + ".d[slot] == key) atomicMin(" + id_words + ".d[slot], uint(face));");
@@ -299,7 +313,8 @@ void Generator::raster_compute(const Pass& pass, const ir::Op& op) {
       const std::string rank = std::to_string(k);
       r.body().line("uint64_t entry_" + rank + " = " + in_keys + ".d[" + rank + " * " + n + " + index];");
       r.body().line("bool none_" + rank + " = entry_" + rank + " == 0xfffffffffffffffful;");
-      r.store(op.results[2 * k], "at", "(none_" + rank + " ? -1 : int(uint((entry_" + rank + " >> 4) & 0xfffffffful)))");
+      r.store(op.results[2 * k], "at",
+              "(none_" + rank + " ? -1 : int(uint((entry_" + rank + " >> 4) & 0xfffffffful)))");
       r.store(op.results[2 * k + 1], "at", "(none_" + rank + " ? 0 : int(entry_" + rank + " & 15ul))");
     }
   } else {

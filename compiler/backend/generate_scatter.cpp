@@ -17,7 +17,8 @@ using ir::ValueId;
 
 namespace {
 
-// Words 0 and 1 of an accumulator: bits of the largest magnitude, number of contributions; then (low, high) pairs.
+// Words 0 and 1 of an accumulator: bits of the largest finite magnitude, number of contributions; then for each
+// component (low, high, flags): flags 1 for a +Inf among the contributions, 2 for -Inf, 4 for NaN.
 constexpr const char* kFixedShift = R"(
 // Power of two that scales contributions below 2^(62 - log2(count)).
 int fixed_shift(uint largest, uint count) {
@@ -25,13 +26,24 @@ int fixed_shift(uint largest, uint count) {
   int bits = count <= 1u ? 0 : findMSB(count - 1u) + 1;
   return 62 - bits - exponent;
 }
+
+uint finite_magnitude(float value) {
+  uint magnitude = floatBitsToUint(value) & 0x7fffffffu;
+  return magnitude < 0x7f800000u ? magnitude : 0u;
+}
 )";
 
 std::string fixed_add(const std::string& name, const std::string& words) {
   return "void fixed_add_" + name + "(int word, float value, int shift) {\n" +
          "  uint bits = floatBitsToUint(value);\n"
          "  uint magnitude = bits & 0x7fffffffu;\n"
-         "  if (magnitude == 0u || magnitude >= 0x7f800000u) return;\n"
+         "  if (magnitude == 0u) return;\n"
+         "  if (magnitude >= 0x7f800000u) {\n"
+         "    atomicOr(" +
+         words +
+         ".d[word + 2], magnitude > 0x7f800000u ? 4u : (bits >> 31) != 0u ? 2u : 1u);\n"
+         "    return;\n"
+         "  }\n"
          "  uint mantissa = (magnitude & 0x7fffffu) | (magnitude >= 0x800000u ? 0x800000u : 0u);\n"
          "  int by = max(int(magnitude >> 23), 1) - 150 + shift;\n"
          "  uint low = 0u, high = 0u;\n"
@@ -40,8 +52,12 @@ std::string fixed_add(const std::string& name, const std::string& words) {
          "  else if (by == 0) { low = mantissa; }\n"
          "  else if (by >= -24) { low = (mantissa + (1u << (-by - 1))) >> -by; }\n"
          "  if ((bits >> 31) != 0u) { low = ~low + 1u; high = ~high + (low == 0u ? 1u : 0u); }\n"
-         "  uint old = atomicAdd(" + words + ".d[word], low);\n"
-         "  atomicAdd(" + words + ".d[word + 1], high + (old + low < old ? 1u : 0u));\n"
+         "  uint old = atomicAdd(" +
+         words +
+         ".d[word], low);\n"
+         "  atomicAdd(" +
+         words +
+         ".d[word + 1], high + (old + low < old ? 1u : 0u));\n"
          "}\n";
 }
 
@@ -74,7 +90,7 @@ void Generator::scatter_pass(const Pass& pass) {
     const int n = r.type.components();
     std::string body;
     if (r.type.is_float()) {
-      const ir::Dim words = element_count(r.extent) * ir::Dim(2 * n) + 2;
+      const ir::Dim words = element_count(r.extent) * ir::Dim(3 * n) + 2;
       t.words = add_scratch(r.name + "_sums", words.str());
       fill("clear " + r.name, t.words, 0);
       const std::string buffer = s.bind_words(t.words, "sums_" + id, bundle::Access::ReadWrite);
@@ -84,34 +100,39 @@ void Generator::scatter_pass(const Pass& pass) {
       s.body().line("if (pc.a == 1) shift_" + id + " = fixed_shift(" + buffer + ".d[0], " + buffer + ".d[1]);");
       body = "  if (pc.a == 0) {\n    ++count_" + id + ";\n";
       for (int c = 0; c < n; ++c)
-        body += "    largest_" + id + " = max(largest_" + id + ", floatBitsToUint(" + component(r.type, "value", c) + ") & 0x7fffffffu);\n";
+        body += "    largest_" + id + " = max(largest_" + id + ", finite_magnitude(" + component(r.type, "value", c) +
+                "));\n";
       body += "    return;\n  }\n";
       for (int c = 0; c < n; ++c)
-        body += "  fixed_add_" + id + "(2 + (element * " + std::to_string(n) + " + " + std::to_string(c) + ") * 2, " +
+        body += "  fixed_add_" + id + "(2 + (element * " + std::to_string(n) + " + " + std::to_string(c) + ") * 3, " +
                 component(r.type, "value", c) + ", shift_" + id + ");\n";
-      finish += "  if (pc.a == 0 && count_" + id + " != 0u) { atomicMax(" + buffer + ".d[0], largest_" + id + "); atomicAdd(" + buffer +
-                ".d[1], count_" + id + "); }\n";
+      finish += "  if (pc.a == 0 && count_" + id + " != 0u) { atomicMax(" + buffer + ".d[0], largest_" + id +
+                "); atomicAdd(" + buffer + ".d[1], count_" + id + "); }\n";
     } else {
       t.words = resource_index(value);
       const bool maximum = op.kind == OpKind::ScatterMax;
       fill("clear " + r.name, t.words, maximum ? 0x80000000u : 0u);
       const std::string buffer = s.bind(step_->stored.at(value), bundle::Access::ReadWrite);
+      body = "  if (pc.a == 0) return;\n";  // integers need no first run
       for (int c = 0; c < n; ++c)
-        body += std::string("  ") + (maximum ? "atomicMax(" : "atomicAdd(") + buffer + ".d[element * " + std::to_string(n) + " + " +
-                std::to_string(c) + "], " + component(r.type, "value", c) + ");\n";
+        body += std::string("  ") + (maximum ? "atomicMax(" : "atomicAdd(") + buffer + ".d[element * " +
+                std::to_string(n) + " + " + std::to_string(c) + "], " + component(r.type, "value", c) + ");\n";
     }
-    s.declare("void scatter_" + id + "(ivec3 place, " + r.type.str() + " value) {\n  if (!(" + Shader::in_range(r.extent, "place") +
+    s.declare("void scatter_" + id + "(ivec3 place, " + r.type.str() + " value) {\n  if (!(" +
+              Shader::in_range(r.extent, "place") +
               ")) return;\n  int element = " + Shader::element_index(r.extent, "place") + ";\n" + body + "}\n");
     s.accumulate_into(value, t.accumulator);
     targets.push_back(std::move(t));
   }
   s.element_ops(pass.ops);
   for (ValueId v : pass.writes)
-    if (std::none_of(targets.begin(), targets.end(), [&](const Target& t) { return t.value == v; })) s.store(v, "at", s.use(v));
+    if (std::none_of(targets.begin(), targets.end(), [&](const Target& t) { return t.value == v; }))
+      s.store(v, "at", s.use(v));
   s.body().line("finish();");
   s.declare("void finish() {\n" + finish + "}\n");
 
-  const bool floats = std::any_of(targets.begin(), targets.end(), [](const Target& t) { return t.accumulator.type.is_float(); });
+  const bool floats =
+      std::any_of(targets.begin(), targets.end(), [](const Target& t) { return t.accumulator.type.is_float(); });
   auto& magnitudes = dispatch(pass, "", s, element_count(pass.domain).str(), {floats ? 0 : 1, 0, 0});
   if (floats) {
     auto& sums = command(bundle::CommandKind::Dispatch, pass.name + " add");
@@ -165,9 +186,12 @@ float fixed_to_float(uint low, uint high, int shift) {
   return negative ? -value : value;
 }
 )");
-  s.body().line("uint largest = " + sums + ".d[0];");
-  s.body().line("float value = largest >= 0x7f800000u ? uintBitsToFloat(0x7fc00000u) : fixed_to_float(" + sums + ".d[2 + 2 * index], " + sums +
-                ".d[3 + 2 * index], fixed_shift(largest, " + sums + ".d[1]));");
+  s.body().line("int word = 2 + 3 * index;");
+  s.body().line("uint flags = " + sums + ".d[word + 2];");
+  s.body().line("float value = fixed_to_float(" + sums + ".d[word], " + sums + ".d[word + 1], fixed_shift(" + sums +
+                ".d[0], " + sums + ".d[1]));");
+  s.body().line(
+      "if (flags != 0u) value = uintBitsToFloat(flags == 1u ? 0x7f800000u : flags == 2u ? 0xff800000u : 0x7fc00000u);");
   s.body().line(out + ".d[index] = value;");
   dispatch(pass, "_resolve", s, count.str());
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Packing: which ops share a shader. Naive gives each op a pass. Fused gives ops of one extent and one level a pass, where
-// the level counts the passes that must have finished before (a raster, a reduction, a scatter, a value that is
+// Packing: which ops share a shader. Naive gives each op a pass. Fused gives ops of one extent and one level a pass,
+// where the level counts the passes that must have finished before (a raster, a reduction, a scatter, a value that is
 // read at other places or stretched), and splits a pass where a limit of the profile is hit. Small cones over leaves
 // and constants are recomputed where they are used instead of stored.
 #include <algorithm>
@@ -166,7 +166,9 @@ class StepPacker {
 
  private:
   const Op& def(ValueId v) const { return graph_.op(graph_.value(v).op); }
-  bool recomputable(ValueId v) const { return recompute_cost_[graph_.value(v).op.index] <= (options_.fused ? kRecomputeLimit : 0); }
+  bool recomputable(ValueId v) const {
+    return recompute_cost_[graph_.value(v).op.index] <= (options_.fused ? kRecomputeLimit : 0);
+  }
 
   void find_recomputable() {
     recompute_cost_.assign(graph_.op_count(), kNotCheap);
@@ -200,7 +202,8 @@ class StepPacker {
         const Op& from = def(v);
         if (is_memory(from) || recomputable(v)) continue;
         const int ready = level_[graph_.value(v).op.index];
-        const bool same_pass = options_.fused && map && pass_kind(from) == Pass::Kind::Map && graph_.value(v).extent == domain;
+        const bool same_pass =
+            options_.fused && map && pass_kind(from) == Pass::Kind::Map && graph_.value(v).extent == domain;
         level = std::max(level, ready + (same_pass ? 0 : 1));
       }
       for (ValueId v : uses_[id.index].elsewhere)
@@ -260,10 +263,13 @@ class StepPacker {
     r.type = info.type;
     r.extent = info.extent;
     r.step_index = op.kind == OpKind::StepIndex;
-    r.name = unique_name(r.step_index ? "step_index" : info.name.empty() ? std::string(ir::op_name(op.kind)) : info.name);
+    r.name = unique_name(r.step_index        ? "step_index"
+                         : info.name.empty() ? std::string(ir::op_name(op.kind))
+                                             : info.name);
     const bool image_like = !info.extent.h.is_one() && !info.type.is_matrix() && updated_.count(v) == 0;
     const Pass::Kind kind = pass_kind(op);
-    if ((kind == Pass::Kind::Map && !r.step_index && image_like && options_.fragment) || (kind == Pass::Kind::Raster && options_.hardware_raster))
+    if ((kind == Pass::Kind::Map && !r.step_index && image_like && options_.fragment) ||
+        (kind == Pass::Kind::Raster && options_.hardware_raster))
       r.storage = Resource::Storage::Image;
     resources_.push_back(r);
     out_.stored[v] = ResourceId{static_cast<uint32_t>(resources_.size() - 1)};
@@ -288,14 +294,18 @@ class StepPacker {
       for (ValueId v : uses_[id.index].elsewhere) reads.insert(v);
       for (ValueId v : uses_[id.index].at_element) {
         const OpId from = graph_.value(v).op;
-        if (is_memory(graph_.op(from))) reads.insert(v);
-        else if (group.count(from) != 0 || recomputable(v)) need(from);
-        else reads.insert(v);
+        if (is_memory(graph_.op(from)))
+          reads.insert(v);
+        else if (group.count(from) != 0 || recomputable(v))
+          need(from);
+        else
+          reads.insert(v);
       }
     };
     for (ValueId v : targets) need(graph_.value(v).op);
     pass.ops.assign(ops.begin(), ops.end());
-    std::sort(pass.ops.begin(), pass.ops.end(), [&](OpId a, OpId b) { return position_.at(a.index) < position_.at(b.index); });
+    std::sort(pass.ops.begin(), pass.ops.end(),
+              [&](OpId a, OpId b) { return position_.at(a.index) < position_.at(b.index); });
     pass.reads.assign(reads.begin(), reads.end());
     pass.writes = targets;
     std::sort(pass.writes.begin(), pass.writes.end());
@@ -307,11 +317,14 @@ class StepPacker {
       (resource(v).storage == Resource::Storage::Image ? images : buffers).insert(out_.stored.at(v).index);
     uint32_t written = 0;
     for (ValueId v : pass.writes) {
-      if (pass.hardware) ++written;
-      else buffers.insert(out_.stored.at(v).index);
+      if (pass.hardware)
+        ++written;
+      else
+        buffers.insert(out_.stored.at(v).index);
     }
     const uint32_t b = static_cast<uint32_t>(buffers.size()), i = static_cast<uint32_t>(images.size());
-    if (b > profile_.max_per_stage_descriptor_storage_buffers || i > profile_.max_per_stage_descriptor_sampled_images) return false;
+    if (b > profile_.max_per_stage_descriptor_storage_buffers || i > profile_.max_per_stage_descriptor_sampled_images)
+      return false;
     if (b + i + written > profile_.max_per_stage_resources) return false;
     if (!pass.hardware) return true;
     return written <= profile_.max_color_attachments && b + written <= profile_.max_fragment_combined_output_resources;
@@ -323,7 +336,8 @@ class StepPacker {
       std::vector<ValueId> targets;
       for (OpId id : group_ops)
         for (ValueId v : graph_.op(id).results)
-          if (stored_.count(v) != 0 && (resource(v).storage == Resource::Storage::Image) == hardware) targets.push_back(v);
+          if (stored_.count(v) != 0 && (resource(v).storage == Resource::Storage::Image) == hardware)
+            targets.push_back(v);
       // As many of them into one shader as the limits allow; a cone two of the shaders need is computed twice.
       size_t next = 0;
       while (next < targets.size()) {
@@ -372,8 +386,10 @@ class StepPacker {
         }
         const Extent domain = domain_of(graph_, op);
         auto group = std::find_if(groups.begin(), groups.end(), [&](const auto& g) { return g.first == domain; });
-        if (!options_.fused || group == groups.end()) groups.push_back({domain, {id}});
-        else group->second.push_back(id);
+        if (!options_.fused || group == groups.end())
+          groups.push_back({domain, {id}});
+        else
+          group->second.push_back(id);
       }
       for (const auto& [domain, members] : groups) add_map_passes(domain, members);
       for (OpId id : single) {

@@ -47,11 +47,15 @@ std::vector<std::string> check_schedule(const Graph& graph, const Schedule& sche
     std::set<ValueId> ready;
     auto is_ready = [&](ValueId v) { return ready.count(v) != 0 || is_memory(graph.op(graph.value(v).op)); };
     for (const Pass& pass : step.passes) {
-      auto report = [&](const std::string& what) { problems.push_back("step " + step.name + ", pass " + pass.name + ": " + what); };
+      auto report = [&](const std::string& what) {
+        problems.push_back("step " + step.name + ", pass " + pass.name + ": " + what);
+      };
       std::set<ValueId> here;
       for (ValueId v : pass.reads) {
-        if (step.stored.count(v) == 0) report("reads a value that is not stored");
-        else if (!is_ready(v)) report("reads '" + schedule.resources[step.stored.at(v).index].name + "' before it is written");
+        if (step.stored.count(v) == 0)
+          report("reads a value that is not stored");
+        else if (!is_ready(v))
+          report("reads '" + schedule.resources[step.stored.at(v).index].name + "' before it is written");
         here.insert(v);
       }
       for (OpId id : pass.ops) {
@@ -59,14 +63,16 @@ std::vector<std::string> check_schedule(const Graph& graph, const Schedule& sche
         std::set<ValueId> needs;
         captured_operands(graph, op, needs);
         for (ValueId v : needs)
-          if (here.count(v) == 0 && !(op.kind == OpKind::Raster && is_inline(graph.op(graph.value(v).op)))) report("op '" + std::string(ir::op_name(op.kind)) + "' lacks an operand");
+          if (here.count(v) == 0 && !(op.kind == OpKind::Raster && is_inline(graph.op(graph.value(v).op))))
+            report("op '" + std::string(ir::op_name(op.kind)) + "' lacks an operand");
         for (ValueId v : op.results) here.insert(v);
       }
       std::set<uint32_t> buffers, images;
       for (ValueId v : pass.reads) {
         auto it = step.stored.find(v);
         if (it == step.stored.end()) continue;
-        (schedule.resources[it->second.index].storage == Resource::Storage::Image ? images : buffers).insert(it->second.index);
+        (schedule.resources[it->second.index].storage == Resource::Storage::Image ? images : buffers)
+            .insert(it->second.index);
       }
       uint32_t colors = 0;
       for (ValueId v : pass.writes) {
@@ -76,8 +82,10 @@ std::vector<std::string> check_schedule(const Graph& graph, const Schedule& sche
           report("stores a value without a resource");
           continue;
         }
-        if (schedule.resources[it->second.index].storage == Resource::Storage::Image) ++colors;
-        else buffers.insert(it->second.index);
+        if (schedule.resources[it->second.index].storage == Resource::Storage::Image)
+          ++colors;
+        else
+          buffers.insert(it->second.index);
         if (!ready.insert(v).second && pass.kind != Pass::Kind::Map) report("stores a value twice");
       }
       if (pass.kind == Pass::Kind::Raster) continue;  // its draws and dispatches bind one result at a time
@@ -88,7 +96,8 @@ std::vector<std::string> check_schedule(const Graph& graph, const Schedule& sche
         report(std::to_string(images.size()) + " sampled images, device allows " +
                std::to_string(profile.max_per_stage_descriptor_sampled_images));
       if (colors > profile.max_color_attachments)
-        report(std::to_string(colors) + " colour attachments, device allows " + std::to_string(profile.max_color_attachments));
+        report(std::to_string(colors) + " colour attachments, device allows " +
+               std::to_string(profile.max_color_attachments));
       if (buffers.size() + images.size() + colors > profile.max_per_stage_resources)
         report(std::to_string(buffers.size() + images.size() + colors) + " resources, device allows " +
                std::to_string(profile.max_per_stage_resources));
@@ -97,7 +106,8 @@ std::vector<std::string> check_schedule(const Graph& graph, const Schedule& sche
                std::to_string(profile.max_fragment_combined_output_resources) + " in a fragment shader");
     }
     for (const auto& [name, v] : step.outputs)
-      if (step.stored.count(v) == 0 || !is_ready(v)) problems.push_back("step " + step.name + ": output '" + name + "' is never stored");
+      if (step.stored.count(v) == 0 || !is_ready(v))
+        problems.push_back("step " + step.name + ": output '" + name + "' is never stored");
     for (const auto& [leaf, v] : step.updates)
       if (step.stored.count(v) == 0 || !is_ready(v))
         problems.push_back("step " + step.name + ": the update of '" + graph.leaves[leaf].name + "' is never stored");
@@ -117,11 +127,15 @@ std::string print(const Graph& graph, const Schedule& schedule) {
     for (const auto& [v, id] : step.stored)
       if (declared.insert(id.index).second) {
         const Resource& r = schedule.resources[id.index];
-        out += std::string("  ") + (r.leaf >= 0 ? "leaf" : r.storage == Resource::Storage::Image ? "image" : "buffer") + " " + r.name + " : " +
-               r.type.str() + r.extent.str() + "\n";
+        out += std::string("  ") +
+               (r.leaf >= 0                             ? "leaf"
+                : r.storage == Resource::Storage::Image ? "image"
+                                                        : "buffer") +
+               " " + r.name + " : " + r.type.str() + r.extent.str() + "\n";
       }
     for (const Pass& pass : step.passes) {
-      out += "  pass " + pass.name + " " + kind_name(pass) + " " + (pass.domain.is_unit() ? "[1]" : pass.domain.str()) + "\n";
+      out += "  pass " + pass.name + " " + kind_name(pass) + " " + (pass.domain.is_unit() ? "[1]" : pass.domain.str()) +
+             "\n";
       out += "    reads";
       for (ValueId v : pass.reads) out += " " + resource_text(step, v);
       out += "\n    ops";
@@ -131,7 +145,8 @@ std::string print(const Graph& graph, const Schedule& schedule) {
       out += "\n";
     }
     for (const auto& [name, v] : step.outputs) out += "  output " + name + " = " + resource_text(step, v) + "\n";
-    for (const auto& [leaf, v] : step.updates) out += "  update " + graph.leaves[leaf].name + " <- " + resource_text(step, v) + "\n";
+    for (const auto& [leaf, v] : step.updates)
+      out += "  update " + graph.leaves[leaf].name + " <- " + resource_text(step, v) + "\n";
     out += "}\n";
   }
   return out;

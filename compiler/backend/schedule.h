@@ -47,7 +47,7 @@ struct Pass {
 struct StepSchedule {
   std::string name;
   std::vector<Pass> passes;
-  std::map<ir::ValueId, ResourceId> stored;       // every stored value of this step, leaves included
+  std::map<ir::ValueId, ResourceId> stored;  // every stored value of this step, leaves included
   std::vector<std::pair<std::string, ir::ValueId>> outputs;
   std::vector<std::pair<uint32_t, ir::ValueId>> updates;  // leaf index, value
 };
@@ -58,16 +58,17 @@ struct Schedule {
 };
 
 struct PackOptions {
-  bool fused = true;              // false: one op, one pass
-  bool fragment = false;          // maps over 2D extents as fragment passes that write images
-  bool hardware_raster = false;   // raster by draws
+  bool fused = true;             // false: one op, one pass
+  bool fragment = false;         // maps over 2D extents as fragment passes that write images
+  bool hardware_raster = false;  // raster by draws
 };
 
 Schedule pack(const ir::Graph& graph, const target::Profile& profile, const PackOptions& options);
 
-// Replays the schedule independently of the packer: every read was written before (or is a leaf), every op's operands are
-// at hand, every limit of the profile holds, outputs and updates are stored. One line a violation.
-std::vector<std::string> check_schedule(const ir::Graph& graph, const Schedule& schedule, const target::Profile& profile);
+// Replays the schedule independently of the packer: every read was written before (or is a leaf), every op's operands
+// are at hand, every limit of the profile holds, outputs and updates are stored. One line a violation.
+std::vector<std::string> check_schedule(const ir::Graph& graph, const Schedule& schedule,
+                                        const target::Profile& profile);
 
 std::string print(const ir::Graph& graph, const Schedule& schedule);
 

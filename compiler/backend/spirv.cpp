@@ -6,10 +6,10 @@
 #include <glslang/Public/ResourceLimits.h>
 #include <glslang/Public/ShaderLang.h>
 #include <glslang/SPIRV/GlslangToSpv.h>
-#include <spirv-tools/libspirv.hpp>
 
 #include <mutex>
 #include <set>
+#include <spirv-tools/libspirv.hpp>
 
 namespace dr::backend {
 
@@ -25,9 +25,20 @@ constexpr uint32_t kOpExtInstImport = 11, kOpDecorate = 71, kNoContraction = 42;
 
 bool is_float_arithmetic(uint32_t opcode) {
   switch (opcode) {
-    case 127:                                                        // OpFNegate
-    case 129: case 131: case 133: case 136: case 140: case 141:      // OpFAdd FSub FMul FDiv FRem FMod
-    case 142: case 143: case 144: case 145: case 146: case 147: case 148:  // vector, matrix products, OpOuterProduct, OpDot
+    case 127:  // OpFNegate
+    case 129:
+    case 131:
+    case 133:
+    case 136:
+    case 140:
+    case 141:  // OpFAdd FSub FMul FDiv FRem FMod
+    case 142:
+    case 143:
+    case 144:
+    case 145:
+    case 146:
+    case 147:
+    case 148:  // vector, matrix products, OpOuterProduct, OpDot
       return true;
     default: return false;
   }
@@ -51,7 +62,8 @@ std::vector<uint32_t> decorate_no_contraction(const std::vector<uint32_t>& modul
     if (decorated.count(id) == 0) extra.insert(extra.end(), {(3u << 16) | kOpDecorate, id, kNoContraction});
   std::vector<uint32_t> out = module;
   // A shader always has decorations (built-ins, bindings); new ones go before the first.
-  if (first_decoration != 0) out.insert(out.begin() + static_cast<ptrdiff_t>(first_decoration), extra.begin(), extra.end());
+  if (first_decoration != 0)
+    out.insert(out.begin() + static_cast<ptrdiff_t>(first_decoration), extra.begin(), extra.end());
   return out;
 }
 
@@ -59,7 +71,7 @@ std::variant<std::vector<uint32_t>, std::string> assemble(const GlslShader& shad
   initialize_glslang();
   const EShLanguage stage = shader.stage == bundle::Stage::Vertex     ? EShLangVertex
                             : shader.stage == bundle::Stage::Fragment ? EShLangFragment
-                                                                     : EShLangCompute;
+                                                                      : EShLangCompute;
   glslang::TShader text(stage);
   const char* source = shader.source.c_str();
   text.setStrings(&source, 1);
@@ -79,7 +91,9 @@ std::variant<std::vector<uint32_t>, std::string> assemble(const GlslShader& shad
 
   spvtools::SpirvTools tools(SPV_ENV_VULKAN_1_1);
   std::string problems;
-  tools.SetMessageConsumer([&](spv_message_level_t, const char*, const spv_position_t&, const char* message) { problems += std::string(message) + "\n"; });
+  tools.SetMessageConsumer([&](spv_message_level_t, const char*, const spv_position_t&, const char* message) {
+    problems += std::string(message) + "\n";
+  });
   if (!tools.Validate(module)) return "invalid SPIR-V: " + problems;
   return module;
 }

@@ -57,8 +57,8 @@ class Dim {
 
  private:
   explicit Dim(std::shared_ptr<const Node> node) : node_(std::move(node)) {}
-  int64_t constant_ = 0;               // the value when node_ is null
-  std::shared_ptr<const Node> node_;   // null: a constant. Shared because extents are copied with every value
+  int64_t constant_ = 0;              // the value when node_ is null
+  std::shared_ptr<const Node> node_;  // null: a constant. Shared because extents are copied with every value
 };
 
 // Width, height, layers.

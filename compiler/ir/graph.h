@@ -17,10 +17,10 @@
 //   Element   one yielded value: If takes the branch's; not allowed in Reduce
 //   Sum, Min, Max, ArgMin   one yielded value: Reduce folds it over the trips (0, +inf, -inf, begin-1 when empty)
 //   Scatter   two yielded values (index, value), or one that is itself an accumulation: the result is an image of the
-//             extent in attrs.dims[3 + 3k ..] (k = running number of Scatter results) that sums the values at the indices.
-//             Every element of the domain adds its term, and every trip. The branches of an If choose their form each for
-//             itself; one with nothing to add scatters zero to an index out of range.
-//             Inside an outer region such a result may only be yielded on as a Scatter; its ValueInfo::accumulation is set.
+//             extent in attrs.dims[3 + 3k ..] (k = running number of Scatter results) that sums the values at the
+//             indices. Every element of the domain adds its term, and every trip. The branches of an If choose their
+//             form each for itself; one with nothing to add scatters zero to an index out of range. Inside an outer
+//             region such a result may only be yielded on as a Scatter; its ValueInfo::accumulation is set.
 //
 // Floats are IEEE numbers; NaN and Inf propagate. An indexed read out of range is 0, a scatter out of range is
 // dropped. Integer division by zero is 0, shifts use the low five bits, conversions saturate: there is no
@@ -214,8 +214,8 @@ std::vector<bool> live_ops(const Graph& graph, std::span<const ValueId> roots);
 // Internal error: prints file, line and message to stderr and aborts. For broken invariants only.
 [[noreturn]] void internal_error(const char* file, int line, const std::string& message);
 #define DR_ICE(message) ::dr::ir::internal_error(__FILE__, __LINE__, (message))
-#define DR_ASSERT(condition) \
-  do {                       \
+#define DR_ASSERT(condition)                           \
+  do {                                                 \
     if (!(condition)) DR_ICE("violated: " #condition); \
   } while (false)
 

@@ -25,10 +25,10 @@ struct Type {
   bool is_float() const { return scalar == Scalar::Float; }
   bool is_integer() const { return scalar == Scalar::Int || scalar == Scalar::Uint; }
   bool is_bool() const { return scalar == Scalar::Bool; }
-  Type element() const { return {scalar, 1, 1}; }        // the scalar type
-  Type column() const { return {scalar, rows, 1}; }      // a matrix's column
+  Type element() const { return {scalar, 1, 1}; }    // the scalar type
+  Type column() const { return {scalar, rows, 1}; }  // a matrix's column
   Type with_scalar(Scalar s) const { return {s, rows, cols}; }
-  std::string str() const;                               // GLSL's name: "vec3", "ivec2", "mat4"
+  std::string str() const;  // GLSL's name: "vec3", "ivec2", "mat4"
   static std::optional<Type> parse(std::string_view name);
   friend bool operator==(const Type&, const Type&) = default;
 };

@@ -144,7 +144,7 @@ bool Elaborator::bind_params(const std::vector<dsl::Param>& params, const std::v
     } else {
       value = evaluate(*param.default_value);
     }
-    how.notes = {{param.name.span, "the parameter '" + param.name.text + "' is declared here"}};
+    how.notes = {{param.name.span, "'" + param.name.text + "' is declared here"}};
     how.subject = "'" + param.name.text + "'";
     if (contains_error(value)) {
       ok = false;

@@ -12,8 +12,9 @@
 //   results    = face 0, tag 0, .., face K-1, tag K-1     int[W, H, L]; -1 and 0 where there is none
 //
 // For pixel (x, y, l) the candidates are the faces that `cull` spares and whose `keep` holds at p = (x + 0.5, y + 0.5);
-// a face with a NaN among its corners has none, and any whose depth is NaN is dropped. They are ordered by (floor(clamp(depth, 0, 1) * (2^24 - 1)), face).
-// `keep` must imply that p lies in the hull of the corners (of either triangle): lowerings enumerate candidates by it.
+// a face with a NaN among its corners has none, and any whose depth is NaN is dropped. They are ordered by
+// (floor(clamp(depth, 0, 1) * (2^24 - 1)), face). `keep` must imply that p lies in the hull of the corners (of either
+// triangle): lowerings enumerate candidates by it.
 #include "compiler/ops/families.h"
 #include "compiler/ops/rules.h"
 

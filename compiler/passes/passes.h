@@ -18,8 +18,8 @@ std::vector<std::string> verify(const ir::Graph& graph);
 
 // Replace each Grad op by the ops that compute it, reverse mode.
 ir::Graph differentiate(const ir::Graph& graph);
-// Constant folding, common subexpressions, dead code, and algebra that changes no bit of any result but the sign of a zero
-// (listed in simplify_identities.cpp). Values that a Grad names as targets are left alone.
+// Constant folding, common subexpressions, dead code, and algebra that changes no bit of any result but the sign of a
+// zero (listed in simplify_identities.cpp). Values that a Grad names as targets are left alone.
 ir::Graph simplify(const ir::Graph& graph);
 
 struct Pass {

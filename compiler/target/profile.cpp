@@ -55,7 +55,11 @@ std::variant<Profile, std::string> parse_profile(std::string_view json, std::str
     constexpr bool boolean = std::is_same_v<T, bool>, text = std::is_same_v<T, std::string>;
     const bool fits = boolean ? it->is_boolean() : text ? it->is_string() : it->is_number_unsigned();
     if (!fits) {
-      if (problem.empty()) problem = where + "field '" + name + "' should be " + (boolean ? "true or false" : text ? "a string" : "a whole number");
+      if (problem.empty())
+        problem = where + "field '" + name + "' should be " +
+                  (boolean ? "true or false"
+                   : text  ? "a string"
+                           : "a whole number");
       return;
     }
     if constexpr (!boolean && !text) {
@@ -91,8 +95,10 @@ std::variant<Profile, std::string> parse_profile(std::string_view json, std::str
       const auto near = dsl::nearest_name(key, {known.begin(), known.end()});
       return where + "unknown field '" + key + "'" + (near ? "; did you mean '" + *near + "'?" : "");
     }
-  if (p.lower != "fragment" && p.lower != "compute") return where + "field 'lower' should be \"fragment\" or \"compute\", found \"" + p.lower + "\"";
-  if (p.raster != "hardware" && p.raster != "compute") return where + "field 'raster' should be \"hardware\" or \"compute\", found \"" + p.raster + "\"";
+  if (p.lower != "fragment" && p.lower != "compute")
+    return where + "field 'lower' should be \"fragment\" or \"compute\", found \"" + p.lower + "\"";
+  if (p.raster != "hardware" && p.raster != "compute")
+    return where + "field 'raster' should be \"hardware\" or \"compute\", found \"" + p.raster + "\"";
   return p;
 }
 

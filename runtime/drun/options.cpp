@@ -11,7 +11,8 @@ namespace {
 // "name=value"; the value may hold further '='.
 std::pair<std::string, std::string> split(const std::string& text, const char* option) {
   const size_t at = text.find('=');
-  if (at == 0 || at == std::string::npos) throw CLI::ValidationError(option, "expected name=value, found '" + text + "'");
+  if (at == 0 || at == std::string::npos)
+    throw CLI::ValidationError(option, "expected name=value, found '" + text + "'");
   return {text.substr(0, at), text.substr(at + 1)};
 }
 
@@ -22,17 +23,30 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
   app.set_version_flag("--version", "drun 0.1.0");
   std::vector<std::string> bindings, symbols, steps, meshes, defines;
   app.add_option("FILE", options.file, "a .dr program or a .drb bundle");
-  app.add_option("--bind,-b", bindings, "NAME=SOURCE: data of a leaf: mesh.obj:position, image.png, array.npy, =[1, 2, 3]");
+  app.add_option("--bind,-b", bindings,
+                 "NAME=SOURCE: data of a leaf: mesh.obj:position, image.png, array.npy, =[1, 2, 3]");
   app.add_option("--symbol,-s", symbols, "NAME=NUMBER: value of an extent symbol that no data gives");
-  app.add_option("--step", steps, "NAME[=TIMES]: step to run; several run one after another (default: the only one, once)");
+  app.add_option("--step", steps,
+                 "NAME[=TIMES]: step to run; several run one after another (default: the only one, once)");
   app.add_option("--out,-o", options.out, "folder for outputs, params and the log");
-  app.add_option("--mesh", meshes, "FILE=POSITION:FACE[:UV[:UV_FACE]]: write leaves or outputs as a .obj, .gltf or .glb file after the run");
-  app.add_option("--device,-d", options.device, "part of a device's name, its number, or 'reference' for the float64 evaluator");
-  app.add_option("--log-every", options.log_every, "read scalar outputs every so many runs of a step")->capture_default_str()->check(CLI::PositiveNumber);
+  app.add_option(
+      "--mesh", meshes,
+      "FILE=POSITION:FACE[:UV[:UV_FACE]]: write leaves or outputs as a .obj, .gltf or .glb file after the run");
+  app.add_option("--device,-d", options.device,
+                 "part of a device's name, its number, or 'reference' for the float64 evaluator");
+  app.add_option("--log-every", options.log_every, "read scalar outputs every so many runs of a step")
+      ->capture_default_str()
+      ->check(CLI::PositiveNumber);
   app.add_option("--profile", options.compile.profile, "device profile to compile for (default: the device's own)");
-  app.add_option("--lower", options.compile.lower, "where maps run")->capture_default_str()->check(CLI::IsMember({"auto", "fragment", "compute"}));
-  app.add_option("--raster", options.compile.raster, "how raster runs")->capture_default_str()->check(CLI::IsMember({"auto", "hardware", "compute"}));
-  app.add_option("--pack", options.compile.pack, "how ops share passes")->capture_default_str()->check(CLI::IsMember({"fused", "naive"}));
+  app.add_option("--lower", options.compile.lower, "where maps run")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"auto", "fragment", "compute"}));
+  app.add_option("--raster", options.compile.raster, "how raster runs")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"auto", "hardware", "compute"}));
+  app.add_option("--pack", options.compile.pack, "how ops share passes")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"fused", "naive"}));
   app.add_option("-D", defines, "NAME=VALUE: replace a const of the program");
   app.add_option("-I", options.compile.include_dirs, "folder to look for imported modules in");
   app.add_flag("--validate", options.validate, "run under the Vulkan validation layer and fail on its messages");

@@ -75,13 +75,14 @@ bool is_scalar(const Array& a) { return a.scalar_count() == 1; }
 // One line on stderr that is rewritten; silent when stderr is no terminal.
 class Progress {
  public:
-  Progress(std::string step, int total) : step_(std::move(step)), total_(total), terminal_(isatty(STDERR_FILENO) != 0) {}
+  Progress(std::string step, int total)
+      : step_(std::move(step)), total_(total), terminal_(isatty(STDERR_FILENO) != 0) {}
   void show(int done, const std::string& values) {
     if (!terminal_ || total_ < 2) return;
     const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
     const double rate = seconds > 0 ? done / seconds : 0;
-    std::fprintf(stderr, "\r\033[K%s %d/%d  %s  %.1f steps/s  %.0f s left", step_.c_str(), done, total_, values.c_str(), rate,
-                 rate > 0 ? (total_ - done) / rate : 0.0);
+    std::fprintf(stderr, "\r\033[K%s %d/%d  %s  %.1f steps/s  %.0f s left", step_.c_str(), done, total_, values.c_str(),
+                 rate, rate > 0 ? (total_ - done) / rate : 0.0);
     std::fflush(stderr);
   }
   ~Progress() {
@@ -97,7 +98,8 @@ class Progress {
 
 class Run {
  public:
-  Run(const Options& options, const Target& target, const runtime::Program& names) : options_(options), target_(target), names_(names) {}
+  Run(const Options& options, const Target& target, const runtime::Program& names)
+      : options_(options), target_(target), names_(names) {}
 
   void process() {
     choose_steps();
@@ -116,11 +118,13 @@ class Run {
     const std::vector<std::string> all = names_.steps();
     steps_ = options_.steps;
     if (steps_.empty()) {
-      if (all.size() != 1) throw Mistake{"the program has several steps: choose with --step NAME[=TIMES]; there are " + list(all)};
+      if (all.size() != 1)
+        throw Mistake{"the program has several steps: choose with --step NAME[=TIMES]; there are " + list(all)};
       steps_.emplace_back(all[0], 1);
     }
     for (const auto& [name, times] : steps_)
-      if (std::find(all.begin(), all.end(), name) == all.end()) throw Mistake{"there is no step '" + name + "'; there are " + list(all)};
+      if (std::find(all.begin(), all.end(), name) == all.end())
+        throw Mistake{"there is no step '" + name + "'; there are " + list(all)};
   }
 
   static std::string list(const std::vector<std::string>& names) {
@@ -133,7 +137,8 @@ class Run {
     for (const auto& [name, value] : options_.symbols) {
       int64_t number = 0;
       const auto [end, error] = std::from_chars(value.data(), value.data() + value.size(), number);
-      if (error != std::errc{} || end != value.data() + value.size()) throw Mistake{"symbol '" + name + "': expected a whole number, found '" + value + "'"};
+      if (error != std::errc{} || end != value.data() + value.size())
+        throw Mistake{"symbol '" + name + "': expected a whole number, found '" + value + "'"};
       must(target_.bind_symbol(name, number));
     }
     for (const auto& [name, source] : options_.bindings) {
@@ -183,18 +188,28 @@ class Run {
   void write_results() {
     if (!options_.out.empty()) {
       const std::filesystem::path out = options_.out;
+      // A name that several steps give, or that a leaf has too, is told apart by its step.
+      std::map<std::string, int> uses;
+      for (const auto& leaf : names_.leaves())
+        if (changed(leaf.name)) ++uses[leaf.name];
+      for (const std::string& step : ran_)
+        for (const std::string& name : names_.outputs(step)) ++uses[name];
       for (const std::string& step : ran_)
         for (const std::string& name : names_.outputs(step)) {
           const Array a = must(target_.output(step, name));
           if (is_scalar(a)) continue;
-          must(io::save_array((out / (name + ".npy")).string(), a));
-          const bool picture = a.height > 1 && (a.components == 1 || a.components >= 3) && a.components <= 4 && a.kind == io::ElementKind::Float32;
+          const std::string stem = uses[name] > 1 ? step + "." + name : name;
+          must(io::save_array((out / (stem + ".npy")).string(), a));
+          const bool picture = a.height > 1 && (a.components == 1 || a.components >= 3) && a.components <= 4 &&
+                               a.kind == io::ElementKind::Float32;
           if (!picture) continue;
           // The array is saved; a picture that cannot be (NaN) must not cost what comes after it.
-          if (auto saved = io::save_array((out / (name + ".png")).string(), a); !saved) std::fprintf(stderr, "drun: warning: %s\n", saved.error().c_str());
+          if (auto saved = io::save_array((out / (stem + ".png")).string(), a); !saved)
+            std::fprintf(stderr, "drun: warning: %s\n", saved.error().c_str());
         }
       for (const auto& leaf : names_.leaves())
-        if (changed(leaf.name)) must(io::save_array((out / (leaf.name + ".npy")).string(), must(target_.leaf(leaf.name))));
+        if (changed(leaf.name))
+          must(io::save_array((out / (leaf.name + ".npy")).string(), must(target_.leaf(leaf.name))));
       write_text((out / "log.jsonl").string(), log_);
     }
     for (const auto& [file, what] : options_.meshes) write_mesh(file, what);
@@ -208,7 +223,11 @@ class Run {
     std::ofstream file(temporary, std::ios::binary);
     file << text;
     file.close();
-    if (!file) throw Mistake{"cannot write '" + path + "'"};
+    if (!file) {
+      std::error_code ignored;
+      std::filesystem::remove(temporary, ignored);
+      throw Mistake{"cannot write '" + path + "'"};
+    }
     std::filesystem::rename(temporary, path);
   }
 
@@ -223,18 +242,23 @@ class Run {
     std::vector<std::string> parts;
     std::stringstream text(what);
     for (std::string part; std::getline(text, part, ':');) parts.push_back(part);
-    if (parts.size() < 2 || parts.size() > 4) throw Mistake{"--mesh " + file + ": expected POSITION:FACE[:UV[:UV_FACE]], found '" + what + "'"};
+    if (parts.size() < 2 || parts.size() > 4)
+      throw Mistake{"--mesh " + file + ": expected POSITION:FACE[:UV[:UV_FACE]], found '" + what + "'"};
     const Array positions = named(parts[0]), faces = named(parts[1]);
-    if (positions.components != 3 || positions.kind != io::ElementKind::Float32) throw Mistake{"--mesh " + file + ": '" + parts[0] + "' is not made of vec3"};
-    if (faces.components != 3 || faces.kind != io::ElementKind::Int32) throw Mistake{"--mesh " + file + ": '" + parts[1] + "' is not made of ivec3"};
+    if (positions.components != 3 || positions.kind != io::ElementKind::Float32)
+      throw Mistake{"--mesh " + file + ": '" + parts[0] + "' is not made of vec3"};
+    if (faces.components != 3 || faces.kind != io::ElementKind::Int32)
+      throw Mistake{"--mesh " + file + ": '" + parts[1] + "' is not made of ivec3"};
     std::optional<Array> uv, uv_faces;
     if (parts.size() == 4) {
       uv_faces = named(parts[3]);
-      if (uv_faces->components != 3 || uv_faces->kind != io::ElementKind::Int32) throw Mistake{"--mesh " + file + ": '" + parts[3] + "' is not made of ivec3"};
+      if (uv_faces->components != 3 || uv_faces->kind != io::ElementKind::Int32)
+        throw Mistake{"--mesh " + file + ": '" + parts[3] + "' is not made of ivec3"};
     }
     if (parts.size() >= 3) {
       uv = named(parts[2]);
-      if (uv->components != 2 || uv->kind != io::ElementKind::Float32) throw Mistake{"--mesh " + file + ": '" + parts[2] + "' is not made of vec2"};
+      if (uv->components != 2 || uv->kind != io::ElementKind::Float32)
+        throw Mistake{"--mesh " + file + ": '" + parts[2] + "' is not made of vec2"};
     }
     io::MeshView view{.positions = positions.as<float>(), .indices = faces.as<int32_t>()};
     if (uv) view.uv = uv->as<float>();
@@ -255,7 +279,8 @@ class Run {
 int list_devices() {
   const auto devices = must(runtime::Device::list());
   for (size_t k = 0; k < devices.size(); ++k)
-    std::printf("%zu: %s (%s, Vulkan %s)\n", k, devices[k].name.c_str(), devices[k].kind.c_str(), devices[k].api_version.c_str());
+    std::printf("%zu: %s (%s, Vulkan %s)\n", k, devices[k].name.c_str(), devices[k].kind.c_str(),
+                devices[k].api_version.c_str());
   return 0;
 }
 
@@ -296,7 +321,9 @@ int run(const Options& options) {
     return 0;
   } catch (const Mistake& mistake) {
     if (!mistake.message.empty()) std::fprintf(stderr, "drun: error: %s\n", mistake.message.c_str());
-  } catch (const std::filesystem::filesystem_error& e) {
+  } catch (const std::bad_alloc&) {
+    std::fprintf(stderr, "drun: error: this machine has not enough memory for the program's data\n");
+  } catch (const std::exception& e) {
     std::fprintf(stderr, "drun: error: %s\n", e.what());
   }
   return 1;

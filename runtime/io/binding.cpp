@@ -126,7 +126,8 @@ Array load(std::string_view text, int expected_components) {
     const auto bytes = read_file(source.path);
     return parse_literal({reinterpret_cast<const char*>(bytes.data()), bytes.size()}, expected_components);
   }
-  constexpr std::string_view kExtensions[] = {".obj", ".gltf", ".glb", ".png", ".jpg", ".jpeg", ".hdr", ".npy", ".json"};
+  constexpr std::string_view kExtensions[] = {".obj",  ".gltf", ".glb", ".png", ".jpg",
+                                              ".jpeg", ".hdr",  ".npy", ".json"};
   fail(extension.empty() ? std::string("there is no extension") : cat("unknown extension ", in_quotes(extension)),
        did_you_mean(extension, kExtensions),
        ", expected a .obj, .gltf, .glb, .png, .jpg, .hdr, .npy or .json file or a number or list after '='");

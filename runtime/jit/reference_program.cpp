@@ -58,20 +58,25 @@ io::Result<void> ReferenceProgram::bind(const std::string& name, const io::Array
   if (!index) return io::Error{"there is no leaf '" + name + "'"};
   const ir::Type type = state_->graph.leaves[*index].type;
   if (type.components() != data.components)
-    return io::Error{"leaf '" + name + "' has " + std::to_string(type.components()) + " components an element, the data has " + std::to_string(data.components)};
+    return io::Error{"leaf '" + name + "' has " + std::to_string(type.components()) +
+                     " components an element, the data has " + std::to_string(data.components)};
   if (auto problem = state_->session.bind(name, to_image(data, type))) return io::Error{*problem};
   return {};
 }
 
 io::Result<void> ReferenceProgram::bind_symbol(const std::string& symbol, int64_t value) {
+  if (value < 1 || value >= int64_t{1} << 31)
+    return io::Error{"symbol '" + symbol + "' is " + std::to_string(value) + ", which is not between 1 and 2^31"};
   if (auto problem = state_->session.bind_symbol(symbol, value)) return io::Error{*problem};
   return {};
 }
 
 io::Result<void> ReferenceProgram::run(const std::string& step, int times) {
   reference::Options options;
-  if (const auto it = state_->frozen.find(step); it != state_->frozen.end()) options.frozen = &it->second;
-  else options.record = &state_->recorded[step];
+  if (const auto it = state_->frozen.find(step); it != state_->frozen.end())
+    options.frozen = &it->second;
+  else
+    options.record = &state_->recorded[step];
   for (int k = 0; k < times; ++k) {
     if (options.record) options.record->rasters.clear();
     auto result = state_->session.run(step, options);

@@ -9,10 +9,18 @@ namespace dr::runtime {
 namespace {
 
 // Values of the Vulkan specification, so that this file needs no Vulkan.
-constexpr uint32_t kVertexStage = 0x8, kFragmentStage = 0x80, kEarlyTests = 0x100, kLateTests = 0x200, kColorStage = 0x400, kComputeStage = 0x800,
-                   kTransferStage = 0x1000;
-constexpr uint32_t kShaderRead = 0x20, kShaderWrite = 0x40, kColorRead = 0x80, kColorWrite = 0x100, kDepthRead = 0x200, kDepthWrite = 0x400,
-                   kTransferRead = 0x800, kTransferWrite = 0x1000;
+constexpr uint32_t kVertexStage = 0x8, kFragmentStage = 0x80, kEarlyTests = 0x100, kLateTests = 0x200,
+                   kColorStage = 0x400, kComputeStage = 0x800, kTransferStage = 0x1000;
+constexpr uint32_t kShaderRead = 0x20, kShaderWrite = 0x40, kColorRead = 0x80, kColorWrite = 0x100, kDepthRead = 0x200,
+                   kDepthWrite = 0x400, kTransferRead = 0x800, kTransferWrite = 0x1000;
+// Whether `test` holds for each bit; all are visited while it does.
+template <class F>
+bool all_stages(uint32_t stages, F&& test) {
+  for (uint32_t bit = 1; bit != 0 && bit <= stages; bit <<= 1)
+    if ((stages & bit) != 0 && !test(bit)) return false;
+  return true;
+}
+
 constexpr uint32_t kWriteAccess = kShaderWrite | kColorWrite | kDepthWrite | kTransferWrite;
 
 }  // namespace
@@ -35,11 +43,12 @@ bool writes(Use use) { return (scope_of(use).access & kWriteAccess) != 0; }
 
 std::vector<Barrier> plan_barriers(std::span<const std::vector<Access>> commands) {
   // Barriers are global memory barriers: one makes every write of its source stages available. What remains
-  // uncovered of a resource is its last write and the reads since, each until a barrier that reaches the same destination.
+  // uncovered of a resource is its last write and the reads since, each until a barrier that reaches the same
+  // destination.
   struct State {
-    Scope write;             // last write; stages 0: none
-    Scope seen;              // stages and accesses that the write has been made visible to
-    uint32_t readers = 0;    // stages that read since that write
+    Scope write;                        // last write; stages 0: none
+    std::map<uint32_t, uint32_t> seen;  // stage bit -> accesses that the write has been made visible to there
+    uint32_t readers = 0;               // stages that read since that write
   };
   std::map<uint32_t, State> states;
   std::vector<Barrier> out;
@@ -48,7 +57,10 @@ std::vector<Barrier> plan_barriers(std::span<const std::vector<Access>> commands
     for (const Access& a : accesses) {
       State& s = states[a.resource];
       const Scope need = scope_of(a.use);
-      const bool visible = (need.stages & ~s.seen.stages) == 0 && (need.access & ~s.seen.access) == 0;
+      const bool visible = all_stages(need.stages, [&](uint32_t stage) {
+        const auto it = s.seen.find(stage);
+        return it != s.seen.end() && (need.access & ~it->second) == 0;
+      });
       if (s.write.stages != 0 && !visible) {
         barrier.from.stages |= s.write.stages;
         barrier.from.access |= s.write.access & kWriteAccess;
@@ -64,16 +76,21 @@ std::vector<Barrier> plan_barriers(std::span<const std::vector<Access>> commands
     if (barrier.from.stages != 0)
       for (auto& [resource, s] : states) {
         // The barrier covers every write whose stages and access it names.
-        if ((s.write.stages & ~barrier.from.stages) == 0 && (s.write.access & kWriteAccess & ~barrier.from.access) == 0) {
-          s.seen.stages |= barrier.to.stages;
-          s.seen.access |= barrier.to.access;
+        if ((s.write.stages & ~barrier.from.stages) == 0 &&
+            (s.write.access & kWriteAccess & ~barrier.from.access) == 0) {
+          all_stages(barrier.to.stages, [&](uint32_t stage) {
+            s.seen[stage] |= barrier.to.access;
+            return true;
+          });
         }
       }
     for (const Access& a : accesses) {
       State& s = states[a.resource];
       const Scope scope = scope_of(a.use);
-      if (writes(a.use)) s = {scope, {}, 0};
-      else s.readers |= scope.stages;
+      if (writes(a.use))
+        s = {scope, {}, 0};
+      else
+        s.readers |= scope.stages;
     }
     out.push_back(barrier);
   }

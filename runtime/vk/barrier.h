@@ -13,9 +13,9 @@ enum class Use : uint8_t {
   ComputeRead,
   ComputeWrite,
   ComputeReadWrite,
-  GraphicsRead,    // by vertex and fragment shaders
-  ColorWrite,      // colour attachment, cleared first
-  DepthWrite,      // depth attachment, cleared first, tested and written
+  GraphicsRead,  // by vertex and fragment shaders
+  ColorWrite,    // colour attachment, cleared first
+  DepthWrite,    // depth attachment, cleared first, tested and written
   TransferRead,
   TransferWrite,
 };

@@ -33,13 +33,15 @@ void make_instance(DeviceState& state, bool validation) {
   std::vector<const char*> layers, extensions;
   const auto have = state.context.enumerateInstanceLayerProperties();
   auto has_layer = [&](const char* name) {
-    return std::any_of(have.begin(), have.end(), [&](const auto& l) { return std::string_view(l.layerName.data()) == name; });
+    return std::any_of(have.begin(), have.end(),
+                       [&](const auto& l) { return std::string_view(l.layerName.data()) == name; });
   };
   const vk::ValidationFeatureEnableEXT enabled[] = {vk::ValidationFeatureEnableEXT::eSynchronizationValidation};
   vk::ValidationFeaturesEXT features;
   features.setEnabledValidationFeatures(enabled);
   if (validation) {
-    if (!has_layer(kValidationLayer)) throw Failure{"the Vulkan validation layer is not installed (Debian: vulkan-validationlayers)"};
+    if (!has_layer(kValidationLayer))
+      throw Failure{"the Vulkan validation layer is not installed (Debian: vulkan-validationlayers)"};
     layers.push_back(kValidationLayer);
     extensions.push_back(VK_EXT_DEBUG_UTILS_EXTENSION_NAME);
     info.pNext = &features;
@@ -50,7 +52,8 @@ void make_instance(DeviceState& state, bool validation) {
   state.instance = vk::raii::Instance(state.context, info);
   if (validation) {
     vk::DebugUtilsMessengerCreateInfoEXT messenger;
-    messenger.messageSeverity = vk::DebugUtilsMessageSeverityFlagBitsEXT::eError | vk::DebugUtilsMessageSeverityFlagBitsEXT::eWarning;
+    messenger.messageSeverity =
+        vk::DebugUtilsMessageSeverityFlagBitsEXT::eError | vk::DebugUtilsMessageSeverityFlagBitsEXT::eWarning;
     messenger.messageType = vk::DebugUtilsMessageTypeFlagBitsEXT::eValidation;
     messenger.pfnUserCallback = on_message;
     messenger.pUserData = &state;
@@ -59,7 +62,8 @@ void make_instance(DeviceState& state, bool validation) {
 }
 
 std::string version_text(uint32_t v) {
-  return std::to_string(VK_API_VERSION_MAJOR(v)) + "." + std::to_string(VK_API_VERSION_MINOR(v)) + "." + std::to_string(VK_API_VERSION_PATCH(v));
+  return std::to_string(VK_API_VERSION_MAJOR(v)) + "." + std::to_string(VK_API_VERSION_MINOR(v)) + "." +
+         std::to_string(VK_API_VERSION_PATCH(v));
 }
 
 DeviceInfo describe(const vk::PhysicalDeviceProperties& p) {
@@ -85,7 +89,8 @@ bool matches(const DeviceInfo& info, size_t number, const std::string& wanted) {
 
 }  // namespace
 
-uint32_t DeviceState::memory_type(uint32_t allowed, vk::MemoryPropertyFlags wanted, vk::MemoryPropertyFlags preferred) const {
+uint32_t DeviceState::memory_type(uint32_t allowed, vk::MemoryPropertyFlags wanted,
+                                  vk::MemoryPropertyFlags preferred) const {
   for (const vk::MemoryPropertyFlags flags : {wanted | preferred, wanted})
     for (uint32_t t = 0; t < memory.memoryTypeCount; ++t)
       if ((allowed & (1u << t)) != 0 && (memory.memoryTypes[t].propertyFlags & flags) == flags) return t;
@@ -105,28 +110,33 @@ std::shared_ptr<DeviceState> open_device(const DeviceOptions& options) {
     state->physical = std::move(devices[k]);
     found = true;
   }
-  if (!found) throw Failure{names.empty() ? "there is no Vulkan device" : "no Vulkan device matches '" + options.name + "'; there are: " + names};
+  if (!found)
+    throw Failure{names.empty() ? "there is no Vulkan device"
+                                : "no Vulkan device matches '" + options.name + "'; there are: " + names};
   state->properties = state->physical.getProperties();
   state->memory = state->physical.getMemoryProperties();
   if (state->properties.apiVersion < VK_API_VERSION_1_1)
-    throw Failure{"device '" + std::string(state->properties.deviceName.data()) + "' has Vulkan " + version_text(state->properties.apiVersion) +
-                  ", 1.1 is needed"};
+    throw Failure{"device '" + std::string(state->properties.deviceName.data()) + "' has Vulkan " +
+                  version_text(state->properties.apiVersion) + ", 1.1 is needed"};
   const auto families = state->physical.getQueueFamilyProperties();
   const auto wanted = vk::QueueFlagBits::eGraphics | vk::QueueFlagBits::eCompute;
-  const auto family = std::find_if(families.begin(), families.end(), [&](const auto& f) { return (f.queueFlags & wanted) == wanted; });
+  const auto family =
+      std::find_if(families.begin(), families.end(), [&](const auto& f) { return (f.queueFlags & wanted) == wanted; });
   if (family == families.end()) throw Failure{"the device has no queue for graphics and compute"};
   state->family = static_cast<uint32_t>(family - families.begin());
 
   std::vector<const char*> extensions;
   const auto offered = state->physical.enumerateDeviceExtensionProperties();
   auto has_extension = [&](const char* name) {
-    return std::any_of(offered.begin(), offered.end(), [&](const auto& e) { return std::string_view(e.extensionName.data()) == name; });
+    return std::any_of(offered.begin(), offered.end(),
+                       [&](const auto& e) { return std::string_view(e.extensionName.data()) == name; });
   };
   vk::PhysicalDeviceFeatures2 features;
   vk::PhysicalDeviceShaderAtomicInt64Features atomics;
   const bool atomics_known = has_extension(VK_KHR_SHADER_ATOMIC_INT64_EXTENSION_NAME);
   if (atomics_known) features.pNext = &atomics;
-  auto get = reinterpret_cast<PFN_vkGetPhysicalDeviceFeatures2>(state->instance.getProcAddr("vkGetPhysicalDeviceFeatures2"));
+  auto get =
+      reinterpret_cast<PFN_vkGetPhysicalDeviceFeatures2>(state->instance.getProcAddr("vkGetPhysicalDeviceFeatures2"));
   get(*state->physical, reinterpret_cast<VkPhysicalDeviceFeatures2*>(&features));
   state->int64 = features.features.shaderInt64 != 0;
   state->int64_atomics = state->int64 && atomics_known && atomics.shaderBufferInt64Atomics != 0;

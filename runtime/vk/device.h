@@ -6,7 +6,6 @@
 #include <mutex>
 #include <string>
 #include <vector>
-
 #include <vulkan/vulkan_raii.hpp>
 
 #include "runtime/runtime.h"

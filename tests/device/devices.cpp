@@ -10,7 +10,8 @@
 namespace dr::test {
 
 std::vector<NamedDevice> devices() {
-  const std::pair<const char*, const char*> known[] = {{"lavapipe", "DR_LAVAPIPE_ICD"}, {"swiftshader", "DR_SWIFTSHADER_ICD"}};
+  const std::pair<const char*, const char*> known[] = {{"lavapipe", "DR_LAVAPIPE_ICD"},
+                                                       {"swiftshader", "DR_SWIFTSHADER_ICD"}};
   std::vector<NamedDevice> out;
   for (const auto& [name, variable] : known) {
     const char* icd = std::getenv(variable);

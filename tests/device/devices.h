@@ -14,8 +14,8 @@ struct NamedDevice {
   runtime::Device device;
 };
 
-// The devices that the environment names (DR_LAVAPIPE_ICD, DR_SWIFTSHADER_ICD), opened under validation. Where CI is set in the
-// environment both must be there; elsewhere a missing one is told on stdout.
+// The devices that the environment names (DR_LAVAPIPE_ICD, DR_SWIFTSHADER_ICD), opened under validation. Where CI is
+// set in the environment both must be there; elsewhere a missing one is told on stdout.
 std::vector<NamedDevice> devices();
 
 }  // namespace dr::test

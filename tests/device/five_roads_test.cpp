@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// One program on every road: the evaluator, and on each device fragment passes with hardware raster, and compute passes with
-// compute raster, fused and naive. Lowerings on one device must agree bit for bit; the device must agree with the evaluator that is
-// given the device's faces and tags.
+// One program on every road: the evaluator, and on each device fragment passes with hardware raster, and compute passes
+// with compute raster, fused and naive. Lowerings on one device must agree bit for bit; the device must agree with the
+// evaluator that is given the device's faces and tags.
 #include <cmath>
 #include <cstdio>
 #include <cstring>
@@ -33,7 +33,9 @@ std::string write_program() {
   std::stringstream text;
   text << file.rdbuf();
   const auto path = std::filesystem::path(DR_BUILD_DIR) / "five_roads.dr";
-  std::ofstream(path) << text.str() << "\nstep probe {\n  output alpha, picture, total, gradient = grad(total, position), gain_gradient = grad(photo_loss, gain);\n}\n";
+  std::ofstream(path) << text.str()
+                      << "\nstep probe {\n  output alpha, picture, total, gradient = grad(total, position), "
+                         "gain_gradient = grad(photo_loss, gain);\n}\n";
   return path.string();
 }
 
@@ -73,9 +75,9 @@ void bind_inputs(P& program) {
 const char* const kOutputs[] = {"alpha", "picture", "total", "gradient", "gain_gradient"};
 
 struct Answer {
-  std::map<std::string, Array> outputs;      // of the probe
-  std::map<std::string, Array> after;        // leaves and outputs after the fitting steps
-  std::vector<std::vector<Array>> rasters;   // of the probe
+  std::map<std::string, Array> outputs;     // of the probe
+  std::map<std::string, Array> after;       // leaves and outputs after the fitting steps
+  std::vector<std::vector<Array>> rasters;  // of the probe
 };
 
 template <class P>
@@ -99,7 +101,8 @@ double max_difference(const Array& a, const Array& b) {
   const auto x = a.to_doubles(), y = b.to_doubles();
   REQUIRE(x.size() == y.size());
   double most = 0;
-  for (size_t k = 0; k < x.size(); ++k) most = std::max(most, std::isnan(x[k] - y[k]) ? INFINITY : std::fabs(x[k] - y[k]));
+  for (size_t k = 0; k < x.size(); ++k)
+    most = std::max(most, std::isnan(x[k] - y[k]) ? INFINITY : std::fabs(x[k] - y[k]));
   return most;
 }
 
@@ -170,7 +173,8 @@ TEST_CASE("one program gives one answer on every road") {
         }
         REQUIRE(answer.rasters.size() == first->rasters.size());
         for (size_t r = 0; r < answer.rasters.size(); ++r)
-          for (size_t k = 0; k < answer.rasters[r].size(); ++k) CHECK(same_bits(answer.rasters[r][k], first->rasters[r][k]));
+          for (size_t k = 0; k < answer.rasters[r].size(); ++k)
+            CHECK(same_bits(answer.rasters[r][k], first->rasters[r][k]));
         continue;
       }
 
@@ -182,7 +186,8 @@ TEST_CASE("one program gives one answer on every road") {
       const double alpha = max_difference(answer.outputs.at("alpha"), must(frozen.output("probe", "alpha")));
       const double picture = max_difference(answer.outputs.at("picture"), must(frozen.output("probe", "picture")));
       const double gradient = relative_l2(answer.outputs.at("gradient"), must(frozen.output("probe", "gradient")));
-      const double gain = relative_l2(answer.outputs.at("gain_gradient"), must(frozen.output("probe", "gain_gradient")));
+      const double gain =
+          relative_l2(answer.outputs.at("gain_gradient"), must(frozen.output("probe", "gain_gradient")));
       CHECK(alpha <= kImageTolerance);
       CHECK(picture <= kImageTolerance);
       CHECK(gradient <= kGradientTolerance);
@@ -199,9 +204,12 @@ TEST_CASE("one program gives one answer on every road") {
             tags += f[i] == ft[i] && t[i] != tt[i];
           }
         }
-      std::printf("%-12s against the evaluator: alpha %.2g, picture %.2g, gradient %.2g, gain gradient %.2g; of %zu entries %.3g%% have another face, %.3g%% another tag\n",
-                  name.c_str(), alpha, picture, gradient, gain, pixels, 100.0 * static_cast<double>(faces) / static_cast<double>(pixels),
-                  100.0 * static_cast<double>(tags) / static_cast<double>(pixels));
+      std::printf(
+          "%-12s against the evaluator: alpha %.2g, picture %.2g, gradient %.2g, gain gradient %.2g; of %zu entries "
+          "%.3g%% have another face, %.3g%% another tag\n",
+          name.c_str(), alpha, picture, gradient, gain, pixels,
+          100.0 * static_cast<double>(faces) / static_cast<double>(pixels),
+          100.0 * static_cast<double>(tags) / static_cast<double>(pixels));
       // A discrete choice may fall otherwise where rounding decides, and only there.
       CHECK(faces + tags < pixels / 100);
       first = std::move(answer);

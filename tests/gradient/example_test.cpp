@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The example program's gradients against finite differences, with the faces and tags of the undisturbed shape held still.
+// The example program's gradients against finite differences, with the faces and tags of the undisturbed shape held
+// still.
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -23,7 +24,9 @@ const std::filesystem::path kExamples = std::filesystem::path(DR_SOURCE_DIR) / "
 ir::Graph example() {
   std::ifstream file(kExamples / "fit_sphere.dr");
   std::stringstream text;
-  text << file.rdbuf() << "\nstep probe { output total, photo_loss, gradient = grad(total, position), gain_gradient = grad(photo_loss, gain); }\n";
+  text << file.rdbuf()
+       << "\nstep probe { output total, photo_loss, gradient = grad(total, position), gain_gradient = grad(photo_loss, "
+          "gain); }\n";
   dsl::SourceManager sources;
   dsl::DiagnosticList diagnostics;
   const auto graph = lower::lower(sources, sources.add("fit_sphere.dr", text.str()), {}, diagnostics);
@@ -51,7 +54,8 @@ Image disc(double radius) {
   for (int l = 0; l < 2; ++l)
     for (int y = 0; y < kSize; ++y)
       for (int x = 0; x < kSize; ++x)
-        out.at(x, y, l, 0) = 1 / (1 + std::exp(2 * (std::hypot(x + 0.5 - kSize * 0.52, y + 0.5 - kSize * 0.47) - radius * kSize)));
+        out.at(x, y, l, 0) =
+            1 / (1 + std::exp(2 * (std::hypot(x + 0.5 - kSize * 0.52, y + 0.5 - kSize * 0.47) - radius * kSize)));
   return out;
 }
 
@@ -60,11 +64,15 @@ struct Values {
   Image gradient, gain_gradient;
 };
 
-Values run(const ir::Graph& graph, const Image& position, const Image& gain, const reference::Frozen* frozen, reference::Frozen* record) {
+Values run(const ir::Graph& graph, const Image& position, const Image& gain, const reference::Frozen* frozen,
+           reference::Frozen* record) {
   reference::Session session(graph);
-  const std::pair<const char*, Image> inputs[] = {
-      {"position", position}, {"gain", gain}, {"face", load("sphere.obj:indices", ir::vec(3, ir::Scalar::Int))},
-      {"view", load("views.json", {ir::Scalar::Float, 4, 4})}, {"target", disc(0.23)}, {"photo", disc(0.2)}};
+  const std::pair<const char*, Image> inputs[] = {{"position", position},
+                                                  {"gain", gain},
+                                                  {"face", load("sphere.obj:indices", ir::vec(3, ir::Scalar::Int))},
+                                                  {"view", load("views.json", {ir::Scalar::Float, 4, 4})},
+                                                  {"target", disc(0.23)},
+                                                  {"photo", disc(0.2)}};
   for (const auto& [name, data] : inputs)
     if (const auto problem = session.bind(name, data)) FAIL(*problem);
   reference::Options options;
@@ -107,18 +115,21 @@ TEST_CASE("the example's gradients agree with finite differences, decisions froz
     // Central differences at h and h/2, extrapolated.
     auto difference = [&](double h) {
       return (run(graph, moved(position, direction, h), gain, &decisions, nullptr).total -
-              run(graph, moved(position, direction, -h), gain, &decisions, nullptr).total) / (2 * h);
+              run(graph, moved(position, direction, -h), gain, &decisions, nullptr).total) /
+             (2 * h);
     };
     const double h = 1e-5, expected = (4 * difference(h / 2) - difference(h)) / 3;
     const double found = dot(here.gradient, direction);
     INFO("trial " << trial << ": " << found << " against " << expected);
-    CHECK(std::fabs(found - expected) <= 1e-6 * std::sqrt(dot(here.gradient, here.gradient) * dot(direction, direction)) );
+    CHECK(std::fabs(found - expected) <=
+          1e-6 * std::sqrt(dot(here.gradient, here.gradient) * dot(direction, direction)));
     CHECK(std::fabs(found - expected) <= 1e-6 * std::fabs(expected));
   }
   Image direction = gain;
   direction.data = {0.6, -0.8};
   const double h = 1e-3;
   const double expected = (run(graph, position, moved(gain, direction, h), &decisions, nullptr).photo_loss -
-                           run(graph, position, moved(gain, direction, -h), &decisions, nullptr).photo_loss) / (2 * h);
+                           run(graph, position, moved(gain, direction, -h), &decisions, nullptr).photo_loss) /
+                          (2 * h);
   CHECK(std::fabs(dot(here.gain_gradient, direction) - expected) <= 1e-9 * std::fabs(expected));
 }

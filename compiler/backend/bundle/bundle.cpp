@@ -17,7 +17,8 @@ std::vector<uint8_t> write(const BundleT& bundle) {
 std::variant<BundleT, std::string> read(std::span<const uint8_t> bytes) {
   // Four bytes of length stand before the buffer, so that a file cut within its padding is told too.
   constexpr size_t kPrefix = sizeof(uint32_t), kSmallest = kPrefix + 8, kLargest = size_t{1} << 30;
-  if (bytes.size() < kSmallest || !BundleBufferHasIdentifier(bytes.data() + kPrefix)) return "not a bundle: the file does not start with DRB1";
+  if (bytes.size() < kSmallest || !BundleBufferHasIdentifier(bytes.data() + kPrefix))
+    return "not a bundle: the file does not start with DRB1";
   if (bytes.size() > kLargest) return "the bundle is larger than 1 GiB";
   // The tables are read in place and want alignment, which a caller's bytes need not have.
   std::vector<uint64_t> aligned((bytes.size() + 7) / 8);
@@ -28,8 +29,8 @@ std::variant<BundleT, std::string> read(std::span<const uint8_t> bytes) {
   if (!VerifySizePrefixedBundleBuffer(verifier)) return "the bundle is damaged or cut off";
   const Bundle* root = GetSizePrefixedBundle(data);
   if (root->version() != kVersion)
-    return "the bundle has version " + std::to_string(root->version()) + ", this program reads version " + std::to_string(kVersion) +
-           "; build it again";
+    return "the bundle has version " + std::to_string(root->version()) + ", this program reads version " +
+           std::to_string(kVersion) + "; build it again";
   BundleT bundle;
   root->UnPackTo(&bundle);
   if (std::string problem = check(bundle); !problem.empty()) return "the bundle is not sound: " + problem;
@@ -64,20 +65,24 @@ struct Checker {
   bool type(const std::unique_ptr<TypeT>& t, const std::string& where) {
     if (!t) return fail(where + " has no type");
     if (t->scalar > Scalar::MAX) return fail(where + " has an unknown scalar type");
-    if (t->rows < 1 || t->rows > 4 || t->cols < 1 || t->cols > 4) return fail(where + " has a type of " + std::to_string(t->rows) + " rows");
+    if (t->rows < 1 || t->rows > 4 || t->cols < 1 || t->cols > 4)
+      return fail(where + " has a type of " + std::to_string(t->rows) + " rows");
     return true;
   }
   bool resource(int64_t index, const std::string& where) {
-    if (index < 0 || index >= static_cast<int64_t>(b.resources.size())) return fail(where + " names resource " + std::to_string(index));
+    if (index < 0 || index >= static_cast<int64_t>(b.resources.size()))
+      return fail(where + " names resource " + std::to_string(index));
     return true;
   }
   bool storage(int64_t index, Storage wanted, const std::string& where) {
     if (!resource(index, where)) return false;
-    if (b.resources[static_cast<size_t>(index)]->storage != wanted) return fail(where + " names a resource of the wrong storage");
+    if (b.resources[static_cast<size_t>(index)]->storage != wanted)
+      return fail(where + " names a resource of the wrong storage");
     return true;
   }
   bool shader(int64_t index, Stage stage, const std::string& where) {
-    if (index < 0 || index >= static_cast<int64_t>(b.shaders.size())) return fail(where + " names shader " + std::to_string(index));
+    if (index < 0 || index >= static_cast<int64_t>(b.shaders.size()))
+      return fail(where + " names shader " + std::to_string(index));
     if (b.shaders[static_cast<size_t>(index)]->stage != stage) return fail(where + " uses a shader of another stage");
     return true;
   }
@@ -87,7 +92,8 @@ struct Checker {
       if (!binding || !resource(binding->resource, where)) return fail(where + " has an empty binding");
       if (binding->access > Access::MAX) return fail(where + " has an unknown access");
       const Storage s = b.resources[binding->resource]->storage;
-      if (s == Storage::Depth || (s == Storage::Image && binding->access != Access::Read)) return fail(where + " binds an attachment for writing");
+      if (s == Storage::Depth || (s == Storage::Image && binding->access != Access::Read))
+        return fail(where + " binds an attachment for writing");
     }
     if (c.push.size() > 3) return fail(where + " pushes more than three constants");
     switch (c.kind) {
@@ -95,55 +101,117 @@ struct Checker {
       case CommandKind::Draw: {
         if (!shader(c.vertex, Stage::Vertex, where) || !shader(c.fragment, Stage::Fragment, where)) return false;
         if (!expression(c.elements, where) || !extent(c.extent, where)) return false;
-        if (c.colors.empty() || c.colors.size() != c.clear.size()) return fail(where + " has no clear value for each colour attachment");
+        if (c.colors.empty() || c.colors.size() != c.clear.size())
+          return fail(where + " has no clear value for each colour attachment");
         for (uint32_t color : c.colors)
           if (!storage(color, Storage::Image, where)) return false;
         return c.depth < 0 || storage(c.depth, Storage::Depth, where);
       }
       case CommandKind::Fill: return storage(c.target, Storage::Buffer, where);
-      case CommandKind::Copy: return resource(c.source, where) && storage(c.target, Storage::Buffer, where);
+      case CommandKind::Copy: {
+        if (!resource(c.source, where) || !storage(c.target, Storage::Buffer, where)) return false;
+        const ResourceT &from = *b.resources[static_cast<size_t>(c.source)],
+                        &to = *b.resources[static_cast<size_t>(c.target)];
+        if (from.storage == Storage::Depth) return fail(where + " copies a depth image");
+        if (from.role == Role::Scratch || to.role == Role::Scratch || from.type->rows != to.type->rows ||
+            from.type->cols != to.type->cols || from.extent->w != to.extent->w || from.extent->h != to.extent->h ||
+            from.extent->l != to.extent->l)
+          return fail(where + " copies between unlike resources");
+        return true;
+      }
       case CommandKind::Reduce:
-        return shader(c.compute, Stage::Compute, where) && shader(c.next, Stage::Compute, where) && storage(c.target, Storage::Buffer, where) &&
-               storage(c.scratch_a, Storage::Buffer, where) && storage(c.scratch_b, Storage::Buffer, where) && expression(c.outs, where) &&
-               expression(c.count, where);
+        return shader(c.compute, Stage::Compute, where) && shader(c.next, Stage::Compute, where) &&
+               storage(c.target, Storage::Buffer, where) && storage(c.scratch_a, Storage::Buffer, where) &&
+               storage(c.scratch_b, Storage::Buffer, where) && expression(c.outs, where) && expression(c.count, where);
     }
     return fail(where + " is of an unknown kind");
   }
 
   void run() {
     for (const auto& r : b.resources) {
-      if (!r) { fail("a resource is empty"); return; }
+      if (!r) {
+        fail("a resource is empty");
+        return;
+      }
       const std::string where = "resource '" + r->name + "'";
-      if (r->storage > Storage::MAX || r->role > Role::MAX) { fail(where + " is of an unknown kind"); return; }
+      if (r->storage > Storage::MAX || r->role > Role::MAX) {
+        fail(where + " is of an unknown kind");
+        return;
+      }
       if (!type(r->type, where) || !extent(r->extent, where)) return;
-      if (r->storage != Storage::Buffer && r->type->cols != 1) { fail(where + " is an image of matrices"); return; }
+      if (r->storage != Storage::Buffer && r->type->cols != 1) {
+        fail(where + " is an image of matrices");
+        return;
+      }
     }
     for (const auto& l : b.leaves) {
-      if (!l) { fail("a leaf is empty"); return; }
+      if (!l) {
+        fail("a leaf is empty");
+        return;
+      }
       const std::string where = "leaf '" + l->name + "'";
-      if (l->kind > LeafKind::MAX) { fail(where + " is of an unknown kind"); return; }
+      if (l->kind > LeafKind::MAX) {
+        fail(where + " is of an unknown kind");
+        return;
+      }
       if (!type(l->type, where) || !extent(l->extent, where) || !storage(l->resource, Storage::Buffer, where)) return;
+      const ResourceT& r = *b.resources[l->resource];
+      if (r.role != Role::Leaf || r.type->scalar != l->type->scalar || r.type->rows != l->type->rows ||
+          r.type->cols != l->type->cols || r.extent->w != l->extent->w || r.extent->h != l->extent->h ||
+          r.extent->l != l->extent->l) {
+        fail(where + " has a resource of another type or extent");
+        return;
+      }
       const size_t components = static_cast<size_t>(l->type->rows) * l->type->cols;
-      if (!l->initial.empty() && l->initial.size() != components) { fail(where + " has an initial value of the wrong size"); return; }
+      if (!l->initial.empty() && l->initial.size() != components) {
+        fail(where + " has an initial value of the wrong size");
+        return;
+      }
     }
     for (const auto& s : b.shaders) {
-      if (!s || s->stage > Stage::MAX) { fail("a shader is of an unknown stage"); return; }
-      if (s->spirv.size() < 5 || s->spirv[0] != 0x07230203u) { fail("shader '" + s->name + "' is not SPIR-V"); return; }
+      if (!s || s->stage > Stage::MAX) {
+        fail("a shader is of an unknown stage");
+        return;
+      }
+      if (s->spirv.size() < 5 || s->spirv[0] != 0x07230203u) {
+        fail("shader '" + s->name + "' is not SPIR-V");
+        return;
+      }
     }
     for (const auto& s : b.steps) {
-      if (!s) { fail("a step is empty"); return; }
-      if (s->step_index >= 0 && !storage(s->step_index, Storage::Buffer, "step '" + s->name + "'")) return;
+      if (!s) {
+        fail("a step is empty");
+        return;
+      }
+      if (s->step_index >= 0) {
+        if (!storage(s->step_index, Storage::Buffer, "step '" + s->name + "'")) return;
+        const ResourceT& r = *b.resources[static_cast<size_t>(s->step_index)];
+        if (r.role != Role::StepIndex || r.type->rows != 1 || r.type->cols != 1 || r.extent->w != "1" ||
+            r.extent->h != "1" || r.extent->l != "1") {
+          fail("step '" + s->name + "' counts in a resource that is no counter");
+          return;
+        }
+      }
       for (const auto& c : s->commands) {
-        if (!c) { fail("a command is empty"); return; }
+        if (!c) {
+          fail("a command is empty");
+          return;
+        }
         if (!command(*c, "command '" + c->label + "'")) return;
       }
       for (const auto& r : s->rasters) {
-        if (!r) { fail("a raster is empty"); return; }
+        if (!r) {
+          fail("a raster is empty");
+          return;
+        }
         for (uint32_t index : r->resources)
           if (!resource(index, "a raster of step '" + s->name + "'")) return;
       }
       for (const auto& o : s->outputs) {
-        if (!o) { fail("an output is empty"); return; }
+        if (!o) {
+          fail("an output is empty");
+          return;
+        }
         if (!resource(o->resource, "output '" + o->name + "'")) return;
       }
     }

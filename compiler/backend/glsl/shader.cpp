@@ -37,14 +37,16 @@ std::string component(const Type& type, const std::string& name, int c) {
 
 }  // namespace
 
-Shader::Shader(const ir::Graph& graph, const Schedule& schedule, const StepSchedule& step, const std::vector<std::string>& symbols)
+Shader::Shader(const ir::Graph& graph, const Schedule& schedule, const StepSchedule& step,
+               const std::vector<std::string>& symbols)
     : graph_(graph), schedule_(schedule), step_(step), symbols_(symbols) {
   for (const char* taken : {"at", "pc", "index", "face", "p", "main", "d"}) names_.insert(taken);
   for (const std::string& s : symbols) names_.insert(symbol_name(s));
 }
 
 std::string Shader::unique(std::string_view base) {
-  const std::string stem = sanitize(base);
+  // No generated function, block or stage variable starts with this, so a user's name can hide none.
+  const std::string stem = "v_" + sanitize(base);
   std::string name = stem + "_0";
   for (int n = 1; !names_.insert(name).second; ++n) name = stem + "_" + std::to_string(n);
   return name;
@@ -64,22 +66,26 @@ std::string Shader::bind(ResourceId id, bundle::Access access) {
     resources_text_ += slot + "uniform " + prefix + "texture2DArray " + name + ";\n";
     extension("GL_EXT_samplerless_texture_functions");
   } else {
-    const char* rights = access == bundle::Access::Read ? "readonly " : access == bundle::Access::Write ? "writeonly " : "";
-    resources_text_ += "layout(set = 0, binding = " + std::to_string(bindings_.size() - 1) + ", std430) " + rights + "restrict buffer " + name +
-                       "_block { " + storage_scalar(r.type.scalar) + " d[]; } " + name + ";\n";
+    const char* rights = access == bundle::Access::Read    ? "readonly "
+                         : access == bundle::Access::Write ? "writeonly "
+                                                           : "";
+    resources_text_ += "layout(set = 0, binding = " + std::to_string(bindings_.size() - 1) + ", std430) " + rights +
+                       "restrict buffer " + name + "_block { " + storage_scalar(r.type.scalar) + " d[]; } " + name +
+                       ";\n";
   }
   bound_[id.index] = name;
   return name;
 }
 
-std::string Shader::bind_words(uint32_t bundle_resource, const std::string& name, bundle::Access access, const char* word) {
+std::string Shader::bind_words(uint32_t bundle_resource, const std::string& name, bundle::Access access,
+                               const char* word) {
   if (auto it = bound_.find(bundle_resource); it != bound_.end()) return it->second;
   auto binding = std::make_unique<bundle::BindingT>();
   binding->resource = bundle_resource;
   binding->access = access;
   const char* rights = access == bundle::Access::Read ? "readonly " : "";
-  resources_text_ += "layout(set = 0, binding = " + std::to_string(bindings_.size()) + ", std430) " + rights + "restrict buffer " + name +
-                     "_block { " + word + " d[]; } " + name + ";\n";
+  resources_text_ += "layout(set = 0, binding = " + std::to_string(bindings_.size()) + ", std430) " + rights +
+                     "restrict buffer " + name + "_block { " + word + " d[]; } " + name + ";\n";
   bindings_.push_back(std::move(binding));
   bound_[bundle_resource] = name;
   return name;
@@ -90,7 +96,8 @@ std::string Shader::bind_image(uint32_t bundle_resource, const std::string& name
   auto binding = std::make_unique<bundle::BindingT>();
   binding->resource = bundle_resource;
   binding->access = bundle::Access::Read;
-  resources_text_ += "layout(set = 0, binding = " + std::to_string(bindings_.size()) + ") uniform " + prefix + "texture2DArray " + name + ";\n";
+  resources_text_ += "layout(set = 0, binding = " + std::to_string(bindings_.size()) + ") uniform " + prefix +
+                     "texture2DArray " + name + ";\n";
   extension("GL_EXT_samplerless_texture_functions");
   bindings_.push_back(std::move(binding));
   bound_[bundle_resource] = name;
@@ -102,15 +109,18 @@ std::vector<std::unique_ptr<bundle::BindingT>> Shader::take_bindings() { return 
 std::string Shader::element_index(const Extent& extent, const std::string& place) {
   std::string index;
   if (!extent.l.is_one()) index = place + ".z";
-  if (!extent.h.is_one()) index = index.empty() ? place + ".y" : "(" + index + " * " + dim_expression(extent.h) + " + " + place + ".y)";
-  else if (!index.empty() && extent.w.is_one()) return index;
-  if (!extent.w.is_one()) index = index.empty() ? place + ".x" : "(" + index + " * " + dim_expression(extent.w) + " + " + place + ".x)";
+  if (!extent.h.is_one())
+    index = index.empty() ? place + ".y" : "(" + index + " * " + dim_expression(extent.h) + " + " + place + ".y)";
+  else if (!index.empty() && extent.w.is_one())
+    return index;
+  if (!extent.w.is_one())
+    index = index.empty() ? place + ".x" : "(" + index + " * " + dim_expression(extent.w) + " + " + place + ".x)";
   return index.empty() ? "0" : index;
 }
 
 std::string Shader::in_range(const Extent& extent, const std::string& place) {
-  return "all(greaterThanEqual(" + place + ", ivec3(0))) && all(lessThan(" + place + ", ivec3(" + dim_expression(extent.w) + ", " +
-         dim_expression(extent.h) + ", " + dim_expression(extent.l) + ")))";
+  return "all(greaterThanEqual(" + place + ", ivec3(0))) && all(lessThan(" + place + ", ivec3(" +
+         dim_expression(extent.w) + ", " + dim_expression(extent.h) + ", " + dim_expression(extent.l) + ")))";
 }
 
 std::string Shader::load(ValueId value, const std::string& place) {
@@ -121,12 +131,14 @@ std::string Shader::load(ValueId value, const std::string& place) {
     std::string text = r.type.str() + " " + function + "(ivec3 at) {\n";
     if (r.storage == Resource::Storage::Image) {
       const std::string fetch = "texelFetch(" + name + ", ivec3(" + (r.extent.w.is_one() ? "0" : "at.x") + ", " +
-                                (r.extent.h.is_one() ? "0" : "at.y") + ", " + (r.extent.l.is_one() ? "0" : "at.z") + "), 0)";
+                                (r.extent.h.is_one() ? "0" : "at.y") + ", " + (r.extent.l.is_one() ? "0" : "at.z") +
+                                "), 0)";
       static const char* const kSwizzle[] = {".x", ".xy", ".xyz", ""};
       const std::string texel = fetch + kSwizzle[r.type.rows - 1];
       text += "  return " + (r.type.is_bool() ? r.type.str() + "(" + texel + ")" : texel) + ";\n";
     } else {
-      text += "  int base = " + element_index(r.extent, "at") + (r.type.is_scalar() ? "" : " * " + std::to_string(r.type.components())) + ";\n";
+      text += "  int base = " + element_index(r.extent, "at") +
+              (r.type.is_scalar() ? "" : " * " + std::to_string(r.type.components())) + ";\n";
       text += "  return " + from_words(r.type, name, "base") + ";\n";
     }
     declarations_ += text + "}\n";
@@ -139,8 +151,8 @@ std::string Shader::gather(ValueId value, const std::string& place) {
   load(value, "at");
   const std::string name = bind(step_.stored.at(value), bundle::Access::Read).substr(2);
   if (functions_.insert("gather_" + name).second)
-    declarations_ += r.type.str() + " gather_" + name + "(ivec3 at) {\n  if (!(" + in_range(r.extent, "at") + ")) return " + zero(r.type) +
-                     ";\n  return load_" + name + "(at);\n}\n";
+    declarations_ += r.type.str() + " gather_" + name + "(ivec3 at) {\n  if (!(" + in_range(r.extent, "at") +
+                     ")) return " + zero(r.type) + ";\n  return load_" + name + "(at);\n}\n";
   return "gather_" + name + "(" + place + ")";
 }
 
@@ -149,14 +161,16 @@ void Shader::store(ValueId value, const std::string& place, const std::string& e
   const std::string name = bind(step_.stored.at(value), bundle::Access::Write);
   const int n = r.type.components();
   if (n == 1) {
-    body_.line(name + ".d[" + element_index(r.extent, place) + "] = " + (r.type.is_bool() ? "uint(" + expression + ")" : expression) + ";");
+    body_.line(name + ".d[" + element_index(r.extent, place) +
+               "] = " + (r.type.is_bool() ? "uint(" + expression + ")" : expression) + ";");
     return;
   }
   const std::string base = unique("base");
   body_.line("int " + base + " = " + element_index(r.extent, place) + " * " + std::to_string(n) + ";");
   for (int c = 0; c < n; ++c) {
     const std::string part = component(r.type, expression, c);
-    body_.line(name + ".d[" + base + (c ? " + " + std::to_string(c) : "") + "] = " + (r.type.is_bool() ? "uint(" + part + ")" : part) + ";");
+    body_.line(name + ".d[" + base + (c ? " + " + std::to_string(c) : "") +
+               "] = " + (r.type.is_bool() ? "uint(" + part + ")" : part) + ";");
   }
 }
 
@@ -222,7 +236,8 @@ void Shader::op(const Op& op) {
     case OpKind::Detach: define(op.results[0], use(op.operands[0])); return;
     case OpKind::Gather: {
       const std::string index = use(op.operands[1]);
-      result(op.results[0], gather(op.operands[0], place_of(op.operands[1], index, graph_.value(op.operands[0]).extent)));
+      result(op.results[0],
+             gather(op.operands[0], place_of(op.operands[1], index, graph_.value(op.operands[0]).extent)));
       return;
     }
     case OpKind::Shift: {
@@ -239,14 +254,16 @@ void Shader::op(const Op& op) {
       const auto it = accumulators_.find(op.results[0]);
       DR_ASSERT(it != accumulators_.end());
       const std::string index = use(op.operands[0]);
-      body_.line("scatter_" + it->second.name + "(" + place_of(op.operands[0], index, it->second.extent) + ", " + use(op.operands[1]) + ");");
+      body_.line("scatter_" + it->second.name + "(" + place_of(op.operands[0], index, it->second.extent) + ", " +
+                 use(op.operands[1]) + ");");
       return;
     }
     case OpKind::ScatterMax: {
       const auto it = accumulators_.find(op.results[0]);
       DR_ASSERT(it != accumulators_.end());
       const std::string index = use(op.operands[0]);
-      body_.line("scatter_" + it->second.name + "(" + place_of(op.operands[0], index, it->second.extent) + ", " + use(op.operands[1]) + ");");
+      body_.line("scatter_" + it->second.name + "(" + place_of(op.operands[0], index, it->second.extent) + ", " +
+                 use(op.operands[1]) + ");");
       return;
     }
     case OpKind::ReduceSum:
@@ -264,6 +281,14 @@ void Shader::op(const Op& op) {
     operands.push_back(use(v));
     types.push_back(graph_.value(v).type);
   }
+  if (op.kind == OpKind::Div && types[1].is_float()) {
+    // lavapipe gives garbage for a quotient by a zero that it sees at compile time: hide the zero (pc.c is 0 always).
+    const Op& divisor = graph_.op(graph_.value(op.operands[1]).op);
+    const bool constant = graph_.value(op.operands[1]).op.valid() && divisor.kind == OpKind::Const;
+    if (constant &&
+        std::find(divisor.attrs.floats.begin(), divisor.attrs.floats.end(), 0.0) != divisor.attrs.floats.end())
+      operands[1] = "(" + operands[1] + " + uintBitsToFloat(uint(pc.c)))";
+  }
   const ops::GlslInput input{operands, types, op.attrs, graph_.value(op.results[0]).type};
   for (std::string_view text : ops::prelude(info, input)) prelude(text);
   result(op.results[0], info.glsl(input));
@@ -275,7 +300,8 @@ void Shader::forward_accumulators(const Op& op, ir::RegionId region) {
   for (size_t k = 0; k < op.results.size(); ++k) {
     if (op.attrs.yields[k] == Yield::Scatter) {
       const bool forwarded = graph_.value(yields[next]).accumulation;
-      if (auto it = accumulators_.find(op.results[k]); forwarded && it != accumulators_.end()) accumulators_[yields[next]] = it->second;
+      if (auto it = accumulators_.find(op.results[k]); forwarded && it != accumulators_.end())
+        accumulators_[yields[next]] = it->second;
       next += forwarded ? 1 : 2;
     } else {
       ++next;
@@ -296,12 +322,14 @@ void Shader::yields(const Op& op, ir::RegionId region, const std::vector<std::st
       case Yield::Min:
       case Yield::Max:
         for (int c = 0; c < type.components(); ++c)
-          body_.line("if (" + component(type, y[next], c) + (op.attrs.yields[k] == Yield::Min ? " < " : " > ") + component(type, names[k], c) + ") " +
-                     component(type, names[k], c) + " = " + component(type, y[next], c) + ";");
+          body_.line("if (" + component(type, y[next], c) + (op.attrs.yields[k] == Yield::Min ? " < " : " > ") +
+                     component(type, names[k], c) + ") " + component(type, names[k], c) + " = " +
+                     component(type, y[next], c) + ";");
         ++next;
         break;
       case Yield::ArgMin:
-        body_.line("if (" + y[next] + " < " + names[k] + "_best || (" + names[k] + "_none && " + y[next] + " == " + names[k] + "_best)) {");
+        body_.line("if (" + y[next] + " < " + names[k] + "_best || (" + names[k] + "_none && " + y[next] +
+                   " == " + names[k] + "_best)) {");
         body_.line(names[k] + "_best = " + y[next] + ";");
         body_.line(names[k] + "_none = false;");
         body_.line(names[k] + " = " + trip + ";");
@@ -314,7 +342,8 @@ void Shader::yields(const Op& op, ir::RegionId region, const std::vector<std::st
           break;
         }
         if (auto it = accumulators_.find(op.results[k]); it != accumulators_.end())
-          body_.line("scatter_" + it->second.name + "(" + place_of(values[next], y[next], it->second.extent) + ", " + y[next + 1] + ");");
+          body_.line("scatter_" + it->second.name + "(" + place_of(values[next], y[next], it->second.extent) + ", " +
+                     y[next + 1] + ");");
         next += 2;
         break;
     }
@@ -326,7 +355,8 @@ void Shader::if_op(const Op& op) {
   std::vector<std::string> names;
   for (size_t k = 0; k < op.results.size(); ++k) {
     const ir::ValueInfo& info = graph_.value(op.results[k]);
-    names.push_back(op.attrs.yields[k] == Yield::Scatter ? std::string() : unique(info.name.empty() ? "if" : info.name));
+    names.push_back(op.attrs.yields[k] == Yield::Scatter ? std::string()
+                                                         : unique(info.name.empty() ? "if" : info.name));
     if (!names.back().empty()) body_.line(info.type.str() + " " + names.back() + ";");
   }
   for (size_t branch = 0; branch < 2; ++branch) {
@@ -350,11 +380,8 @@ void Shader::reduce_op(const Op& op) {
     names.push_back(yield == Yield::Scatter ? std::string() : unique(info.name.empty() ? "reduce" : info.name));
     if (yield == Yield::Scatter) continue;
     const std::string declare = info.type.str() + " " + names[k] + " = ";
-    const bool is_float = info.type.is_float();
-    auto every = [&](const std::string& s) { return info.type.is_scalar() ? s : info.type.str() + "(" + s + ")"; };
     if (yield == Yield::Sum) body_.line(declare + zero(info.type) + ";");
-    if (yield == Yield::Min) body_.line(declare + every(is_float ? "uintBitsToFloat(0x7f800000u)" : "2147483647") + ";");
-    if (yield == Yield::Max) body_.line(declare + every(is_float ? "uintBitsToFloat(0xff800000u)" : "(-2147483647 - 1)") + ";");
+    if (yield == Yield::Min || yield == Yield::Max) body_.line(declare + limit(info.type, yield == Yield::Min) + ";");
     if (yield == Yield::ArgMin) {
       body_.line(declare + begin + " - 1;");
       body_.line("float " + names[k] + "_best = uintBitsToFloat(0x7f800000u);");

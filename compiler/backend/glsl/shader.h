@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// One GLSL shader under construction: its resources, the helper functions they need, and the statements of one element's
-// computation. The printer decides nothing: packing has chosen ops, reads and writes.
+// One GLSL shader under construction: its resources, the helper functions they need, and the statements of one
+// element's computation. The printer decides nothing: packing has chosen ops, reads and writes.
 #pragma once
 
 #include <functional>
-#include <memory>
 #include <map>
+#include <memory>
 #include <set>
 #include <string>
 #include <vector>
@@ -18,24 +18,27 @@ namespace dr::backend::glsl {
 
 // Where the contributions of a Scatter result go.
 struct Accumulator {
-  std::string name;      // suffix of its functions: scatter_<name>(ivec3 place, T value)
+  std::string name;  // suffix of its functions: scatter_<name>(ivec3 place, T value)
   ir::Type type;
-  ir::Extent extent;     // of the result
+  ir::Extent extent;  // of the result
 };
 
 class Shader {
  public:
-  Shader(const ir::Graph& graph, const Schedule& schedule, const StepSchedule& step, const std::vector<std::string>& symbols);
+  Shader(const ir::Graph& graph, const Schedule& schedule, const StepSchedule& step,
+         const std::vector<std::string>& symbols);
 
-  // Binds a resource of the bundle; further calls return the same name. Scratch is an array of uint (or uint64_t) words.
+  // Binds a resource of the bundle; further calls return the same name. Scratch is an array of uint (or uint64_t)
+  // words.
   std::string bind(ResourceId id, bundle::Access access);
-  std::string bind_words(uint32_t bundle_resource, const std::string& name, bundle::Access access, const char* word = "uint");
+  std::string bind_words(uint32_t bundle_resource, const std::string& name, bundle::Access access,
+                         const char* word = "uint");
   // A sampled image that only the bundle knows; `prefix` is "", "i" or "u".
   std::string bind_image(uint32_t bundle_resource, const std::string& name, const char* prefix);
   std::vector<std::unique_ptr<bundle::BindingT>> take_bindings();
 
-  // Expressions that read a stored value: at a place inside its extent (coordinates on axes of extent 1 are ignored), or at
-  // any place (zero outside). `place` is an ivec3 expression.
+  // Expressions that read a stored value: at a place inside its extent (coordinates on axes of extent 1 are ignored),
+  // or at any place (zero outside). `place` is an ivec3 expression.
   std::string load(ir::ValueId value, const std::string& place);
   std::string gather(ir::ValueId value, const std::string& place);
   // A statement that stores an element in a buffer resource.
@@ -45,14 +48,16 @@ class Shader {
   static std::string in_range(const ir::Extent& extent, const std::string& place);
 
   // Element computation. The variable `at` (ivec3) holds the element's place.
-  void element_ops(const std::vector<ir::OpId>& ops);     // root ops of a pass in order
-  std::string use(ir::ValueId value);                     // the expression of a value at the current element
+  void element_ops(const std::vector<ir::OpId>& ops);      // root ops of a pass in order
+  std::string use(ir::ValueId value);                      // the expression of a value at the current element
   void define(ir::ValueId value, std::string expression);  // region parameters
   // Runs a region's ops in the current scope and returns the expressions of its yields.
   std::vector<std::string> region(ir::RegionId id);
   void push_scope() { scopes_.emplace_back(); }
   void pop_scope() { scopes_.pop_back(); }
-  void accumulate_into(ir::ValueId scatter_result, Accumulator accumulator) { accumulators_[scatter_result] = std::move(accumulator); }
+  void accumulate_into(ir::ValueId scatter_result, Accumulator accumulator) {
+    accumulators_[scatter_result] = std::move(accumulator);
+  }
   // The ivec3 place that an index expression names in an image of that extent.
   std::string place_of(ir::ValueId index_value, const std::string& index, const ir::Extent& extent) const;
 

@@ -22,8 +22,12 @@ void Writer::line(std::string_view text) {
 }
 
 std::string symbol_name(std::string_view symbol) {
-  if (!symbol.empty() && std::isupper(static_cast<unsigned char>(symbol.front())) != 0) return std::string(symbol);
-  return "ext_" + std::string(symbol);
+  // Two underscores in a row are reserved: where they occur, each is written "u_".
+  const bool doubled = symbol.find("__") != std::string_view::npos || symbol.starts_with('_');
+  std::string out = "ext_";
+  for (char c : symbol) out += doubled && c == '_' ? std::string("u_") : std::string(1, c);
+  if (out.ends_with('_')) out += 'u';
+  return out;
 }
 
 std::string dim_expression(const ir::Dim& dim) {
@@ -79,6 +83,13 @@ std::string zero(const ir::Type& type) {
   return type.is_scalar() ? s : type.str() + "(" + s + ")";
 }
 
+std::string limit(const ir::Type& type, bool least) {
+  std::string one = least ? "uintBitsToFloat(0x7f800000u)" : "uintBitsToFloat(0xff800000u)";
+  if (type.scalar == ir::Scalar::Int) one = least ? "2147483647" : "(-2147483647 - 1)";
+  if (type.scalar == ir::Scalar::Uint) one = least ? "4294967295u" : "0u";
+  return type.is_scalar() ? one : type.str() + "(" + one + ")";
+}
+
 std::string storage_scalar(ir::Scalar scalar) {
   switch (scalar) {
     case ir::Scalar::Float: return "float";
@@ -93,8 +104,10 @@ std::string sanitize(std::string_view name) {
   std::string out;
   for (char c : name) {
     const bool fine = std::isalnum(static_cast<unsigned char>(c)) != 0;
-    if (fine) out += c;
-    else if (!out.empty() && out.back() != '_') out += '_';  // two underscores in a row are reserved
+    if (fine)
+      out += c;
+    else if (!out.empty() && out.back() != '_')
+      out += '_';  // two underscores in a row are reserved
   }
   while (!out.empty() && out.back() == '_') out.pop_back();
   if (out.empty() || std::isalpha(static_cast<unsigned char>(out.front())) == 0) out.insert(out.begin(), 'v');

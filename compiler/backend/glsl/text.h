@@ -22,13 +22,15 @@ class Writer {
   int depth_;
 };
 
-// GLSL names of symbols: kept when they start with an upper-case letter (no keyword does), prefixed otherwise.
+// GLSL names of symbols: prefixed, because any name may be a keyword, a macro or one of ours.
 std::string symbol_name(std::string_view symbol);
 // A Dim as a GLSL expression that needs no parentheses around it.
 std::string dim_expression(const ir::Dim& dim);
 // Components as a literal of the type, exact for float32.
 std::string literal(const ir::Type& type, std::span<const double> components);
 std::string zero(const ir::Type& type);
+// What every value is at most (`least`) or at least: where a minimum or a maximum starts.
+std::string limit(const ir::Type& type, bool least);
 // The type's scalar in a storage buffer (Bool is uint), and a buffer word <-> component.
 std::string storage_scalar(ir::Scalar scalar);
 // A user's name made fit for GLSL, without the number that makes it unique.

@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The compiler's second half without a device: schedules are sound on every profile and packing, SPIR-V is strict.
-#include "compiler/backend/compile.h"
-
 #include <set>
 
+#include "compiler/backend/compile.h"
 #include "compiler/backend/spirv.h"
 #include "compiler/ir/parse.h"
 #include "tests/catch.h"
@@ -107,7 +106,9 @@ TEST_CASE("every float instruction is decorated NoContraction") {
     for (size_t at = 5; at < code.size(); at += code[at] >> 16) {
       const uint32_t opcode = code[at] & 0xffff;
       if (opcode == 71 && code[at + 2] == 42) decorated.insert(code[at + 1]);
-      if (opcode == 127 || opcode == 129 || opcode == 131 || opcode == 133 || opcode == 136 || opcode == 142 || opcode == 148) arithmetic.push_back(code[at + 2]);
+      if (opcode == 127 || opcode == 129 || opcode == 131 || opcode == 133 || opcode == 136 || opcode == 142 ||
+          opcode == 148)
+        arithmetic.push_back(code[at + 2]);
     }
     for (uint32_t id : arithmetic) CHECK(decorated.count(id) == 1);
     CHECK(decorate_no_contraction(code) == code);

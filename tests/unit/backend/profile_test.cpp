@@ -17,7 +17,8 @@ std::string problem(const std::variant<Profile, std::string>& result) {
 
 bool contains(const std::string& text, const std::string& part) { return text.find(part) != std::string::npos; }
 
-const char* const kSound = R"({"name": "x", "description": "", "max_color_attachments": 4, "max_per_stage_descriptor_storage_buffers": 8,
+const char* const kSound =
+    R"({"name": "x", "description": "", "max_color_attachments": 4, "max_per_stage_descriptor_storage_buffers": 8,
   "max_per_stage_descriptor_sampled_images": 16, "max_per_stage_resources": 44, "max_fragment_combined_output_resources": 8,
   "max_push_constants_size": 128, "max_image_dimension_2d": 8192, "max_compute_work_group_invocations": 128,
   "max_storage_buffer_range": 134217728, "shader_int64": false, "shader_buffer_int64_atomics": false,
@@ -51,12 +52,15 @@ TEST_CASE("a sound profile from text is read whole") {
 TEST_CASE("a wrong profile is told by field") {
   CHECK(contains(problem(parse_profile("[]", "x.json")), "not a JSON object"));
   CHECK(contains(problem(parse_profile("{", "x.json")), "not a JSON object"));
-  CHECK(contains(problem(parse_profile(with(kSound, R"("max_color_attachments": 4,)", ""), "x.json")), "'max_color_attachments' is missing"));
-  CHECK(contains(problem(parse_profile(with(kSound, ": 8192", ": -1"), "x.json")), "'max_image_dimension_2d' should be a whole number"));
+  CHECK(contains(problem(parse_profile(with(kSound, R"("max_color_attachments": 4,)", ""), "x.json")),
+                 "'max_color_attachments' is missing"));
+  CHECK(contains(problem(parse_profile(with(kSound, ": 8192", ": -1"), "x.json")),
+                 "'max_image_dimension_2d' should be a whole number"));
   CHECK(contains(problem(parse_profile(with(kSound, ": 8192", ": 4294967296"), "x.json")), "too large"));
   CHECK(contains(problem(parse_profile(with(kSound, "\"fragment\"", "\"geometry\""), "x.json")), "found \"geometry\""));
   CHECK(contains(problem(parse_profile(with(kSound, "\"raster\"", "\"rastr\""), "x.json")), "'raster' is missing"));
-  CHECK(contains(problem(parse_profile(with(kSound, "\"name\"", "\"limits\": 1, \"name\""), "x.json")), "unknown field 'limits'"));
+  CHECK(contains(problem(parse_profile(with(kSound, "\"name\"", "\"limits\": 1, \"name\""), "x.json")),
+                 "unknown field 'limits'"));
 }
 
 TEST_CASE("a misspelled built-in name is corrected") {

@@ -27,7 +27,8 @@ TEST_CASE("a read waits for the write before it") {
 }
 
 TEST_CASE("independent commands do not wait") {
-  const auto b = plan({{{0, Use::ComputeWrite}}, {{1, Use::ComputeWrite}}, {{2, Use::ComputeRead}, {3, Use::ComputeWrite}}});
+  const auto b =
+      plan({{{0, Use::ComputeWrite}}, {{1, Use::ComputeWrite}}, {{2, Use::ComputeRead}, {3, Use::ComputeWrite}}});
   for (const Barrier& one : b) CHECK_FALSE(waits(one));
 }
 
@@ -57,13 +58,27 @@ TEST_CASE("writes in a row wait for each other") {
 }
 
 TEST_CASE("one barrier covers earlier writes of the same scope") {
-  const auto b = plan({{{0, Use::ComputeWrite}}, {{1, Use::ComputeWrite}}, {{0, Use::ComputeRead}}, {{1, Use::ComputeRead}}});
+  const auto b =
+      plan({{{0, Use::ComputeWrite}}, {{1, Use::ComputeWrite}}, {{0, Use::ComputeRead}}, {{1, Use::ComputeRead}}});
   CHECK(waits(b[2]));
   CHECK_FALSE(waits(b[3]));
 }
 
+TEST_CASE("what is visible to one stage by one access is not visible to all by all") {
+  const auto b = plan({{{0, Use::ComputeWrite}, {1, Use::ComputeWrite}},
+                       {{1, Use::ComputeWrite}},
+                       {{0, Use::GraphicsRead}},
+                       {{0, Use::ComputeRead}}});
+  CHECK(waits(b[1]));
+  CHECK(waits(b[2]));
+  REQUIRE(waits(b[3]));
+  CHECK(b[3].to == scope_of(Use::ComputeRead));
+}
+
 TEST_CASE("attachments are read after they are written, and cleared after they are read") {
-  const auto b = plan({{{0, Use::ColorWrite}, {1, Use::DepthWrite}}, {{0, Use::GraphicsRead}, {2, Use::ColorWrite}, {1, Use::DepthWrite}}, {{0, Use::ColorWrite}}});
+  const auto b = plan({{{0, Use::ColorWrite}, {1, Use::DepthWrite}},
+                       {{0, Use::GraphicsRead}, {2, Use::ColorWrite}, {1, Use::DepthWrite}},
+                       {{0, Use::ColorWrite}}});
   REQUIRE(waits(b[1]));
   CHECK((b[1].from.stages & scope_of(Use::ColorWrite).stages) != 0);
   CHECK((b[1].from.stages & scope_of(Use::DepthWrite).stages) == scope_of(Use::DepthWrite).stages);
