@@ -13,7 +13,7 @@ macro(dr_find name debian_package)
 endmacro()
 
 find_package(Threads REQUIRED)  # glslang's package names Threads::Threads without looking for it
-dr_find(glslang glslang-dev CONFIG)
+dr_find(glslang "glslang-dev;glslang-tools" CONFIG)
 dr_find(SPIRV-Tools spirv-tools CONFIG)
 dr_find(SPIRV-Tools-opt spirv-tools CONFIG)
 dr_find(FlatBuffers libflatbuffers-dev CONFIG)
