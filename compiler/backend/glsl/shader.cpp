@@ -250,14 +250,7 @@ void Shader::op(const Op& op) {
     }
     case OpKind::If: if_op(op); return;
     case OpKind::Reduce: reduce_op(op); return;
-    case OpKind::ScatterAdd: {
-      const auto it = accumulators_.find(op.results[0]);
-      DR_ASSERT(it != accumulators_.end());
-      const std::string index = use(op.operands[0]);
-      body_.line("scatter_" + it->second.name + "(" + place_of(op.operands[0], index, it->second.extent) + ", " +
-                 use(op.operands[1]) + ");");
-      return;
-    }
+    case OpKind::ScatterAdd:
     case OpKind::ScatterMax: {
       const auto it = accumulators_.find(op.results[0]);
       DR_ASSERT(it != accumulators_.end());
