@@ -13,6 +13,28 @@
 
 namespace dr::backend {
 
+std::variant<CompileOptions, std::string> compile_options(const std::string& lower, const std::string& raster,
+                                                          const std::string& pack) {
+  CompileOptions out;
+  if (lower == "fragment")
+    out.lower = Lower::Fragment;
+  else if (lower == "compute")
+    out.lower = Lower::Compute;
+  else if (lower != "auto")
+    return "unknown lowering '" + lower + "'; there are auto, fragment and compute";
+  if (raster == "hardware")
+    out.raster = RasterLower::Hardware;
+  else if (raster == "compute")
+    out.raster = RasterLower::Compute;
+  else if (raster != "auto")
+    return "unknown raster lowering '" + raster + "'; there are auto, hardware and compute";
+  if (pack == "naive")
+    out.fused = false;
+  else if (pack != "fused")
+    return "unknown packing '" + pack + "'; there are fused and naive";
+  return out;
+}
+
 PackOptions pack_options(const target::Profile& profile, const CompileOptions& options) {
   PackOptions out;
   out.fused = options.fused;

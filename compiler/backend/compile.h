@@ -22,6 +22,11 @@ struct CompileOptions {
   RasterLower raster = RasterLower::Auto;
 };
 
+// The options from the words of the command line: auto|fragment|compute, auto|hardware|compute, fused|naive. The error
+// names the word and those there are.
+std::variant<CompileOptions, std::string> compile_options(const std::string& lower, const std::string& raster,
+                                                          const std::string& pack);
+
 struct GlslShader {
   std::string name;
   bundle::Stage stage = bundle::Stage::Compute;

@@ -57,15 +57,13 @@ class Stages {
       print_error(*problem);
       return nullptr;
     }
-    backend::CompileOptions options;
-    options.fused = options_.pack == "fused";
-    options.lower = options_.lower == "fragment"  ? backend::Lower::Fragment
-                    : options_.lower == "compute" ? backend::Lower::Compute
-                                                  : backend::Lower::Auto;
-    options.raster = options_.raster == "hardware"  ? backend::RasterLower::Hardware
-                     : options_.raster == "compute" ? backend::RasterLower::Compute
-                                                    : backend::RasterLower::Auto;
-    auto result = backend::compile(*graph, std::get<target::Profile>(profile), options);
+    const auto options = backend::compile_options(options_.lower, options_.raster, options_.pack);
+    if (const auto* problem = std::get_if<std::string>(&options)) {
+      print_error(*problem);
+      return nullptr;
+    }
+    auto result =
+        backend::compile(*graph, std::get<target::Profile>(profile), std::get<backend::CompileOptions>(options));
     if (const auto* problem = std::get_if<std::string>(&result)) {
       print_error(*problem);
       return nullptr;

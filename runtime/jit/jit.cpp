@@ -18,23 +18,8 @@ std::variant<std::vector<uint8_t>, std::string> compile_file(const std::string& 
   if (!file) return "cannot read '" + path + "'\n";
   std::stringstream text;
   text << file.rdbuf();
-  backend::CompileOptions compile;
-  if (options.lower == "fragment")
-    compile.lower = backend::Lower::Fragment;
-  else if (options.lower == "compute")
-    compile.lower = backend::Lower::Compute;
-  else if (options.lower != "auto")
-    return "unknown lowering '" + options.lower + "'; there are auto, fragment and compute\n";
-  if (options.raster == "hardware")
-    compile.raster = backend::RasterLower::Hardware;
-  else if (options.raster == "compute")
-    compile.raster = backend::RasterLower::Compute;
-  else if (options.raster != "auto")
-    return "unknown raster lowering '" + options.raster + "'; there are auto, hardware and compute\n";
-  if (options.pack == "naive")
-    compile.fused = false;
-  else if (options.pack != "fused")
-    return "unknown packing '" + options.pack + "'; there are fused and naive\n";
+  const auto compile = backend::compile_options(options.lower, options.raster, options.pack);
+  if (const auto* problem = std::get_if<std::string>(&compile)) return *problem + "\n";
   const auto profile = target::load_profile(options.profile);
   if (const auto* problem = std::get_if<std::string>(&profile)) return *problem + "\n";
 
@@ -46,7 +31,8 @@ std::variant<std::vector<uint8_t>, std::string> compile_file(const std::string& 
   passes::PipelineOptions pipeline;
   pipeline.verify_each = false;
   const ir::Graph ready = passes::run_passes(*graph, passes::default_passes(), pipeline);
-  auto compiled = backend::compile(ready, std::get<target::Profile>(profile), compile);
+  auto compiled =
+      backend::compile(ready, std::get<target::Profile>(profile), std::get<backend::CompileOptions>(compile));
   if (const auto* problem = std::get_if<std::string>(&compiled)) return path + ": error: " + *problem + "\n";
   return bundle::write(std::get<backend::Compiled>(compiled).bundle);
 }
