@@ -285,6 +285,7 @@ void add_generics(List& list, const std::vector<Name>& generics) {
 List fn_list(const FnDecl& fn, const char* head) {
   List list = List::of(head);
   if (!fn.name.text.empty()) list.add(fn.name.text);
+  if (fn.vjp_of) list.add({"vjp", fn.vjp_of->text});
   add_doc(list, fn.doc);
   add_generics(list, fn.generics);
   list.add(params_list(fn.params));

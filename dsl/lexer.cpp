@@ -102,6 +102,7 @@ std::string_view token_text(TokenKind kind) {
     case TokenKind::Colon: return ":";
     case TokenKind::Dot: return ".";
     case TokenKind::DotDot: return "..";
+    case TokenKind::At: return "@";
     case TokenKind::Arrow: return "->";
     case TokenKind::Assign: return "=";
     case TokenKind::Plus: return "+";
@@ -322,6 +323,7 @@ Token Lexer::lex_punctuation() {
     case ',': return one(TokenKind::Comma);
     case ';': return one(TokenKind::Semicolon);
     case ':': return one(TokenKind::Colon);
+    case '@': return one(TokenKind::At);
     case '+': return one(TokenKind::Plus);
     case '*': return one(TokenKind::Star);
     case '/': return one(TokenKind::Slash);

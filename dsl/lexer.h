@@ -48,6 +48,7 @@ enum class TokenKind : uint8_t {
   Colon,
   Dot,
   DotDot,
+  At,
   Arrow,  // ->
   Assign,
   Plus,

@@ -198,6 +198,7 @@ bool Parser::starts_item() const {
   switch (token_.kind) {
     case TokenKind::Let: return true;
     case TokenKind::Const:
+    case TokenKind::At:
     case TokenKind::Fn: return next_at(TokenKind::Name);
     case TokenKind::Name:
       if (!next_at(TokenKind::Name)) return false;

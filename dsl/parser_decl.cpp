@@ -89,6 +89,9 @@ void Parser::parse_item(Module& module) {
   } else if (at(TokenKind::Fn)) {
     item.kind = Item::Kind::Fn;
     item.fn = parse_fn(std::move(doc));
+  } else if (at(TokenKind::At)) {
+    item.kind = Item::Kind::Fn;
+    item.fn = parse_vjp_fn(std::move(doc));
   } else if (at(TokenKind::Let)) {
     item.kind = Item::Kind::Statement;
     item.statement = parse_let(std::move(doc));
@@ -158,6 +161,24 @@ std::unique_ptr<FnDecl> Parser::parse_fn(std::string doc) {
   fn->name = *std::move(name);
   fn->generics = parse_generics();
   parse_signature_and_body(*fn, {"", fn->name.text}, true);
+  fn->span = span_from(begin);
+  return fn;
+}
+
+// `@vjp(f) fn f_vjp(...) { ... }`
+std::unique_ptr<FnDecl> Parser::parse_vjp_fn(std::string doc) {
+  const uint32_t begin = token_.begin;
+  advance();
+  if (!expect_word("vjp", {"", "@"}) || !expect(TokenKind::LeftParen, {"", "vjp"})) return nullptr;
+  std::optional<Name> of = expect_name("the name of the function whose gradient follows", {"", "("});
+  if (!of || !expect(TokenKind::RightParen, {"", of->text})) return nullptr;
+  if (!at(TokenKind::Fn)) {
+    fail_expected(Code::E0101, "'fn'", {"", "@vjp(" + of->text + ")"});
+    return nullptr;
+  }
+  std::unique_ptr<FnDecl> fn = parse_fn(std::move(doc));
+  if (!fn) return nullptr;
+  fn->vjp_of = std::move(of);
   fn->span = span_from(begin);
   return fn;
 }

@@ -117,6 +117,7 @@ class Parser {
   void fail_item();
   std::unique_ptr<ConstDecl> parse_const(std::string doc);
   std::unique_ptr<FnDecl> parse_fn(std::string doc);
+  std::unique_ptr<FnDecl> parse_vjp_fn(std::string doc);
   std::unique_ptr<StructDecl> parse_struct(std::string doc);
   std::unique_ptr<OptimizerDecl> parse_optimizer(std::string doc);
   void parse_update(OptimizerDecl& optimizer);

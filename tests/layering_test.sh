@@ -10,13 +10,14 @@ dsl
 compiler/ir              dsl/
 compiler/ops             dsl/ compiler/ir/
 compiler/target          dsl/ compiler/ir/ compiler/ops/
-compiler/lower           dsl/ compiler/ir/ compiler/ops/
-compiler/passes          dsl/ compiler/ir/ compiler/ops/ compiler/target/
-compiler/reference       dsl/ compiler/ir/ compiler/ops/
+compiler/topology
+compiler/lower           dsl/ compiler/ir/ compiler/ops/ compiler/topology/
+compiler/passes          dsl/ compiler/ir/ compiler/ops/ compiler/target/ compiler/topology/
+compiler/reference       dsl/ compiler/ir/ compiler/ops/ compiler/topology/
 compiler/backend         dsl/ compiler/ir/ compiler/ops/ compiler/target/ compiler/lower/ compiler/passes/ compiler/reference/
 compiler/backend/bundle  compiler/ir/dim.h
 compiler/drc             dsl/ compiler/ runtime/io/
-runtime                  compiler/backend/bundle/ compiler/ir/dim.h
+runtime                  compiler/backend/bundle/ compiler/ir/dim.h compiler/topology/
 runtime/io
 runtime/jit              runtime/ compiler/ dsl/
 '

@@ -74,6 +74,8 @@ void Generator::process(bundle::BundleT& bundle, std::vector<GlslShader>& shader
     out->extent = bundle_extent(leaf.extent);
     out->initial = leaf.initial;
     out->resource = static_cast<uint32_t>(k);
+    out->table = leaf.table;
+    if (!leaf.table.empty()) out->table_of = static_cast<int>(*graph_.leaf_index(leaf.table_of));
     bundle.leaves.push_back(std::move(out));
   }
   for (const StepSchedule& s : schedule_.steps) step(s);

@@ -20,6 +20,7 @@ struct InputOptions {
   std::string file;
   std::vector<std::string> include_dirs;  // -I
   std::vector<std::string> defines;       // -D name=value
+  bool plain_gradients = false;
 };
 
 struct BuildOptions {

@@ -80,6 +80,7 @@ std::optional<ir::Graph> load_graph(const InputOptions& options) {
 
   lower::Options lowering;
   lowering.include_dirs = options.include_dirs;
+  lowering.plain_gradients = options.plain_gradients;
   for (const std::string& define : options.defines) {
     const auto parts = split_assignment(define, "-D");
     if (!parts) return std::nullopt;

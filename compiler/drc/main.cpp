@@ -19,6 +19,8 @@ void add_input(CLI::App& command, InputOptions& input) {
   command.add_option("-D", input.defines, "Give a const of the program another value")
       ->allow_extra_args(false)
       ->type_name("NAME=VALUE");
+  command.add_flag("--plain-gradients", input.plain_gradients,
+                   "Differentiate functions that have a @vjp by their own text");
 }
 
 // An internal error aborts with its message on stderr; scripts see it as an exit code.

@@ -114,6 +114,10 @@ struct Leaf {
   Extent extent;
   std::vector<double> initial;
   dsl::Span span;
+  // A table that the host makes of another leaf, the faces of a mesh, whenever that one is bound
+  // (compiler/topology/topology.h). Empty: the leaf has its data from elsewhere.
+  std::string table = {};
+  std::string table_of = {};
 };
 
 struct Output {

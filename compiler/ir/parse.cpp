@@ -266,6 +266,8 @@ class Parser {
     }
     if (!known) return expected("'param', 'input' or 'state'");
     if (take('=') && !bracket_list([&] { return number("a number", leaf.initial.emplace_back()); })) return false;
+    if (take_word("topology") && (!name("a table's name", leaf.table) || !name("a leaf's name", leaf.table_of)))
+      return false;
     builder_.graph().leaves.push_back(std::move(leaf));
     return expect_line_end();
   }

@@ -2,6 +2,7 @@
 // The graph's text form. One op a line, types always shown, user names kept, floats in shortest form:
 //
 //   leaf position : vec3[V] param = [0, 0, 0]      // `= ...` only where the leaf has an initial value
+//   leaf face.edge : ivec2[E] input topology edge face
 //   %0 : vec3[V] = leaf text "position"
 //   %moved.4 : vec3[V] = add %0, %3
 //   %9 : float[W, H] = reduce %1, %2 ints [8] dims [W, H, 1] yields [sum] (%i.7 : int[W, H]) {

@@ -85,6 +85,7 @@ struct BuiltinTable {
         {"pin", 1, 1, &E::builtin_barrier, OpKind::Pin},
         {"grad", 2, 2, &E::builtin_grad, OpKind::Grad, {"seed"}},
         {"array", 2, 2, &E::builtin_array},
+        {"topology", 1, 2, &E::builtin_topology},
     };
     return kRows;
   }

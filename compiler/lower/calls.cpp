@@ -207,6 +207,11 @@ Value Elaborator::inline_function(const FunctionValue& fn, std::vector<Argument>
   if (!bind_params(decl.params, decl.generics, std::move(args), *scope, span, decl.name.text, decl.name.span, true))
     return Error{};
 
+  const dsl::FnDecl* vjp = vjp_of(fn);
+  std::vector<Value> bound;
+  if (vjp)
+    for (const dsl::Param& param : decl.params) bound.push_back(scope->find(param.name.text)->value);
+
   frames_.push_back({&decl, decl.name.text, span, fn.scope, fn.creator, fn.is_lambda});
   const size_t depth = frames_.size();
   const Switched<Scope*> inside(scope_, scope);
@@ -228,7 +233,10 @@ Value Elaborator::inline_function(const FunctionValue& fn, std::vector<Argument>
     value = matched ? *std::move(matched) : Value(Error{});
   }
   frames_.pop_back();
-  return leave_call(value, depth);
+  value = leave_call(value, depth);
+  if (!vjp || contains_error(value)) return value;
+  for (Value& argument : bound) argument = leave_call(argument, depth);
+  return with_vjp(fn, *vjp, value, std::move(bound), span);
 }
 
 // What was one element inside the call is a whole image outside.

@@ -26,6 +26,10 @@
 #include "dsl/diagnostic.h"
 #include "dsl/source.h"
 
+namespace dr::topology {
+struct Table;
+}
+
 namespace dr::lower {
 
 using dsl::Code;
@@ -288,6 +292,13 @@ class Elaborator {
                                                                       std::vector<Argument> args, const Span& call,
                                                                       const std::string& name, const Span& declared);
   Value leave_call(const Value& value, size_t depth) const;
+
+  // Gradients that the program gives (vjp.cpp).
+  void collect_vjps(ModuleInfo& module);
+  const dsl::FnDecl* vjp_of(const FunctionValue& fn) const;
+  Value with_vjp(const FunctionValue& fn, const dsl::FnDecl& vjp, const Value& y, std::vector<Value> args,
+                 const Span& span);
+
   Value call_builtin(const BuiltinValue& builtin, std::vector<Argument> args, const Expr* syntax, const Span& span);
   Value construct(const TypeValue& type, std::vector<Argument> args, const Span& span);
   Value construct_struct(const TypeValue& type, std::vector<Argument> args, const Span& span);
@@ -389,6 +400,10 @@ class Elaborator {
   Value builtin_barrier(BuiltinCall& call);
   Value builtin_grad(BuiltinCall& call);
   Value builtin_array(BuiltinCall& call);
+  Value builtin_topology(BuiltinCall& call);  // topology.cpp
+  const ir::Leaf* topology_faces(const BuiltinCall& call);
+  Value topology_table(const std::string& faces, const topology::Table& table, const Dim& face_count,
+                       const Dim& vertices);
   Value gather(const Value& base, const Value& index, const Span& base_span, const Span& index_span);
   bool is_index(const Value& value) const;
   Value image_op(OpKind kind, std::span<const Value> operands, ir::Attrs attrs, std::span<const Value> elements_of);
@@ -411,6 +426,8 @@ class Elaborator {
   std::vector<RegionFrame> regions_;
   StepFrame* step_ = nullptr;
   OptimizerFrame* optimizer_ = nullptr;
+  std::set<const dsl::FnDecl*> open_vjps_;  // functions whose @vjp is being elaborated: in it they are plain
+  int64_t cotangents_ = 0;
 
   bool parsed_ = true;  // all files
   size_t depth_ = 0;

@@ -20,6 +20,7 @@ namespace dr::lower {
 struct Options {
   std::vector<std::string> include_dirs;                    // -I
   std::map<std::string, std::string, std::less<>> defines;  // -D name=value, overriding `const`s of the root file
+  bool plain_gradients = false;  // differentiate functions that have a @vjp by their own text
 };
 
 // The text of a library module that ships inside the compiler ("std/camera.dr"), or nullopt.

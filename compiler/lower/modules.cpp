@@ -24,6 +24,7 @@ ModuleInfo* Elaborator::load_module(dsl::FileId file, std::string path, std::str
   parsed_ = parsed_ && diagnostics_.error_count() == errors;
   for (const dsl::ImportDecl& import : module.syntax.imports) load_import(module, import);
   collect_items(module);
+  collect_vjps(module);
   module.loading = false;
   return &module;
 }

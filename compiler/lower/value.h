@@ -203,6 +203,7 @@ struct ModuleInfo {
   Scope scope;
   std::map<std::string, ModuleItem, std::less<>> items;
   std::deque<StructType> structs;
+  std::map<const dsl::FnDecl*, const dsl::FnDecl*> vjps;  // the function that gives the gradient of another one
   bool is_root = false;
   bool loading = true;  // its imports are being read
 };

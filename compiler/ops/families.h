@@ -18,6 +18,6 @@ std::vector<OpInfo> vector_ops();      // Splat .. Normalize
 std::vector<OpInfo> image_ops();       // Gather .. Broadcast
 std::vector<OpInfo> region_ops();      // If, Reduce
 std::vector<OpInfo> raster_ops();      // Raster
-std::vector<OpInfo> gradient_ops();    // Grad, Detach, Pin
+std::vector<OpInfo> gradient_ops();    // Grad, Vjp, Cotangent, Detach, Pin
 
 }  // namespace dr::ops

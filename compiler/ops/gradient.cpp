@@ -23,6 +23,35 @@ InferResult infer_grad(const InferInput& in) {
   return results;
 }
 
+InferResult infer_vjp(const InferInput& in) {
+  const size_t count = in.operands.size();
+  if (count < 4 || count % 2 != 0) return "a vjp has a value, its cotangent, and as many targets as adjoints";
+  const ResultType& value = in.operands[0];
+  const ResultType& cotangent = in.operands[1];
+  if (!value.type.is_float()) return "a " + value.type.str() + " has no gradient";
+  if (cotangent.type != value.type || !ir::broadcast(cotangent.extent, value.extent)) {
+    return "the cotangent of " + words(value) + " cannot be " + words(cotangent);
+  }
+  const size_t targets = (count - 2) / 2;
+  for (size_t k = 0; k < targets; ++k) {
+    const ResultType& target = in.operands[2 + k];
+    const ResultType& adjoint = in.operands[2 + targets + k];
+    if (!target.type.is_float() || adjoint.type != target.type) {
+      return "the adjoint of " + words(target) + " cannot be " + words(adjoint);
+    }
+  }
+  return std::vector<ResultType>{{.type = value.type, .extent = value.extent}};
+}
+
+InferResult infer_cotangent(const InferInput& in) {
+  if (std::string wrong = expect_operands(in, 0); !wrong.empty()) return wrong;
+  if (std::string wrong = expect_ints(in.attrs, 3); !wrong.empty()) return wrong;
+  if (std::string wrong = expect_dims(in.attrs, 3); !wrong.empty()) return wrong;
+  const int64_t rows = in.attrs.ints[0], cols = in.attrs.ints[1];
+  if (rows < 1 || rows > 4 || cols < 1 || cols > 4) return "a cotangent has 1 to 4 rows and columns";
+  return one({Scalar::Float, static_cast<uint8_t>(rows), static_cast<uint8_t>(cols)}, extent_of(in.attrs));
+}
+
 void copy(const EvalBatch& e) {
   map1(e, [](double x) { return x; });
 }
@@ -36,6 +65,15 @@ std::vector<OpInfo> gradient_ops() {
        .shape = Shape::Gradient,
        .doc = "The adjoint of each target from the seed, that of the value; zeros where nothing flows.",
        .infer = infer_grad},
+      {.kind = OpKind::Vjp,
+       .shape = Shape::Gradient,
+       .doc = "y; a gradient reaches the targets as the given adjoints, and y's own operands not at all.",
+       .infer = infer_vjp},
+      {.kind = OpKind::Cotangent,
+       .shape = Shape::Gradient,
+       .doc = "Stands for the adjoint of a vjp's result in the adjoints of its targets.",
+       .infer = infer_cotangent,
+       .differentiable = false},
       {.kind = OpKind::Detach,
        .shape = Shape::Elementwise,
        .doc = "x without gradient.",

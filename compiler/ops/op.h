@@ -22,7 +22,7 @@ enum class Shape : uint8_t {
   Elementwise,  // result element from the operands' elements at the same place
   Image,        // reads operands at other places, or changes the extent (Gather, Shift, Reduce*, Scatter*, Broadcast)
   Region,       // If, Reduce, Raster
-  Gradient,     // Grad: gone after differentiate
+  Gradient,     // Grad, Vjp, Cotangent: gone after differentiate
 };
 
 // What a type rule sees.

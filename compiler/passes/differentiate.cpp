@@ -2,7 +2,7 @@
 // Replace each Grad op by the ops that compute it, reverse mode.
 //   %2 = mul %0, %0
 //   %3 = grad %2, %1, %0      =>    %3 = mul %1, %0    %4 = mul %1, %0    %5 = add %3, %4
-// Requires: verified graph, Grad ops in the root region only.  Establishes: no Grad ops.
+// Requires: verified graph, Grad ops in the root region only.  Establishes: no Grad, Vjp or Cotangent ops.
 // Every value keeps a value of its own, so that a Grad's target is exactly what the program named: two equal values are
 // two values. Ops before a Grad op are already expanded when it is reached, so gradients of gradients need no extra
 // rule.
@@ -146,6 +146,8 @@ void Sweep::run(Frame& frame, std::span<const OpId> list) {
       differentiate_reduce(*this, frame, id);
     } else if (op.kind == OpKind::Gather && !frame.root) {
       differentiate_gather(*this, frame, op);
+    } else if (op.kind == OpKind::Vjp) {
+      differentiate_vjp(*this, frame, op);
     } else if (op.results.size() == 1) {
       differentiate_op(*this, frame, op);
     }
@@ -195,7 +197,7 @@ Graph differentiate(const Graph& graph) {
     for (ir::Output& output : step.outputs) output.value = map[output.value];
     for (ir::Update& update : step.updates) update.value = map[update.value];
   }
-  return std::move(b).finish();
+  return drop_vjps(std::move(b).finish());
 }
 
 }  // namespace dr::passes

@@ -50,6 +50,11 @@ struct Sweep {
 void differentiate_if(Sweep& sweep, Frame& frame, ir::OpId id);
 void differentiate_reduce(Sweep& sweep, Frame& frame, ir::OpId id);
 
+// The adjoint of a Vjp op: the adjoints it names, with the adjoint of its result in place of the cotangent.
+void differentiate_vjp(Sweep& sweep, Frame& frame, const ir::Op& op);
+// The graph with each Vjp op replaced by its value, and without what depends on cotangents.
+ir::Graph drop_vjps(const ir::Graph& graph);
+
 // --- shared by the structured constructs ---
 
 // What a region yields for one result. `index` is valid for a Scatter of (index, value) only.

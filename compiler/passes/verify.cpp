@@ -7,6 +7,7 @@
 #include "compiler/ir/print.h"
 #include "compiler/ops/op.h"
 #include "compiler/passes/passes.h"
+#include "compiler/topology/topology.h"
 
 namespace dr::passes {
 
@@ -70,6 +71,17 @@ class Verifier {
         report("leaf '" + leaf.name + "' is " + leaf.type.str() + " and has " + std::to_string(leaf.initial.size()) +
                " initial components");
       }
+      if (!leaf.table.empty()) check_table(leaf);
+    }
+  }
+
+  void check_table(const Leaf& leaf) {
+    const topology::Table* table = topology::find_table(leaf.table);
+    const auto of = graph_.leaf_index(leaf.table_of);
+    if (!table || leaf.kind != Leaf::Kind::Input || leaf.type != vec(table->components, Scalar::Int)) {
+      report("leaf '" + leaf.name + "' is no table of a topology");
+    } else if (!of || graph_.leaves[*of].type != vec(3, Scalar::Int) || !graph_.leaves[*of].table.empty()) {
+      report("leaf '" + leaf.name + "' is a table of '" + leaf.table_of + "', which are no faces");
     }
   }
 
@@ -158,7 +170,7 @@ class Verifier {
     const ops::Shape shape = ops::info(op.kind).shape;
     const bool gather = op.kind == OpKind::Gather;
     const bool element = shape == ops::Shape::Elementwise || shape == ops::Shape::Source || combines_yields(op.kind) ||
-                         gather || op.kind == OpKind::Detach || op.kind == OpKind::Pin;
+                         gather || op.kind == OpKind::Vjp || op.kind == OpKind::Cotangent;
     if (!element) report(id, "this op may not stand in a region");
     if (gather && !op.operands.empty() && op.operands[0].index < graph_.value_count() &&
         graph_.value(op.operands[0]).region != graph_.root()) {

@@ -87,6 +87,8 @@ class Evaluation {
     }
     if (auto error = check_dims(op)) return error;
     switch (op.kind) {
+      case OpKind::Vjp:
+      case OpKind::Cotangent:
       case OpKind::Grad: DR_ICE("the reference evaluator got a graph with Grad ops");
       case OpKind::Raster: return raster(op, results);
       case OpKind::If:

@@ -58,7 +58,8 @@ class Session {
   explicit Session(const ir::Graph& graph);
 
   // Gives a leaf its data and its extents' symbols their values. Errors: unknown leaf, wrong type, an extent that
-  // contradicts an earlier binding (both places named), an extent expression that cannot be solved for its symbol.
+  // contradicts an earlier binding (both places named), an extent expression that cannot be solved for its symbol, a
+  // table of a topology, which is made from the faces.
   std::optional<std::string> bind(const std::string& leaf, Image data);
   std::optional<std::string> bind_symbol(const std::string& symbol, int64_t value);
   const ir::SymbolValues& symbols() const { return symbols_; }
@@ -73,11 +74,16 @@ class Session {
                                                        const Options& options = {});
 
  private:
+  // Makes the tables of topologies whose faces were bound, where nobody gave them (topology.cpp).
+  std::optional<std::string> make_tables();
+  std::optional<std::string> assign(uint32_t leaf, Image data);
+
   const ir::Graph& graph_;
   ir::SymbolValues symbols_;
   std::map<std::string, std::string, std::less<>> symbol_origin_;  // which leaf or option set a symbol, for messages
   std::vector<std::optional<Image>> leaves_;
   std::map<std::string, int64_t, std::less<>> runs_;
+  std::vector<bool> stale_;  // faces bound since their tables were made, by leaf
   bool prepared_ = false;
 };
 

@@ -133,7 +133,8 @@ std::optional<std::string> unify_all(const ir::Graph& graph, const std::vector<s
 
 std::string describe(const ir::Leaf& leaf) { return std::string(kind_name(leaf.kind)) + " '" + leaf.name + "'"; }
 
-Session::Session(const ir::Graph& graph) : graph_(graph), leaves_(graph.leaves.size()) {}
+Session::Session(const ir::Graph& graph)
+    : graph_(graph), leaves_(graph.leaves.size()), stale_(graph.leaves.size(), false) {}
 
 std::optional<std::string> Session::bind(const std::string& name, Image data) {
   const auto index = graph_.leaf_index(name);
@@ -143,6 +144,12 @@ std::optional<std::string> Session::bind(const std::string& name, Image data) {
     return message;
   }
   const ir::Leaf& leaf = graph_.leaves[*index];
+  if (!leaf.table.empty()) return describe(leaf) + " is made from '" + leaf.table_of + "'; bind that instead";
+  return assign(*index, std::move(data));
+}
+
+std::optional<std::string> Session::assign(uint32_t index, Image data) {
+  const ir::Leaf& leaf = graph_.leaves[index];
   const std::string who = describe(leaf);
   if (data.type.components() != leaf.type.components()) {
     return who + " is " + leaf.type.str() + ", but its data is " + data.type.str();
@@ -167,13 +174,14 @@ std::optional<std::string> Session::bind(const std::string& name, Image data) {
   for (size_t axis = 0; axis < 3; ++axis) {
     if (auto error = unify(leaf, axis, extents[axis], symbols, origins)) return error;
   }
-  auto previous = std::exchange(leaves_[*index], std::move(data));
+  auto previous = std::exchange(leaves_[index], std::move(data));
   if (auto error = unify_all(graph_, leaves_, symbols, origins)) {
-    leaves_[*index] = std::move(previous);
+    leaves_[index] = std::move(previous);
     return error;
   }
   symbols_ = std::move(symbols);
   symbol_origin_ = std::move(origins);
+  stale_[index] = true;
   return std::nullopt;
 }
 
@@ -200,6 +208,7 @@ const Image& Session::leaf(const std::string& name) const {
 }
 
 std::optional<std::string> Session::prepare() {
+  if (auto error = make_tables()) return error;
   if (prepared_) return std::nullopt;
   for (size_t k = 0; k < leaves_.size(); ++k) {
     const ir::Leaf& leaf = graph_.leaves[k];

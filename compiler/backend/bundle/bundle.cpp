@@ -167,6 +167,10 @@ struct Checker {
         fail(where + " has an initial value of the wrong size");
         return;
       }
+      if (l->table_of >= 0 && (static_cast<size_t>(l->table_of) >= b.leaves.size())) {
+        fail(where + " is a table of a leaf that there is not");
+        return;
+      }
     }
     for (const auto& s : b.shaders) {
       if (!s || s->stage > Stage::MAX) {

@@ -263,6 +263,8 @@ void Shader::op(const Op& op) {
     case OpKind::ReduceMin:
     case OpKind::ReduceMax:
     case OpKind::Raster:
+    case OpKind::Vjp:
+    case OpKind::Cotangent:
     case OpKind::Grad: DR_ICE("op '" + std::string(ir::op_name(op.kind)) + "' has no element-wise form");
     default: break;
   }

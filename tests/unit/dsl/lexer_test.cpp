@@ -143,7 +143,7 @@ TEST_CASE("a byte order mark is skipped, in front only") {
 
 TEST_CASE("stray characters") {
   CHECK(tokens("a ? b") == "a ? b [E0004 2-3: expected code, found '?' | write 'if condition { a } else { b }']");
-  CHECK(tokens("@x") == "? x [E0004 0-1: expected code, found '@']");
+  CHECK(tokens("$x") == "? x [E0004 0-1: expected code, found '$']");
   CHECK(tokens("\x07x") == "? x [E0004 0-1: expected code, found U+0007]");
   CHECK(tokens("x = \xC3\xA9") == "x = ? [E0004 4-6: expected code, found '\xC3\xA9' (U+00E9)]");
   // One word in another script is one error.

@@ -226,7 +226,7 @@ TEST_CASE("a function with a name inside a block") {
 TEST_CASE("reading stops after the limit") {
   const Parsed parsed("edition 1;\n" + repeat("let x = ;\n", 1000));
   CHECK(parsed.diagnostics.error_count() == DiagnosticList::kMaxErrors);
-  const Parsed strays("edition 1;\n" + repeat("@ ", 1000));
+  const Parsed strays("edition 1;\n" + repeat("$ ", 1000));
   CHECK(strays.diagnostics.error_count() == DiagnosticList::kMaxErrors);
 }
 
@@ -242,7 +242,7 @@ TEST_CASE("messages are lower case, short and without a full stop; every code ha
   const std::string programs[] = {
       "edition 1; let \xFF",
       std::string("edition 1;\0", 11),
-      "edition 1; @",
+      "edition 1; $",
       "edition 1; \"abc",
       "edition 1; let x = \"\\q\";",
       "edition 1; let x = 1.;",

@@ -1,0 +1,144 @@
+// SPDX-License-Identifier: Apache-2.0
+// `@vjp(f)`: a function that gives the gradient of f in place of the compiler. It takes f's parameters and the adjoint
+// of f's value, and gives the adjoints of those parameters that hold floats.
+#include <algorithm>
+
+#include "compiler/lower/elaborator.h"
+#include "compiler/ops/emit.h"
+
+namespace dr::lower {
+
+void Elaborator::collect_vjps(ModuleInfo& module) {
+  for (const dsl::Item& item : module.syntax.items) {
+    if (item.kind != dsl::Item::Kind::Fn || !item.fn->vjp_of) continue;
+    const dsl::FnDecl& vjp = *item.fn;
+    const dsl::Name& name = *vjp.vjp_of;
+    const auto found = module.items.find(name.text);
+    const auto* fn = found == module.items.end() ? nullptr : found->second.value.get<FunctionValue>();
+    if (!fn || fn->decl == &vjp || fn->decl->vjp_of) {
+      std::vector<std::string> known;
+      for (const auto& [other, entry] : module.items) {
+        if (entry.kind == ModuleItem::Kind::Fn && other != vjp.name.text) known.push_back(other);
+      }
+      report(Code::E0615, name.span, "expected a function of this file after '@vjp(', found '" + name.text + "'", {},
+             suggestion(name.text, known));
+      continue;
+    }
+    const auto [entry, first] = module.vjps.emplace(fn->decl, &vjp);
+    if (!first) {
+      report(Code::E0615, name.span, "expected one '@vjp' of '" + name.text + "', found a second",
+             {{entry->second->vjp_of->span, "the first one is here"}});
+    } else if (vjp.params.size() != fn->decl->params.size() + 1) {
+      report(Code::E0616, vjp.name.span,
+             "expected the parameters of '" + name.text + "' and the adjoint of its value, " +
+                 std::to_string(fn->decl->params.size() + 1) + " in all, found " + std::to_string(vjp.params.size()),
+             {{fn->decl->name.span, "'" + name.text + "' is declared here"}});
+    }
+  }
+}
+
+const dsl::FnDecl* Elaborator::vjp_of(const FunctionValue& fn) const {
+  if (options_.plain_gradients || fn.is_lambda || !fn.self.empty() || open_vjps_.contains(fn.decl)) return nullptr;
+  const auto& vjps = fn.scope->module->vjps;
+  const auto found = vjps.find(fn.decl);
+  return found == vjps.end() ? nullptr : found->second;
+}
+
+namespace {
+
+bool is_float_image(const Value& value, const ir::Builder& b) {
+  const auto* image = value.get<Image>();
+  return image && b.value(image->id).type.is_float();
+}
+
+bool holds_floats(const Value& value, const ir::Builder& b) {
+  bool found = false;
+  for_each_leaf(value, [&](const Value& leaf) {
+    const auto* constant = leaf.get<Constant>();
+    found = found || is_float_image(leaf, b) || (constant && constant->type.is_float());
+  });
+  return found;
+}
+
+}  // namespace
+
+// The value of f, with the gradient that `vjp` gives for its arguments.
+Value Elaborator::with_vjp(const FunctionValue& fn, const dsl::FnDecl& vjp, const Value& y, std::vector<Value> args,
+                           const Span& span) {
+  const std::string name = "'" + fn.decl->name.text + "'";
+  // What is known at compile time has no gradient.
+  if (y.is<Constant>() || y.is<Dim>()) return y;
+  if (!is_float_image(y, b_)) {
+    return fail(Code::E0616, vjp.vjp_of->span,
+                "expected a function that gives one value of floats, found that " + name + " gives " + describe(y));
+  }
+  const Type type = element_type(y);
+  const Extent extent = extent_of(y);
+  const ValueId value = y.as<Image>().id;
+  const ValueId cotangent = ops::emit(b_, OpKind::Cotangent, {},
+                                      {.ints = {type.rows, type.cols, cotangents_++},
+                                       .floats = {},
+                                       .dims = {extent.w, extent.h, extent.l},
+                                       .yields = {},
+                                       .text = {}});
+  std::vector<Value> vjp_args = args;
+  vjp_args.push_back(Image{cotangent, y.as<Image>().element});
+  open_vjps_.insert(fn.decl);
+  const Value result = call_with(FunctionValue{.decl = &vjp, .scope = fn.scope}, std::move(vjp_args), span);
+  open_vjps_.erase(fn.decl);
+  if (contains_error(result)) return Error{};
+
+  // One part of the result for each parameter that holds floats, of its form.
+  std::vector<size_t> asked;
+  for (size_t i = 0; i < args.size(); ++i)
+    if (holds_floats(args[i], b_)) asked.push_back(i);
+  const Span end = vjp.body.value ? vjp.body.value->span : vjp.body.span;
+  const auto* tuple = result.get<TupleValue>();
+  const std::vector<Value> parts = asked.size() == 1 ? std::vector<Value>{result}
+                                   : tuple           ? tuple->items
+                                                     : std::vector<Value>{};
+  if (parts.size() != asked.size()) {
+    return fail(Code::E0616, end,
+                "expected " + std::to_string(asked.size()) + " adjoints, one for each parameter of " + name +
+                    " that holds floats, found " + describe(result),
+                {{fn.decl->name.span, name + " is declared here"}});
+  }
+  std::vector<ValueId> targets, adjoints;
+  for (size_t k = 0; k < parts.size(); ++k) {
+    const Value& arg = args[asked[k]];
+    const std::string& param = fn.decl->params[asked[k]].name.text;
+    std::vector<Value> given, wanted;
+    for_each_leaf(arg, [&](const Value& leaf) { wanted.push_back(leaf); });
+    for_each_leaf(parts[k], [&](const Value& leaf) { given.push_back(leaf); });
+    if (given.size() != wanted.size()) {
+      return fail(Code::E0616, end, "expected an adjoint of the form of '" + param + "', found " + describe(parts[k]));
+    }
+    for (size_t i = 0; i < wanted.size(); ++i) {
+      if (!is_float_image(wanted[i], b_)) continue;
+      convert_known_int(given[i], Scalar::Float);
+      if (!given[i].is_numeric() || element_type(given[i]) != element_type(wanted[i])) {
+        return fail(Code::E0616, end,
+                    "expected an adjoint of type " + element_type(wanted[i]).str() + " for '" + param + "', found " +
+                        describe_element(given[i]));
+      }
+      // Of the target's extent, or one element of f's value each, to be summed.
+      const Extent adjoint = extent_of(given[i]), target = extent_of(wanted[i]);
+      const auto both = ir::broadcast(adjoint, extent);
+      const bool sums = both && ir::broadcast(*both, target) == *both;
+      if (adjoint != target && !sums) {
+        return fail(
+            Code::E0616, end,
+            "expected an adjoint of the extent " + target.str() + " for '" + param + "', found " + adjoint.str());
+      }
+      targets.push_back(wanted[i].as<Image>().id);
+      adjoints.push_back(materialize(given[i]));
+    }
+  }
+  if (targets.empty()) return y;
+  std::vector<ValueId> operands{value, cotangent};
+  operands.insert(operands.end(), targets.begin(), targets.end());
+  operands.insert(operands.end(), adjoints.begin(), adjoints.end());
+  return Image{ops::emit(b_, OpKind::Vjp, std::move(operands)), y.as<Image>().element};
+}
+
+}  // namespace dr::lower
