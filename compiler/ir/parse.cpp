@@ -14,6 +14,9 @@ namespace {
 
 constexpr int kMaxDepth = 200;  // of regions in regions
 
+// What a message repeats of the text.
+std::string shown(std::string_view text) { return "'" + std::string(text.substr(0, 40)) + "'"; }
+
 struct Definition {
   uint64_t number = 0;
   std::string name;
@@ -62,8 +65,8 @@ class Parser {
     } else if (c == '\n') {
       found = "the end of the line";
     } else {
-      const std::string word(peek_word());
-      found = "'" + (word.empty() ? std::string(1, c) : word.substr(0, 40)) + "'";
+      const std::string_view word = peek_word();
+      found = shown(word.empty() ? std::string_view(&c, 1) : word);
     }
     return fail("expected " + std::string(what) + ", found " + found);
   }
@@ -163,7 +166,7 @@ class Parser {
     const size_t end = std::min(text_.find_first_of(",]\n", at_), text_.size());
     const std::string_view expression = text_.substr(at_, end - at_);
     const auto parsed = Dim::parse(expression);
-    if (!parsed) return fail("expected an extent, found '" + std::string(expression.substr(0, 40)) + "'");
+    if (!parsed) return fail("expected an extent, found " + shown(expression));
     out = *parsed;
     at_ = end;
     return true;
@@ -216,7 +219,7 @@ class Parser {
     out = found->second;
     const std::string& defined = builder_.value(out).name;
     if (!given.empty() && given != defined) {
-      return fail("value %" + std::to_string(number) + " is named '" + defined + "', found '" + given + "'");
+      return fail("value %" + std::to_string(number) + " is named " + shown(defined) + ", found " + shown(given));
     }
     return true;
   }
@@ -359,7 +362,7 @@ class Parser {
         Update& update = step.updates.emplace_back();
         if (!name("a leaf's name", word)) return false;
         const auto index = builder_.graph().leaf_index(word);
-        if (!index) return fail("expected a leaf's name, found '" + word + "'");
+        if (!index) return fail("expected a leaf's name, found " + shown(word));
         update.leaf = *index;
         if (!use(update.value)) return false;
       } else {

@@ -46,8 +46,6 @@ using ir::ValueId;
 inline constexpr int64_t kMaxTrips = 4096;       // of one `for`, or items of one array
 inline constexpr size_t kMaxCalls = 64;          // calls inside each other
 inline constexpr size_t kMaxDepth = 2000;        // expressions inside each other, through calls
-inline constexpr size_t kMaxOps = 1'000'000;     // of a program
-inline constexpr size_t kMaxSteps = 50'000'000;  // expressions elaborated
 inline constexpr size_t kMaxCallNotes = 4;       // notes "in the call of 'f' here" of one message
 
 class Elaborator;

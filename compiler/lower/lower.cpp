@@ -53,19 +53,49 @@ void Elaborator::set_span(const Span& span) {
 // Whether elaboration has to end. Unrolling can multiply without bound: each limit below is a message, not a hang.
 bool Elaborator::over_budget(const Span& span) {
   if (exhausted_ || diagnostics_.full()) return true;
-  if (b_.graph().op_count() > kMaxOps) {
+  if (b_.graph().op_count() > options_.max_ops) {
     report(Code::E0503, span,
-           "expected a program of at most " + std::to_string(kMaxOps) + " operations after unrolling, found more");
+           "expected a program of at most " + std::to_string(options_.max_ops) +
+               " operations after unrolling, found more");
     exhausted_ = true;
-  } else if (++steps_ > kMaxSteps) {
+  } else if (++steps_ > options_.max_expressions) {
     report(Code::E0503, span,
-           "expected at most " + std::to_string(kMaxSteps) + " expressions after unrolling, found more");
+           "expected at most " + std::to_string(options_.max_expressions) + " expressions after unrolling, found more");
     exhausted_ = true;
   }
   return exhausted_;
 }
 
 // ---- the program ----
+
+namespace {
+
+struct DeepGradient {
+  Span span;
+  size_t order;
+};
+
+// A gradient comes to about four times the ops of what it is of, so gradients of gradients grow with a power of four.
+std::optional<DeepGradient> too_deep_gradient(const ir::Graph& graph, size_t max_ops) {
+  constexpr size_t kGrowth = 4;
+  std::vector<size_t> orders(graph.value_count());  // how many gradients deep a value comes of gradients
+  for (uint32_t k = 0; k < graph.op_count(); ++k) {
+    const ir::Op& op = graph.op({k});
+    size_t order = 0;
+    for (const ValueId operand : op.operands) order = std::max(order, orders[operand.index]);
+    for (const ir::RegionId region : op.regions) {
+      for (const ValueId yield : graph.region(region).yields) order = std::max(order, orders[yield.index]);
+    }
+    if (op.kind == OpKind::Grad) ++order;
+    for (const ValueId result : op.results) orders[result.index] = order;
+    size_t ops = graph.op_count();
+    for (size_t i = 1; i < order && ops <= kGrowth * max_ops; ++i) ops *= kGrowth;
+    if (ops > kGrowth * max_ops) return DeepGradient{op.span, order};
+  }
+  return std::nullopt;
+}
+
+}  // namespace
 
 std::optional<ir::Graph> Elaborator::run(dsl::FileId root) {
   const std::string name(sources_.name(root));
@@ -77,6 +107,11 @@ std::optional<ir::Graph> Elaborator::run(dsl::FileId root) {
   apply_defines(*root_);
   declare_leaves(*root_);
   run_program(*root_);
+  if (const auto deep = too_deep_gradient(b_.graph(), options_.max_ops)) {
+    report(Code::E0503, deep->span,
+           "expected a program that stays below " + std::to_string(options_.max_ops) +
+               " operations, found gradients of gradients, " + std::to_string(deep->order) + " deep");
+  }
   if (diagnostics_.has_errors()) return std::nullopt;
   return std::move(b_).finish();
 }

@@ -4,6 +4,7 @@
 // is left are ops on images.
 #pragma once
 
+#include <cstddef>
 #include <map>
 #include <optional>
 #include <string>
@@ -21,6 +22,9 @@ struct Options {
   std::vector<std::string> include_dirs;                    // -I
   std::map<std::string, std::string, std::less<>> defines;  // -D name=value, overriding `const`s of the root file
   bool plain_gradients = false;  // differentiate functions that have a @vjp by their own text
+  // What a program may come to after unrolling; more is an error.
+  size_t max_ops = 1'000'000;
+  size_t max_expressions = 50'000'000;
 };
 
 // The text of a library module that ships inside the compiler ("std/camera.dr"), or nullopt.

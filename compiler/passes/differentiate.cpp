@@ -33,12 +33,12 @@ namespace {
 
 // Marks, in order, what depends on values already marked. A region op's result depends on what its regions yield for
 // it.
-void mark_active(const Graph& graph, RegionId region, std::vector<bool>& active) {
+void mark_active(const Graph& graph, std::span<const OpId> list, std::vector<bool>& active) {
   const auto is_active = [&](ValueId id) { return static_cast<bool>(active[id.index]); };
-  for (const OpId id : graph.region(region).ops) {
+  for (const OpId id : list) {
     const Op& op = graph.op(id);
     if (!ops::info(op.kind).differentiable) continue;
-    for (const RegionId inner : op.regions) mark_active(graph, inner, active);
+    for (const RegionId inner : op.regions) mark_active(graph, graph.region(inner).ops, active);
     for (size_t k = 0; k < op.results.size(); ++k) {
       if (!graph.value(op.results[k]).type.is_float()) continue;
       const bool depends = op.regions.empty() ? std::ranges::any_of(op.operands, is_active)
@@ -97,17 +97,26 @@ void differentiate_gather(Sweep& sweep, Frame& frame, const Op& op) {
   frame.scatters.push_back({.image = image, .index = sweep.now[op.operands[1]], .value = found->second});
 }
 
-// The results of one Grad op, its operands given in the builder.
-std::vector<ValueId> expand(Builder& b, std::span<const ValueId> operands) {
-  const ValueId y = operands[0];
-  const ValueId seed = operands[1];
-  const std::span<const ValueId> targets = operands.subspan(2);
+// The ops of the root region that can lie between targets and y: those from the first target's to y's.
+std::span<const OpId> between(const Graph& graph, std::span<const ValueId> targets, ValueId y) {
+  const std::vector<OpId>& list = graph.region(graph.root()).ops;  // in the order of their ids
+  OpId first = graph.value(targets[0]).op;
+  for (const ValueId x : targets) first = std::min(first, graph.value(x).op);
+  const auto begin = std::ranges::lower_bound(list, first);
+  const auto end = std::ranges::upper_bound(list, graph.value(y).op);
+  return begin < end ? std::span(begin, end) : std::span<const OpId>{};
+}
 
-  const Graph source = b.graph();
-  Sweep sweep(source, b, targets);
+// The adjoints of `targets`, values of the source as y is; `seed` is the builder's, as the results are.
+std::vector<ValueId> expand(const Graph& source, ValueMap now, Builder& b, ValueId y, ValueId seed,
+                            std::span<const ValueId> targets) {
+  const std::span<const OpId> list = between(source, targets, y);
+  Sweep sweep{source, b, std::move(now), std::vector<bool>(source.value_count(), false)};
+  for (const ValueId x : targets) sweep.active[x.index] = source.value(x).type.is_float();
+  mark_active(source, list, sweep.active);
   Frame frame{.root = true, .domain = {}, .adjoints = {}, .accumulated = {}, .scatters = {}};
   sweep.add(frame, y, seed);
-  sweep.run(frame, source.region(source.root()).ops);
+  sweep.run(frame, list);
 
   std::vector<ValueId> results;
   for (const ValueId x : targets) {
@@ -120,15 +129,6 @@ std::vector<ValueId> expand(Builder& b, std::span<const ValueId> operands) {
 }
 
 }  // namespace
-
-Sweep::Sweep(const Graph& source_graph, Builder& to, std::span<const ValueId> targets)
-    : source(source_graph), builder(to), now(source_graph.value_count()), active(source_graph.value_count(), false) {
-  for (const OpId id : source.region(source.root()).ops) {
-    for (const ValueId result : source.op(id).results) now.set(result, result);
-  }
-  for (const ValueId x : targets) active[x.index] = source.value(x).type.is_float();
-  mark_active(source, source.root(), active);
-}
 
 void Sweep::add(Frame& frame, ValueId value, ValueId term) {
   if (!active[value.index] || is_zero(builder.graph(), term)) return;
@@ -154,50 +154,88 @@ void Sweep::run(Frame& frame, std::span<const OpId> list) {
   }
 }
 
-Graph differentiate(const Graph& graph) {
-  Builder b;
-  b.graph().leaves = graph.leaves;
-  ValueMap map(graph.value_count());
+namespace {
 
-  const std::vector<OpId>& list = graph.region(graph.root()).ops;
-  std::vector<bool> is_target(graph.value_count(), false);
-  for (const OpId id : list) {
-    const Op& op = graph.op(id);
-    if (op.kind != OpKind::Grad) continue;
-    for (const ValueId x : std::span(op.operands).subspan(2)) is_target[x.index] = true;
+class Differentiate {
+ public:
+  explicit Differentiate(const Graph& graph)
+      : from_(graph), map_(graph.value_count()), is_target_(graph.value_count()), by_gradient_(graph.value_count()) {}
+
+  Graph run() {
+    b_.graph().leaves = from_.leaves;
+    const std::vector<OpId>& list = from_.region(from_.root()).ops;
+    for (const OpId id : list) {
+      const Op& op = from_.op(id);
+      if (op.kind != OpKind::Grad) continue;
+      for (const ValueId x : std::span(op.operands).subspan(2)) is_target_[x.index] = true;
+    }
+    for (const OpId id : list) {
+      const Op& op = from_.op(id);
+      if (op.kind == OpKind::Grad) {
+        rebuild_grad(op);
+      } else {
+        ir::copy_op(from_, id, b_, map_);
+      }
+      if (op.kind != OpKind::Grad && !depends_on_gradient(op)) continue;
+      for (const ValueId result : op.results) by_gradient_[result.index] = true;
+    }
+    b_.graph().steps = from_.steps;
+    for (ir::Step& step : b_.graph().steps) {
+      for (ir::Output& output : step.outputs) output.value = map_[output.value];
+      for (ir::Update& update : step.updates) update.value = map_[update.value];
+    }
+    return std::move(b_).finish();
   }
 
-  for (const OpId id : list) {
-    const Op& op = graph.op(id);
-    if (op.kind != OpKind::Grad) {
-      ir::copy_op(graph, id, b, map);
-      continue;
-    }
-    std::vector<ValueId> operands;
-    for (const ValueId operand : op.operands) operands.push_back(map[operand]);
-    const std::vector<ValueId> adjoints = expand(b, operands);
-    b.set_span(op.span);
-    for (size_t k = 0; k < adjoints.size(); ++k) {
-      ValueId adjoint = adjoints[k];
+ private:
+  bool depends_on_gradient(const Op& op) const {
+    const auto is_so = [&](ValueId id) { return static_cast<bool>(by_gradient_[id.index]); };
+    return std::ranges::any_of(op.operands, is_so) || std::ranges::any_of(op.regions, [&](RegionId region) {
+             return std::ranges::any_of(ir::captures(from_, region), is_so);
+           });
+  }
+
+  std::vector<ValueId> adjoints(const Op& op) {
+    const ValueId y = op.operands[0];
+    const ValueId seed = map_[op.operands[1]];
+    const std::span<const ValueId> targets = std::span(op.operands).subspan(2);
+    // What y comes of is the same in the graph as it was, but for Grad ops.
+    if (!by_gradient_[y.index]) return expand(from_, map_, b_, y, seed, targets);
+    const Graph expanded = b_.graph();
+    ValueMap itself(expanded.value_count());
+    for (uint32_t k = 0; k < expanded.value_count(); ++k) itself.set({k}, {k});
+    std::vector<ValueId> now;
+    for (const ValueId x : targets) now.push_back(map_[x]);
+    return expand(expanded, std::move(itself), b_, map_[y], seed, now);
+  }
+
+  void rebuild_grad(const Op& op) {
+    const std::vector<ValueId> results = adjoints(op);
+    b_.set_span(op.span);
+    for (size_t k = 0; k < results.size(); ++k) {
+      ValueId adjoint = results[k];
       // An adjoint may be the seed, or lead to another adjoint of the same sweep. A later Grad that names it as its
       // target means this result alone, so it gets a value that nothing else uses.
-      if (is_target[op.results[k].index]) {
-        const Extent& e = graph.value(op.results[k]).extent;
-        adjoint = ops::emit(b, OpKind::Broadcast, {adjoint},
+      if (is_target_[op.results[k].index]) {
+        const Extent& e = from_.value(op.results[k]).extent;
+        adjoint = ops::emit(b_, OpKind::Broadcast, {adjoint},
                             {.ints = {}, .floats = {}, .dims = {e.w, e.h, e.l}, .yields = {}, .text = {}});
       }
-      map.set(op.results[k], adjoint);
-      const std::string& name = graph.value(op.results[k]).name;
-      if (!name.empty() && b.value(adjoint).name.empty()) b.set_name(adjoint, name);
+      map_.set(op.results[k], adjoint);
+      const std::string& name = from_.value(op.results[k]).name;
+      if (!name.empty() && b_.value(adjoint).name.empty()) b_.set_name(adjoint, name);
     }
   }
 
-  b.graph().steps = graph.steps;
-  for (ir::Step& step : b.graph().steps) {
-    for (ir::Output& output : step.outputs) output.value = map[output.value];
-    for (ir::Update& update : step.updates) update.value = map[update.value];
-  }
-  return drop_vjps(std::move(b).finish());
-}
+  const Graph& from_;
+  Builder b_;
+  ValueMap map_;
+  std::vector<bool> is_target_;
+  std::vector<bool> by_gradient_;  // values that a Grad op has to do with
+};
+
+}  // namespace
+
+Graph differentiate(const Graph& graph) { return drop_vjps(Differentiate(graph).run()); }
 
 }  // namespace dr::passes

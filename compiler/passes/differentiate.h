@@ -2,9 +2,9 @@
 // The inside of the pass `differentiate`: the reverse sweep of one Grad op. differentiate.cpp walks ops by the op
 // table; each structured construct has a file of its own; differentiate_region.cpp holds what they share.
 //
-// A sweep reads a frozen *source* graph, which holds everything before the Grad op, and appends to a builder that
-// started as a copy of it. Adjoints are filed under the source's ids. A region's adjoint replays the region's ops
-// beside it, so a source value inside a region has a different id in each region that replays it: `now` maps it.
+// A sweep reads a frozen *source* graph, which holds everything before the Grad op, and appends to a builder that holds
+// the same. Adjoints are filed under the source's ids; `now` says what a source value is in the builder. A region's
+// adjoint replays the region's ops beside it, so a value inside a region has a different id in each that replays it.
 #pragma once
 
 #include <map>
@@ -37,8 +37,6 @@ struct Sweep {
   ir::Builder& builder;
   ir::ValueMap now;          // source -> builder
   std::vector<bool> active;  // source values that depend on a target in a differentiable way, inside regions too
-
-  Sweep(const ir::Graph& source, ir::Builder& builder, std::span<const ir::ValueId> targets);
 
   // Adds a term to a source value's adjoint; drops it when nobody asked or when it is the constant zero.
   void add(Frame& frame, ir::ValueId value, ir::ValueId term);

@@ -9,8 +9,9 @@
 // respect to a value asks how the program as written uses it, so such a value is merged with no equal one, replaced by
 // no simpler one, and rules do not look through it.
 //
-// A round walks the graph once backwards for what is needed and once forwards, rebuilding it in simplest form. What a
-// round leaves unused the next one drops; rounds end when one changes nothing.
+// A round walks the graph once backwards for what is needed and once forwards, rebuilding it in simplest form. What
+// that leaves unused, the next round drops: two Ifs may be equal then. Rules do not look at uses, so a round that has
+// nothing to drop has nothing to do.
 #include "compiler/passes/simplify.h"
 
 #include <algorithm>
@@ -50,22 +51,23 @@ class Round {
  public:
   explicit Round(const Graph& from)
       : from_(from), emitter_(to_), map_(from.value_count()), needed_(from.value_count()), target_(from.value_count()) {
-    to_.graph().leaves = from.leaves;
-  }
-
-  Graph run(bool& changed) {
-    for (const Step& step : from_.steps) {
+    for (const Step& step : from.steps) {
       for (const Output& output : step.outputs) need(output.value);
       for (const Update& update : step.updates) need(update.value);
     }
-    find_needed(from_.root());
+    find_needed(from.root());
+  }
+
+  bool has_unused() const { return has_unused_; }
+
+  Graph run() {
+    to_.graph().leaves = from_.leaves;
     for (OpId op : from_.region(from_.root()).ops) rebuild(op);
     for (Step step : from_.steps) {
       for (Output& output : step.outputs) output.value = map_[output.value];
       for (Update& update : step.updates) update.value = map_[update.value];
       to_.graph().steps.push_back(std::move(step));
     }
-    changed = emitter_.changed;
     return std::move(to_).finish();
   }
 
@@ -74,9 +76,9 @@ class Round {
 
   void need(ValueId id) { needed_[id.index] = true; }
 
-  bool is_needed(const Op& op) const {
-    return std::any_of(op.results.begin(), op.results.end(),
-                       [&](ValueId id) { return static_cast<bool>(needed_[id.index]); });
+  size_t needed_results(const Op& op) const {
+    const auto is_needed = [&](ValueId id) { return static_cast<bool>(needed_[id.index]); };
+    return static_cast<size_t>(std::count_if(op.results.begin(), op.results.end(), is_needed));
   }
 
   // Backwards, so that all uses of a value come before the op that makes it. A region gives what its op's needed
@@ -85,7 +87,9 @@ class Round {
     const std::vector<OpId>& ops = from_.region(region).ops;
     for (auto it = ops.rbegin(); it != ops.rend(); ++it) {
       const Op& op = from_.op(*it);
-      if (!is_needed(op)) continue;
+      const size_t count = needed_results(op);
+      if (count < (combines_yields(op.kind) ? op.results.size() : 1)) has_unused_ = true;
+      if (count == 0) continue;
       for (ValueId operand : op.operands) need(operand);
       if (op.kind == OpKind::Grad) {
         for (size_t k = 2; k < op.operands.size(); ++k) target_[op.operands[k].index] = true;
@@ -128,9 +132,8 @@ class Round {
 
   void rebuild(OpId id) {
     const Op& op = from_.op(id);
-    if (!is_needed(op)) {
-      emitter_.changed = true;
-    } else if (op.kind == OpKind::Grad) {
+    if (needed_results(op) == 0) return;
+    if (op.kind == OpKind::Grad) {
       rebuild_grad(op);
     } else if (op.regions.empty()) {
       rebuild_plain(op);
@@ -142,7 +145,7 @@ class Round {
   void rebuild_plain(const Op& op) {
     const ValueInfo& old = from_.value(op.results[0]);
     Candidate candidate{op.kind, mapped(op.operands), op.attrs, old.type, old.extent, op.span};
-    if (target_[op.results[0].index]) return enter(op.results[0], emitter_.emit_opaque(candidate), true);
+    if (target_[op.results[0].index]) return enter(op.results[0], emitter_.emit_opaque(std::move(candidate)), true);
     // Inside regions a rule may have left an operand with a smaller extent, which makes this one smaller.
     if (!emitter_.in_root() &&
         !std::equal(op.operands.begin(), op.operands.end(), candidate.operands.begin(),
@@ -183,10 +186,7 @@ class Round {
         const bool scatter = op.attrs.yields[k] == Yield::Scatter;
         const auto extent = op.attrs.dims.begin() + static_cast<std::ptrdiff_t>(3 + 3 * scatters);
         if (scatter) ++scatters;
-        if (!kept[k]) {
-          emitter_.changed = true;
-          continue;
-        }
+        if (!kept[k]) continue;
         attrs.yields.push_back(op.attrs.yields[k]);
         if (scatter) attrs.dims.insert(attrs.dims.end(), extent, extent + 3);
       }
@@ -254,6 +254,7 @@ class Round {
     const std::vector<ValueId>& yields = from_.region(branch).yields;
     const std::vector<Yielded> parts = split_yields(from_, op, branch);
     for (size_t k = 0; k < parts.size(); ++k) {
+      if (!needed_[op.results[k].index]) continue;
       // The result is the target, so there must be one.
       if (target_[op.results[k].index]) return false;
       // In the root an inner op runs over its own domain, not once for each element of the If's: it would scatter less
@@ -262,7 +263,6 @@ class Round {
       if (emitter_.in_root() && yielded.accumulation && domain_of(from_.op(yielded.op)) != domain_of(op)) return false;
     }
 
-    emitter_.changed = true;
     for (OpId inner : from_.region(branch).ops) rebuild(inner);
     size_t scatters = 0;
     for (size_t k = 0; k < parts.size(); ++k) {
@@ -317,22 +317,22 @@ class Round {
   ValueMap map_;
   std::vector<bool> needed_;
   std::vector<bool> target_;
+  bool has_unused_ = false;               // an op or a result that nobody needs
   std::map<ValueId, ScatterPair> pairs_;  // accumulations of inlined Ifs, by old value
 };
 
 }  // namespace
 
 Graph simplify(const Graph& graph) {
-  // Rules do not look at uses, so one round applies all that apply, and the following ones only drop what it left: at
-  // least one op or result in two rounds.
-  size_t bound = 16 + 2 * (graph.op_count() + graph.value_count());
-  bool changed = true;
-  Graph current = Round(graph).run(changed);
-  while (changed) {
+  // Each round but the first drops an op or a result.
+  size_t bound = 16 + graph.op_count() + graph.value_count();
+  Graph current = Round(graph).run();
+  for (;;) {
+    Round next(current);
+    if (!next.has_unused()) return current;
     if (bound-- == 0) DR_ICE("simplify does not end: two rules undo each other");
-    current = Round(current).run(changed);
+    current = next.run();
   }
-  return current;
 }
 
 }  // namespace dr::passes

@@ -5,8 +5,6 @@
 #pragma once
 
 #include <optional>
-#include <unordered_map>
-#include <unordered_set>
 #include <vector>
 
 #include "compiler/ir/graph.h"
@@ -23,6 +21,31 @@ struct Candidate {
   dsl::Span span;
 };
 
+// Ops by a hash of what they compute, which several may share. Open addressing: entries stay.
+class OpTable {
+ public:
+  void insert(uint64_t hash, ir::OpId op);
+
+  // The first op of that hash that `is_equal` says yes to, or an invalid one.
+  template <class IsEqual>
+  ir::OpId find(uint64_t hash, const IsEqual& is_equal) const {
+    if (entries_.empty()) return {};
+    const size_t mask = entries_.size() - 1;
+    for (size_t at = hash & mask; entries_[at].op.valid(); at = (at + 1) & mask) {
+      if (entries_[at].hash == hash && is_equal(entries_[at].op)) return entries_[at].op;
+    }
+    return {};
+  }
+
+ private:
+  struct Entry {
+    uint64_t hash = 0;
+    ir::OpId op;
+  };
+  std::vector<Entry> entries_;  // a power of two of them, at most half in use
+  size_t count_ = 0;
+};
+
 class Emitter {
  public:
   explicit Emitter(ir::Builder& to) : to_(to), scopes_(1) {}
@@ -35,8 +58,8 @@ class Emitter {
   // The value that the candidate computes: of its type and, in the root region, of its extent.
   ir::ValueId emit(Candidate candidate);
   // Appends it as it is; later ops are neither shared with it nor look through it.
-  ir::ValueId emit_opaque(const Candidate& candidate);
-  void set_opaque(ir::ValueId id) { opaque_.insert(id.index); }
+  ir::ValueId emit_opaque(Candidate candidate);
+  void set_opaque(ir::ValueId id);
 
   // An op with regions or several results, just appended: an equal op before it, if there is one, else itself.
   ir::OpId share(ir::OpId op);
@@ -54,14 +77,15 @@ class Emitter {
   // stretches.
   ir::ValueId stretched(ir::ValueId id, const ir::Extent& extent);
 
-  bool changed = false;  // anything came out other than it went in
-
  private:
-  ir::ValueId append(const Candidate& candidate);
+  ir::ValueId append(Candidate candidate);
+  // Looks for an equal op in the open scopes.
+  template <class IsEqual>
+  ir::OpId find(uint64_t hash, const IsEqual& is_equal) const;
 
   ir::Builder& to_;
-  std::vector<std::unordered_multimap<uint64_t, ir::OpId>> scopes_;
-  std::unordered_set<uint32_t> opaque_;
+  std::vector<OpTable> scopes_;
+  std::vector<bool> opaque_;  // by value; shorter than that, the others are not
 };
 
 // The rules; nullopt where none applies.

@@ -3,6 +3,8 @@
 // construction, by hash. Ops with regions are equal when their regions are, up to the names of what is defined inside.
 #include <algorithm>
 #include <bit>
+#include <unordered_map>
+#include <utility>
 
 #include "compiler/passes/simplify.h"
 
@@ -140,62 +142,83 @@ class Structure {
 
 }  // namespace
 
-ValueId Emitter::emit(Candidate candidate) {
-  if (const auto simpler = apply_identity(*this, candidate)) {
-    changed = true;
-    return *simpler;
-  }
-  if (const auto constant = fold(*this, candidate)) {
-    changed = true;
-    return *constant;
-  }
-  const uint64_t hash = hash_candidate(candidate);
-  for (const auto& scope : scopes_) {
-    const auto [begin, end] = scope.equal_range(hash);
-    for (auto it = begin; it != end; ++it) {
-      const Op& op = graph().op(it->second);
-      if (op.kind != candidate.kind || !op.regions.empty()) continue;
-      if (!same_operands(op.kind, op.operands, candidate.operands) || !same_attrs(op.attrs, candidate.attrs)) continue;
-      const ValueInfo& info = value(op.results[0]);
-      if (info.type != candidate.type || info.extent != candidate.extent) continue;
-      changed = true;
-      return op.results[0];
+void OpTable::insert(uint64_t hash, OpId op) {
+  const auto place = [this](const Entry& entry) {
+    const size_t mask = entries_.size() - 1;
+    size_t at = entry.hash & mask;
+    while (entries_[at].op.valid()) at = (at + 1) & mask;
+    entries_[at] = entry;
+  };
+  if (2 * (count_ + 1) > entries_.size()) {
+    std::vector<Entry> old(std::max<size_t>(16, 2 * entries_.size()));
+    old.swap(entries_);
+    // From behind a free place on, so that entries of one hash keep their order.
+    const auto free = std::find_if(old.begin(), old.end(), [](const Entry& entry) { return !entry.op.valid(); });
+    std::rotate(old.begin(), free, old.end());
+    for (const Entry& entry : old) {
+      if (entry.op.valid()) place(entry);
     }
   }
-  const ValueId result = append(candidate);
-  scopes_.back().emplace(hash, value(result).op);
+  place({hash, op});
+  ++count_;
+}
+
+template <class IsEqual>
+OpId Emitter::find(uint64_t hash, const IsEqual& is_equal) const {
+  for (const OpTable& scope : scopes_) {
+    if (const OpId found = scope.find(hash, is_equal); found.valid()) return found;
+  }
+  return {};
+}
+
+ValueId Emitter::emit(Candidate candidate) {
+  if (const auto simpler = apply_identity(*this, candidate)) return *simpler;
+  if (const auto constant = fold(*this, candidate)) return *constant;
+  const uint64_t hash = hash_candidate(candidate);
+  const OpId equal = find(hash, [&](OpId id) {
+    const Op& op = graph().op(id);
+    if (op.kind != candidate.kind || !op.regions.empty()) return false;
+    const ValueInfo& info = value(op.results[0]);
+    return same_operands(op.kind, op.operands, candidate.operands) && same_attrs(op.attrs, candidate.attrs) &&
+           info.type == candidate.type && info.extent == candidate.extent;
+  });
+  if (equal.valid()) return graph().op(equal).results[0];
+  const ValueId result = append(std::move(candidate));
+  scopes_.back().insert(hash, value(result).op);
   return result;
 }
 
-ValueId Emitter::emit_opaque(const Candidate& candidate) {
-  const ValueId result = append(candidate);
+ValueId Emitter::emit_opaque(Candidate candidate) {
+  const ValueId result = append(std::move(candidate));
   set_opaque(result);
   return result;
 }
 
-ValueId Emitter::append(const Candidate& candidate) {
+void Emitter::set_opaque(ValueId id) {
+  if (id.index >= opaque_.size()) opaque_.resize(id.index + 1);
+  opaque_[id.index] = true;
+}
+
+ValueId Emitter::append(Candidate candidate) {
   const ResultType type{candidate.type, candidate.extent};
-  const OpId op = to_.add(candidate.kind, candidate.operands, {&type, 1}, candidate.attrs, {}, candidate.span);
+  const OpId op = to_.add(candidate.kind, std::move(candidate.operands), {&type, 1}, std::move(candidate.attrs), {},
+                          candidate.span);
   return graph().op(op).results[0];
 }
 
 OpId Emitter::share(OpId id) {
   const uint64_t hash = Structure(graph()).hash(id);
-  for (const auto& scope : scopes_) {
-    const auto [begin, end] = scope.equal_range(hash);
-    for (auto it = begin; it != end; ++it) {
-      if (!Structure(graph()).equal(id, it->second)) continue;
-      changed = true;  // the op just appended has no users: the next round drops it
-      return it->second;
-    }
-  }
-  scopes_.back().emplace(hash, id);
+  // The op just appended has no users then: the next round drops it.
+  const OpId equal = find(hash, [&](OpId other) { return Structure(graph()).equal(id, other); });
+  if (equal.valid()) return equal;
+  scopes_.back().insert(hash, id);
   return id;
 }
 
 const Op* Emitter::definition(ValueId id) const {
   const OpId op = value(id).op;
-  return op.valid() && !opaque_.contains(id.index) ? &graph().op(op) : nullptr;
+  const bool opaque = id.index < opaque_.size() && opaque_[id.index];
+  return op.valid() && !opaque ? &graph().op(op) : nullptr;
 }
 
 const Op* Emitter::definition(ValueId id, OpKind kind) const {

@@ -1,5 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // The adjoints of the ops that move elements: what is read from several places, lands in several, or is shared on ties.
+#include <functional>
+#include <map>
+
+#include "compiler/ops/op.h"
 #include "tests/catch.h"
 #include "tests/gradient/check.h"
 
@@ -158,4 +162,90 @@ TEST_CASE("ties share, a NaN has nothing") {
   const Images g = gradient(p, {{"low", grad(b, low, three, {x})[0]}, {"high", grad(b, high, three, {x})[0]}});
   CHECK(g.at("low").data == std::vector<double>{1, 0, 1, 0, 1});
   CHECK(g.at("high").data == std::vector<double>{0, 3, 0, 0, 0});
+}
+
+namespace {
+
+// No two elements closer than the differences reach.
+ValueId spread(Problem& p, const std::string& name, Type type, const Extent& extent) {
+  const ValueId x = p.param(name, type, extent);
+  std::vector<double>& data = p.data.at(name).data;
+  for (size_t k = 0; k < data.size(); ++k)
+    data[k] =
+        0.1 * (static_cast<double>(k * 29 % data.size()) - 0.5 * static_cast<double>(data.size())) + 0.02 * data[k];
+  return x;
+}
+
+// A value through one op of each kind that is not element-wise.
+std::map<OpKind, std::function<ValueId(Problem&)>> subjects() {
+  const auto extreme = [](OpKind kind) {
+    return [kind](Problem& p) { return ops::emit(p.b, kind, {spread(p, "x", kVec3, kGrid)}, ints({1, 0, 0})); };
+  };
+  const auto body = [](Problem& p, ValueId x, ValueId i) {
+    return ops::mul(p.b, x, ops::emit(p.b, OpKind::Sin, {ops::emit(p.b, OpKind::Gather, {x, i})}));
+  };
+  return {
+      {OpKind::Gather,
+       [](Problem& p) {
+         return ops::emit(p.b, OpKind::Gather, {p.param("x", kVec3, kRow), index(p, "i", 1, kGrid, -1, 7)});
+       }},
+      {OpKind::ScatterAdd,
+       [](Problem& p) {
+         return ops::emit(p.b, OpKind::ScatterAdd, {index(p, "i", 1, kGrid, -1, 7), p.param("x", kVec3, kGrid)},
+                          dims(kRow));
+       }},
+      {OpKind::Shift,
+       [](Problem& p) {
+         return ops::emit(p.b, OpKind::Shift, {p.param("x", kVec3, kGrid)}, ints({1, -1}));
+       }},
+      {OpKind::Broadcast,
+       [](Problem& p) {
+         return ops::broadcast(p.b, p.param("x", kVec3, kRow), {5, 3, 2});
+       }},
+      {OpKind::ReduceSum,
+       [](Problem& p) {
+         return ops::emit(p.b, OpKind::ReduceSum, {p.param("x", kVec3, kStack)}, ints({1, 0, 1}));
+       }},
+      {OpKind::ReduceMin, extreme(OpKind::ReduceMin)},
+      {OpKind::ReduceMax, extreme(OpKind::ReduceMax)},
+      {OpKind::If,
+       [body](Problem& p) {
+         const ValueId x = p.param("x", kFloat, kRow);
+         const ValueId i = index(p, "i", 1, kRow, -1, 7);
+         const ValueId condition = ops::emit(p.b, OpKind::Less, {i, ops::constant(p.b, kInt, 2.0)});
+         return make_if(
+             p.b, condition, kRow, {Yield::Element}, [&] { return std::vector{body(p, x, i)}; },
+             [&] { return std::vector{x}; })[0];
+       }},
+      {OpKind::Reduce,
+       [body](Problem& p) {
+         const ValueId x = spread(p, "x", kFloat, kRow);
+         const std::vector<ValueId> results =
+             make_reduce(p.b, ops::constant(p.b, kInt, 0.0), ops::constant(p.b, kInt, 4.0), kRow,
+                         {Yield::Sum, Yield::Min, Yield::Max}, [&](ValueId i) {
+                           const ValueId read = ops::emit(p.b, OpKind::Gather, {x, i});
+                           return std::vector{body(p, x, i), read, ops::neg(p.b, read)};
+                         });
+         return ops::add(p.b, results[0], ops::mul(p.b, results[1], results[2]));
+       }},
+  };
+}
+
+}  // namespace
+
+// With the element-wise ones in elementwise_test.cpp these are all ops through which a gradient flows.
+TEST_CASE("every differentiable op that is not element-wise is checked") {
+  const auto known = subjects();
+  size_t checked = 0;
+  for (const OpKind kind : dr::ir::all_op_kinds()) {
+    const ops::OpInfo& info = ops::info(kind);
+    if ((info.shape != ops::Shape::Image && info.shape != ops::Shape::Region) || !info.differentiable) continue;
+    INFO(dr::ir::op_name(kind));
+    REQUIRE(known.contains(kind));
+    ++checked;
+    Problem p;
+    const ValueId y = known.at(kind)(p);
+    check_gradients(p, squared(p.b, y));
+  }
+  CHECK(checked == known.size());
 }

@@ -254,3 +254,35 @@ TEST_CASE("hostile texts are refused") {
   CHECK(parse_error(std::string(1000000, '%')) == "1: expected a value's number, as in %12 or %name.12");
   CHECK(parse_error(std::string("leaf x : float\0 param", 21)).starts_with("1: expected 'param'"));
 }
+
+TEST_CASE("an empty text is an empty graph") {
+  for (const char* text : {"", "\n", "// nothing", "  \t\r\n"}) CHECK(print(std::get<Graph>(parse(text))).empty());
+}
+
+TEST_CASE("lines of ten megabytes") {
+  const std::string name(10'000'000, 'x');
+  std::string numbers = "%0 : float = const floats [1";
+  for (int i = 0; i < 2'000'000; ++i) numbers += ", 2.5";
+  CHECK(std::holds_alternative<Graph>(parse(numbers + "]")));
+  CHECK(parse_error(numbers) == "1: expected ',' or ']', found the end of the text");
+  CHECK(std::holds_alternative<Graph>(parse("leaf " + name + " : float param")));
+  CHECK(std::holds_alternative<Graph>(parse("//" + name)));
+  // Messages repeat only the beginning of a name.
+  for (const std::string& text :
+       {name, "leaf x : " + name, "leaf x : float[" + name + " +] param", "%0 : float = " + name,
+        "%a.0 : int = step_index\n%1 : int = neg %" + name + ".0", "%0 : float = const floats [" + name,
+        "%0 : int = step_index\nstep s {\n  update " + name + " %0\n}", "leaf \"" + name,
+        "%0 : int = dim ints [" + std::string(10'000'000, '1')}) {
+    const std::string message = parse_error(text);
+    CHECK_FALSE(message.empty());
+    CHECK(message.size() < 200);
+  }
+}
+
+TEST_CASE("bytes that are no UTF-8 stand in quotes or are an error") {
+  CHECK(parse_error("leaf \xff\xfe : float param").starts_with("1: expected a leaf's name"));
+  const auto parsed = parse("leaf \"\xff\xc0\x80\" : float param\n");
+  REQUIRE(std::holds_alternative<Graph>(parsed));
+  const std::string text = print(std::get<Graph>(parsed));
+  CHECK(print(std::get<Graph>(parse(text))) == text);
+}

@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/fuzz/check.h"
+
+#include "compiler/ir/parse.h"
+#include "compiler/ir/print.h"
+#include "compiler/passes/passes.h"
+
+namespace dr::fuzz {
+
+namespace {
+
+void check_text(const ir::Graph& graph) {
+  const std::string text = ir::print(graph);
+  const auto parsed = ir::parse(text);
+  if (const auto* error = std::get_if<ir::ParseError>(&parsed))
+    DR_ICE("a printed graph does not parse: line " + std::to_string(error->line) + ": " + error->message + "\n" + text);
+  const std::string again = ir::print(std::get<ir::Graph>(parsed));
+  if (again != text) DR_ICE("a printed graph parses to another one:\n" + text + "----\n" + again);
+}
+
+}  // namespace
+
+void check_passes(const ir::Graph& graph) {
+  check_text(graph);
+  if (graph.op_count() > kMaxOps) return;
+  ir::Graph current = graph;
+  for (const passes::Pass& pass : passes::default_passes()) {
+    current = passes::run_passes(std::move(current), {&pass, 1});  // verifies before and after
+    check_text(current);
+  }
+}
+
+}  // namespace dr::fuzz
