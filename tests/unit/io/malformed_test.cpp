@@ -441,10 +441,10 @@ TEST_CASE("sources that name nothing are refused with what to do", "[io][malform
   CHECK(error("x.npy:raw") == "cannot read 'x.npy:raw': a .npy file has no selectors, found 'raw'");
   CHECK(error("data.csv") ==
         "cannot read 'data.csv': unknown extension '.csv', expected a .obj, .gltf, .glb, .png, "
-        ".jpg, .hdr, .npy or .json file or a number or list after '='");
+        ".jpg, .hdr, .npy, .csv or .json file or a number or list after '='");
   CHECK(error("data.pngg") ==
         "cannot read 'data.pngg': unknown extension '.pngg' (did you mean '.png'?), expected a .obj, .gltf, .glb, "
-        ".png, .jpg, .hdr, .npy or .json file or a number or list after '='");
+        ".png, .jpg, .hdr, .npy, .csv or .json file or a number or list after '='");
   CHECK(load_binding("").error() == "cannot read '': the name is empty");
   CHECK(load_mesh(folder / "x.npy").error() ==
         "cannot read '" + (folder / "x.npy") + "': unknown extension '.npy', a mesh is .obj, .gltf or .glb");
