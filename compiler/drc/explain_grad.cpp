@@ -6,6 +6,7 @@
 
 #include "compiler/drc/command.h"
 #include "compiler/drc/input.h"
+#include "compiler/ir/print.h"
 #include "dsl/diagnostic.h"
 #include "dsl/place.h"
 
@@ -132,7 +133,12 @@ class Printer {
       std::string through;
       for (const ir::OpKind kind : stop.through)
         through += (through.empty() ? "" : ", ") + std::string(ir::op_name(kind));
-      std::printf("  %-20s %-24s %s\n", name_of(stop.value).c_str(), place(span).c_str(), through.c_str());
+      if (leaf) through = ir::leaf_kind_name(graph_.leaves[*graph_.leaf_index(op.attrs.text)].kind);
+      const std::string where = place(span);
+      if (through.empty())
+        std::printf("  %-20s %s\n", name_of(stop.value).c_str(), where.c_str());
+      else
+        std::printf("  %-20s %-24s %s\n", name_of(stop.value).c_str(), where.c_str(), through.c_str());
     }
   }
 

@@ -174,8 +174,7 @@ void RegionRunner::run_elementwise(Frame& frame, const OpPlan& plan) {
     for (size_t c = 0; c < planes; ++c) std::fill_n(buffer.data() + c * n, n, lanes.data[c]);
     operands[count++] = buffer.data();
   }
-  evaluate_batch(context_.graph, op, n, {operands, count}, make(frame, plan.results[0], n),
-                 context_.float32);
+  evaluate_batch(context_.graph, op, n, {operands, count}, make(frame, plan.results[0], n), context_.float32);
   for (size_t k = 0; k < count; ++k) pool_.give(std::move(expanded[k]));
 }
 

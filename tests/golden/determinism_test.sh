@@ -9,7 +9,7 @@ folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 failed=0
 count=0
-for program in "$@"; do
+for program in $(readlink -f "$@"); do
   name=$(basename "$program" .dr)
   for copy in one another/much/deeper; do
     mkdir -p "$folder/$name/$copy/products"

@@ -3,7 +3,7 @@
 # What golden files cannot show of `drc eval` and `drc explain-grad`: messages, files in and out, replayed decisions,
 # threads. usage: eval_test.sh DRC
 set -euo pipefail
-drc=$1
+drc=$(readlink -f "$1")
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 cd "$folder"
@@ -120,7 +120,7 @@ END
 "$drc" eval hull.dr --step look=2 > /dev/null 2> err.txt
 same 'a keep outside the hull' "hull.dr:7:24: warning: 'keep' holds outside the hull of the corners: for face 0 at pixel (6, 2, 0) and 1 more; a device may miss such pixels
 7 |   keep(s, p) -> bool { p.x > 2.0 && p.y > 2.0 && p.x + p.y < 9.5 && p.x + 3.0 * p.y < 17.0 }
-  |                        ^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^" "$(cat err.txt)"
+  |                        ^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^" "$(cat err.txt)"
 sed -i 's/< 9.5/< 8.0/' hull.dr
 same 'a keep inside the hull' '' "$("$drc" eval hull.dr 2>&1 > /dev/null)"
 
