@@ -160,7 +160,6 @@ void RegionRunner::run_elementwise(Frame& frame, const OpPlan& plan) {
   const Op& op = *plan.op;
   DR_ASSERT(plan.operands.size() <= kMaxOperands);
   const double* operands[kMaxOperands];
-  Buffer expanded[kMaxOperands];
   size_t count = 0, n = 1;
   for (uint32_t slot : plan.operands) n = std::max(n, get(frame, slot).n);
   for (uint32_t slot : plan.operands) {
@@ -170,12 +169,13 @@ void RegionRunner::run_elementwise(Frame& frame, const OpPlan& plan) {
       continue;
     }
     const size_t planes = components(frame.plan->slots[slot].type);
-    Buffer& buffer = expanded[count] = pool_.take(planes * n);
+    const Buffer& buffer = expanded_.emplace_back(pool_.take(planes * n));
     for (size_t c = 0; c < planes; ++c) std::fill_n(buffer.data() + c * n, n, lanes.data[c]);
     operands[count++] = buffer.data();
   }
   evaluate_batch(context_.graph, op, n, {operands, count}, make(frame, plan.results[0], n), context_.float32);
-  for (size_t k = 0; k < count; ++k) pool_.give(std::move(expanded[k]));
+  for (Buffer& buffer : expanded_) pool_.give(std::move(buffer));
+  expanded_.clear();
 }
 
 void RegionRunner::run_gather(Frame& frame, const OpPlan& plan) {

@@ -77,6 +77,7 @@ class RegionRunner {
 
   const Context& context_;
   Pool pool_;
+  std::vector<Buffer> expanded_;  // of run_elementwise, kept for its memory
   ScatterLog* log_ = nullptr;
   Origin first_;
 };
