@@ -8,6 +8,7 @@
 #include <iterator>
 #include <utility>
 
+#include "dsl/place.h"
 #include "dsl/utf8.h"
 
 namespace dr::dsl {
@@ -131,6 +132,18 @@ size_t edit_distance(std::string_view a, std::string_view b) {
 }
 
 }  // namespace
+
+std::string format_place(const SourceManager& sources, const Span& span) {
+  std::string out;
+  append_location(out, sources, span);
+  return out;
+}
+
+std::string format_source_line(const SourceManager& sources, const Span& span) {
+  std::string out;
+  append_source_line(out, sources, span);
+  return out;
+}
 
 std::string_view code_name(Code code) { return kCodes[static_cast<size_t>(code)].name; }
 

@@ -6,6 +6,7 @@
 #include <functional>
 #include <map>
 #include <optional>
+#include <set>
 
 #include "compiler/backend/bundle/bundle.h"
 #include "compiler/ir/dim.h"
@@ -101,8 +102,8 @@ struct Program::State {
   bundle::BundleT bundle;
   ir::SymbolValues symbols;
   std::map<std::string, std::string, std::less<>> symbol_origin;
-  std::vector<std::optional<io::Array>> pending;  // bound before the first run
-  bool prepared = false;
+  std::vector<std::optional<io::Array>> pending;  // by leaf: bound, but without memory on the device yet
+  std::vector<bool> allocated;                    // by resource
 
   std::vector<BufferObject> buffers;  // by resource, empty for images
   std::vector<ImageObject> images;
@@ -183,40 +184,22 @@ struct Program::State {
         throw Failure{origin + " has a " + axis_names[a] + " of " + std::to_string(axes[a].second) + ", expected " +
                       *axes[a].first + " = " + std::to_string(*value)};
     }
-    if (prepared)
+    if (has_memory(leaf.resource))
       upload(leaf.resource, *converted);
     else
       pending[index] = std::move(converted).value();
   }
 
-  // Allocation, initial contents, shader modules: everything that waits for the sizes.
-  void prepare() {
-    if (prepared) return;
+  bool has_memory(size_t resource) const { return resource < allocated.size() && allocated[resource]; }
+
+  // What does not wait for sizes.
+  void create_objects() {
     if (!device) throw Failure{"the program was loaded without a device"};
-    for (size_t k = 0; k < bundle.leaves.size(); ++k) {
-      const bundle::LeafT& leaf = *bundle.leaves[k];
-      if (!pending[k] && leaf.initial.empty() && leaf.kind != bundle::LeafKind::State)
-        throw Failure{"leaf '" + leaf.name + "' is not bound: it needs data of extent " + extent_text(*leaf.extent)};
-    }
-    specialization.clear();
-    for (const std::string& s : bundle.symbols) {
-      const auto it = symbols.find(s);
-      if (it == symbols.end())
-        throw Failure{"symbol '" + s + "' has no value: bind a leaf that has it, or the symbol itself"};
-      if (it->second < 1 || it->second >= kMaxElements)
-        throw Failure{"symbol '" + s + "' is " + std::to_string(it->second)};
-      specialization.push_back(static_cast<int32_t>(it->second));
-    }
-    for (size_t k = 0; k < bundle.leaves.size(); ++k)
-      if (pending[k]) {
-        const Size s = size_of(*bundle.leaves[k]->extent, "leaf '" + bundle.leaves[k]->name + "'");
-        const io::Array& data = *pending[k];
-        if (data.width != s.w || data.height != s.h || data.layers != s.l)
-          throw Failure{"leaf '" + bundle.leaves[k]->name + "' has data of " + std::to_string(data.width) + " x " +
-                        std::to_string(data.height) + " x " + std::to_string(data.layers) + ", expected " +
-                        std::to_string(s.w) + " x " + std::to_string(s.h) + " x " + std::to_string(s.l)};
-      }
-    allocate();
+    if (!allocated.empty()) return;
+    allocated.resize(bundle.resources.size());
+    buffers.resize(bundle.resources.size());
+    images.resize(bundle.resources.size());
+    steps.resize(bundle.steps.size());
     const auto& d = vk_device();
     command_pool = vk::raii::CommandPool(
         d, vk::CommandPoolCreateInfo(vk::CommandPoolCreateFlagBits::eResetCommandBuffer, device->family));
@@ -227,9 +210,83 @@ struct Program::State {
       shaders.emplace_back(d, info);
       device->name(shaders.back(), s->name);
     }
-    steps.resize(bundle.steps.size());
-    prepared = true;
-    for (size_t k = 0; k < bundle.leaves.size(); ++k) {
+  }
+
+  bool is_bound(size_t leaf) const {
+    const bundle::LeafT& l = *bundle.leaves[leaf];
+    return pending[leaf] || has_memory(l.resource) || !l.initial.empty() || l.kind == bundle::LeafKind::State;
+  }
+
+  // What a command touches, in memory of its own.
+  static void collect(const bundle::CommandT& c, std::set<uint32_t>& out) {
+    for (const auto& b : c.bindings) out.insert(b->resource);
+    out.insert(c.colors.begin(), c.colors.end());
+    for (const int index : {c.depth, c.source, c.target, c.scratch_a, c.scratch_b})
+      if (index >= 0) out.insert(static_cast<uint32_t>(index));
+  }
+
+  // Memory and contents for a step: what only other steps need may stay unbound.
+  void prepare(const bundle::StepT& step) {
+    create_objects();
+    std::string missing;
+    size_t count = 0;
+    for (const uint32_t k : step.leaves)
+      if (!is_bound(k)) {
+        const bundle::LeafT& leaf = *bundle.leaves[k];
+        missing += (count++ == 0 ? "" : ", ") + ("'" + leaf.name + "' " + extent_text(*leaf.extent));
+      }
+    if (count > 0)
+      throw Failure{std::string("step '") + step.name + "' needs data for " + (count == 1 ? "leaf " : "leaves ") +
+                    missing + (count == 1 ? ", which is not bound" : ", which are not bound")};
+    for (const std::string& symbol : step.symbols)
+      if (symbols.count(symbol) == 0)
+        throw Failure{"symbol '" + symbol + "' has no value: bind a leaf that has it, or the symbol itself"};
+    // A symbol without a value stands in no shader of the step in a way that matters; later steps are recorded later.
+    specialization.clear();
+    for (const std::string& s : bundle.symbols) {
+      const auto it = symbols.find(s);
+      const int64_t value = it == symbols.end() ? 1 : it->second;
+      if (value < 1 || value >= kMaxElements) throw Failure{"symbol '" + s + "' is " + std::to_string(value)};
+      specialization.push_back(static_cast<int32_t>(value));
+    }
+    std::set<uint32_t> resources;
+    for (const auto& c : step.commands) collect(*c, resources);
+    for (const auto& o : step.outputs) resources.insert(o->resource);
+    for (const auto& p : step.pins) resources.insert(p->resource);
+    for (const auto& r : step.rasters) resources.insert(r->resources.begin(), r->resources.end());
+    for (const uint32_t k : step.leaves) resources.insert(bundle.leaves[k]->resource);
+    if (step.step_index >= 0) resources.insert(static_cast<uint32_t>(step.step_index));
+    give_memory(resources);
+  }
+
+  void prepare_leaf(size_t leaf) {
+    create_objects();
+    if (!is_bound(leaf)) throw Failure{"leaf '" + bundle.leaves[leaf]->name + "' is not bound"};
+    give_memory({bundle.leaves[leaf]->resource});
+  }
+
+  // Allocates those that have no memory yet, and fills the leaves among them.
+  void give_memory(const std::set<uint32_t>& wanted) {
+    std::vector<uint32_t> resources;
+    for (const uint32_t r : wanted)
+      if (!allocated[r]) resources.push_back(r);
+    if (resources.empty()) return;
+    std::vector<size_t> leaves;
+    for (size_t k = 0; k < bundle.leaves.size(); ++k)
+      if (std::find(resources.begin(), resources.end(), bundle.leaves[k]->resource) != resources.end())
+        leaves.push_back(k);
+    for (const size_t k : leaves)
+      if (pending[k]) {
+        const Size s = size_of(*bundle.leaves[k]->extent, "leaf '" + bundle.leaves[k]->name + "'");
+        const io::Array& data = *pending[k];
+        if (data.width != s.w || data.height != s.h || data.layers != s.l)
+          throw Failure{"leaf '" + bundle.leaves[k]->name + "' has data of " + std::to_string(data.width) + " x " +
+                        std::to_string(data.height) + " x " + std::to_string(data.layers) + ", expected " +
+                        std::to_string(s.w) + " x " + std::to_string(s.h) + " x " + std::to_string(s.l)};
+      }
+    allocate(resources);
+    for (const uint32_t r : resources) allocated[r] = true;
+    for (const size_t k : leaves) {
       const bundle::LeafT& leaf = *bundle.leaves[k];
       if (pending[k]) {
         upload(leaf.resource, *pending[k]);
@@ -253,15 +310,13 @@ struct Program::State {
            static_cast<vk::DeviceSize>(r.role == bundle::Role::Scratch ? 1 : components_of(*r.type)) * 4;
   }
 
-  void allocate() {
+  void allocate(const std::vector<uint32_t>& resources) {
     const auto& d = vk_device();
-    buffers.resize(bundle.resources.size());
-    images.resize(bundle.resources.size());
     // Offsets first, then one allocation a purpose.
     std::vector<vk::DeviceSize> offsets(bundle.resources.size());
     std::map<uint32_t, vk::DeviceSize> sizes;  // by memory type
     std::vector<uint32_t> types(bundle.resources.size());
-    for (size_t k = 0; k < bundle.resources.size(); ++k) {
+    for (const uint32_t k : resources) {
       const bundle::ResourceT& r = *bundle.resources[k];
       vk::MemoryRequirements need;
       if (r.storage == Storage::Buffer) {
@@ -313,12 +368,12 @@ struct Program::State {
         block.memory = vk::raii::DeviceMemory(d, vk::MemoryAllocateInfo(bytes, type));
       } catch (const vk::SystemError&) {
         throw Failure{"the device has no memory for " + std::to_string(bytes) + " bytes; the largest values are " +
-                      largest_resources()};
+                      largest_resources(resources)};
       }
       block_of[type] = blocks.size();
       blocks.push_back(std::move(block));
     }
-    for (size_t k = 0; k < bundle.resources.size(); ++k) {
+    for (const uint32_t k : resources) {
       const bundle::ResourceT& r = *bundle.resources[k];
       const vk::DeviceMemory memory = *blocks[block_of[types[k]]].memory;
       if (r.storage == Storage::Buffer) {
@@ -343,11 +398,12 @@ struct Program::State {
     }
   }
 
-  std::string largest_resources() const {
+  std::string largest_resources(const std::vector<uint32_t>& resources) const {
     std::vector<std::pair<int64_t, std::string>> all;
-    for (const auto& r : bundle.resources) {
-      const Size s = size_of(*r->extent, r->name);
-      all.emplace_back(-s.count() * components_of(*r->type) * 4, r->name);
+    for (const uint32_t k : resources) {
+      const bundle::ResourceT& r = *bundle.resources[k];
+      const Size s = size_of(*r.extent, r.name);
+      all.emplace_back(-s.count() * components_of(*r.type) * 4, r.name);
     }
     std::sort(all.begin(), all.end());
     std::string text;
@@ -832,11 +888,18 @@ struct Program::State {
   }
 
   StepState& recorded_step(const std::string& name) {
-    const int index = step_index(name);
-    prepare();
-    StepState& step = steps[static_cast<size_t>(index)];
-    if (!step.recorded) step.recorded = record(*bundle.steps[static_cast<size_t>(index)]);
+    const auto index = static_cast<size_t>(step_index(name));
+    create_objects();
+    StepState& step = steps[index];
+    if (step.recorded) return step;
+    prepare(*bundle.steps[index]);
+    step.recorded = record(*bundle.steps[index]);
     return step;
+  }
+
+  void require_run(const std::string& step) const {
+    const auto index = static_cast<size_t>(step_index(step));
+    if (index >= steps.size() || steps[index].runs == 0) throw Failure{"step '" + step + "' has not run yet"};
   }
 
   void run(const std::string& name, int times) {
@@ -928,6 +991,14 @@ std::vector<Program::LeafInfo> Program::leaves() const {
   return out;
 }
 
+std::vector<std::string> Program::needed_leaves(const std::string& step) const {
+  std::vector<std::string> out;
+  for (const auto& s : state_->bundle.steps)
+    if (s->name == step)
+      for (uint32_t leaf : s->leaves) out.push_back(state_->bundle.leaves[leaf]->name);
+  return out;
+}
+
 std::vector<std::string> Program::resources() const {
   std::vector<std::string> out;
   for (const auto& r : state_->bundle.resources) out.push_back(r->name);
@@ -968,7 +1039,7 @@ Result<io::Array> Program::output(const std::string& step, const std::string& na
     const auto& table = *s.bundle.steps[static_cast<size_t>(s.step_index(step))];
     for (const auto& o : table.outputs)
       if (o->name == name) {
-        if (!s.prepared) throw Failure{"step '" + step + "' has not run yet"};
+        if (!s.has_memory(o->resource)) throw Failure{"step '" + step + "' has not run yet"};
         return s.download(o->resource);
       }
     throw Failure{"step '" + step + "' has no output '" + name + "'"};
@@ -979,7 +1050,7 @@ Result<std::vector<std::vector<io::Array>>> Program::rasters(const std::string& 
   return guarded([&] {
     State& s = *state_;
     const auto& table = *s.bundle.steps[static_cast<size_t>(s.step_index(step))];
-    if (!s.prepared) throw Failure{"step '" + step + "' has not run yet"};
+    s.require_run(step);
     std::vector<std::vector<io::Array>> out;
     for (const auto& raster : table.rasters) {
       out.emplace_back();
@@ -989,21 +1060,34 @@ Result<std::vector<std::vector<io::Array>>> Program::rasters(const std::string& 
   });
 }
 
+Result<std::vector<std::pair<std::string, io::Array>>> Program::pins(const std::string& step) {
+  return guarded([&] {
+    State& s = *state_;
+    s.require_run(step);
+    std::vector<std::pair<std::string, io::Array>> out;
+    for (const auto& pin : s.bundle.steps[static_cast<size_t>(s.step_index(step))]->pins)
+      out.emplace_back(pin->name, s.download(pin->resource));
+    return out;
+  });
+}
+
 Result<io::Array> Program::leaf(const std::string& name) {
   return guarded([&] {
     State& s = *state_;
-    const int index = s.leaf_index(name);
-    s.prepare();
-    return s.download(s.bundle.leaves[static_cast<size_t>(index)]->resource);
+    const auto index = static_cast<size_t>(s.leaf_index(name));
+    s.prepare_leaf(index);
+    return s.download(s.bundle.leaves[index]->resource);
   });
 }
 
 Result<io::Array> Program::resource(const std::string& name) {
   return guarded([&]() -> io::Array {
     State& s = *state_;
-    s.prepare();
-    for (uint32_t k = 0; k < s.bundle.resources.size(); ++k)
-      if (s.bundle.resources[k]->name == name) return s.download(k);
+    for (uint32_t k = 0; k < s.bundle.resources.size(); ++k) {
+      if (s.bundle.resources[k]->name != name) continue;
+      if (!s.has_memory(k)) throw Failure{"'" + name + "' has no value: no step that uses it has run yet"};
+      return s.download(k);
+    }
     throw Failure{"there is no resource '" + name + "'"};
   });
 }

@@ -16,6 +16,7 @@
 #include <memory>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "runtime/io/array.h"
@@ -76,6 +77,8 @@ class Program {
   };
   std::vector<LeafInfo> leaves() const;
   bool is_input(const std::string& leaf) const;
+  // The leaves that a step reads or changes: these must be bound before it runs, unless they have initial values.
+  std::vector<std::string> needed_leaves(const std::string& step) const;
 
   // Gives a leaf its data; the first time this also gives values to the symbols of its extent, which later data must
   // keep.
@@ -91,6 +94,8 @@ class Program {
   Result<io::Array> leaf(const std::string& name);
   // The discrete decisions of the step's last run: for each raster its faces and tags, rank by rank.
   Result<std::vector<std::vector<io::Array>>> rasters(const std::string& step);
+  // The values that the program pins and the step's last run stored, by the names of compiler/ir/pins.h.
+  Result<std::vector<std::pair<std::string, io::Array>>> pins(const std::string& step);
   // Any stored value by the name of its resource ("raster", "raster_2" and so on): for tests and debugging.
   Result<io::Array> resource(const std::string& name);
   std::vector<std::string> resources() const;

@@ -3,7 +3,10 @@
 #include "compiler/backend/generate.h"
 
 #include <algorithm>
+#include <functional>
 #include <set>
+
+#include "compiler/ir/pins.h"
 
 namespace dr::backend {
 
@@ -103,6 +106,14 @@ void Generator::step(const StepSchedule& schedule) {
     for (ValueId v : op->results) results->resources.push_back(resource_index(v));
     out_->rasters.push_back(std::move(results));
   }
+  for (const auto& [value, name] : ir::pin_names(graph_)) {
+    if (schedule.stored.count(value) == 0) continue;
+    auto pin = std::make_unique<bundle::OutputT>();
+    pin->name = name;
+    pin->resource = resource_index(value);
+    out_->pins.push_back(std::move(pin));
+  }
+  list_needs(schedule);
   // Leaves change when the step ends: what else reads an old leaf then gets a copy of it first.
   // An output stays what its step saw, also when another step changes the leaf before it is read.
   std::set<uint32_t> changing;
@@ -137,6 +148,43 @@ void Generator::step(const StepSchedule& schedule) {
     c.source = static_cast<int>(from);
     c.target = static_cast<int>(to);
   }
+}
+
+// The leaves and symbols without which the step cannot run.
+void Generator::list_needs(const StepSchedule& schedule) {
+  std::vector<ValueId> roots;
+  std::set<uint32_t> leaves;
+  std::set<std::string> symbols;
+  for (const auto& output : schedule.outputs) roots.push_back(output.second);
+  for (const auto& [leaf, value] : schedule.updates) {
+    roots.push_back(value);
+    leaves.insert(leaf);
+  }
+  const auto add = [&](const ir::Dim& dim) {
+    for (const std::string& symbol : dim.symbols()) symbols.insert(symbol);
+  };
+  const auto add_extent = [&](const ir::Extent& extent) {
+    add(extent.w);
+    add(extent.h);
+    add(extent.l);
+  };
+  const std::function<void(const ir::Op&)> visit = [&](const ir::Op& op) {
+    if (op.kind == OpKind::Leaf) leaves.insert(*graph_.leaf_index(op.attrs.text));
+    for (const ir::Dim& dim : op.attrs.dims) add(dim);
+    for (const ValueId result : op.results) add_extent(graph_.value(result).extent);
+    for (const ir::RegionId region : op.regions) {
+      for (const ir::OpId inner : graph_.region(region).ops) visit(graph_.op(inner));
+    }
+  };
+  if (!roots.empty()) {
+    const std::vector<bool> live = ir::live_ops(graph_, roots);
+    for (const ir::OpId id : graph_.region(graph_.root()).ops) {
+      if (live[id.index]) visit(graph_.op(id));
+    }
+  }
+  for (const uint32_t leaf : leaves) add_extent(graph_.leaves[leaf].extent);
+  out_->leaves.assign(leaves.begin(), leaves.end());
+  out_->symbols.assign(symbols.begin(), symbols.end());
 }
 
 int Generator::add_shader(const std::string& name, bundle::Stage stage, std::string source) {

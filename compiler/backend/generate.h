@@ -20,6 +20,7 @@ class Generator {
 
  private:
   void step(const StepSchedule& step);
+  void list_needs(const StepSchedule& schedule);
   void map_pass(const Pass& pass);
   void fragment_pass(const Pass& pass);
   void reduce_pass(const Pass& pass);

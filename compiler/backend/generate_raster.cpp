@@ -39,8 +39,8 @@ Parts parts_of(const ir::Op& op) {
 }
 
 constexpr const char* kIsNan = R"(
-bool dr_is_nan(float x) { return (floatBitsToUint(x) & 0x7fffffffu) > 0x7f800000u; }
-bool dr_is_nan(vec2 x) { return dr_is_nan(x.x) || dr_is_nan(x.y); }
+bool dr_no_number(float x) { return (floatBitsToUint(x) & 0x7fffffffu) > 0x7f800000u; }
+bool dr_no_number(vec2 x) { return dr_no_number(x.x) || dr_no_number(x.y); }
 )";
 
 // Corners moved outwards by a pixel, because devices snap corners to a grid of 1/16 to 1/256 of a pixel. Where that
@@ -111,7 +111,7 @@ class Closures {
   void key_from_depth() {
     const std::string depth = closure(kDepth);
     shader_.body().line("uint key = uint(floor(clamp(" + depth + ", 0.0, 1.0) * 16777215.0));");
-    shader_.body().line("bool no_depth = dr_is_nan(" + depth + ");");
+    shader_.body().line("bool no_depth = dr_no_number(" + depth + ");");
   }
 
  private:
@@ -167,7 +167,7 @@ void Generator::raster_hardware(const Pass& pass, const ir::Op& op) {
     for (size_t c = 0; c < parts.corners.size(); ++c) {
       const std::string name = "corners[" + std::to_string(c) + "]";
       v.body().line(name + " = " + corner.record(parts.corners[c], "at") + ";");
-      v.body().line("dropped = dropped || dr_is_nan(" + name + ");");
+      v.body().line("dropped = dropped || dr_no_number(" + name + ");");
     }
     v.body().line("int first = 3 * (triangle % " + std::to_string(triangles) + ");");
     v.body().line(
@@ -252,7 +252,7 @@ void Generator::raster_compute(const Pass& pass, const ir::Op& op) {
   s.body().line("vec2 low = vec2(uintBitsToFloat(0x7f800000u)), high = -low, corner;");
   for (const ValueId value : parts.corners) {
     s.body().line("corner = " + closures.record(value, "at") + ";");
-    s.body().line("if (dr_is_nan(corner)) return;");
+    s.body().line("if (dr_no_number(corner)) return;");
     s.body().line("low = min(low, corner);");
     s.body().line("high = max(high, corner);");
   }

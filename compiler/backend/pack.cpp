@@ -230,6 +230,7 @@ class StepPacker {
       for (ValueId v : op.results) needed = needed || stored.count(v) != 0;
       if (!needed || is_memory(op)) continue;
       computed[it->index] = true;
+      if (op.kind == OpKind::Pin) stored.insert(op.results[0]);  // what the program wants kept
       for (ValueId v : uses_[it->index].elsewhere) stored.insert(v);
       for (ValueId v : uses_[it->index].at_element) {
         if (is_memory(def(v))) continue;

@@ -40,14 +40,25 @@ struct EvalOptions {
   InputOptions input;
   std::vector<std::string> binds;    // leaf=source
   std::vector<std::string> symbols;  // W=32
-  std::string step;                  // empty: all, in the order written
-  int64_t steps = 1;
-  std::string out;  // a folder, or empty
+  std::vector<std::string> steps;    // name or name=times, in order; empty: all, in the order written
+  int64_t times = 1;                 // of steps without a number of their own
+  std::string out;                   // a folder for all outputs, or empty
+  std::vector<std::string> saves;    // name=file: an output or leaf
+  std::string check_finite;          // empty: no; all, results
+  bool float32 = false;
+  int threads = 0;
+  std::string freeze, dump;  // folders of decisions, or empty
+};
+
+struct ExplainGradOptions {
+  InputOptions input;
+  std::string loss, target;  // names of lets, outputs or leaves
 };
 
 int check(const InputOptions& options);
 int build(const BuildOptions& options);
 int eval(const EvalOptions& options);
+int explain_grad(const ExplainGradOptions& options);
 
 // The products that `build` knows, for --help.
 std::vector<std::string> product_names();

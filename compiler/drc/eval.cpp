@@ -3,13 +3,18 @@
 #include <charconv>
 #include <cstdio>
 #include <filesystem>
+#include <map>
+#include <set>
 
 #include "compiler/drc/command.h"
 #include "compiler/drc/input.h"
+#include "compiler/ir/pins.h"
 #include "compiler/passes/passes.h"
 #include "compiler/reference/evaluate.h"
 #include "dsl/diagnostic.h"
+#include "dsl/place.h"
 #include "runtime/io/array.h"
+#include "runtime/io/decisions.h"
 
 namespace dr::drc {
 namespace {
@@ -91,60 +96,213 @@ bool bind_all(const EvalOptions& options, const ir::Graph& graph, reference::Ses
     if (!converted) return print_error("the data for '" + parts->first + "': " + converted.error()), false;
     if (const auto wrong = session.bind(parts->first, to_image(*converted, type))) return print_error(*wrong), false;
   }
-  if (const auto wrong = session.prepare()) return print_error(*wrong), false;
   return true;
 }
 
-// One run after another of one step; its outputs are printed and, of the last run, saved.
-bool run_step(const EvalOptions& options, const ir::Step& step, const std::string& prefix,
-              reference::Session& session) {
-  reference::StepResult last;
-  for (int64_t i = 0; i < options.steps; ++i) {
-    auto ran = session.run(step.name);
-    if (const auto* error = std::get_if<reference::EvalError>(&ran)) return print_error(error->message), false;
-    last = std::get<reference::StepResult>(std::move(ran));
+// A run of a step, in the order given.
+struct Run {
+  const ir::Step* step;
+  int64_t times;
+};
+
+std::optional<std::vector<Run>> runs_of(const EvalOptions& options, const ir::Graph& graph) {
+  std::vector<Run> runs;
+  if (options.steps.empty()) {
+    for (const ir::Step& step : graph.steps) runs.push_back({&step, options.times});
+    return runs;
+  }
+  for (const std::string& text : options.steps) {
+    const size_t equals = text.find('=');
+    const std::string name = text.substr(0, equals);
+    const auto index = graph.step_index(name);
+    if (!index) {
+      std::string known;
+      for (const ir::Step& step : graph.steps) known += (known.empty() ? "'" : ", '") + step.name + "'";
+      print_error("the program has no step '" + name + "', only " + (known.empty() ? "none" : known));
+      return std::nullopt;
+    }
+    int64_t times = options.times;
+    if (equals != std::string::npos) {
+      const auto [end, error] = std::from_chars(text.data() + equals + 1, text.data() + text.size(), times);
+      if (error != std::errc() || end != text.data() + text.size() || times < 0 || times > int64_t{1} << 31) {
+        print_error("expected a number of runs after '" + name + "=', found '" + text.substr(equals + 1) + "'");
+        return std::nullopt;
+      }
+    }
+    runs.push_back({&graph.steps[*index], times});
+  }
+  return runs;
+}
+
+// Steps in order, with what the options ask for around them.
+class Evaluator {
+ public:
+  Evaluator(const EvalOptions& options, const ir::Graph& graph, const dsl::SourceManager& sources)
+      : options_(options), graph_(graph), sources_(sources), session_(graph) {
+    for (const auto& [value, name] : ir::pin_names(graph)) pins_[name] = graph.value(value).type;
+  }
+
+  bool process(const std::vector<Run>& runs) {
+    if (!bind_all(options_, graph_, session_)) return false;
+    std::vector<std::string> names;
+    for (const Run& run : runs) names.push_back(run.step->name);
+    if (const auto wrong = session_.prepare(names); !names.empty() && wrong) return print_error(*wrong), false;
+    const std::set<std::string> different(names.begin(), names.end());
+    for (const Run& run : runs) {
+      const std::string prefix = different.size() > 1 ? run.step->name + "." : "";
+      for (int64_t k = 0; k < run.times; ++k) {
+        if (!run_once(*run.step, prefix)) return false;
+      }
+      if (run.times > 0 && !options_.out.empty() && !save_all(*run.step, prefix)) return false;
+    }
+    for (const std::string& save : options_.saves) {
+      if (!save_one(save)) return false;
+    }
+    return true;
+  }
+
+ private:
+  // In the form of the compiler's diagnostics, where the source is at hand.
+  void report(const char* severity, const reference::EvalError& error) const {
+    std::string text;
+    if (error.span.valid() && sources_.size() > 0) text = dsl::format_place(sources_, error.span);
+    std::fprintf(stderr, "%s%s: %s\n", text.c_str(), severity, error.message.c_str());
+    if (!text.empty()) std::fputs(dsl::format_source_line(sources_, error.span).c_str(), stderr);
+    for (const std::string& note : error.notes) std::fprintf(stderr, "  %s\n", note.c_str());
+  }
+
+  bool run_once(const ir::Step& step, const std::string& prefix) {
+    reference::Options options;
+    options.check_finite = options_.check_finite == "all"       ? reference::CheckFinite::All
+                           : options_.check_finite == "results" ? reference::CheckFinite::Results
+                                                                : reference::CheckFinite::No;
+    options.float32 = options_.float32;
+    options.threads = options_.threads;
+    const int64_t number = runs_done_[step.name]++;
+    reference::Frozen frozen, record;
+    if (!options_.freeze.empty()) {
+      auto loaded = load_frozen(step.name, number);
+      if (!loaded) return false;
+      frozen = std::move(*loaded);
+      options.frozen = &frozen;
+    }
+    if (!options_.dump.empty()) options.record = &record;
+    auto ran = session_.run(step.name, options);
+    if (const auto* error = std::get_if<reference::EvalError>(&ran)) return report("error", *error), false;
+    reference::StepResult& result = results_[step.name] = std::get<reference::StepResult>(std::move(ran));
+    for (const reference::EvalError& warning : result.warnings) {
+      if (warned_.insert({warning.span.begin, warning.span.file.index}).second) report("warning", warning);
+    }
     for (const ir::Output& output : step.outputs) {
-      const reference::Image& image = last.outputs.at(output.name);
+      const reference::Image& image = result.outputs.at(output.name);
       if (image.count() == 1)
         std::printf("%s%s = %s\n", prefix.c_str(), output.name.c_str(), value_text(image).c_str());
     }
+    return options_.dump.empty() || dump(step.name, number, record);
   }
-  if (options.out.empty()) return true;
-  for (const auto& [name, image] : last.outputs) {
+
+  std::optional<reference::Frozen> load_frozen(const std::string& step, int64_t number) const {
+    std::map<std::string, int> components;
+    for (const auto& [name, type] : pins_) components[name] = type.components();
+    const auto loaded = io::load_decisions(options_.freeze, step, number, components);
+    if (!loaded) return print_error(loaded.error()), std::nullopt;
+    reference::Frozen frozen;
+    for (const auto& raster : loaded->rasters) {
+      auto& images = frozen.rasters.emplace_back();
+      for (const io::Array& array : raster) images.push_back(to_image(array, ir::kInt));
+    }
+    for (const auto& [name, array] : loaded->pins) frozen.pins[name] = to_image(array, pins_.at(name));
+    return frozen;
+  }
+
+  bool dump(const std::string& step, int64_t number, const reference::Frozen& record) const {
+    io::Decisions decisions;
+    for (const auto& raster : record.rasters) {
+      auto& arrays = decisions.rasters.emplace_back();
+      for (const reference::Image& image : raster) {
+        auto array = to_array(image).converted(io::ElementKind::Int32);
+        if (!array) return print_error("a raster's result: " + array.error()), false;
+        arrays.push_back(*std::move(array));
+      }
+    }
+    for (const auto& [name, image] : record.pins) {
+      auto array = to_array(image).converted(kind_of(image.type.scalar));
+      if (!array) return print_error("the pinned value '" + name + "': " + array.error()), false;
+      decisions.pins.emplace_back(name, *std::move(array));
+    }
+    const auto saved = io::save_decisions(options_.dump, step, number, decisions);
+    return saved.ok() || (print_error(saved.error()), false);
+  }
+
+  static bool save(const std::string& name, const reference::Image& image, const std::string& file) {
     const auto array =
         to_array(image).converted(image.type.is_float() ? io::ElementKind::Float32 : kind_of(image.type.scalar));
-    if (!array) return print_error("the output '" + name + "': " + array.error()), false;
-    if (const auto saved = io::save_array(options.out + "/" + prefix + name + ".npy", *array); !saved)
-      return print_error(saved.error()), false;
+    if (!array) return print_error("the value '" + name + "': " + array.error()), false;
+    const auto saved = io::save_array(file, *array);
+    return saved.ok() || (print_error(saved.error()), false);
   }
-  return true;
-}
+
+  bool save_all(const ir::Step& step, const std::string& prefix) const {
+    for (const auto& [name, image] : results_.at(step.name).outputs) {
+      if (!save(name, image, options_.out + "/" + prefix + name + ".npy")) return false;
+    }
+    return true;
+  }
+
+  // `--save NAME=FILE`: an output of a step that ran, told apart as STEP.NAME, or what a leaf holds now.
+  bool save_one(const std::string& text) const {
+    const auto parts = split_assignment(text, "--save");
+    if (!parts) return false;
+    const std::string& name = parts->first;
+    const reference::Image* found = nullptr;
+    std::vector<std::string> known;
+    size_t matches = 0;
+    for (const auto& [step, result] : results_) {
+      for (const auto& [output, image] : result.outputs) {
+        known.push_back(output);
+        if (name != output && name != step + "." + output) continue;
+        found = &image;
+        ++matches;
+      }
+    }
+    if (matches > 1) {
+      print_error("several steps have an output '" + name + "': write STEP." + name);
+      return false;
+    }
+    if (found == nullptr && session_.has_leaf(name)) found = &session_.leaf(name);
+    if (found != nullptr) return save(name, *found, parts->second);
+    for (const ir::Leaf& leaf : graph_.leaves) known.push_back(leaf.name);
+    const auto nearest = dsl::nearest_name(name, known);
+    print_error("there is no output or leaf '" + name + "' to save" +
+                (nearest ? ", did you mean '" + *nearest + "'?" : ""));
+    return false;
+  }
+
+  const EvalOptions& options_;
+  const ir::Graph& graph_;
+  const dsl::SourceManager& sources_;
+  reference::Session session_;
+  std::map<std::string, ir::Type> pins_;
+  std::map<std::string, int64_t> runs_done_;
+  std::map<std::string, reference::StepResult> results_;  // of each step's last run
+  std::set<std::pair<uint32_t, uint32_t>> warned_;
+};
 
 }  // namespace
 
 int eval(const EvalOptions& options) {
-  auto lowered = load_graph(options.input);
+  dsl::SourceManager sources;
+  auto lowered = load_graph(options.input, sources);
   if (!lowered) return kUserError;
   const ir::Graph graph = passes::run_passes(*std::move(lowered), passes::default_passes());
-  if (!options.step.empty() && !graph.step_index(options.step)) {
-    std::string known;
-    for (const ir::Step& step : graph.steps) known += (known.empty() ? "'" : ", '") + step.name + "'";
-    print_error("the program has no step '" + options.step + "', only " + (known.empty() ? "none" : known));
-    return kUserError;
-  }
+  const auto runs = runs_of(options, graph);
+  if (!runs) return kUserError;
   if (!options.out.empty()) {
     std::error_code error;
     std::filesystem::create_directories(options.out, error);
     if (error) return print_error("cannot make the folder '" + options.out + "'"), kUserError;
   }
-  reference::Session session(graph);
-  if (!bind_all(options, graph, session)) return kUserError;
-  const bool several = options.step.empty() && graph.steps.size() > 1;
-  for (const ir::Step& step : graph.steps) {
-    if (!options.step.empty() && step.name != options.step) continue;
-    if (!run_step(options, step, several ? step.name + "." : "", session)) return kUserError;
-  }
-  return kOk;
+  return Evaluator(options, graph, sources).process(*runs) ? kOk : kUserError;
 }
 
 }  // namespace dr::drc

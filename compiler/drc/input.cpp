@@ -74,6 +74,11 @@ std::optional<ir::Graph> parse_graph(const std::string& file, const std::string&
 }  // namespace
 
 std::optional<ir::Graph> load_graph(const InputOptions& options) {
+  dsl::SourceManager sources;
+  return load_graph(options, sources);
+}
+
+std::optional<ir::Graph> load_graph(const InputOptions& options, dsl::SourceManager& sources) {
   const auto text = read_text(options.file);
   if (!text) return std::nullopt;
   if (options.file.ends_with(".ir")) return parse_graph(options.file, *text);
@@ -86,7 +91,6 @@ std::optional<ir::Graph> load_graph(const InputOptions& options) {
     if (!parts) return std::nullopt;
     lowering.defines[parts->first] = parts->second;
   }
-  dsl::SourceManager sources;
   dsl::DiagnosticList diagnostics;
   const dsl::FileId root = sources.add(shown_name(options.file), *text);
   auto graph = lower::lower(sources, root, lowering, diagnostics);

@@ -22,7 +22,8 @@ std::optional<std::pair<std::string, std::string>> split_assignment(const std::s
 // The text of a file; `-` is stdin. Messages go to stderr.
 std::optional<std::string> read_text(const std::string& file);
 
-// Reads, parses, lowers and verifies. Nullopt after messages.
+// Reads, parses, lowers and verifies. Nullopt after messages. Spans of the graph point into `sources`.
+std::optional<ir::Graph> load_graph(const InputOptions& options, dsl::SourceManager& sources);
 std::optional<ir::Graph> load_graph(const InputOptions& options);
 
 // The syntax tree as text. Nullopt after messages.

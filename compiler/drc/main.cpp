@@ -80,12 +80,45 @@ int main(int argc, char** argv) {
   eval_command->add_option("--symbol", eval_options.symbols, "Value of a symbol of extents")
       ->allow_extra_args(false)
       ->type_name("NAME=N");
-  eval_command->add_option("--step", eval_options.step, "Step to run; without it all of them, one after another");
-  eval_command->add_option("--steps", eval_options.steps, "How often to run each")
+  eval_command
+      ->add_option("--step", eval_options.steps,
+                   "Step to run and how often; several run in this order; without it all of them, one after another")
+      ->allow_extra_args(false)
+      ->type_name("NAME[=TIMES]");
+  eval_command->add_option("--steps", eval_options.times, "How often to run steps that have no number of their own")
       ->check(CLI::Range(int64_t{0}, int64_t{1} << 31))
       ->capture_default_str();
   eval_command->add_option("--out", eval_options.out, "Folder for the last run's outputs, as name.npy")
       ->type_name("DIR");
+  eval_command
+      ->add_option("--save", eval_options.saves, "Write an output or leaf as .npy, .csv or .png; STEP.NAME tells apart")
+      ->allow_extra_args(false)
+      ->type_name("NAME=FILE");
+  std::string check_finite = "all";
+  const CLI::Option* finite_option =
+      eval_command
+          ->add_option("--check-finite", check_finite,
+                       "Stop at the first NaN or Inf: 'all' that an op makes, or 'results' that one reaches")
+          ->expected(0, 1)
+          ->check(CLI::IsMember({"all", "results"}));
+  eval_command->add_flag("--float32", eval_options.float32, "Round every op's result to float32");
+  eval_command->add_option("--threads", eval_options.threads, "Threads to use, 0: all; no result depends on it")
+      ->check(CLI::Range(0, 1024))
+      ->capture_default_str();
+  eval_command
+      ->add_option("--freeze,--raster-from", eval_options.freeze,
+                   "Take faces, tags and pinned values from this folder instead of computing them")
+      ->type_name("DIR");
+  eval_command->add_option("--dump-raster", eval_options.dump, "Folder to write faces, tags and pinned values to")
+      ->type_name("DIR");
+
+  ExplainGradOptions explain_grad_options;
+  CLI::App* explain_grad_command = app.add_subcommand("explain-grad", "Say where a gradient flows and where it is cut");
+  add_input(*explain_grad_command, explain_grad_options.input);
+  explain_grad_command->add_option("loss", explain_grad_options.loss, "What is differentiated: an output or a let")
+      ->required();
+  explain_grad_command->add_option("x", explain_grad_options.target, "With respect to what: a leaf or a let")
+      ->required();
 
   try {
     app.parse(argc, argv);
@@ -95,10 +128,12 @@ int main(int argc, char** argv) {
     return asked ? kOk : kBadUsage;
   }
   if (passes_option->count() > 0) build_options.passes = passes;
+  if (finite_option->count() > 0) eval_options.check_finite = check_finite.empty() ? "all" : check_finite;
   if (dump_option->count() > 0) build_options.dump_ir = dump_ir;
   try {
     if (check_command->parsed()) return check(check_options);
     if (build_command->parsed()) return build(build_options);
+    if (explain_grad_command->parsed()) return explain_grad(explain_grad_options);
     return eval(eval_options);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "internal error: %s\n", error.what());

@@ -91,15 +91,20 @@ struct Scaled {
   double length = 0;  // of the scaled vector
   int exponent = 0;
 };
+double scaled(double x, int exponent) { return exponent == 0 ? x : std::scalbn(x, exponent); }
+
 Scaled scaled_length(const EvalBatch& e, size_t i) {
   const auto planes = static_cast<size_t>(e.operand_types[0].components());
   double largest = 0;
   for (size_t c = 0; c < planes; ++c) largest = std::max(largest, std::abs(e.operands[0][c * e.n + i]));
   Scaled result;
-  if (largest > 0 && std::isfinite(largest)) result.exponent = std::ilogb(largest);
+  // Squares of what lies between neither overflow nor vanish, and scaling by powers of two changes no bit.
+  constexpr double kSmall = 0x1p-400, kLarge = 0x1p400;
+  if (largest > 0 && std::isfinite(largest) && (largest < kSmall || largest > kLarge))
+    result.exponent = std::ilogb(largest);
   double sum = 0;
   for (size_t c = 0; c < planes; ++c) {
-    const double x = std::scalbn(e.operands[0][c * e.n + i], -result.exponent);
+    const double x = scaled(e.operands[0][c * e.n + i], -result.exponent);
     sum += x * x;
   }
   result.length = std::sqrt(sum);
@@ -108,18 +113,18 @@ Scaled scaled_length(const EvalBatch& e, size_t i) {
 
 void eval_length(const EvalBatch& e) {
   for (size_t i = 0; i < e.n; ++i) {
-    const Scaled scaled = scaled_length(e, i);
-    e.result[i] = std::scalbn(scaled.length, scaled.exponent);
+    const Scaled found = scaled_length(e, i);
+    e.result[i] = scaled(found.length, found.exponent);
   }
 }
 
 void eval_normalize(const EvalBatch& e) {
   const auto planes = static_cast<size_t>(e.result_type.components());
   for (size_t i = 0; i < e.n; ++i) {
-    const Scaled scaled = scaled_length(e, i);
+    const Scaled found = scaled_length(e, i);
     for (size_t c = 0; c < planes; ++c) {
-      const double x = std::scalbn(e.operands[0][c * e.n + i], -scaled.exponent);
-      e.result[c * e.n + i] = scaled.length == 0 ? 0.0 : x / scaled.length;
+      const double x = scaled(e.operands[0][c * e.n + i], -found.exponent);
+      e.result[c * e.n + i] = found.length == 0 ? 0.0 : x / found.length;
     }
   }
 }

@@ -3,7 +3,6 @@
 #include "compiler/reference/batch.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 
@@ -105,19 +104,20 @@ double fold_start(ir::Yield how, ir::Scalar scalar) {
   return min ? infinity : -infinity;
 }
 
-void evaluate_batch(const ir::Graph& graph, const ir::Op& op, size_t n, const std::vector<const double*>& operands,
-                    double* result) {
-  std::array<ir::Type, 16> types;
-  DR_ASSERT(operands.size() <= types.size());
+void evaluate_batch(const ir::Graph& graph, const ir::Op& op, size_t n, std::span<const double* const> operands,
+                    double* result, bool float32) {
+  ir::Type types[kMaxOperands];
   for (size_t k = 0; k < operands.size(); ++k) types[k] = graph.value(op.operands[k]).type;
   const auto eval = ops::info(op.kind).eval;
   DR_ASSERT(eval != nullptr);
+  const ir::Type type = graph.value(op.results[0]).type;
   eval({.n = n,
         .operands = operands,
-        .operand_types = std::span(types.data(), operands.size()),
+        .operand_types = std::span(types, operands.size()),
         .attrs = op.attrs,
-        .result_type = graph.value(op.results[0]).type,
+        .result_type = type,
         .result = result});
+  if (float32 && type.is_float()) round_to_float(result, n * components(type));
 }
 
 }  // namespace dr::reference

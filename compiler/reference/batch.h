@@ -17,6 +17,9 @@ namespace dr::reference {
 // Elements of a batch. Also the size of the pieces into which domains are cut, on which the order of sums depends.
 inline constexpr size_t kBatch = 1024;
 
+// The most that an element-wise op has: the columns of a mat4 from its components.
+inline constexpr size_t kMaxOperands = 16;
+
 struct Size {
   int64_t w = 1, h = 1, l = 1;
   size_t count() const { return static_cast<size_t>(w * h * l); }
@@ -34,10 +37,11 @@ struct Strides {
         l(image.layers == 1 ? 0 : static_cast<size_t>(image.width * image.height)) {}
 };
 
-// The op that made the first NaN or Inf of a value out of finite operands, and the element where.
+// The op that made the first NaN or Inf of a value out of finite operands, the element where, and what it was made of.
 struct Origin {
   ir::OpId op;
   int64_t x = 0, y = 0, l = 0;
+  std::shared_ptr<const std::vector<std::vector<double>>> operands = {};  // components there; none if not one element's
   bool valid() const { return op.valid(); }
 };
 
@@ -95,6 +99,11 @@ Places places_of_range(Size domain, size_t begin, size_t n);
 // or points into the image where that has the same form.
 const double* fetch_range(const Image& image, Size size, size_t begin, size_t n, double* scratch);
 
+// Rounds numbers to the nearest float32.
+inline void round_to_float(double* data, size_t n) {
+  for (size_t i = 0; i < n; ++i) data[i] = static_cast<double>(static_cast<float>(data[i]));
+}
+
 // An integer result wrapped to its 32 bits.
 double wrap(double value, ir::Scalar scalar);
 
@@ -120,8 +129,8 @@ inline double fold_max(double best, double x) { return x > best ? x : best; }
 // What a minimum (maximum) over no numbers is.
 double fold_start(ir::Yield how, ir::Scalar scalar);
 
-// Runs the table's evaluation of an element-wise op.
-void evaluate_batch(const ir::Graph& graph, const ir::Op& op, size_t n, const std::vector<const double*>& operands,
-                    double* result);
+// Runs the table's evaluation of an element-wise op; `float32` rounds what it gives.
+void evaluate_batch(const ir::Graph& graph, const ir::Op& op, size_t n, std::span<const double* const> operands,
+                    double* result, bool float32);
 
 }  // namespace dr::reference

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // The walk over the root: ops in order, each value's image freed after its last use.
 #include <algorithm>
+#include <charconv>
 #include <cmath>
 #include <optional>
 
+#include "compiler/ir/pins.h"
 #include "compiler/ir/print.h"
 #include "compiler/ops/op.h"
 #include "compiler/reference/evaluation.h"
@@ -34,22 +36,27 @@ class Evaluation {
                  .symbols = given.symbols,
                  .step_index = given.step_index,
                  .check_finite = options.check_finite,
+                 .float32 = options.float32,
                  .images = std::vector<const Image*>(graph.value_count()),
-                 .origins = std::vector<Origin>(options.check_finite ? graph.value_count() : 0)},
-        owned_(graph.value_count()) {}
+                 .origins = {}},
+        owned_(graph.value_count()) {
+    if (context_.tracing()) context_.origins.resize(graph.value_count());
+    if (options.frozen != nullptr || options.record != nullptr) pins_ = ir::pin_names(graph);
+  }
 
-  std::variant<std::vector<Image>, EvalError> run(std::span<const ValueId> roots) {
-    if (roots.empty()) return std::vector<Image>();
+  std::variant<Evaluated, EvalError> run(std::span<const ValueId> roots) {
+    if (roots.empty()) return Evaluated{};
     find_last_uses(roots);
-    if (options_.record != nullptr) options_.record->rasters.clear();
+    if (options_.record != nullptr) *options_.record = {};
     for (size_t k = 0; k < ops_.size(); ++k) {
       if (auto error = run_op(graph_.op(ops_[k]))) return std::move(*error);
+      if (options_.check_finite == CheckFinite::All && first_.valid()) return not_finite(first_, "");
       for (ValueId dead : dead_[k]) release(dead);
     }
-    if (options_.check_finite) {
+    if (options_.check_finite == CheckFinite::Results) {
       if (auto error = check(roots)) return std::move(*error);
     }
-    return results(roots);
+    return Evaluated{results(roots), std::move(warnings_)};
   }
 
  private:
@@ -98,24 +105,47 @@ class Evaluation {
             std::fill(results[k]->data.begin(), results[k]->data.end(), 0.0);
         }
         std::vector<Origin> origins(results.size());
-        run_region_op(context_, op, results, origins, workers_);
-        if (options_.check_finite) {
+        note_first(run_region_op(context_, op, results, origins, workers_));
+        if (context_.tracing()) {
           for (size_t k = 0; k < results.size(); ++k) context_.origins[op.results[k].index] = origins[k];
         }
         return std::nullopt;
       }
-      default:
-        run_image_op(context_, op, *results[0], workers_);
-        if (options_.check_finite) trace(op);
-        return std::nullopt;
+      case OpKind::Pin:
+        if (auto error = pin(op, *results[0])) return error;
+        break;
+      default: run_image_op(context_, op, *results[0], workers_); break;
     }
+    if (context_.tracing()) trace(op);
+    return std::nullopt;
+  }
+
+  std::optional<EvalError> pin(const Op& op, Image& result) {
+    const auto name = pins_.find(op.results[0]);
+    const auto* frozen = options_.frozen;
+    if (frozen != nullptr && name != pins_.end() && frozen->pins.count(name->second) != 0) {
+      const Image& value = frozen->pins.at(name->second);
+      if (size_of(value) != size_of(result) || value.data.size() != result.data.size())
+        return EvalError{"the frozen value of '" + name->second + "' has another extent", op.span};
+      result.data = value.data;
+    } else {
+      run_image_op(context_, op, result, workers_);
+    }
+    if (options_.record != nullptr && name != pins_.end()) options_.record->pins[name->second] = result;
+    return std::nullopt;
   }
 
   void read_leaf(const Op& op) {
     const auto leaf = graph_.leaf_index(op.attrs.text);
     DR_ASSERT(leaf.has_value());
-    context_.images[op.results[0].index] = &*given_.leaves[*leaf];
-    if (options_.check_finite) trace(op);
+    const Image& data = *given_.leaves[*leaf];
+    context_.images[op.results[0].index] = &data;
+    if (options_.float32 && data.type.is_float()) {
+      owned_[op.results[0].index] = data;
+      round_to_float(owned_[op.results[0].index]->data.data(), data.data.size());
+      context_.images[op.results[0].index] = &*owned_[op.results[0].index];
+    }
+    if (context_.tracing()) trace(op);
   }
 
   // Extents that only attributes name, in regions too.
@@ -208,13 +238,26 @@ class Evaluation {
         results[r]->data = frozen.data;
       }
     } else {
-      run_raster(context_, op, results, workers_);
+      const RasterFindings findings = run_raster(context_, op, results, workers_);
+      note_first(findings.first);
+      if (findings.outside > 0) warnings_.push_back(outside_hull(op, findings));
     }
     if (options_.record != nullptr) {
       std::vector<Image>& record = options_.record->rasters.emplace_back();
       for (const Image* result : results) record.push_back(*result);
     }
     return std::nullopt;
+  }
+
+  EvalError outside_hull(const Op& op, const RasterFindings& findings) const {
+    const auto number = [](int64_t n) { return std::to_string(n); };
+    // The line to look at is that of `keep`.
+    const ir::OpId keep = graph_.value(graph_.region(op.regions[1]).yields[0]).op;
+    std::string message = "'keep' holds outside the hull of the corners: for face " + number(findings.face) +
+                          " at pixel (" + number(findings.x) + ", " + number(findings.y) + ", " +
+                          number(findings.layer) + ")";
+    if (findings.outside > 1) message += " and " + number(findings.outside - 1) + " more";
+    return {message + "; a device may miss such pixels", keep.valid() ? graph_.op(keep).span : op.span, {}};
   }
 
   std::vector<Image> results(std::span<const ValueId> roots) {
@@ -232,6 +275,10 @@ class Evaluation {
   }
 
   // --- finding what is not finite ---
+
+  void note_first(const Origin& origin) {
+    if (!first_.valid()) first_ = origin;
+  }
 
   // Notes where the NaN or Inf of an op's result comes from.
   void trace(const Op& op) {
@@ -255,6 +302,17 @@ class Evaluation {
       return;
     }
     origin = {.op = context_.graph.value(op.results[0]).op, .x = place.x[0], .y = place.y[0], .l = place.l[0]};
+    if (elementwise) {
+      std::vector<std::vector<double>> operands;
+      for (ValueId operand : op.operands) {
+        const Image& image = *context_.images[operand.index];
+        std::vector<double>& element = operands.emplace_back(components(image.type));
+        const double* values = fetch_range(image, size_of(result), bad, 1, element.data());
+        if (values != element.data()) std::copy_n(values, element.size(), element.data());
+      }
+      origin.operands = std::make_shared<const std::vector<std::vector<double>>>(std::move(operands));
+    }
+    note_first(origin);
   }
 
   std::optional<EvalError> check(std::span<const ValueId> roots) const {
@@ -264,9 +322,13 @@ class Evaluation {
       if (origin.valid() && (first == nullptr || origin.op < first->op)) first = &origin;
     }
     if (first == nullptr) return std::nullopt;
-    const Op& op = graph_.op(first->op);
+    return not_finite(*first, ", and it reaches a result");
+  }
+
+  EvalError not_finite(const Origin& origin, const std::string& consequence) const {
+    const Op& op = graph_.op(origin.op);
     const std::string place =
-        "(" + std::to_string(first->x) + ", " + std::to_string(first->y) + ", " + std::to_string(first->l) + ")";
+        "(" + std::to_string(origin.x) + ", " + std::to_string(origin.y) + ", " + std::to_string(origin.l) + ")";
     std::string message;
     if (op.kind == OpKind::Leaf) {
       message = describe(graph_.leaves[*graph_.leaf_index(op.attrs.text)]) + " holds a NaN or Inf at element " + place;
@@ -276,7 +338,22 @@ class Evaluation {
       message = "'" + std::string(ir::op_name(op.kind)) +
                 "' makes a NaN or Inf of finite operands: " + name_of(op.results[0]) + " at element " + place;
     }
-    return EvalError{message + ", and it reaches a result", op.span};
+    EvalError error{message + consequence, op.span, {}};
+    for (size_t k = 0; origin.operands != nullptr && k < origin.operands->size(); ++k) {
+      const std::vector<double>& values = (*origin.operands)[k];
+      if (!values.empty()) error.notes.push_back("operand " + name_of(op.operands[k]) + " is " + numbers(values));
+    }
+    return error;
+  }
+
+  static std::string numbers(const std::vector<double>& values) {
+    std::string text;
+    for (const double value : values) {
+      char digits[32];
+      const auto end = std::to_chars(digits, digits + sizeof digits, value).ptr;
+      text += (text.empty() ? "" : ", ") + std::string(digits, end);
+    }
+    return values.size() == 1 ? text : "(" + text + ")";
   }
 
   // The user's name of a value, or its number in the text form.
@@ -295,13 +372,16 @@ class Evaluation {
   std::vector<std::vector<ValueId>> dead_;  // by position in ops_: values whose last use this is
   std::vector<std::optional<Image>> owned_;
   std::vector<std::vector<double>> free_;
+  std::map<ValueId, std::string> pins_;
+  std::vector<EvalError> warnings_;
+  Origin first_;  // when tracing
   size_t rasters_ = 0;
 };
 
 }  // namespace
 
-std::variant<std::vector<Image>, EvalError> evaluate_values(const ir::Graph& graph, std::span<const ValueId> values,
-                                                            const Given& given, const Options& options) {
+std::variant<Evaluated, EvalError> evaluate_values(const ir::Graph& graph, std::span<const ValueId> values,
+                                                   const Given& given, const Options& options) {
   return Evaluation(graph, given, options).run(values);
 }
 

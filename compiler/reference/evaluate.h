@@ -28,27 +28,39 @@ struct Image {
 
 Image zeros(ir::Type type, int64_t width, int64_t height, int64_t layers);
 
-// Discrete decisions taken over from elsewhere: for the k-th Raster op of the step (in graph order) its results.
+// Decisions taken over from elsewhere: for the k-th Raster op of the step (in graph order) its results, and values of
+// Pin ops by name (ir/pins.h); a Pin without an entry is computed.
 struct Frozen {
   std::vector<std::vector<Image>> rasters;
+  std::map<std::string, Image> pins;
+};
+
+// Which NaN and Inf are errors. Either way the error names the op that made it from finite operands, or the leaf.
+enum class CheckFinite : uint8_t {
+  No,
+  Results,  // those that reach an output or update; what a Select, an If or a zero adjoint shields is fine
+  All,      // the first one that any op makes, also inside regions and the functions of a raster
 };
 
 struct Options {
-  const Frozen* frozen = nullptr;  // raster results to use instead of computing them
-  Frozen* record = nullptr;        // where to put the raster results
-  // Fail if a NaN or Inf reaches an output or update, naming the first op that made one from finite operands. What a
-  // Select or If shields from the results is fine.
-  bool check_finite = false;
+  const Frozen* frozen = nullptr;  // raster results and pinned values to use instead of computing them
+  Frozen* record = nullptr;        // where to put the raster results and pinned values
+  CheckFinite check_finite = CheckFinite::No;
+  // Round every op's result to float32, as a device does. Sums over images are trees, those of scatters are rounded
+  // once at their end.
+  bool float32 = false;
   int threads = 0;  // 0: as many as the machine has. Results do not depend on it
-};
-
-struct StepResult {
-  std::map<std::string, Image> outputs;
 };
 
 struct EvalError {
   std::string message;
   dsl::Span span;
+  std::vector<std::string> notes = {};  // operand values, the run of the step
+};
+
+struct StepResult {
+  std::map<std::string, Image> outputs;
+  std::vector<EvalError> warnings;  // a raster's `keep` that holds outside the hull of the corners
 };
 
 // The memory of a program on the evaluator: leaves by name, and how often each step ran.
@@ -63,10 +75,12 @@ class Session {
   std::optional<std::string> bind(const std::string& leaf, Image data);
   std::optional<std::string> bind_symbol(const std::string& symbol, int64_t value);
   const ir::SymbolValues& symbols() const { return symbols_; }
-  // The current content of a leaf (after prepare()).
+  // The current content of a leaf that is bound, or prepared with a step that needs it.
   const Image& leaf(const std::string& name) const;
-  // Checks that everything is bound, fills initial values. Called by run() when needed.
-  std::optional<std::string> prepare();
+  bool has_leaf(const std::string& name) const;
+  // Checks that what the steps (all when none is named) read or change is bound, fills initial values. Called by run()
+  // for its step. One message names all leaves that are missing.
+  std::optional<std::string> prepare(std::span<const std::string> steps = {});
 
   std::variant<StepResult, EvalError> run(const std::string& step, const Options& options = {});
   // Evaluates any root values for the current leaves, without updating anything (tests).
@@ -81,10 +95,11 @@ class Session {
   const ir::Graph& graph_;
   ir::SymbolValues symbols_;
   std::map<std::string, std::string, std::less<>> symbol_origin_;  // which leaf or option set a symbol, for messages
+  std::optional<std::string> prepare_leaves(std::vector<bool> needed);
+
   std::vector<std::optional<Image>> leaves_;
   std::map<std::string, int64_t, std::less<>> runs_;
   std::vector<bool> stale_;  // faces bound since their tables were made, by leaf
-  bool prepared_ = false;
 };
 
 }  // namespace dr::reference

@@ -17,9 +17,14 @@ struct Given {
   int64_t step_index = 0;
 };
 
+struct Evaluated {
+  std::vector<Image> images;
+  std::vector<EvalError> warnings;
+};
+
 // The images of root values, in their order.
-std::variant<std::vector<Image>, EvalError> evaluate_values(const ir::Graph& graph, std::span<const ir::ValueId> values,
-                                                            const Given& given, const Options& options);
+std::variant<Evaluated, EvalError> evaluate_values(const ir::Graph& graph, std::span<const ir::ValueId> values,
+                                                   const Given& given, const Options& options);
 
 // "input 'photo'"
 std::string describe(const ir::Leaf& leaf);

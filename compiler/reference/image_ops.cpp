@@ -52,11 +52,11 @@ void elementwise(const Context& context, const Op& op, Image& result, Workers& w
     }
     s.filled = n;
     if (planes == 1 || n == count) {
-      evaluate_batch(context.graph, op, n, s.pointers, result.data.data() + begin);
+      evaluate_batch(context.graph, op, n, s.pointers, result.data.data() + begin, context.float32);
       return;
     }
     s.result.resize(planes * kBatch);
-    evaluate_batch(context.graph, op, n, s.pointers, s.result.data());
+    evaluate_batch(context.graph, op, n, s.pointers, s.result.data(), context.float32);
     for (size_t c = 0; c < planes; ++c) std::copy_n(s.result.data() + c * n, n, result.data.data() + c * count + begin);
   });
 }
@@ -225,7 +225,10 @@ void reduce_extreme(const Op& op, ir::Yield how, const Image& x, Image& result, 
 void run_image_op(const Context& context, const Op& op, Image& result, Workers& workers) {
   const auto operand = [&](size_t k) -> const Image& { return *context.images[op.operands[k].index]; };
   switch (op.kind) {
-    case OpKind::Const: std::copy(op.attrs.floats.begin(), op.attrs.floats.end(), result.data.begin()); return;
+    case OpKind::Const:
+      std::copy(op.attrs.floats.begin(), op.attrs.floats.end(), result.data.begin());
+      if (context.float32 && result.type.is_float()) round_to_float(result.data.data(), result.data.size());
+      return;
     case OpKind::Coord: coord(op, result, workers); return;
     case OpKind::DimValue:
       result.data[0] = wrap(static_cast<double>(op.attrs.dims[0].evaluate(context.symbols).value()), ir::Scalar::Int);
@@ -233,12 +236,18 @@ void run_image_op(const Context& context, const Op& op, Image& result, Workers& 
     case OpKind::StepIndex: result.data[0] = wrap(static_cast<double>(context.step_index), ir::Scalar::Int); return;
     case OpKind::Gather: gather(operand(0), operand(1), result, workers); return;
     case OpKind::ScatterAdd:
-    case OpKind::ScatterMax: scatter(op.kind == OpKind::ScatterMax, operand(0), operand(1), result, workers); return;
+    case OpKind::ScatterMax:
+      scatter(op.kind == OpKind::ScatterMax, operand(0), operand(1), result, workers);
+      if (context.float32 && result.type.is_float()) round_to_float(result.data.data(), result.data.size());
+      return;
     case OpKind::Shift: shift(op, operand(0), result, workers); return;
     case OpKind::Broadcast: stretch(operand(0), result, workers); return;
     case OpKind::ReduceSum: {
       const ir::Scalar scalar = result.type.scalar;
-      if (scalar == ir::Scalar::Float) {
+      if (scalar == ir::Scalar::Float && context.float32) {
+        reduce(op, operand(0), result, workers,
+               [](double a, double b) { return static_cast<double>(static_cast<float>(a + b)); });
+      } else if (scalar == ir::Scalar::Float) {
         reduce(op, operand(0), result, workers, [](double a, double b) { return a + b; });
       } else {
         reduce(op, operand(0), result, workers, [scalar](double a, double b) { return wrap(a + b, scalar); });

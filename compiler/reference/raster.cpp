@@ -18,7 +18,28 @@ constexpr double kMargin = 1.0 / 64;
 
 struct Box {
   int32_t x0 = 0, y0 = 0, x1 = 0, y1 = 0;  // half open; empty for a face that is never proposed
+  bool holds(int32_t x, int32_t y) const { return x >= x0 && x < x1 && y >= y0 && y < y1; }
 };
+
+// Whether a point lies in a triangle of either winding, or within kMargin of it.
+bool in_triangle(const double (&corner)[3][2], double x, double y) {
+  bool left = false, right = false;  // of an edge
+  for (size_t k = 0; k < 3; ++k) {
+    const double *a = corner[k], *b = corner[(k + 1) % 3];
+    const double side = (b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0]);
+    left |= side < 0;
+    right |= side > 0;
+  }
+  if (left != right) return true;
+  for (size_t k = 0; k < 3; ++k) {
+    const double *a = corner[k], *b = corner[(k + 1) % 3];
+    const double dx = b[0] - a[0], dy = b[1] - a[1], px = x - a[0], py = y - a[1];
+    const double t = std::clamp((px * dx + py * dy) / std::max(dx * dx + dy * dy, 1e-300), 0.0, 1.0);
+    const double ex = px - t * dx, ey = py - t * dy;
+    if (ex * ex + ey * ey <= kMargin * kMargin) return true;
+  }
+  return false;
+}
 
 // Pixels of one axis whose centres may lie between low and high.
 void cover(double low, double high, int64_t size, int32_t& first, int32_t& end) {
@@ -71,7 +92,7 @@ class Raster {
     }
   }
 
-  void run(std::span<Image* const> results, Workers& workers) {
+  RasterFindings run(std::span<Image* const> results, Workers& workers) {
     boxes_.resize(static_cast<size_t>(faces_ * size_.l));
     constexpr size_t kFaces = 4096;
     workers.run((boxes_.size() + kFaces - 1) / kFaces, [&](size_t task, size_t) {
@@ -82,10 +103,22 @@ class Raster {
     const int64_t bands = (size_.h + kBandRows - 1) / kBandRows;
     std::vector<RegionRunner> runners;
     for (size_t k = 0; k < workers.count(); ++k) runners.emplace_back(context_);
-    workers.run(static_cast<size_t>(bands * size_.l), [&](size_t task, size_t worker) {
+    const auto tasks = static_cast<size_t>(bands * size_.l);
+    std::vector<RasterFindings> found(tasks);
+    workers.run(tasks, [&](size_t task, size_t worker) {
       const auto t = static_cast<int64_t>(task);
-      band(t / bands, t % bands * kBandRows, results, runners[worker]);
+      band(t / bands, t % bands * kBandRows, results, runners[worker], found[task]);
+      found[task].first = runners[worker].take_first();
     });
+    RasterFindings all;
+    for (const RasterFindings& one : found) {
+      Origin first = all.first.valid() ? all.first : one.first;
+      const int64_t outside = all.outside + one.outside;
+      if (all.outside == 0) all = one;
+      all.first = std::move(first);
+      all.outside = outside;
+    }
+    return all;
   }
 
  private:
@@ -156,21 +189,49 @@ class Raster {
     return b;
   }
 
-  void band(int64_t layer, int64_t y0, std::span<Image* const> results, RegionRunner& runner) const {
+  // Whether the pixel's centre lies in one of the hull's triangles.
+  bool in_hull(int32_t face, int32_t x, int32_t y, int32_t layer) const {
+    for (size_t first = 0; first < corners_.size(); first += 3) {
+      double corner[3][2];
+      bool finite = true;
+      for (size_t k = 0; k < 3; ++k) {
+        const Image& image = *corners_[first + k];
+        const size_t at = record(image, face, layer), count = size_of(image).count();
+        for (size_t c = 0; c < 2; ++c) {
+          corner[k][c] = image.data[c * count + at];
+          finite &= std::isfinite(corner[k][c]);
+        }
+      }
+      if (!finite || in_triangle(corner, x + 0.5, y + 0.5)) return true;
+    }
+    return false;
+  }
+
+  // The box and a pixel around it, where a hull that is too small shows.
+  Box wider(const Box& b) const {
+    if (b.x0 >= b.x1 || b.y0 >= b.y1) return b;
+    return {.x0 = std::max(b.x0 - 1, 0),
+            .y0 = std::max(b.y0 - 1, 0),
+            .x1 = std::min(b.x1 + 1, static_cast<int32_t>(size_.w)),
+            .y1 = std::min(b.y1 + 1, static_cast<int32_t>(size_.h))};
+  }
+
+  void band(int64_t layer, int64_t y0, std::span<Image* const> results, RegionRunner& runner,
+            RasterFindings& findings) const {
     const int64_t y1 = std::min(size_.h, y0 + kBandRows);
     Nearest nearest(ranks_, static_cast<size_t>((y1 - y0) * size_.w));
     Candidates list;
     for (int64_t face = 0; face < faces_; ++face) {
-      const Box& b = boxes_[static_cast<size_t>(layer * faces_ + face)];
+      const Box b = wider(boxes_[static_cast<size_t>(layer * faces_ + face)]);
       const auto from = std::max(b.y0, static_cast<int32_t>(y0)), to = std::min(b.y1, static_cast<int32_t>(y1));
       for (int32_t y = from; y < to; ++y) {
         for (int32_t x = b.x0; x < b.x1; ++x) {
           list.push(x, y, static_cast<int32_t>(layer), static_cast<int32_t>(face));
-          if (list.faces.size() == kBatch) decide(list, y0, nearest, runner);
+          if (list.faces.size() == kBatch) decide(list, y0, nearest, runner, findings);
         }
       }
     }
-    decide(list, y0, nearest, runner);
+    decide(list, y0, nearest, runner, findings);
 
     for (int64_t y = y0; y < y1; ++y) {
       for (int64_t x = 0; x < size_.w; ++x) {
@@ -210,7 +271,7 @@ class Raster {
     runner.clear(frame);
   }
 
-  void decide(Candidates& list, int64_t y0, Nearest& nearest, RegionRunner& runner) const {
+  void decide(Candidates& list, int64_t y0, Nearest& nearest, RegionRunner& runner, RasterFindings& findings) const {
     const auto push_from = [](Candidates& to, const Candidates& from, size_t i) {
       to.push(from.places.x[i], from.places.y[i], from.places.l[i], from.faces[i]);
     };
@@ -218,14 +279,24 @@ class Raster {
     Candidates kept, seen;
     std::vector<int32_t> keys;
     call(keep_, list, runner, [&](size_t i, double keep) {
-      if (keep != 0) push_from(kept, list, i);
+      if (keep == 0) return;
+      const int32_t x = list.places.x[i], y = list.places.y[i], l = list.places.l[i], face = list.faces[i];
+      if (!in_hull(face, x, y, l) && findings.outside++ == 0) {
+        findings.face = face;
+        findings.x = x;
+        findings.y = y;
+        findings.layer = l;
+      }
+      if (boxes_[static_cast<size_t>(l * faces_ + face)].holds(x, y)) push_from(kept, list, i);
     });
     list.clear();
     if (kept.faces.empty()) return;
     call(depth_, kept, runner, [&](size_t i, double depth) {
       if (std::isnan(depth)) return;
       push_from(seen, kept, i);
-      keys.push_back(static_cast<int32_t>(std::floor(std::clamp(depth, 0.0, 1.0) * 16777215.0)));
+      double key = std::clamp(depth, 0.0, 1.0) * 16777215.0;
+      if (context_.float32) round_to_float(&key, 1);
+      keys.push_back(static_cast<int32_t>(std::floor(key)));
     });
     if (seen.faces.empty()) return;
     call(tag_, seen, runner, [&](size_t i, double tag) {
@@ -247,8 +318,8 @@ class Raster {
 
 }  // namespace
 
-void run_raster(const Context& context, const Op& op, std::span<Image* const> results, Workers& workers) {
-  Raster(context, op).run(results, workers);
+RasterFindings run_raster(const Context& context, const Op& op, std::span<Image* const> results, Workers& workers) {
+  return Raster(context, op).run(results, workers);
 }
 
 }  // namespace dr::reference

@@ -8,7 +8,16 @@
 
 namespace dr::reference {
 
+// What the functions of a raster did that they should not.
+struct RasterFindings {
+  Origin first;  // when tracing: the first NaN or Inf made in one of them
+  // Candidates that `keep` kept although the pixel lies outside the hull of the corners: how many, and the first.
+  // Looked for in the box around the corners and one pixel more.
+  int64_t outside = 0;
+  int32_t face = 0, x = 0, y = 0, layer = 0;
+};
+
 // Fills the result images: face 0, tag 0, face 1, ...
-void run_raster(const Context& context, const ir::Op& op, std::span<Image* const> results, Workers& workers);
+RasterFindings run_raster(const Context& context, const ir::Op& op, std::span<Image* const> results, Workers& workers);
 
 }  // namespace dr::reference

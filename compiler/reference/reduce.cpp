@@ -43,7 +43,7 @@ void ReduceRun::run() {
   } else {
     run_pairs();
   }
-  if (runner_.context_.check_finite) trace();
+  if (runner_.context_.tracing()) trace();
 }
 
 void ReduceRun::run_same_range() {
@@ -113,7 +113,9 @@ void ReduceRun::fold_one(const YieldPlan& yield, Lanes& total, size_t result, co
   };
   switch (yield.how) {
     case Yield::Sum:
-      if (type.is_float()) {
+      if (type.is_float() && runner_.context_.float32) {
+        each([](double sum, double x) { return static_cast<double>(static_cast<float>(sum + x)); });
+      } else if (type.is_float()) {
         each([](double sum, double x) { return sum + x; });
       } else {
         each([&](double sum, double x) { return wrap(sum + x, type.scalar); });
@@ -144,7 +146,7 @@ void ReduceRun::trace() {
     if (bad == total.n) {
       total.origin = {};
     } else if (!total.origin.valid()) {
-      total.origin = runner_.origin_here(frame_, *plan_.op, bad);
+      total.origin = runner_.origin_here(frame_, plan_, bad);
     }
   }
 }

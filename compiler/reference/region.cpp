@@ -88,7 +88,7 @@ void RegionRunner::fetch_root(Frame& frame, uint32_t slot, const Image& image) {
       for (size_t c = 0; c < planes; ++c) out[c * n + i] = image.data[c * count + at];
     }
   }
-  if (context_.check_finite && first_not_finite(lanes.data, planes, lanes.n) < lanes.n) {
+  if (context_.tracing() && first_not_finite(lanes.data, planes, lanes.n) < lanes.n) {
     lanes.origin = context_.origins[frame.plan->slots[slot].value.index];
   }
 }
@@ -153,28 +153,29 @@ void RegionRunner::run_op(Frame& frame, const OpPlan& op) {
     case OpKind::StepIndex: run_source(frame, op); break;
     default: run_elementwise(frame, op); break;
   }
-  if (context_.check_finite) trace(frame, op);
+  if (context_.tracing()) trace(frame, op);
 }
 
 void RegionRunner::run_elementwise(Frame& frame, const OpPlan& plan) {
   const Op& op = *plan.op;
-  std::vector<const double*> operands;
-  std::vector<Buffer> expanded;
-  size_t n = 1;
+  DR_ASSERT(plan.operands.size() <= kMaxOperands);
+  const double* operands[kMaxOperands];
+  size_t count = 0, n = 1;
   for (uint32_t slot : plan.operands) n = std::max(n, get(frame, slot).n);
   for (uint32_t slot : plan.operands) {
     const Lanes& lanes = frame.lanes[slot];
     if (lanes.n == n) {
-      operands.push_back(lanes.data);
+      operands[count++] = lanes.data;
       continue;
     }
     const size_t planes = components(frame.plan->slots[slot].type);
-    expanded.push_back(pool_.take(planes * n));
-    for (size_t c = 0; c < planes; ++c) std::fill_n(expanded.back().data() + c * n, n, lanes.data[c]);
-    operands.push_back(expanded.back().data());
+    const Buffer& buffer = expanded_.emplace_back(pool_.take(planes * n));
+    for (size_t c = 0; c < planes; ++c) std::fill_n(buffer.data() + c * n, n, lanes.data[c]);
+    operands[count++] = buffer.data();
   }
-  evaluate_batch(context_.graph, op, n, operands, make(frame, plan.results[0], n));
-  for (Buffer& buffer : expanded) pool_.give(std::move(buffer));
+  evaluate_batch(context_.graph, op, n, {operands, count}, make(frame, plan.results[0], n), context_.float32);
+  for (Buffer& buffer : expanded_) pool_.give(std::move(buffer));
+  expanded_.clear();
 }
 
 void RegionRunner::run_gather(Frame& frame, const OpPlan& plan) {
@@ -200,7 +201,9 @@ void RegionRunner::run_source(Frame& frame, const OpPlan& plan) {
   const Op& op = *plan.op;
   const uint32_t slot = plan.results[0];
   if (op.kind == OpKind::Const) {
-    std::copy(op.attrs.floats.begin(), op.attrs.floats.end(), make(frame, slot, 1));
+    double* out = make(frame, slot, 1);
+    std::copy(op.attrs.floats.begin(), op.attrs.floats.end(), out);
+    if (context_.float32 && frame.plan->slots[slot].type.is_float()) round_to_float(out, op.attrs.floats.size());
     return;
   }
   if (op.kind == OpKind::Coord) {
@@ -269,9 +272,20 @@ void RegionRunner::run_reduce(Frame& frame, const OpPlan& op) { ReduceRun(*this,
 
 // --- finding what is not finite ---
 
-Origin RegionRunner::origin_here(Frame& frame, const Op& op, size_t i) {
+Origin RegionRunner::origin_here(Frame& frame, const OpPlan& plan, size_t i) {
   const Places& p = places(frame);
-  return {.op = op_id(op), .x = p.x[i], .y = p.y[i], .l = p.l[i]};
+  Origin origin{.op = op_id(*plan.op), .x = p.x[i], .y = p.y[i], .l = p.l[i]};
+  std::vector<std::vector<double>> operands;
+  for (uint32_t slot : plan.operands) {
+    const Lanes& lanes = frame.lanes[slot];
+    std::vector<double>& values = operands.emplace_back();
+    // An image that an indexed read takes has no lanes.
+    for (size_t c = 0; lanes.n != 0 && c < components(frame.plan->slots[slot].type); ++c)
+      values.push_back(lanes.at(c, lanes.n == 1 ? 0 : i));
+  }
+  origin.operands = std::make_shared<const std::vector<std::vector<double>>>(std::move(operands));
+  if (!first_.valid()) first_ = origin;
+  return origin;
 }
 
 void RegionRunner::trace(Frame& frame, const OpPlan& plan) {
@@ -284,7 +298,7 @@ void RegionRunner::trace(Frame& frame, const OpPlan& plan) {
     const size_t i = operand.n == 1 ? 0 : bad;
     bool finite = true;
     for (size_t c = 0; operand.n != 0 && c < components(info.type); ++c) finite &= std::isfinite(operand.at(c, i));
-    if (!finite && operand.origin.valid()) {
+    if (!finite) {
       result.origin = operand.origin;
       return;
     }
@@ -295,13 +309,13 @@ void RegionRunner::trace(Frame& frame, const OpPlan& plan) {
       return;
     }
   }
-  result.origin = origin_here(frame, *plan.op, bad);
+  result.origin = origin_here(frame, plan, bad);
 }
 
 // --- ops of the root ---
 
-void run_region_op(const Context& context, const Op& op, std::span<Image* const> results, std::span<Origin> origins,
-                   Workers& workers) {
+Origin run_region_op(const Context& context, const Op& op, std::span<Image* const> results, std::span<Origin> origins,
+                     Workers& workers) {
   const Plan plan = plan_op(context.graph, op);
   std::vector<Image*> images;
   std::vector<size_t> sink_results;
@@ -321,7 +335,8 @@ void run_region_op(const Context& context, const Op& op, std::span<Image* const>
 
   std::vector<RegionRunner> runners;
   for (size_t k = 0; k < workers.count(); ++k) runners.emplace_back(context);
-  std::vector<std::vector<Origin>> found(context.check_finite ? tasks : 0, std::vector<Origin>(results.size()));
+  std::vector<std::vector<Origin>> found(context.tracing() ? tasks : 0, std::vector<Origin>(results.size()));
+  std::vector<Origin> first(found.size());
   workers.run(tasks, [&](size_t task, size_t worker) {
     RegionRunner& runner = runners[worker];
     const size_t begin = task * kBatch, n = std::min(kBatch, count - begin);
@@ -342,8 +357,9 @@ void run_region_op(const Context& context, const Op& op, std::span<Image* const>
           std::fill_n(out, n, value.data[c]);
         }
       }
-      if (context.check_finite) found[task][k] = value.origin;
+      if (context.tracing()) found[task][k] = value.origin;
     }
+    if (context.tracing()) first[task] = runner.take_first();
     runner.clear(frame);
     log.finish();
   });
@@ -353,15 +369,22 @@ void run_region_op(const Context& context, const Op& op, std::span<Image* const>
       if (!origins[k].valid()) origins[k] = task[k];
     }
   }
+  const auto earliest = std::find_if(first.begin(), first.end(), [](const Origin& origin) { return origin.valid(); });
+  Origin made = earliest != first.end() ? *earliest : Origin{};
   for (size_t s = 0; s < sink_results.size(); ++s) {
+    if (context.float32 && images[s]->type.is_float()) round_to_float(images[s]->data.data(), images[s]->data.size());
     Origin& origin = origins[sink_results[s]];
     origin = scatter.origins[s];
     // Finite values may add up to Inf.
-    if (context.check_finite && !origin.valid() &&
-        first_not_finite(images[s]->data.data(), 1, images[s]->data.size()) < images[s]->data.size()) {
-      origin.op = context.graph.value(op.results[0]).op;
-    }
+    if (!context.tracing() || origin.valid()) continue;
+    const Size size = size_of(*images[s]);
+    const size_t bad = first_not_finite(images[s]->data.data(), components(images[s]->type), size.count());
+    if (bad == size.count()) continue;
+    const Places place = places_of_range(size, bad, 1);
+    origin = {.op = context.graph.value(op.results[0]).op, .x = place.x[0], .y = place.y[0], .l = place.l[0]};
+    if (!made.valid()) made = origin;
   }
+  return made;
 }
 
 }  // namespace dr::reference

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "compiler/reference/batch.h"
@@ -18,9 +19,11 @@ struct Context {
   const ir::Graph& graph;
   const ir::SymbolValues& symbols;
   int64_t step_index = 0;
-  bool check_finite = false;
+  CheckFinite check_finite = CheckFinite::No;
+  bool float32 = false;
+  bool tracing() const { return check_finite != CheckFinite::No; }
   std::vector<const Image*> images;  // by ValueId index; null: not made, or no longer needed
-  std::vector<Origin> origins;       // by ValueId index; filled when check_finite
+  std::vector<Origin> origins;       // by ValueId index; filled when tracing()
 };
 
 struct Frame {
@@ -38,6 +41,8 @@ class RegionRunner {
  public:
   explicit RegionRunner(const Context& context) : context_(context) {}
 
+  // The first NaN or Inf made since the last call, when tracing.
+  Origin take_first() { return std::exchange(first_, {}); }
   // Where the Scatter results of the ops that run next go to.
   void set_log(ScatterLog* log) { log_ = log; }
 
@@ -67,16 +72,19 @@ class RegionRunner {
   void run_reduce(Frame& frame, const OpPlan& op);
   void scatter(Frame& frame, const YieldPlan& yield);
   void trace(Frame& frame, const OpPlan& op);
-  Origin origin_here(Frame& frame, const ir::Op& op, size_t i);
+  Origin origin_here(Frame& frame, const OpPlan& plan, size_t i);
   ir::OpId op_id(const ir::Op& op) const { return context_.graph.value(op.results[0]).op; }
 
   const Context& context_;
   Pool pool_;
+  std::vector<Buffer> expanded_;  // of run_elementwise, kept for its memory
   ScatterLog* log_ = nullptr;
+  Origin first_;
 };
 
-// Evaluates an If or Reduce op of the root into its result images, which are zero where something scatters.
-void run_region_op(const Context& context, const ir::Op& op, std::span<Image* const> results, std::span<Origin> origins,
-                   Workers& workers);
+// Evaluates an If or Reduce op of the root into its result images, which are zero where something scatters. Returns the
+// first NaN or Inf made inside, when tracing.
+Origin run_region_op(const Context& context, const ir::Op& op, std::span<Image* const> results,
+                     std::span<Origin> origins, Workers& workers);
 
 }  // namespace dr::reference

@@ -207,18 +207,64 @@ const Image& Session::leaf(const std::string& name) const {
   return *leaves_[*index];
 }
 
-std::optional<std::string> Session::prepare() {
-  if (auto error = make_tables()) return error;
-  if (prepared_) return std::nullopt;
-  for (size_t k = 0; k < leaves_.size(); ++k) {
-    const ir::Leaf& leaf = graph_.leaves[k];
-    if (!leaves_[k] && leaf.initial.empty() && leaf.kind != ir::Leaf::Kind::State) {
-      return describe(leaf) + " : " + leaf.type.str() + leaf.extent.str() +
-             " has no data; bind it before the first step";
-    }
+bool Session::has_leaf(const std::string& name) const {
+  const auto index = graph_.leaf_index(name);
+  return index.has_value() && leaves_[*index].has_value();
+}
+
+namespace {
+
+// Marks the leaves that the values are computed from.
+void mark_leaves(const ir::Graph& graph, std::span<const ir::ValueId> values, std::vector<bool>& needed) {
+  if (values.empty()) return;  // live_ops() would take all steps
+  const std::vector<bool> live = ir::live_ops(graph, values);
+  for (ir::OpId id : graph.region(graph.root()).ops) {
+    const ir::Op& op = graph.op(id);
+    if (live[id.index] && op.kind == ir::OpKind::Leaf) needed[*graph.leaf_index(op.attrs.text)] = true;
   }
+}
+
+std::vector<ir::ValueId> roots_of(const ir::Step& step) {
+  std::vector<ir::ValueId> roots;
+  for (const ir::Output& output : step.outputs) roots.push_back(output.value);
+  for (const ir::Update& update : step.updates) roots.push_back(update.value);
+  return roots;
+}
+
+}  // namespace
+
+std::optional<std::string> Session::prepare(std::span<const std::string> steps) {
+  std::vector<bool> needed(leaves_.size(), steps.empty());
+  for (const std::string& name : steps) {
+    const auto index = graph_.step_index(name);
+    DR_ASSERT(index.has_value());
+    const ir::Step& step = graph_.steps[*index];
+    mark_leaves(graph_, roots_of(step), needed);
+    for (const ir::Update& update : step.updates) needed[update.leaf] = true;
+  }
+  return prepare_leaves(needed);
+}
+
+std::optional<std::string> Session::prepare_leaves(std::vector<bool> needed) {
   for (size_t k = 0; k < leaves_.size(); ++k) {
     const ir::Leaf& leaf = graph_.leaves[k];
+    if (needed[k] && !leaf.table.empty()) needed[*graph_.leaf_index(leaf.table_of)] = true;
+  }
+  std::string missing;
+  size_t unbound_leaves = 0;
+  for (size_t k = 0; k < leaves_.size(); ++k) {
+    const ir::Leaf& leaf = graph_.leaves[k];
+    if (!needed[k] || leaves_[k] || !leaf.initial.empty() || leaf.kind == ir::Leaf::Kind::State || !leaf.table.empty())
+      continue;
+    missing += (unbound_leaves++ == 0 ? "" : ", ") + describe(leaf) + " : " + leaf.type.str() + leaf.extent.str();
+  }
+  if (unbound_leaves > 0)
+    return missing + (unbound_leaves == 1 ? " has no data; bind it" : " have no data; bind them") +
+           " before the first step";
+  if (auto error = make_tables()) return error;
+  for (size_t k = 0; k < leaves_.size(); ++k) {
+    const ir::Leaf& leaf = graph_.leaves[k];
+    if (!needed[k]) continue;
     int64_t extents[3];
     const Dim* const dims[3] = {&leaf.extent.w, &leaf.extent.h, &leaf.extent.l};
     for (size_t axis = 0; axis < 3; ++axis) {
@@ -246,7 +292,6 @@ std::optional<std::string> Session::prepare() {
     }
     leaves_[k] = std::move(image);
   }
-  prepared_ = true;
   return std::nullopt;
 }
 
@@ -257,17 +302,18 @@ std::variant<StepResult, EvalError> Session::run(const std::string& name, const 
     for (const ir::Step& step : graph_.steps) message += " '" + step.name + "'";
     return EvalError{message, {}};
   }
-  if (auto error = prepare()) return EvalError{*error, {}};
+  if (auto error = prepare({&name, 1})) return EvalError{*error, {}};
   const ir::Step& step = graph_.steps[*index];
-  std::vector<ir::ValueId> roots;
-  for (const ir::Output& output : step.outputs) roots.push_back(output.value);
-  for (const ir::Update& update : step.updates) roots.push_back(update.value);
-  auto values =
-      evaluate_values(graph_, roots, {.symbols = symbols_, .leaves = leaves_, .step_index = runs_[name]}, options);
-  if (auto* error = std::get_if<EvalError>(&values)) return std::move(*error);
+  auto values = evaluate_values(graph_, roots_of(step),
+                                {.symbols = symbols_, .leaves = leaves_, .step_index = runs_[name]}, options);
+  if (auto* error = std::get_if<EvalError>(&values)) {
+    error->notes.push_back("in run " + std::to_string(runs_[name] + 1) + " of step '" + name + "'");
+    return std::move(*error);
+  }
 
-  auto& images = std::get<std::vector<Image>>(values);
+  auto& images = std::get<Evaluated>(values).images;
   StepResult result;
+  result.warnings = std::move(std::get<Evaluated>(values).warnings);
   for (size_t k = 0; k < step.outputs.size(); ++k) result.outputs[step.outputs[k].name] = std::move(images[k]);
   for (size_t k = 0; k < step.updates.size(); ++k) {
     Image& leaf = *leaves_[step.updates[k].leaf];
@@ -281,8 +327,12 @@ std::variant<StepResult, EvalError> Session::run(const std::string& name, const 
 
 std::variant<std::vector<Image>, EvalError> Session::evaluate(std::span<const ir::ValueId> values,
                                                               const Options& options) {
-  if (auto error = prepare()) return EvalError{*error, {}};
-  return evaluate_values(graph_, values, {.symbols = symbols_, .leaves = leaves_, .step_index = 0}, options);
+  std::vector<bool> needed(leaves_.size());
+  mark_leaves(graph_, values, needed);
+  if (auto error = prepare_leaves(needed)) return EvalError{*error, {}};
+  auto result = evaluate_values(graph_, values, {.symbols = symbols_, .leaves = leaves_, .step_index = 0}, options);
+  if (auto* error = std::get_if<EvalError>(&result)) return std::move(*error);
+  return std::move(std::get<Evaluated>(result).images);
 }
 
 }  // namespace dr::reference

@@ -32,6 +32,8 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
   app.add_option(
       "--mesh", meshes,
       "FILE=POSITION:FACE[:UV[:UV_FACE]]: write leaves or outputs as a .obj, .gltf or .glb file after the run");
+  app.add_option("--dump-raster", options.dump_raster,
+                 "folder for the faces, tags and pinned values of every run, for drc eval --freeze");
   app.add_option("--device,-d", options.device,
                  "part of a device's name, its number, or 'reference' for the float64 evaluator");
   app.add_option("--log-every", options.log_every, "read scalar outputs every so many runs of a step")

@@ -16,6 +16,7 @@
 #include <set>
 #include <sstream>
 
+#include "runtime/io/decisions.h"
 #include "runtime/io/mesh.h"
 #include "runtime/jit/reference_program.h"
 #include "runtime/runtime.h"
@@ -45,7 +46,27 @@ struct Target {
   std::function<io::Result<void>(const std::string&, int)> run;
   std::function<io::Result<Array>(const std::string&, const std::string&)> output;
   std::function<io::Result<Array>(const std::string&)> leaf;
+  std::function<io::Result<io::Decisions>(const std::string&)> decisions;
 };
+
+io::Result<io::Decisions> decisions_of(runtime::Program& program, const std::string& step) {
+  auto rasters = program.rasters(step);
+  if (!rasters) return io::Error{rasters.error()};
+  auto pins = program.pins(step);
+  if (!pins) return io::Error{pins.error()};
+  return io::Decisions{*std::move(rasters), *std::move(pins)};
+}
+
+io::Result<io::Decisions> decisions_of(jit::ReferenceProgram& program, const std::string& step) {
+  io::Decisions out{program.rasters(step), program.pins(step)};
+  for (auto& raster : out.rasters)
+    for (Array& a : raster) {
+      auto whole = a.converted(io::ElementKind::Int32);
+      if (!whole) return io::Error{whole.error()};
+      a = *std::move(whole);
+    }
+  return out;
+}
 
 template <class P>
 Target target_of(P& program) {
@@ -53,7 +74,8 @@ Target target_of(P& program) {
           [&](const std::string& n, int64_t v) { return program.bind_symbol(n, v); },
           [&](const std::string& n, int t) { return program.run(n, t); },
           [&](const std::string& s, const std::string& n) { return program.output(s, n); },
-          [&](const std::string& n) { return program.leaf(n); }};
+          [&](const std::string& n) { return program.leaf(n); },
+          [&](const std::string& s) { return decisions_of(program, s); }};
 }
 
 std::vector<uint8_t> read_file(const std::string& path) {
@@ -157,11 +179,13 @@ class Run {
     Progress progress(step, times);
     const std::vector<std::string> outputs = names_.outputs(step);
     for (int done = 0; done < times && !interrupted;) {
-      const int batch = std::min(options_.log_every, times - done);
+      const int batch = std::min(options_.dump_raster.empty() ? options_.log_every : 1, times - done);
       // The first run alone: it compiles and shows where the fit starts.
       const int now = done == 0 ? 1 : batch;
       must(target_.run(step, std::min(now, times - done)));
       done += std::min(now, times - done);
+      if (!options_.dump_raster.empty())
+        must(io::save_decisions(options_.dump_raster, step, runs_[step]++, must(target_.decisions(step))));
       std::string values, json = "{\"step\": \"" + step + "\", \"run\": " + std::to_string(done);
       for (const std::string& name : outputs) {
         if (!maybe_scalar(step, name)) continue;
@@ -207,9 +231,15 @@ class Run {
           if (auto saved = io::save_array((out / (stem + ".png")).string(), a); !saved)
             std::fprintf(stderr, "drun: warning: %s\n", saved.error().c_str());
         }
-      for (const auto& leaf : names_.leaves())
-        if (changed(leaf.name))
-          must(io::save_array((out / (leaf.name + ".npy")).string(), must(target_.leaf(leaf.name))));
+      std::set<std::string> needed;
+      for (const std::string& step : ran_)
+        for (const std::string& name : names_.needed_leaves(step)) needed.insert(name);
+      for (const auto& leaf : names_.leaves()) {
+        if (!changed(leaf.name)) continue;
+        auto value = target_.leaf(leaf.name);
+        if (!value && needed.count(leaf.name) == 0) continue;  // nothing that ran needs it, and it has no data
+        must(io::save_array((out / (leaf.name + ".npy")).string(), must(std::move(value))));
+      }
       write_text((out / "log.jsonl").string(), log_);
     }
     for (const auto& [file, what] : options_.meshes) write_mesh(file, what);
@@ -272,6 +302,7 @@ class Run {
   std::vector<std::pair<std::string, int>> steps_;
   std::set<std::string> ran_;
   std::map<std::string, std::string> last_values_;
+  std::map<std::string, int64_t> runs_;
   std::map<std::string, bool> scalar_;
   std::string log_;
 };

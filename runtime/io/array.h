@@ -103,6 +103,7 @@ inline constexpr int64_t kMaxArrayBytes = int64_t{1} << 34;
 //   picture.png        .jpg .jpeg .hdr; `:raw` (value / 255, no sRGB curve), `:r` `:rgb` `:rgba` `:a` pick channels
 //   views/*.png        pictures of one size, as layers, in the order of the names' bytes
 //   values.npy         C order
+//   values.csv         a table, a line a row; a first line of words is left out
 //   values.json        nested lists of numbers, as after `=`
 //   =3.5  =[1, 2, 3]   JSON; the `=` may be left out before a number or a list
 //
@@ -110,12 +111,13 @@ inline constexpr int64_t kMaxArrayBytes = int64_t{1} << 34;
 // picture that stores grey is data (a mask, a height) and is linear, unless `:rgb` or `:rgba` asks for a colour. A
 // missing alpha is 1 for `:rgba`. Orientation tags, gamma and colour profiles are not applied.
 //
-// .npy and JSON fill the extent from its last dimension on: shape (layers, height, width, c) or any tail of it when
-// the last dimension is the expected c > 1, else (layers, height, width) or a tail. With an unknown c, a fourth
+// .npy, .csv and JSON fill the extent from its last dimension on: shape (layers, height, width, c) or any tail of it
+// when the last dimension is the expected c > 1, else (layers, height, width) or a tail. With an unknown c, a fourth
 // dimension is the components. So `=[[1, 2], [3, 4]]` is two vec2 in a row, or a float image of 2x2.
 Result<Array> load_binding(std::string_view source, int expected_components = 0);
 
 // Writes an array, whole or not at all, by extension:
+//   .csv   a list, an element a line, or a picture of one component, a row a line
 //   .npy   any kind; the shape has its leading ones left out
 //   .png   float or bool, 1 to 4 components, clamped to [0, 1]: 3 and 4 components are a linear colour and get the sRGB
 //          curve, alpha and grey stay linear; several layers go to name_0.png, name_1.png, ... with as many digits as

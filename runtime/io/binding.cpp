@@ -121,16 +121,21 @@ Array load(std::string_view text, int expected_components) {
     if (!source.selectors.empty()) fail("a .npy file has no selectors, found ", in_quotes(source.selectors.front()));
     return parse_npy(read_file(source.path), expected_components);
   }
+  if (extension == ".csv") {
+    if (!source.selectors.empty()) fail("a .csv file has no selectors, found ", in_quotes(source.selectors.front()));
+    const auto bytes = read_file(source.path);
+    return parse_csv(as_text(bytes), expected_components);
+  }
   if (extension == ".json") {
     if (!source.selectors.empty()) fail("a .json file has no selectors, found ", in_quotes(source.selectors.front()));
     const auto bytes = read_file(source.path);
     return parse_literal({reinterpret_cast<const char*>(bytes.data()), bytes.size()}, expected_components);
   }
   constexpr std::string_view kExtensions[] = {".obj",  ".gltf", ".glb", ".png", ".jpg",
-                                              ".jpeg", ".hdr",  ".npy", ".json"};
+                                              ".jpeg", ".hdr",  ".npy", ".csv", ".json"};
   fail(extension.empty() ? std::string("there is no extension") : cat("unknown extension ", in_quotes(extension)),
        did_you_mean(extension, kExtensions),
-       ", expected a .obj, .gltf, .glb, .png, .jpg, .hdr, .npy or .json file or a number or list after '='");
+       ", expected a .obj, .gltf, .glb, .png, .jpg, .hdr, .npy, .csv or .json file or a number or list after '='");
 }
 
 void check_expected(const Array& array, int expected_components) {
@@ -166,10 +171,11 @@ Result<void> save_array(const std::string& path, const Array& array) {
     if (!array.consistent()) fail("the array's extent and bytes do not agree, or it is empty");
     const std::string extension = extension_of(path);
     if (extension == ".npy") return write_file(path, encode_npy(array));
+    if (extension == ".csv") return write_file(path, encode_csv(array));
     if (extension != ".png") {
-      constexpr std::string_view kExtensions[] = {".png", ".npy"};
+      constexpr std::string_view kExtensions[] = {".png", ".npy", ".csv"};
       fail(extension.empty() ? std::string("there is no extension") : cat("unknown extension ", in_quotes(extension)),
-           did_you_mean(extension, kExtensions), ", an array is saved as .png or .npy");
+           did_you_mean(extension, kExtensions), ", an array is saved as .png, .npy or .csv");
     }
     if (array.layers == 1) return write_file(path, encode_png(array, 0));
     const std::string stem = path.substr(0, path.size() - extension.size());

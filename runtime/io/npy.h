@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// NumPy's .npy files and JSON literals: numbers with a shape. Private to runtime/io; every function throws Failure.
+// NumPy's .npy files, .csv tables and JSON literals: numbers with a shape. Private to runtime/io; every function throws
+// Failure.
 #pragma once
 
 #include <cstdint>
@@ -30,5 +31,11 @@ Bytes encode_npy(const Array& array);
 
 // `text` is JSON: a number, a bool or nested lists of them. All integers give int32, all bools bool, others float64.
 Array parse_literal(std::string_view text, int expected_components);
+
+// A table of numbers, a line a row; a first line that is not all numbers is a heading. Rows by columns are the shape, a
+// single column is a list.
+Array parse_csv(std::string_view text, int expected_components);
+// A list gives a line an element, a picture of one component a line a row; fails for what is no table.
+Bytes encode_csv(const Array& array);
 
 }  // namespace dr::io

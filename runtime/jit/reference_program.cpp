@@ -78,7 +78,6 @@ io::Result<void> ReferenceProgram::run(const std::string& step, int times) {
   else
     options.record = &state_->recorded[step];
   for (int k = 0; k < times; ++k) {
-    if (options.record) options.record->rasters.clear();
     auto result = state_->session.run(step, options);
     if (const auto* error = std::get_if<reference::EvalError>(&result)) return io::Error{error->message};
     state_->results[step] = std::move(std::get<reference::StepResult>(result));
@@ -96,7 +95,9 @@ io::Result<io::Array> ReferenceProgram::output(const std::string& step, const st
 
 io::Result<io::Array> ReferenceProgram::leaf(const std::string& name) {
   if (!state_->graph.leaf_index(name)) return io::Error{"there is no leaf '" + name + "'"};
-  if (auto problem = state_->session.prepare()) return io::Error{*problem};
+  if (!state_->session.has_leaf(name)) {
+    if (auto problem = state_->session.prepare()) return io::Error{*problem};
+  }
   return to_array(state_->session.leaf(name));
 }
 
@@ -117,6 +118,14 @@ std::vector<std::vector<io::Array>> ReferenceProgram::rasters(const std::string&
     out.emplace_back();
     for (const reference::Image& image : raster) out.back().push_back(to_array(image));
   }
+  return out;
+}
+
+std::vector<std::pair<std::string, io::Array>> ReferenceProgram::pins(const std::string& step) const {
+  std::vector<std::pair<std::string, io::Array>> out;
+  const auto it = state_->recorded.find(step);
+  if (it == state_->recorded.end()) return out;
+  for (const auto& [name, image] : it->second.pins) out.emplace_back(name, to_array(image));
   return out;
 }
 

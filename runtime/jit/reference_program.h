@@ -7,6 +7,7 @@
 #include <memory>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "runtime/io/array.h"
@@ -32,6 +33,8 @@ class ReferenceProgram {
   void freeze(const std::string& step, std::vector<std::vector<io::Array>> rasters);
   // The raster results of the step's last run, in the same form.
   std::vector<std::vector<io::Array>> rasters(const std::string& step) const;
+  // The values that the program pins, as the step's last run had them.
+  std::vector<std::pair<std::string, io::Array>> pins(const std::string& step) const;
 
  private:
   ReferenceProgram();

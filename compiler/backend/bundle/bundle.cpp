@@ -211,6 +211,19 @@ struct Checker {
         for (uint32_t index : r->resources)
           if (!resource(index, "a raster of step '" + s->name + "'")) return;
       }
+      for (uint32_t index : s->leaves) {
+        if (index >= b.leaves.size()) {
+          fail("step '" + s->name + "' names a leaf that is not there");
+          return;
+        }
+      }
+      for (const auto& p : s->pins) {
+        if (!p) {
+          fail("a pinned value is empty");
+          return;
+        }
+        if (!resource(p->resource, "pinned value '" + p->name + "'")) return;
+      }
       for (const auto& o : s->outputs) {
         if (!o) {
           fail("an output is empty");

@@ -414,6 +414,19 @@ TEST_CASE("malformed literals are refused", "[io][malformed]") {
         "width");
 }
 
+TEST_CASE("tables that are none are refused with their line", "[io][malformed]") {
+  const TemporaryFolder folder;
+  const auto error = [&](const char* text, int expected_components = 0) {
+    folder.write("t.csv", text);
+    return replaced(load_binding(folder / "t.csv", expected_components).error(), folder.path() + "/", "");
+  };
+  CHECK(error("") == "cannot read 't.csv': there are no numbers in it");
+  CHECK(error("x,y\n1,2\n3\n") == "cannot read 't.csv': line 3: expected 2 numbers as in the line before it, found 1");
+  CHECK(error("1,2\n3,four\n") == "cannot read 't.csv': line 2: expected a number, found 'four'");
+  CHECK(error("1,2\n3,\n") == "cannot read 't.csv': line 2: expected a number, found ''");
+  CHECK(error("1,2\n3,4\n", 3) == "cannot read 't.csv': shape (2, 2) does not end in the 3 components of an element");
+}
+
 TEST_CASE("sources that name nothing are refused with what to do", "[io][malformed]") {
   const TemporaryFolder folder;
   const std::string mesh = folder.write("m.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
@@ -439,12 +452,12 @@ TEST_CASE("sources that name nothing are refused with what to do", "[io][malform
   CHECK(error("m.obj:uv:position") == "cannot read 'm.obj:uv:position': one selector is enough for a mesh, found 2");
   CHECK(error("m.obj:position", 4) == "cannot read 'm.obj:position': it has 3 components an element, expected 4");
   CHECK(error("x.npy:raw") == "cannot read 'x.npy:raw': a .npy file has no selectors, found 'raw'");
-  CHECK(error("data.csv") ==
-        "cannot read 'data.csv': unknown extension '.csv', expected a .obj, .gltf, .glb, .png, "
-        ".jpg, .hdr, .npy or .json file or a number or list after '='");
+  CHECK(error("data.table") ==
+        "cannot read 'data.table': unknown extension '.table', expected a .obj, .gltf, .glb, .png, "
+        ".jpg, .hdr, .npy, .csv or .json file or a number or list after '='");
   CHECK(error("data.pngg") ==
         "cannot read 'data.pngg': unknown extension '.pngg' (did you mean '.png'?), expected a .obj, .gltf, .glb, "
-        ".png, .jpg, .hdr, .npy or .json file or a number or list after '='");
+        ".png, .jpg, .hdr, .npy, .csv or .json file or a number or list after '='");
   CHECK(load_binding("").error() == "cannot read '': the name is empty");
   CHECK(load_mesh(folder / "x.npy").error() ==
         "cannot read '" + (folder / "x.npy") + "': unknown extension '.npy', a mesh is .obj, .gltf or .glb");

@@ -194,8 +194,8 @@ TEST_CASE("an array that does not fit its format is not written", "[io][save]") 
   CHECK(refusal("a.png", Array::zeros(ElementKind::Bool, 1, 16385)) ==
         "cannot write 'a.png': a picture of 16385x1, sides must be in 1 to 16384");
   CHECK(refusal("a.np", floats) ==
-        "cannot write 'a.np': unknown extension '.np' (did you mean '.npy'?), an array is saved as .png or .npy");
-  CHECK(refusal("a", floats) == "cannot write 'a': there is no extension, an array is saved as .png or .npy");
+        "cannot write 'a.np': unknown extension '.np' (did you mean '.npy'?), an array is saved as .png, .npy or .csv");
+  CHECK(refusal("a", floats) == "cannot write 'a': there is no extension, an array is saved as .png, .npy or .csv");
   CHECK(refusal("a.npy", Array()) == "cannot write 'a.npy': the array's extent and bytes do not agree, or it is empty");
   CHECK(refusal("no/a.npy", floats) ==
         "cannot write 'no/a.npy': there is no folder '" + replaced(folder / "no", folder.path() + "/", "") + "'");

@@ -11,9 +11,9 @@ namespace {
 
 const double kInfinity = std::numeric_limits<double>::infinity();
 
-reference::Options checked() {
+reference::Options checked(reference::CheckFinite check = reference::CheckFinite::Results) {
   reference::Options options;
-  options.check_finite = true;
+  options.check_finite = check;
   return options;
 }
 
@@ -109,6 +109,50 @@ TEST_CASE("an update that would not be finite changes nothing") {
   reference::Session session(graph);
   CHECK(std::holds_alternative<reference::EvalError>(session.run("s", checked())));
   CHECK(session.leaf("x").data == Numbers{1000});
+}
+
+TEST_CASE("the first NaN of all is found where it would be shielded") {
+  const auto all = checked(reference::CheckFinite::All);
+  const Images leaves{{"x", image("float", 3, 2, 1, {1, 4, 9, 16, -1, 0})}};
+  const reference::EvalError found = error(parse(with_output(kShielded, "%4")), leaves, all);
+  CHECK(found.message == "'sqrt' makes a NaN or Inf of finite operands: 'root' at element (1, 1, 0)");
+  CHECK(found.notes == std::vector<std::string>{"operand %0 is -1", "in run 1 of step 's'"});
+  CHECK(error(parse(with_output(kRegion, "%6")), {{"x", row("float", {1, -1})}, {"n", row("int", {2, 1})}}, all)
+            .message == "'log' makes a NaN or Inf of finite operands: 'bad' at element (1, 0, 0)");
+  CHECK(run(parse(with_output(kRegion, "%6")), {{"x", row("float", {1, 1})}, {"n", row("int", {2, 1})}}, all)
+            .at("r")
+            .data == Numbers{0, 0});
+}
+
+TEST_CASE("finite numbers may scatter to an infinity") {
+  const ir::Graph graph = parse(R"(
+    leaf x : vec2[W] input
+    %0 : vec2[W] = leaf text "x"
+    %1 : bool = const floats [1]
+    %2 : int = const floats [1]
+    %3 : vec2[3] = if %1 dims [W, 1, 1, 3, 1, 1] yields [scatter] {
+      yield %2, %0
+    } {
+      yield %2, %0
+    }
+    step s {
+      output r %3
+    })");
+  CHECK(error(graph, {{"x", image("vec2", 2, 1, 1, {1, 2, 1.7e308, 1.7e308})}}, checked(reference::CheckFinite::All))
+            .message == "'if' makes a NaN or Inf of finite operands: %3 at element (1, 0, 0)");
+}
+
+TEST_CASE("what is found does not depend on threads") {
+  // Each of many batches has its own NaN.
+  Image x = reference::zeros(ir::kFloat, 5000, 1, 1), n = reference::zeros(ir::kInt, 5000, 1, 1);
+  n.data.assign(n.data.size(), 1);
+  for (size_t i = 0; i < x.data.size(); ++i) x.data[i] = i % 700 == 699 ? -1 : 1;
+  for (const int threads : {1, 2, 7}) {
+    auto options = checked(reference::CheckFinite::All);
+    options.threads = threads;
+    CHECK(error(parse(with_output(kRegion, "%5")), {{"x", x}, {"n", n}}, options).message.find("(699, 0, 0)") !=
+          std::string::npos);
+  }
 }
 
 }  // namespace

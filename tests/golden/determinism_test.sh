@@ -1,0 +1,34 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# Every product of `drc build` and every result of `drc eval` has the same bytes, whatever the folder it is made in, the
+# time and the number of threads. usage: determinism_test.sh DRC PROGRAM...
+set -euo pipefail
+drc=$(readlink -f "$1")
+shift
+folder=$(mktemp -d)
+trap 'rm -rf "$folder"' EXIT
+failed=0
+count=0
+for program in $(readlink -f "$@"); do
+  name=$(basename "$program" .dr)
+  for copy in one another/much/deeper; do
+    mkdir -p "$folder/$name/$copy/products"
+    cp "$program" "$folder/$name/$copy/"
+    cd "$folder/$name/$copy"
+    "$drc" build "$name.dr" --emit=ast,ir,grad-ir,schedule,glsl,bundle --profile=lavapipe -o products
+    threads=1
+    [[ $copy == one ]] || threads=3
+    # Steps that nobody binds data to are left to their own tests.
+    if "$drc" eval "$name.dr" --steps 2 --threads $threads --out values > values.txt 2> /dev/null; then
+      mv values.txt values/
+    fi
+  done
+  cd "$folder/$name"
+  for made in one/products one/values; do
+    [[ -d $made ]] || continue
+    count=$((count + $(find "$made" -type f | wc -l)))
+    diff -r "$made" "another/much/deeper/${made#one/}" || failed=1
+  done
+done
+echo "$count files compared"
+[[ $count -gt 0 && $failed == 0 ]]
