@@ -45,9 +45,17 @@ struct EvalOptions {
   std::string out;  // a folder, or empty
 };
 
+struct FormatOptions {
+  std::vector<std::string> files;
+  bool in_place = false;
+  bool check = false;
+};
+
 int check(const InputOptions& options);
 int build(const BuildOptions& options);
 int eval(const EvalOptions& options);
+int fmt(const FormatOptions& options);
+int explain(const std::string& code);  // all codes if it is empty
 
 // The products that `build` knows, for --help.
 std::vector<std::string> product_names();
