@@ -51,10 +51,17 @@ struct FormatOptions {
   bool check = false;
 };
 
+struct DocOptions {
+  std::vector<std::string> files;  // modules, or
+  bool ops = false;                // the table of ops
+  std::string output = "-";
+};
+
 int check(const InputOptions& options);
 int build(const BuildOptions& options);
 int eval(const EvalOptions& options);
 int fmt(const FormatOptions& options);
+int doc(const DocOptions& options);
 int explain(const std::string& code);  // all codes if it is empty
 
 // The products that `build` knows, for --help.

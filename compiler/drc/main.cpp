@@ -111,6 +111,24 @@ int main(int argc, char** argv) {
   CLI::App* explain_command = app.add_subcommand("explain", "Say what the code of a message means, or list all codes");
   explain_command->add_option("code", code_to_explain, "As in error[E0301]");
 
+  DocOptions doc_options;
+  CLI::App* doc_command = app.add_subcommand("doc", "Print the documentation of modules as Markdown");
+  doc_command->add_option("file", doc_options.files, "Modules or programs (.dr), or - for stdin");
+  doc_command->add_flag("--ops", doc_options.ops, "The ops that graphs are made of");
+  doc_command->add_option("-o", doc_options.output, "File to write, - for stdout")
+      ->capture_default_str()
+      ->type_name("FILE");
+
+  // CLI11 would only say that a command is missing.
+  if (argc > 1 && argv[1][0] != '-' && app.get_subcommand_no_throw(argv[1]) == nullptr) {
+    std::vector<std::string> known;
+    for (const CLI::App* command : app.get_subcommands({})) known.push_back(command->get_name());
+    const auto nearest = dr::dsl::nearest_name(argv[1], known);
+    std::fprintf(stderr, "there is no command '%s'%s (see drc --help)\n", argv[1],
+                 nearest ? (", did you mean '" + *nearest + "'?").c_str() : "");
+    return kBadUsage;
+  }
+
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
@@ -136,6 +154,7 @@ int main(int argc, char** argv) {
     if (build_command->parsed()) code = build(build_options);
     if (eval_command->parsed()) code = eval(eval_options);
     if (fmt_command->parsed()) code = fmt(fmt_options);
+    if (doc_command->parsed()) code = doc(doc_options);
     if (explain_command->parsed()) code = explain(code_to_explain);
     write_messages();
     return code;
