@@ -16,6 +16,9 @@
 namespace dr::dsl {
 namespace {
 
+// No program is that large; spans, which have 32 bits, could hold 64 times as much.
+constexpr size_t kMaxFileSize = size_t{64} << 20;
+
 constexpr bool is_digit(char c) { return c >= '0' && c <= '9'; }
 constexpr bool is_word_start(char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || c == '_'; }
 constexpr bool is_word(char c) { return is_word_start(c) || is_digit(c); }
@@ -138,10 +141,10 @@ Lexer::Lexer(const SourceManager& sources, FileId file, DiagnosticList& diagnost
 }
 
 bool Lexer::check_text() {
-  if (text_.size() >= std::numeric_limits<uint32_t>::max()) {
-    diagnostics_.error(Code::E0003, span(0, 0),
-                       "the file has " + std::to_string(text_.size()) + " bytes, allowed are " +
-                           std::to_string(std::numeric_limits<uint32_t>::max() - 1));
+  if (text_.size() > kMaxFileSize) {
+    diagnostics_.error(
+        Code::E0003, span(0, 0),
+        "expected a file of at most " + std::to_string(kMaxFileSize) + " bytes, found " + std::to_string(text_.size()));
     return false;
   }
   for (size_t at = skip_ascii(text_, 0); at < text_.size(); at = skip_ascii(text_, at)) {

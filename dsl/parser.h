@@ -5,6 +5,7 @@
 
 #include "dsl/ast.h"
 #include "dsl/diagnostic.h"
+#include "dsl/lexer.h"
 #include "dsl/source.h"
 
 namespace dr::dsl {
@@ -15,6 +16,9 @@ inline constexpr int kMaxNesting = 128;
 // More operations on top of each other (`a + b + c ...`, `a.b.c ...`) are an error. No path through the
 // tree of an expression is longer than this, so whoever walks or destroys the tree may recurse.
 inline constexpr int kMaxHeight = 1000;
+
+// The precedence of a binary operator, GLSL's: 1 (`||`) to 10 (`*`). 0 for other tokens.
+int precedence(TokenKind kind);
 
 Module parse(const SourceManager& sources, FileId file, DiagnosticList& diagnostics);
 

@@ -6,9 +6,7 @@
 #include "dsl/parser_impl.h"
 
 namespace dr::dsl {
-namespace {
 
-// GLSL's precedences; 0: no binary operator.
 int precedence(TokenKind kind) {
   switch (kind) {
     case TokenKind::OrOr: return 1;
@@ -32,6 +30,8 @@ int precedence(TokenKind kind) {
     default: return 0;
   }
 }
+
+namespace {
 
 const std::vector<std::string>& reductions() {
   static const std::vector<std::string> kNames = {"sum", "min", "max", "argmin"};

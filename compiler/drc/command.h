@@ -55,10 +55,25 @@ struct ExplainGradOptions {
   std::string loss, target;  // names of lets, outputs or leaves
 };
 
+struct FormatOptions {
+  std::vector<std::string> files;
+  bool in_place = false;
+  bool check = false;
+};
+
+struct DocOptions {
+  std::vector<std::string> files;  // modules, or
+  bool ops = false;                // the table of ops
+  std::string output = "-";
+};
+
 int check(const InputOptions& options);
 int build(const BuildOptions& options);
 int eval(const EvalOptions& options);
 int explain_grad(const ExplainGradOptions& options);
+int fmt(const FormatOptions& options);
+int doc(const DocOptions& options);
+int explain(const std::string& code);  // all codes if it is empty
 
 // The products that `build` knows, for --help.
 std::vector<std::string> product_names();

@@ -17,7 +17,7 @@
 
 namespace dr::drc {
 
-void print_error(const std::string& message) { std::fprintf(stderr, "error: %s\n", message.c_str()); }
+std::string shown_name(const std::string& file) { return file == "-" ? "<stdin>" : file; }
 
 std::optional<std::pair<std::string, std::string>> split_assignment(const std::string& text, std::string_view option) {
   const size_t equals = text.find('=');
@@ -60,12 +60,11 @@ std::optional<ir::Graph> verified(ir::Graph graph, bool from_text) {
   return std::nullopt;
 }
 
-std::string shown_name(const std::string& file) { return file == "-" ? "<stdin>" : file; }
-
 std::optional<ir::Graph> parse_graph(const std::string& file, const std::string& text) {
   auto parsed = ir::parse(text);
   if (const auto* error = std::get_if<ir::ParseError>(&parsed)) {
-    std::fprintf(stderr, "%s:%u: error: %s\n", file.c_str(), error->line, error->message.c_str());
+    dsl::SourceManager sources;
+    print_line_error(sources, sources.add(shown_name(file), text), error->line, error->message);
     return std::nullopt;
   }
   return verified(std::get<ir::Graph>(std::move(parsed)), true);
@@ -94,7 +93,7 @@ std::optional<ir::Graph> load_graph(const InputOptions& options, dsl::SourceMana
   dsl::DiagnosticList diagnostics;
   const dsl::FileId root = sources.add(shown_name(options.file), *text);
   auto graph = lower::lower(sources, root, lowering, diagnostics);
-  std::fputs(dsl::format(diagnostics, sources).c_str(), stderr);
+  report(diagnostics, sources);
   if (!graph) return std::nullopt;
   return verified(*std::move(graph), false);
 }
@@ -106,7 +105,7 @@ std::optional<std::string> load_tree(const InputOptions& options) {
   dsl::DiagnosticList diagnostics;
   const dsl::FileId root = sources.add(shown_name(options.file), *text);
   const dsl::Module module = dsl::parse(sources, root, diagnostics);
-  std::fputs(dsl::format(diagnostics, sources).c_str(), stderr);
+  report(diagnostics, sources);
   if (diagnostics.has_errors()) return std::nullopt;
   return dsl::dump(module);
 }

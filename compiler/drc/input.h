@@ -8,13 +8,13 @@
 #include <utility>
 
 #include "compiler/drc/command.h"
+#include "compiler/drc/messages.h"
 #include "compiler/ir/graph.h"
-#include "dsl/ast.h"
 
 namespace dr::drc {
 
-// "error: message" on stderr.
-void print_error(const std::string& message);
+// The name of a file in messages: `-` is <stdin>.
+std::string shown_name(const std::string& file);
 
 // `name=value` split, or nullopt after a message that names `option`.
 std::optional<std::pair<std::string, std::string>> split_assignment(const std::string& text, std::string_view option);

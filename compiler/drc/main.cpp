@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // drc: options in, library calls, exit code out.
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <csignal>
 #include <cstdio>
 #include <exception>
 
 #include "compiler/drc/command.h"
+#include "compiler/drc/messages.h"
 
 namespace {
 
@@ -23,6 +25,12 @@ void add_input(CLI::App& command, InputOptions& input) {
                    "Differentiate functions that have a @vjp by their own text");
 }
 
+void add_diagnostics(CLI::App& command, std::string& format) {
+  command.add_option("--diagnostics", format, "How messages are written on stderr")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"text", "json"}));
+}
+
 // An internal error aborts with its message on stderr; scripts see it as an exit code.
 void on_abort(int) { std::_Exit(kInternalError); }
 
@@ -35,13 +43,16 @@ int main(int argc, char** argv) {
   app.require_subcommand(1);
   app.footer("Exit codes: 0 ok, 1 error in the input, 2 bad usage, 3 internal error.");
 
+  std::string diagnostics = "text";
   InputOptions check_options;
   CLI::App* check_command = app.add_subcommand("check", "Say what is wrong with a program");
   add_input(*check_command, check_options);
+  add_diagnostics(*check_command, diagnostics);
 
   BuildOptions build_options;
   CLI::App* build_command = app.add_subcommand("build", "Compile a program");
   add_input(*build_command, build_options.input);
+  add_diagnostics(*build_command, diagnostics);
   build_command->add_option("--emit", build_options.emit, "What to write, several with commas and a folder for -o")
       ->delimiter(',')
       ->allow_extra_args(false)
@@ -74,6 +85,7 @@ int main(int argc, char** argv) {
   EvalOptions eval_options;
   CLI::App* eval_command = app.add_subcommand("eval", "Run steps on the CPU in float64");
   add_input(*eval_command, eval_options.input);
+  add_diagnostics(*eval_command, diagnostics);
   eval_command->add_option("--bind", eval_options.binds, "Data of a leaf: a file, =number or =[list]")
       ->allow_extra_args(false)
       ->type_name("LEAF=SOURCE");
@@ -120,6 +132,36 @@ int main(int argc, char** argv) {
   explain_grad_command->add_option("x", explain_grad_options.target, "With respect to what: a leaf or a let")
       ->required();
 
+  FormatOptions fmt_options;
+  CLI::App* fmt_command = app.add_subcommand("fmt", "Print programs in their canonical layout");
+  fmt_command->add_option("file", fmt_options.files, "Programs (.dr), or - for stdin")->required();
+  add_diagnostics(*fmt_command, diagnostics);
+  CLI::Option* in_place = fmt_command->add_flag("--in-place", fmt_options.in_place, "Rewrite the files");
+  fmt_command->add_flag("--check", fmt_options.check, "Name the files that would change, with exit code 1 if any would")
+      ->excludes(in_place);
+
+  std::string code_to_explain;
+  CLI::App* explain_command = app.add_subcommand("explain", "Say what the code of a message means, or list all codes");
+  explain_command->add_option("code", code_to_explain, "As in error[E0301]");
+
+  DocOptions doc_options;
+  CLI::App* doc_command = app.add_subcommand("doc", "Print the documentation of modules as Markdown");
+  doc_command->add_option("file", doc_options.files, "Modules or programs (.dr), or - for stdin");
+  doc_command->add_flag("--ops", doc_options.ops, "The ops that graphs are made of");
+  doc_command->add_option("-o", doc_options.output, "File to write, - for stdout")
+      ->capture_default_str()
+      ->type_name("FILE");
+
+  // CLI11 would only say that a command is missing.
+  if (argc > 1 && argv[1][0] != '-' && app.get_subcommand_no_throw(argv[1]) == nullptr) {
+    std::vector<std::string> known;
+    for (const CLI::App* command : app.get_subcommands({})) known.push_back(command->get_name());
+    const auto nearest = dr::dsl::nearest_name(argv[1], known);
+    std::fprintf(stderr, "there is no command '%s'%s (see drc --help)\n", argv[1],
+                 nearest ? (", did you mean '" + *nearest + "'?").c_str() : "");
+    return kBadUsage;
+  }
+
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
@@ -130,11 +172,27 @@ int main(int argc, char** argv) {
   if (passes_option->count() > 0) build_options.passes = passes;
   if (finite_option->count() > 0) eval_options.check_finite = check_finite.empty() ? "all" : check_finite;
   if (dump_option->count() > 0) build_options.dump_ir = dump_ir;
+  if (fmt_options.in_place && std::ranges::find(fmt_options.files, "-") != fmt_options.files.end()) {
+    std::fprintf(stderr, "--in-place needs files, - is stdin\n");
+    return kBadUsage;
+  }
+  const bool as_json = diagnostics == "json";
+  if (as_json && (dump_option->count() > 0 || build_options.time_passes)) {
+    std::fprintf(stderr, "--dump-ir and --time-passes print text on stderr, where --diagnostics=json is\n");
+    return kBadUsage;
+  }
+  if (as_json) collect_messages();
   try {
-    if (check_command->parsed()) return check(check_options);
-    if (build_command->parsed()) return build(build_options);
-    if (explain_grad_command->parsed()) return explain_grad(explain_grad_options);
-    return eval(eval_options);
+    int code = kOk;
+    if (check_command->parsed()) code = check(check_options);
+    if (build_command->parsed()) code = build(build_options);
+    if (eval_command->parsed()) code = eval(eval_options);
+    if (explain_grad_command->parsed()) code = explain_grad(explain_grad_options);
+    if (fmt_command->parsed()) code = fmt(fmt_options);
+    if (doc_command->parsed()) code = doc(doc_options);
+    if (explain_command->parsed()) code = explain(code_to_explain);
+    write_messages();
+    return code;
   } catch (const std::exception& error) {
     std::fprintf(stderr, "internal error: %s\n", error.what());
     return kInternalError;

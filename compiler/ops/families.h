@@ -3,6 +3,8 @@
 // them together.
 #pragma once
 
+#include <span>
+#include <string_view>
 #include <vector>
 
 #include "compiler/ops/op.h"
@@ -19,5 +21,12 @@ std::vector<OpInfo> image_ops();       // Gather .. Broadcast
 std::vector<OpInfo> region_ops();      // If, Reduce
 std::vector<OpInfo> raster_ops();      // Raster
 std::vector<OpInfo> gradient_ops();    // Grad, Vjp, Cotangent, Detach, Pin
+
+// All of them, in the order of ir/op_kinds.def.
+struct Family {
+  std::string_view title;
+  std::vector<OpInfo> (*entries)();
+};
+std::span<const Family> families();
 
 }  // namespace dr::ops

@@ -26,9 +26,8 @@ void check_entry(const OpInfo& info) {
 
 std::vector<OpInfo> build_table() {
   std::vector<OpInfo> table(ir::all_op_kinds().size(), OpInfo{.kind = {}, .shape = {}, .doc = {}});
-  for (const auto family : {source_ops, arithmetic_ops, math_ops, integer_ops, logic_ops, vector_ops, image_ops,
-                            region_ops, raster_ops, gradient_ops}) {
-    for (OpInfo& entry : family()) {
+  for (const Family& family : families()) {
+    for (OpInfo& entry : family.entries()) {
       OpInfo& place = table[static_cast<size_t>(entry.kind)];
       if (!place.doc.empty()) DR_ICE("op '" + std::string(ir::op_name(entry.kind)) + "' has two entries");
       check_entry(entry);
@@ -42,6 +41,22 @@ std::vector<OpInfo> build_table() {
 }
 
 }  // namespace
+
+std::span<const Family> families() {
+  static constexpr Family kFamilies[] = {
+      {"Sources", source_ops},
+      {"Arithmetic, component by component", arithmetic_ops},
+      {"Float functions, component by component", math_ops},
+      {"Integers and bits, component by component", integer_ops},
+      {"Comparison, logic, choice, conversion", logic_ops},
+      {"Vectors and matrices", vector_ops},
+      {"Images", image_ops},
+      {"Regions", region_ops},
+      {"Rasterization", raster_ops},
+      {"Gradients and barriers", gradient_ops},
+  };
+  return kFamilies;
+}
 
 const OpInfo& info(ir::OpKind kind) {
   static const std::vector<OpInfo> table = build_table();

@@ -92,7 +92,8 @@ class Parser {
     const std::string_view body = text.substr(2);
     const size_t name_end = std::min(body.find_first_of(":[ \t"), body.size());
     const std::string_view name = body.substr(0, name_end);
-    const bool is_directive = name == "TEST" || name == "EXIT" || name == "ERROR" || name == "SKIP";
+    const bool is_directive =
+        name == "TEST" || name == "EXIT" || name == "ERROR" || name == "SKIP" || name == "COMPARE";
     if (!is_directive && !name.starts_with("CHECK")) return;
 
     std::string_view rest = body.substr(name_end);
@@ -111,6 +112,9 @@ class Parser {
     } else if (name == "EXIT") {
       const auto [end, status] = std::from_chars(value.data(), value.data() + value.size(), result_.exit_code);
       if (status != std::errc{} || end != value.data() + value.size()) problem(line, "//EXIT takes a number");
+    } else if (name == "COMPARE") {
+      if (value != "stderr") problem(line, "//COMPARE takes 'stderr'");
+      result_.compare_stderr = true;
     } else if (name == "SKIP") {
       if (value.empty()) problem(line, "//SKIP takes a reason");
       result_.skip = value;

@@ -3,6 +3,7 @@
 //
 //   //TEST: <drc arguments>        stdout equals name.expected; {file} is the file's name, appended if not mentioned
 //   //TEST[tag]: <drc arguments>   stdout equals name.tag.expected
+//   //COMPARE: stderr              the tests of this file look at stderr instead of stdout
 //   //EXIT: n                      exit code of this file's tests, 0 by default
 //   //CHECK: text                  text is in the first test's stdout, after the previous CHECK's ...
 //   //CHECK-NOT: text              ... or is not, between its neighbours; such a test has no .expected file
@@ -41,6 +42,7 @@ struct Directives {
   std::vector<Check> checks;
   std::vector<ExpectedError> errors;
   int exit_code = 0;
+  bool compare_stderr = false;
   std::optional<std::string> skip;
   std::vector<std::string> problems;  // directives that make no sense, as `line: message`
 

@@ -176,17 +176,18 @@ class FileTest {
     const std::string where = path_.string() + ":" + std::to_string(test.line);
     const ProcessResult result = run_drc(test.arguments);
     if (!has_exit_code(result, directives_.exit_code, where)) return;
+    const std::string& printed = directives_.compare_stderr ? result.err : result.out;
     if (&test == directives_.tests.data() && !directives_.checks.empty()) {
-      run_checks(result.out);
+      run_checks(printed);
       return;
     }
     const std::string expectation = expectation_name(path_.stem().string(), test);
     const std::optional<std::string> expected = read_file(folder_ / expectation);
-    if (expected == result.out) return;
+    if (expected == printed) return;
     const std::string before = expected ? expectation : "/dev/null";
-    const std::string diff = unified_diff(expected.value_or(""), result.out, before, "drc's output");
+    const std::string diff = unified_diff(expected.value_or(""), printed, before, "drc's output");
     if (options_.update && !directives_.skip) {
-      write_file(folder_ / expectation, result.out);
+      write_file(folder_ / expectation, printed);
       print((path_.parent_path() / expectation).string() + (expected ? ": changed\n" : ": new\n") + diff);
     } else {
       fail(where + ": output differs from " + expectation + (expected ? "\n" : ", which does not exist\n") + diff);

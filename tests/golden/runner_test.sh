@@ -66,6 +66,15 @@ expect 1 "drc exits with 3, expected 0" --drc drc --update --file tests/exit.dr
 expect 1 "exits with 127" --drc no-such-command --file tests/exit.dr
 rm tests/exit.*
 
+# The other stream.
+case_file stream.dr <<< $'//TEST: check\n//COMPARE: stderr\n//EXIT: 1\n//CHECK: stands in stderr\n//! stands in stderr'
+run 0 "" stream.dr
+case_file stream.dr <<< $'//TEST: check\n//EXIT: 1\n//CHECK: stands in stderr\n//! stands in stderr'
+run 1 "not found" stream.dr
+case_file stream.dr <<< $'//TEST: check\n//COMPARE: stdin'
+run 1 "takes 'stderr'" stream.dr
+rm tests/stream.*
+
 # CHECK lines: in order, and no expectation file.
 case_file check.dr <<< $'//TEST: --say "one two three two"\n//CHECK: one\n//CHECK-NOT: three\n//CHECK: two\n//CHECK: two'
 run 0 "" check.dr

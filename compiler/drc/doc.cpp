@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: Apache-2.0
+// `drc doc`: modules, or the op table, as Markdown.
+#include <filesystem>
+
+#include "compiler/drc/command.h"
+#include "compiler/drc/input.h"
+#include "compiler/drc/output.h"
+#include "compiler/ops/document.h"
+#include "dsl/document.h"
+#include "dsl/parser.h"
+
+namespace dr::drc {
+
+int doc(const DocOptions& options) {
+  if (options.ops == !options.files.empty()) {
+    print_error("expected a file, or --ops for the table of ops");
+    return kBadUsage;
+  }
+  std::string text = options.ops ? ops::document_ops() : "";
+  for (const std::string& file : options.files) {
+    const auto source = read_text(file);
+    if (!source) return kUserError;
+    dsl::SourceManager sources;
+    dsl::DiagnosticList diagnostics;
+    const dsl::Module module = dsl::parse(sources, sources.add(shown_name(file), *source), diagnostics);
+    report(diagnostics, sources);
+    if (diagnostics.has_errors()) return kUserError;
+    if (!text.empty()) text += '\n';
+    text += dsl::document(module, sources, file == "-" ? "stdin" : std::filesystem::path(file).stem().string());
+  }
+  return write_product(options.output, text) ? kOk : kUserError;
+}
+
+}  // namespace dr::drc

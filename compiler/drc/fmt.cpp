@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+// `drc fmt`: files in their canonical layout, on stdout, in place, or only compared.
+#include <cstdio>
+
+#include "compiler/drc/command.h"
+#include "compiler/drc/input.h"
+#include "compiler/drc/output.h"
+#include "compiler/ir/graph.h"
+#include "dsl/format.h"
+
+namespace dr::drc {
+namespace {
+
+bool format_file(const std::string& file, const FormatOptions& options, bool& would_change) {
+  const auto text = read_text(file);
+  if (!text) return false;
+  dsl::SourceManager sources;
+  dsl::DiagnosticList diagnostics;
+  const dsl::FileId id = sources.add(shown_name(file), *text);
+  const dsl::FormatResult result = dsl::format_source(sources, id, diagnostics);
+  report(diagnostics, sources);
+  if (result.has_errors) return false;
+  if (!result.internal_error.empty()) DR_ICE(shown_name(file) + ": " + result.internal_error);
+  if (options.check) {
+    if (result.text == *text) return true;
+    would_change = true;
+    std::printf("%s\n", shown_name(file).c_str());
+    return true;
+  }
+  if (!options.in_place) return write_product("-", result.text);
+  return result.text == *text || write_product(file, result.text);
+}
+
+}  // namespace
+
+int fmt(const FormatOptions& options) {
+  bool good = true;
+  bool would_change = false;
+  for (const std::string& file : options.files) good = format_file(file, options, would_change) && good;
+  return good && !would_change ? kOk : kUserError;
+}
+
+}  // namespace dr::drc

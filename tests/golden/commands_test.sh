@@ -1,0 +1,88 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# What all commands of drc have in common: streams, exit codes, `-`, --help, --version, and files that are written whole
+# or not at all. usage: commands_test.sh DRC
+set -euo pipefail
+drc=$(realpath "$1")
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+cd "$work"
+printf 'edition 1;\nstep s { output a = 1.0; }\n' > good.dr
+printf 'edition 1;\nlet x=;\n' > bad.dr
+printf 'edition 1;\nlet  x=1.0;\n' > ugly.dr
+printf 'edition 1;\nlet x = 1.0;\n' > tidy.dr
+
+failed=0
+# expect STATUS STREAM TEXT ARGUMENTS...: drc ends so, says TEXT on STREAM (out, err), and nothing on the other one.
+# STREAM `both` says nothing of the other, `none` that both are empty. Input comes from the file `input`.
+: > input
+expect() {
+  local want=$1 stream=$2 text=$3 status=0 other=err
+  shift 3
+  "$drc" "$@" < input > out 2> err || status=$?
+  [[ $stream == err ]] && other=out
+  local good=1
+  [[ $status == "$want" ]] || good=0
+  case $stream in
+    none) [[ ! -s out && ! -s err ]] || good=0 ;;
+    *) grep -qF -- "$text" "$stream" && [[ ! -s $other ]] || good=0 ;;
+  esac
+  if [[ $good == 0 ]]; then
+    printf 'FAILED: drc %s: exit %s, expected %s and "%s" on %s\n' "$*" "$status" "$want" "$text" "$stream"
+    sed 's/^/  out: /' out
+    sed 's/^/  err: /' err
+    failed=1
+  fi
+}
+
+expect 0 out drc --version
+expect 0 out 'Exit codes' --help
+expect 2 err 'subcommand'
+expect 2 err "no command 'nonsense'" nonsense
+expect 2 err "did you mean 'build'" biuld
+for command in check build eval fmt explain doc; do
+  expect 0 out "$command" $command --help
+  expect 2 err 'no-such-option' $command --no-such-option good.dr
+done
+for command in check build eval fmt; do
+  expect 2 err 'required' $command
+  expect 1 err 'bad.dr:2:7: error[E0102]' $command bad.dr
+  expect 1 err "cannot read 'missing.dr'" $command missing.dr
+  expect 2 err 'xml' $command good.dr --diagnostics=xml
+done
+expect 1 err 'bad.dr:2:7: error[E0102]' doc bad.dr
+expect 1 err "cannot read 'missing.dr'" doc missing.dr
+expect 2 err 'expected a file' doc
+expect 2 err 'did you mean' explain E031
+expect 0 out E0711 explain
+
+# stdin and stdout
+cp good.dr input
+expect 0 none '' check -
+expect 0 out 'step s' build -
+expect 0 out 'a = 1' eval -
+expect 0 out 'step s' fmt -
+expect 0 out '# stdin' doc -
+cp bad.dr input
+expect 1 err '<stdin>:2:7: error' check -
+expect 1 err '<stdin>:2:7: error' fmt -
+
+# fmt
+expect 0 out 'let x = 1.0;' fmt ugly.dr
+expect 1 out ugly.dr fmt --check tidy.dr ugly.dr
+expect 0 none '' fmt --check tidy.dr good.dr
+expect 2 err 'in-place' fmt --in-place -
+expect 2 err 'excludes' fmt --in-place --check ugly.dr
+expect 1 err 'E0102' fmt --in-place ugly.dr bad.dr
+cmp ugly.dr tidy.dr || failed=1
+[[ $(cat bad.dr) == $'edition 1;\nlet x=;' ]] || { echo 'fmt changed a file with errors'; failed=1; }
+expect 2 err 'diagnostics=json' build good.dr --diagnostics=json --time-passes
+
+# Whole or not at all: what cannot be written leaves nothing behind.
+expect 1 err "cannot write 'no/such/folder'" build good.dr -o no/such/folder
+expect 1 err 'bad.dr' build bad.dr -o bad.ir
+[[ ! -e bad.ir ]] || { echo 'a failed build left a file'; failed=1; }
+"$drc" explain > /dev/full 2> err && { echo 'a full disk is not told'; failed=1; }
+grep -q 'cannot write to stdout' err || failed=1
+[[ -z $(find . -name '*.new') ]] || { echo 'a temporary file is left'; failed=1; }
+exit $failed
