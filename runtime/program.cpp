@@ -10,6 +10,7 @@
 
 #include "compiler/backend/bundle/bundle.h"
 #include "compiler/ir/dim.h"
+#include "runtime/topology.h"
 #include "runtime/vk/barrier.h"
 #include "runtime/vk/device.h"
 
@@ -104,6 +105,7 @@ struct Program::State {
   std::map<std::string, std::string, std::less<>> symbol_origin;
   std::vector<std::optional<io::Array>> pending;  // by leaf: bound, but without memory on the device yet
   std::vector<bool> allocated;                    // by resource
+  std::map<size_t, io::Array> new_faces;          // by leaf: bound since tables were made of them
 
   std::vector<BufferObject> buffers;  // by resource, empty for images
   std::vector<ImageObject> images;
@@ -167,7 +169,24 @@ struct Program::State {
   void bind(const std::string& name, const io::Array& data) {
     const auto index = static_cast<size_t>(leaf_index(name));
     const bundle::LeafT& leaf = *bundle.leaves[index];
-    const std::string origin = "leaf '" + name + "'";
+    if (leaf.table_of >= 0)
+      throw Failure{"leaf '" + name + "' is made from '" + bundle.leaves[static_cast<size_t>(leaf.table_of)]->name +
+                    "'; bind that instead"};
+    assign(index, data);
+  }
+
+  // Tables of topologies whose faces were bound.
+  void make_tables() {
+    for (const auto& [leaf, data] : std::exchange(new_faces, {})) {
+      const auto tables = topology_tables(bundle, leaf, data, symbols);
+      if (!tables) throw Failure{tables.error()};
+      for (const auto& [table, numbers] : *tables) assign(table, numbers);
+    }
+  }
+
+  void assign(size_t index, const io::Array& data) {
+    const bundle::LeafT& leaf = *bundle.leaves[index];
+    const std::string origin = "leaf '" + leaf.name + "'";
     if (data.components != components_of(*leaf.type))
       throw Failure{origin + " has " + std::to_string(components_of(*leaf.type)) +
                     " components an element, the data has " + std::to_string(data.components)};
@@ -184,6 +203,8 @@ struct Program::State {
         throw Failure{origin + " has a " + axis_names[a] + " of " + std::to_string(axes[a].second) + ", expected " +
                       *axes[a].first + " = " + std::to_string(*value)};
     }
+    if (std::ranges::any_of(bundle.leaves, [&](const auto& l) { return l->table_of == static_cast<int>(index); }))
+      new_faces.insert_or_assign(index, *converted);
     if (has_memory(leaf.resource))
       upload(leaf.resource, *converted);
     else
@@ -228,11 +249,14 @@ struct Program::State {
   // Memory and contents for a step: what only other steps need may stay unbound.
   void prepare(const bundle::StepT& step) {
     create_objects();
+    make_tables();
     std::string missing;
     size_t count = 0;
     for (const uint32_t k : step.leaves)
       if (!is_bound(k)) {
-        const bundle::LeafT& leaf = *bundle.leaves[k];
+        const int faces = bundle.leaves[k]->table_of;
+        const bundle::LeafT& leaf = *bundle.leaves[faces >= 0 ? static_cast<uint32_t>(faces) : k];
+        if (missing.find("'" + leaf.name + "' ") != std::string::npos) continue;
         missing += (count++ == 0 ? "" : ", ") + ("'" + leaf.name + "' " + extent_text(*leaf.extent));
       }
     if (count > 0)

@@ -46,6 +46,7 @@ struct EvalOptions {
   std::vector<std::string> saves;    // name=file: an output or leaf
   std::string check_finite;          // empty: no; all, results
   bool float32 = false;
+  bool check_vjp = false;            // compare gradients with those of --plain-gradients
   int threads = 0;
   std::string freeze, dump;  // folders of decisions, or empty
 };

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // `drc eval`: runs steps on the reference evaluator, in float64 on the CPU.
+#include <algorithm>
 #include <charconv>
+#include <cmath>
 #include <cstdio>
 #include <filesystem>
 #include <map>
@@ -161,6 +163,9 @@ class Evaluator {
     return true;
   }
 
+  // Of each step's last run.
+  const std::map<std::string, reference::StepResult>& results() const { return results_; }
+
  private:
   // In the form of the compiler's diagnostics, where the source is at hand.
   void report(const char* severity, const reference::EvalError& error) const {
@@ -195,7 +200,7 @@ class Evaluator {
     }
     for (const ir::Output& output : step.outputs) {
       const reference::Image& image = result.outputs.at(output.name);
-      if (image.count() == 1)
+      if (image.count() == 1 && !options_.check_vjp)
         std::printf("%s%s = %s\n", prefix.c_str(), output.name.c_str(), value_text(image).c_str());
     }
     return options_.dump.empty() || dump(step.name, number, record);
@@ -288,6 +293,46 @@ class Evaluator {
   std::set<std::pair<uint32_t, uint32_t>> warned_;
 };
 
+constexpr double kVjpTolerance = 1e-6;  // relative L2, as for adjoints near singular points
+
+// The distance of two images over the length of the longer one.
+double relative_distance(const reference::Image& a, const reference::Image& b) {
+  double difference = 0, length_a = 0, length_b = 0;
+  for (size_t i = 0; i < a.data.size(); ++i) {
+    difference += (a.data[i] - b.data[i]) * (a.data[i] - b.data[i]);
+    length_a += a.data[i] * a.data[i];
+    length_b += b.data[i] * b.data[i];
+  }
+  const double longer = std::max(length_a, length_b);
+  return longer == 0 ? 0 : std::sqrt(difference / longer);
+}
+
+// `--check-vjp`: every output with the gradients that functions bring along, and with those of their text.
+int check_vjp(const EvalOptions& options, const ir::Graph& graph, const dsl::SourceManager& sources,
+              const std::vector<Run>& runs) {
+  EvalOptions plain_options = options;
+  plain_options.input.plain_gradients = true;
+  dsl::SourceManager plain_sources;
+  auto lowered = load_graph(plain_options.input, plain_sources);
+  if (!lowered) return kUserError;
+  const ir::Graph plain = passes::run_passes(*std::move(lowered), passes::default_passes());
+  const auto plain_runs = runs_of(options, plain);
+  Evaluator own(options, graph, sources), text(options, plain, plain_sources);
+  if (!own.process(runs) || !text.process(*plain_runs)) return kUserError;
+  bool differs = false;
+  for (const auto& [step, result] : own.results()) {
+    for (const auto& [name, image] : result.outputs) {
+      const double distance = relative_distance(image, text.results().at(step).outputs.at(name));
+      const bool agrees = distance <= kVjpTolerance;  // false for NaN
+      differs = differs || !agrees;
+      std::printf("%s.%s: %s (relative L2 %.3g)\n", step.c_str(), name.c_str(), agrees ? "agrees" : "differs",
+                  distance);
+    }
+  }
+  if (differs) print_error("a '@vjp' is not the gradient of its function's text");
+  return differs ? kUserError : kOk;
+}
+
 }  // namespace
 
 int eval(const EvalOptions& options) {
@@ -302,6 +347,7 @@ int eval(const EvalOptions& options) {
     std::filesystem::create_directories(options.out, error);
     if (error) return print_error("cannot make the folder '" + options.out + "'"), kUserError;
   }
+  if (options.check_vjp) return check_vjp(options, graph, sources, *runs);
   return Evaluator(options, graph, sources).process(*runs) ? kOk : kUserError;
 }
 

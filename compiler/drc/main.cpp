@@ -113,6 +113,8 @@ int main(int argc, char** argv) {
                        "Stop at the first NaN or Inf: 'all' that an op makes, or 'results' that one reaches")
           ->expected(0, 1)
           ->check(CLI::IsMember({"all", "results"}));
+  eval_command->add_flag("--check-vjp", eval_options.check_vjp,
+                         "Compare outputs with those of --plain-gradients; they should agree to 1e-6");
   eval_command->add_flag("--float32", eval_options.float32, "Round every op's result to float32");
   eval_command->add_option("--threads", eval_options.threads, "Threads to use, 0: all; no result depends on it")
       ->check(CLI::Range(0, 1024))
@@ -153,10 +155,10 @@ int main(int argc, char** argv) {
       ->type_name("FILE");
 
   // CLI11 would only say that a command is missing.
-  if (argc > 1 && argv[1][0] != '-' && app.get_subcommand_no_throw(argv[1]) == nullptr) {
-    std::vector<std::string> known;
-    for (const CLI::App* command : app.get_subcommands({})) known.push_back(command->get_name());
-    const auto nearest = dr::dsl::nearest_name(argv[1], known);
+  std::vector<std::string> commands;
+  for (const CLI::App* command : app.get_subcommands({})) commands.push_back(command->get_name());
+  if (argc > 1 && argv[1][0] != '-' && std::ranges::find(commands, argv[1]) == commands.end()) {
+    const auto nearest = dr::dsl::nearest_name(argv[1], commands);
     std::fprintf(stderr, "there is no command '%s'%s (see drc --help)\n", argv[1],
                  nearest ? (", did you mean '" + *nearest + "'?").c_str() : "");
     return kBadUsage;

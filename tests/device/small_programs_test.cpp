@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Small programs, each about one thing that went wrong or might: every device and lowering against the evaluator.
+#include <array>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -30,6 +31,20 @@ const Case kCases[] = {
       let y = out * sin(out) + 1.0; let at = load_a + y; let pc = at * 0.5;
       let face = scatter_add(index, scatter, W);
       step go { output out, y, at, pc, face; })",
+     {"go"}},
+    {"tables of a mesh's topology",
+     R"(
+      input a : float[W, H]; input face : ivec3[F];
+      let t = topology(face, 4);
+      step go { output e = t.edge, beside = t.edge_face, sides = t.face_edge, start = t.vertex_start,
+                       corner = t.vertex_corner, closed = t.closed, count = t.edge.width; })",
+     {"go"}},
+    {"a gradient of the program's own",
+     R"(
+      input a : float[W, H];
+      fn square(x: float) -> float { x * x }
+      @vjp(square) fn square_vjp(x: float, g: float) -> float { 2.0 * x * g + 0.5 * g }
+      step go { output d = grad(sum(if a > 0.25 { square(a) } else { 0.0 }), a); })",
      {"go"}},
     {"unsigned minima and maxima",
      R"(
@@ -103,6 +118,8 @@ T must(io::Result<T> result) {
 template <class P>
 void run(P& program, const Case& c, bool has_v) {
   must(program.bind("a", input()));
+  if (std::string_view(c.text).find("ivec3[F]") != std::string_view::npos)
+    must(program.bind("face", Array::from_ints(std::array<int32_t, 6>{0, 1, 2, 2, 1, 3}, 3)));
   if (has_v) must(program.bind_symbol("V", 4));
   for (const char* step : c.steps) must(program.run(step));
 }

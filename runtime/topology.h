@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: Apache-2.0
+// Tables that a program asks of its meshes, from the faces that were bound.
+#pragma once
+
+#include <map>
+#include <string>
+
+#include "compiler/backend/bundle/bundle.h"
+#include "compiler/ir/dim.h"
+#include "runtime/io/array.h"
+#include "runtime/io/result.h"
+
+namespace dr::runtime {
+
+// The tables of leaf `faces`, an ivec3 array of integers, by leaf; none where the program asks for none. `symbols` give
+// the number of vertices; where they do not, tables of vertices are left out. Errors: a face whose vertex is out of
+// range.
+io::Result<std::map<size_t, io::Array>> topology_tables(const bundle::BundleT& bundle, size_t faces,
+                                                        const io::Array& data, const ir::SymbolValues& symbols);
+
+}  // namespace dr::runtime
