@@ -98,7 +98,7 @@ const Case kCases[] = {
       input a : float[W, H];
       let zero = a - a; let inf = a / zero; let nan = zero / zero;
       step go { output nans = vec4(isnan(vec4(a, inf, nan, -nan))), infs = vec4(isinf(vec4(a, inf, -inf, nan))),
-                few = isnan(acosh(a)), atanhs = atanh(a * 0.9), asinhs = asinh(vec2(a, -1e6 * a)), acoshs = acosh(1.0 + a * a); })",
+                few = isnan(acosh(a)), atanhs = atanh(a * 0.9), asinhs = asinh(vec2(a, -1e6 * a)), acoshs = acosh(1.5 + a); })",
      {"go"}},
     {"refraction and other functions of vectors",
      R"(
@@ -113,7 +113,7 @@ const Case kCases[] = {
      R"(
       input a : float[W, H];
       param w : vec2[V] = vec2(0.5, -0.25);
-      let uv = vec2(a, 1.0 - a) * 4.0 - 1.5 + 0.01 * w.at(1);
+      let uv = vec2(detach(a), 1.0 - detach(a)) * 4.0 - 1.5 + 0.01 * w.at(1);
       let deep = a + float(coord(1, 1, 2).z);
       let lost = sample(a, uv / (a - a));
       let y = sample(a, uv) + 2.0 * sample(a, uv, wrap = repeat) + 3.0 * sample(a, uv, wrap = mirror) + 4.0 * sample(a, uv, wrap = zero);
