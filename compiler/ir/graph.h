@@ -179,6 +179,13 @@ class Builder {
   RegionId begin_region(std::span<const ResultType> params);
   void end_region(std::vector<ValueId> yields);
   RegionId current_region() const { return stack_.back(); }
+  // Runs `append` with the root as current region: what it appends stands before the ops whose regions are open.
+  void at_root(const std::function<void()>& append) {
+    std::vector<RegionId> open{RegionId{0}};
+    open.swap(stack_);
+    append();
+    open.swap(stack_);
+  }
 
   void set_name(ValueId id, std::string name) { graph_.values_[id.index].name = std::move(name); }
   void set_span(const dsl::Span& span) { span_ = span; }  // given to ops added without one

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The table of built-in functions, and those that work component by component. Vectors and matrices are in
-// builtins_vector.cpp and matrix.cpp, images in builtins_image.cpp.
+// builtins_vector.cpp and matrix.cpp, bits in builtins_bits.cpp, images in builtins_image.cpp and builtins_sample.cpp.
 #include <algorithm>
 #include <numbers>
 
@@ -21,6 +21,9 @@ struct BuiltinTable {
         {"sinh", 1, 1, &E::float_function, OpKind::Sinh},
         {"cosh", 1, 1, &E::float_function, OpKind::Cosh},
         {"tanh", 1, 1, &E::float_function, OpKind::Tanh},
+        {"asinh", 1, 1, &E::float_function, OpKind::Asinh},
+        {"acosh", 1, 1, &E::float_function, OpKind::Acosh},
+        {"atanh", 1, 1, &E::float_function, OpKind::Atanh},
         {"exp", 1, 1, &E::float_function, OpKind::Exp},
         {"log", 1, 1, &E::float_function, OpKind::Log},
         {"exp2", 1, 1, &E::float_function, OpKind::Exp2},
@@ -30,6 +33,7 @@ struct BuiltinTable {
         {"floor", 1, 1, &E::float_function, OpKind::Floor},
         {"ceil", 1, 1, &E::float_function, OpKind::Ceil},
         {"round", 1, 1, &E::float_function, OpKind::Round},
+        {"roundEven", 1, 1, &E::float_function, OpKind::Round},
         {"trunc", 1, 1, &E::float_function, OpKind::Trunc},
         {"fract", 1, 1, &E::float_function, OpKind::Fract},
         {"sigmoid", 1, 1, &E::float_function, OpKind::Sigmoid},
@@ -45,6 +49,35 @@ struct BuiltinTable {
         {"mix", 3, 3, &E::builtin_mix},
         {"step", 2, 2, &E::builtin_step},
         {"smoothstep", 3, 3, &E::builtin_smoothstep},
+        {"fma", 3, 3, &E::builtin_fma},
+        {"modf", 1, 1, &E::builtin_modf},
+        {"frexp", 1, 1, &E::builtin_frexp},
+        {"ldexp", 2, 2, &E::builtin_ldexp},
+        {"isnan", 1, 1, &E::builtin_is_nan},
+        {"isinf", 1, 1, &E::builtin_is_inf},
+        // Bits.
+        {"floatBitsToInt", 1, 1, &E::builtin_bitcast},
+        {"floatBitsToUint", 1, 1, &E::builtin_bitcast},
+        {"intBitsToFloat", 1, 1, &E::builtin_bitcast},
+        {"uintBitsToFloat", 1, 1, &E::builtin_bitcast},
+        {"bitCount", 1, 1, &E::integer_function, OpKind::BitCount},
+        {"findLSB", 1, 1, &E::integer_function, OpKind::FindLsb},
+        {"findMSB", 1, 1, &E::integer_function, OpKind::FindMsb},
+        {"bitfieldReverse", 1, 1, &E::integer_function, OpKind::BitReverse},
+        {"bitfieldExtract", 3, 3, &E::builtin_bitfield_extract},
+        {"bitfieldInsert", 4, 4, &E::builtin_bitfield_insert},
+        {"umulExtended", 2, 2, &E::builtin_mul_extended},
+        {"imulExtended", 2, 2, &E::builtin_mul_extended},
+        {"uaddCarry", 2, 2, &E::builtin_carry, OpKind::Add},
+        {"usubBorrow", 2, 2, &E::builtin_carry, OpKind::Sub},
+        {"packUnorm2x16", 1, 1, &E::builtin_pack},
+        {"packSnorm2x16", 1, 1, &E::builtin_pack},
+        {"packUnorm4x8", 1, 1, &E::builtin_pack},
+        {"packSnorm4x8", 1, 1, &E::builtin_pack},
+        {"unpackUnorm2x16", 1, 1, &E::builtin_unpack},
+        {"unpackSnorm2x16", 1, 1, &E::builtin_unpack},
+        {"unpackUnorm4x8", 1, 1, &E::builtin_unpack},
+        {"unpackSnorm4x8", 1, 1, &E::builtin_unpack},
         // Numbers of any kind.
         {"abs", 1, 1, &E::number_function, OpKind::Abs},
         {"sign", 1, 1, &E::number_function, OpKind::Sign},
@@ -58,6 +91,8 @@ struct BuiltinTable {
         {"distance", 2, 2, &E::builtin_distance},
         {"normalize", 1, 1, &E::builtin_normalize},
         {"reflect", 2, 2, &E::builtin_reflect},
+        {"refract", 3, 3, &E::builtin_refract},
+        {"faceforward", 3, 3, &E::builtin_faceforward},
         {"any", 1, 1, &E::builtin_any_all, OpKind::LogicalOr},
         {"all", 1, 1, &E::builtin_any_all, OpKind::LogicalAnd},
         {"not", 1, 1, &E::builtin_not},
@@ -68,6 +103,7 @@ struct BuiltinTable {
         {"equal", 2, 2, &E::builtin_compare, OpKind::Equal},
         {"notEqual", 2, 2, &E::builtin_compare, OpKind::NotEqual},
         {"transpose", 1, 1, &E::builtin_transpose},
+        {"matrixCompMult", 2, 2, &E::builtin_matrix_comp_mult},
         {"inverse", 1, 1, &E::builtin_inverse},
         {"determinant", 1, 1, &E::builtin_determinant},
         {"outerProduct", 2, 2, &E::builtin_outer_product},
@@ -75,7 +111,9 @@ struct BuiltinTable {
         {"at", 2, 2, &E::builtin_at, OpKind::Gather, {}, true},
         {"layer", 2, 2, &E::builtin_layer, OpKind::Gather, {}, true},
         {"shift", 3, 3, &E::builtin_shift},
-        {"scatter_add", 3, 5, &E::builtin_scatter_add},
+        {"sample", 2, 2, &E::builtin_sample, OpKind::Gather, {"filter", "wrap", "layer"}},
+        {"scatter_add", 3, 5, &E::builtin_scatter, OpKind::ScatterAdd},
+        {"scatter_max", 3, 5, &E::builtin_scatter, OpKind::ScatterMax},
         {"sum", 1, 1, &E::builtin_reduction, OpKind::ReduceSum, {"over"}},
         {"mean", 1, 1, &E::builtin_reduction, OpKind::ReduceSum, {"over"}},
         {"min", 1, 2, &E::builtin_min_max, OpKind::Min, {"over"}},
@@ -181,6 +219,12 @@ Value Elaborator::builtin_atan(BuiltinCall& call) {
 Value Elaborator::builtin_angle(BuiltinCall& call) {
   if (!floats(call)) return Error{};
   return mul(call.args[0], make_float(call.entry.name == "radians" ? std::numbers::pi / 180 : 180 / std::numbers::pi));
+}
+
+// The product is rounded before the sum: devices differ in what they fuse.
+Value Elaborator::builtin_fma(BuiltinCall& call) {
+  if (!floats(call)) return Error{};
+  return add(mul(call.args[0], call.args[1]), call.args[2]);
 }
 
 Value Elaborator::builtin_saturate(BuiltinCall& call) {

@@ -30,13 +30,14 @@ bool Elaborator::is_index(const Value& value) const {
   return type.scalar == Scalar::Int && type.cols == 1 && type.rows <= 3;
 }
 
-Value Elaborator::gather(const Value& base, const Value& index, const Span& base_span, const Span& index_span) {
-  if (refuse_element(base, "'.at'", base_span)) return Error{};
+Value Elaborator::gather(const Value& base, const Value& index, const Span& base_span, const Span& index_span,
+                         std::string_view where) {
+  if (refuse_element(base, where.substr(where.find(' ') + 1), base_span)) return Error{};
   const auto* source = base.get<Image>();
   if (in_region() && (!source || b_.value(source->id).region != b_.graph().root())) {
     return fail(Code::E0703, base_span,
-                "expected an image from outside " + std::string(regions_.back().what) +
-                    " before '.at', found one that is computed inside",
+                "expected an image from outside " + std::string(regions_.back().what) + " " + std::string(where) +
+                    ", found one that is computed inside",
                 {{regions_.back().span, "the region is here"}}, "compute it before with 'let'");
   }
   const Extent extent = extent_of(base);
@@ -82,16 +83,22 @@ Value Elaborator::builtin_layer(BuiltinCall& call) {
   return gather(base, index, call.spans[0], call.spans[1]);
 }
 
-Value Elaborator::builtin_scatter_add(BuiltinCall& call) {
-  if (refuse_in_region("'scatter_add'", call.span)) return Error{};
+// scatter_add and scatter_max.
+Value Elaborator::builtin_scatter(BuiltinCall& call) {
+  const bool largest = call.entry.kind == OpKind::ScatterMax;
+  const std::string name = "'" + std::string(call.entry.name) + "'";
+  if (refuse_in_region(name, call.span)) return Error{};
   for (size_t i = 0; i < 2; ++i) {
-    if (refuse_element(call.args[i], "'scatter_add'", call.spans[i])) return Error{};
+    if (refuse_element(call.args[i], name, call.spans[i])) return Error{};
   }
   if (!is_index(call.args[0])) {
     return fail(Code::E0405, call.spans[0],
-                "expected ints, ivec2s or ivec3s as the places to add to, found " + describe(call.args[0]));
+                std::string("expected ints, ivec2s or ivec3s as the places to ") + (largest ? "write" : "add") +
+                    " to, found " + describe(call.args[0]));
   }
-  if (!call.args[1].is_numeric() || element_type(call.args[1]).is_bool()) return wrong_type(call, 1, "numbers");
+  const Value& value = call.args[1];
+  if (!value.is_numeric() || element_type(value).is_bool()) return wrong_type(call, 1, largest ? "ints" : "numbers");
+  if (largest && element_type(value).scalar != Scalar::Int) return wrong_type(call, 1, "ints");
   ir::Attrs attrs;
   attrs.dims = {1, 1, 1};
   for (size_t i = 2; i < call.args.size(); ++i) {
@@ -103,7 +110,7 @@ Value Elaborator::builtin_scatter_add(BuiltinCall& call) {
   }
   if (!check_extents(call.args, call.span)) return Error{};
   const Value operands[] = {call.args[0], call.args[1]};
-  return image_op(OpKind::ScatterAdd, operands, std::move(attrs), operands);
+  return image_op(call.entry.kind, operands, std::move(attrs), operands);
 }
 
 Value Elaborator::builtin_shift(BuiltinCall& call) {
@@ -131,12 +138,7 @@ Value Elaborator::builtin_shift(BuiltinCall& call) {
 // The axes named by `over`, or all.
 std::optional<std::array<bool, 3>> Elaborator::reduction_axes(const BuiltinCall& call) {
   std::array<bool, 3> axes{true, true, true};
-  const Expr* over = nullptr;
-  if (call.syntax) {
-    for (const dsl::Arg& arg : call.syntax->args) {
-      if (arg.name && arg.name->text == "over") over = arg.value.get();
-    }
-  }
+  const Expr* over = word_argument(call, "over");
   if (!over) return axes;
   axes = {};
   std::vector<const Expr*> words;
@@ -186,7 +188,8 @@ Value Elaborator::builtin_reduction(BuiltinCall& call) {
   OpKind kind = OpKind::ReduceSum;
   if (call.entry.name == "min") kind = OpKind::ReduceMin;
   if (call.entry.name == "max") kind = OpKind::ReduceMax;
-  const Value reduced = image_op(kind, {&operand, 1}, std::move(attrs), {});
+  const auto reduce = [&](const Value& part) { return image_op(kind, {&part, 1}, attrs, {}); };
+  const Value reduced = element_type(operand).is_matrix() ? map_columns(operand, reduce) : reduce(operand);
   if (!mean || reduced.is_error()) return reduced;
   Value divisor = count;
   convert_known_int(divisor, Scalar::Float);

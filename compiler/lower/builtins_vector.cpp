@@ -57,6 +57,28 @@ Value Elaborator::builtin_reflect(BuiltinCall& call) {
   return sub(i, mul(n, mul(make_float(2), dot(n, i))));
 }
 
+// The direction behind a surface of the normal n, eta the quotient of the indices; 0, gradient too, where all light is
+// reflected.
+Value Elaborator::builtin_refract(BuiltinCall& call) {
+  if (!vectors(call, 2)) return Error{};
+  const Value &i = call.args[0], &n = call.args[1], &eta = call.args[2];
+  if (!element_type(eta).is_scalar()) return wrong_type(call, 2, "float");
+  const Value cosine = dot(n, i);
+  const Value k = sub(make_float(1), mul(mul(eta, eta), sub(make_float(1), mul(cosine, cosine))));
+  const Value bent = sub(mul(eta, i), mul(add(mul(eta, cosine), apply(OpKind::Sqrt, {k})), n));
+  if (bent.is_error()) return bent;
+  return select(apply(OpKind::Less, {k, make_float(0)}), splat(make_float(0), element_type(bent)), bent);
+}
+
+// n, turned to the side that i comes from.
+Value Elaborator::builtin_faceforward(BuiltinCall& call) {
+  if (!vectors(call, 3)) return Error{};
+  const Value& n = call.args[0];
+  const Value facing = dot(call.args[2], call.args[1]);
+  if (facing.is_error()) return facing;
+  return select(apply(OpKind::Less, {facing, make_float(0)}), n, apply(OpKind::Neg, {n}));
+}
+
 // ---- bools ----
 
 Value Elaborator::builtin_any_all(BuiltinCall& call) {

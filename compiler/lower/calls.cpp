@@ -19,10 +19,9 @@ std::string shown(const std::string& name) { return name.empty() ? "this functio
 Value Elaborator::evaluate_call(const Expr& expr) {
   const Value callee = evaluate(*expr.a);
   if (const auto* builtin = callee.get<BuiltinValue>()) {
-    // Axes of a reduction are words, not values.
     std::vector<Argument> args;
     for (const dsl::Arg& arg : expr.args) {
-      const bool is_word = arg.name && arg.name->text == "over";
+      const bool is_word = arg.name && is_word_argument(arg.name->text);
       args.push_back({arg.name, is_word ? Value(Nothing{}) : evaluate(*arg.value), arg.value->span});
     }
     return call_builtin(*builtin, std::move(args), &expr, expr.span);

@@ -76,6 +76,11 @@ struct Builtin {
   bool is_method = false;                    // called as x.name(...): the first argument is x
 };
 
+// Arguments after these names are words, not values.
+bool is_word_argument(std::string_view name);
+// What is written after `name =` in the call, or null.
+const Expr* word_argument(const BuiltinCall& call, std::string_view name);
+
 // How a declared type is held against a value.
 struct TypeMatch {
   Code code{};          // of a mismatch
@@ -179,6 +184,7 @@ class Elaborator {
   void add_item(ModuleInfo& module, const dsl::Name& name, ModuleItem item);
   Value item_value(ModuleInfo& module, std::string_view name, ModuleItem& item, const Span& use);
   Value name_value(const std::string& name, const Span& span);
+  Value seed_value(const Span& span);
   Value module_field(ModuleInfo& module, const std::string& name, const Span& span);
   const Binding* find_binding(std::string_view name) const;
   std::optional<uint32_t> find_leaf(std::string_view name) const;
@@ -382,6 +388,10 @@ class Elaborator {
   Value builtin_distance(BuiltinCall& call);
   Value builtin_normalize(BuiltinCall& call);
   Value builtin_reflect(BuiltinCall& call);
+  Value builtin_refract(BuiltinCall& call);
+  Value builtin_faceforward(BuiltinCall& call);
+  Value builtin_matrix_comp_mult(BuiltinCall& call);
+  Value builtin_fma(BuiltinCall& call);
   Value builtin_any_all(BuiltinCall& call);
   Value builtin_not(BuiltinCall& call);
   Value builtin_compare(BuiltinCall& call);
@@ -389,10 +399,36 @@ class Elaborator {
   Value builtin_inverse(BuiltinCall& call);
   Value builtin_determinant(BuiltinCall& call);
   Value builtin_outer_product(BuiltinCall& call);
+  // Bits (builtins_bits.cpp).
+  bool integers(BuiltinCall& call, bool splat_scalars = true);
+  Value integer_function(BuiltinCall& call);
+  Value bitcast(const Value& value, Scalar to);
+  Value magnitude_bits(const Value& x);
+  Value bits_and(const Value& x, uint32_t mask);
+  Value is_nan(const Value& x);
+  Value times_power_of_two(Value x, Value n);
+  std::optional<std::pair<Value, Value>> bit_field(BuiltinCall& call, size_t first);
+  Value shifted(OpKind kind, const Value& x, const Value& by);
+  Value builtin_bitcast(BuiltinCall& call);
+  Value builtin_is_nan(BuiltinCall& call);
+  Value builtin_is_inf(BuiltinCall& call);
+  Value builtin_ldexp(BuiltinCall& call);
+  Value builtin_frexp(BuiltinCall& call);
+  Value builtin_modf(BuiltinCall& call);
+  Value builtin_mul_extended(BuiltinCall& call);
+  Value builtin_carry(BuiltinCall& call);
+  Value builtin_bitfield_extract(BuiltinCall& call);
+  Value builtin_bitfield_insert(BuiltinCall& call);
+  Value builtin_pack(BuiltinCall& call);
+  Value builtin_unpack(BuiltinCall& call);
+  // Textures (builtins_sample.cpp).
+  std::optional<size_t> chosen_word(const BuiltinCall& call, std::string_view name,
+                                    const std::vector<std::string>& words);
+  Value builtin_sample(BuiltinCall& call);
   Value builtin_at(BuiltinCall& call);
   Value builtin_layer(BuiltinCall& call);
   Value builtin_shift(BuiltinCall& call);
-  Value builtin_scatter_add(BuiltinCall& call);
+  Value builtin_scatter(BuiltinCall& call);
   Value builtin_reduction(BuiltinCall& call);
   Value builtin_coord(BuiltinCall& call);
   Value builtin_barrier(BuiltinCall& call);
@@ -402,7 +438,8 @@ class Elaborator {
   const ir::Leaf* topology_faces(const BuiltinCall& call);
   Value topology_table(const std::string& faces, const topology::Table& table, const Dim& face_count,
                        const Dim& vertices);
-  Value gather(const Value& base, const Value& index, const Span& base_span, const Span& index_span);
+  Value gather(const Value& base, const Value& index, const Span& base_span, const Span& index_span,
+               std::string_view where = "before '.at'");
   bool is_index(const Value& value) const;
   Value image_op(OpKind kind, std::span<const Value> operands, ir::Attrs attrs, std::span<const Value> elements_of);
   std::optional<std::array<bool, 3>> reduction_axes(const BuiltinCall& call);
@@ -419,6 +456,7 @@ class Elaborator {
   std::deque<Scope> scopes_;
   Scope* scope_ = nullptr;
   ModuleInfo* root_ = nullptr;
+  Value seed_ = Nothing{};  // the leaf 'seed' once something has read it
 
   std::vector<Frame> frames_;
   std::vector<RegionFrame> regions_;

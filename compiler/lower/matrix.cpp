@@ -118,6 +118,19 @@ Value Elaborator::builtin_transpose(BuiltinCall& call) {
   return transpose(call.args[0]);
 }
 
+Value Elaborator::builtin_matrix_comp_mult(BuiltinCall& call) {
+  for (size_t i = 0; i < 2; ++i) {
+    if (!call.args[i].is_numeric() || !element_type(call.args[i]).is_matrix()) return wrong_type(call, i, "a matrix");
+  }
+  if (element_type(call.args[0]) != element_type(call.args[1])) {
+    return fail(Code::E0322, call.span,
+                "expected matrices of one size for 'matrixCompMult', found " + describe_element(call.args[0]) +
+                    " and " + describe_element(call.args[1]));
+  }
+  if (!check_extents(call.args, call.span)) return Error{};
+  return matrix_scalar(OpKind::Mul, call.args[0], call.args[1]);
+}
+
 Value Elaborator::builtin_determinant(BuiltinCall& call) {
   const Value& m = call.args[0];
   if (!m.is_numeric() || !element_type(m).is_matrix() || element_type(m).rows != element_type(m).cols)

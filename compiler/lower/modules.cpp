@@ -266,6 +266,7 @@ Value Elaborator::name_value(const std::string& name, const Span& span) {
   if (const auto found = module.items.find(name); found != module.items.end()) {
     return item_value(module, name, found->second, span);
   }
+  if (name == "seed") return seed_value(span);
   if (name == "step_index") return Image{ops::emit(b_, OpKind::StepIndex, {})};
   if (const Builtin* builtin = find_builtin(name)) return BuiltinValue{builtin, {}};
   if (const auto type = Type::parse(name)) {
@@ -276,6 +277,31 @@ Value Elaborator::name_value(const std::string& name, const Span& span) {
   }
   return fail(Code::E0201, span, "expected a name that is declared, found '" + name + "'", {},
               suggestion(name, visible_names()));
+}
+
+// `seed` is an input, 0 unless the host says otherwise, which is there once something reads it. A leaf of the program
+// of that name and type takes its place.
+Value Elaborator::seed_value(const Span& span) {
+  if (!seed_.is<Nothing>()) return seed_;
+  const auto own = root_->items.find("seed");
+  if (own != root_->items.end() && own->second.kind == ModuleItem::Kind::Leaf) {
+    const Value& value = own->second.value;
+    if (value.is_error()) return Error{};
+    if (element_type(value) != ir::kUint || !extent_of(value).is_unit()) {
+      return fail(Code::E0210, own->second.span, "expected the leaf 'seed' to be one uint, found " + describe(value),
+                  {{span, "this module's 'seed' is the built-in one"}}, "give the leaf another name");
+    }
+    return seed_ = value;
+  }
+  b_.at_root([&] {
+    b_.graph().leaves.push_back({ir::Leaf::Kind::Input, "seed", ir::kUint, {}, {0.0}, span});
+    ir::Attrs attrs;
+    attrs.text = "seed";
+    const ValueId id = ops::emit(b_, OpKind::Leaf, {}, std::move(attrs));
+    b_.set_name(id, "seed");
+    seed_ = Image{id};
+  });
+  return seed_;
 }
 
 Value Elaborator::module_field(ModuleInfo& module, const std::string& name, const Span& span) {
@@ -303,8 +329,8 @@ std::vector<std::string> Elaborator::visible_names() const {
   std::vector<std::string> builtins = builtin_names();
   names.insert(names.end(), builtins.begin(), builtins.end());
   names.insert(names.end(),
-               {"step_index", "bool",  "int",   "uint",  "float", "vec2",  "vec3",  "vec4", "ivec2", "ivec3",
-                "ivec4",      "uvec2", "uvec3", "uvec4", "bvec2", "bvec3", "bvec4", "mat2", "mat3",  "mat4"});
+               {"step_index", "seed",  "bool",  "int",   "uint",  "float", "vec2",  "vec3", "vec4", "ivec2", "ivec3",
+                "ivec4",      "uvec2", "uvec3", "uvec4", "bvec2", "bvec3", "bvec4", "mat2", "mat3", "mat4"});
   return names;
 }
 

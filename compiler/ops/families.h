@@ -14,7 +14,7 @@ namespace dr::ops {
 std::vector<OpInfo> source_ops();      // Leaf, Const, Coord, DimValue, StepIndex
 std::vector<OpInfo> arithmetic_ops();  // Add .. SMul
 std::vector<OpInfo> math_ops();        // Floor .. Erf
-std::vector<OpInfo> integer_ops();     // BitAnd .. ShiftRight
+std::vector<OpInfo> integer_ops();     // BitAnd .. Bitcast
 std::vector<OpInfo> logic_ops();       // Less .. Convert
 std::vector<OpInfo> vector_ops();      // Splat .. Normalize
 std::vector<OpInfo> image_ops();       // Gather .. Broadcast

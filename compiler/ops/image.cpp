@@ -136,7 +136,9 @@ std::vector<OpInfo> image_ops() {
        .adjoint = scatter_add_adjoint},
       {.kind = OpKind::ScatterMax,
        .shape = Shape::Image,
-       .doc = "An image whose elements are the largest of the values that name them, and 0 where none does. Int only.",
+       .doc =
+           "An image whose elements are the largest of the values that name them, and 0 where none does. Int only; the "
+           "least one counts as nothing.",
        .infer = infer_scatter_max,
        .differentiable = false},
       {.kind = OpKind::Shift,

@@ -45,6 +45,31 @@ ValueId asin_derivative(Builder& b, ValueId x) {
   return keep_where(b, inside, div(b, one, apply(b, OpKind::Sqrt, square)));
 }
 
+// 1 / sqrt(1 + x^2), where x^2 leaves the range: 1 / |x|.
+ValueId asinh_derivative(Builder& b, ValueId x) {
+  const ValueId one = like(b, x, 1.0);
+  const ValueId size = apply(b, OpKind::Abs, x);
+  const ValueId large = apply(b, OpKind::Less, like(b, x, 1e9), size);
+  const ValueId near = select(b, large, one, x);
+  const ValueId root = apply(b, OpKind::Sqrt, add(b, one, mul(b, near, near)));
+  return div(b, one, select(b, large, size, root));
+}
+
+// 1 / (sqrt(x - 1) sqrt(x + 1)) above 1, 0 elsewhere.
+ValueId acosh_derivative(Builder& b, ValueId x) {
+  const ValueId one = like(b, x, 1.0);
+  const ValueId above = apply(b, OpKind::Less, one, x);
+  const ValueId low = apply(b, OpKind::Sqrt, sub(b, x, one)), high = apply(b, OpKind::Sqrt, add(b, x, one));
+  return keep_where(b, above, div(b, one, mul(b, low, high)));
+}
+
+// 1 / ((1 - x)(1 + x)) inside (-1, 1), 0 elsewhere.
+ValueId atanh_derivative(Builder& b, ValueId x) {
+  const ValueId one = like(b, x, 1.0);
+  const ValueId inside = apply(b, OpKind::Less, apply(b, OpKind::Abs, x), one);
+  return keep_where(b, inside, div(b, one, mul(b, sub(b, one, x), add(b, one, x))));
+}
+
 AdjointOutput pow_adjoint(const AdjointInput& in) {
   Builder& b = in.builder;
   const ValueId x = in.operands[0], y = in.operands[1];
@@ -393,6 +418,42 @@ std::vector<OpInfo> math_ops() {
        .domains = {{-5, 5}},
        .singular = {{{0}}, {{-1000}}, {{1000}}},
        .ulp_bound = 6},
+      {.kind = OpKind::Asinh,
+       .shape = Shape::Elementwise,
+       .doc = "Inverse hyperbolic sine, with full relative accuracy near 0.",
+       .infer = infer1,
+       .eval = [](const EvalBatch& e) { map1(e, [](double x) { return std::asinh(x); }); },
+       .glsl = function<"dr_asinh">,
+       .prelude = {glsl::kLogPart, glsl::kLog, glsl::kLog1p, glsl::kAsinh},
+       .vector_prelude = glsl::kAsinhVectors,
+       .adjoint = chain<[](Builder& b, ValueId x, ValueId) { return asinh_derivative(b, x); }>,
+       .domains = {{-10, 10}},
+       .singular = {{{0}}, {{1e30}}, {{-1e30}}},
+       .ulp_bound = 4},
+      {.kind = OpKind::Acosh,
+       .shape = Shape::Elementwise,
+       .doc = "Inverse hyperbolic cosine, NaN below 1. Derivative 0 for x <= 1.",
+       .infer = infer1,
+       .eval = [](const EvalBatch& e) { map1(e, [](double x) { return std::acosh(x); }); },
+       .glsl = function<"dr_acosh">,
+       .prelude = {glsl::kLogPart, glsl::kLog, glsl::kLog1p, glsl::kAcosh},
+       .vector_prelude = glsl::kAcoshVectors,
+       .adjoint = chain<[](Builder& b, ValueId x, ValueId) { return acosh_derivative(b, x); }>,
+       .domains = {{1.1, 10}},
+       .singular = {{{1}}, {{1e30}}},
+       .ulp_bound = 4},
+      {.kind = OpKind::Atanh,
+       .shape = Shape::Elementwise,
+       .doc = "Inverse hyperbolic tangent: Inf at 1, -Inf at -1, NaN beyond. Derivative 0 for |x| >= 1.",
+       .infer = infer1,
+       .eval = [](const EvalBatch& e) { map1(e, [](double x) { return std::atanh(x); }); },
+       .glsl = function<"dr_atanh">,
+       .prelude = {glsl::kLogPart, glsl::kLog1p, glsl::kAtanh},
+       .vector_prelude = glsl::kAtanhVectors,
+       .adjoint = chain<[](Builder& b, ValueId x, ValueId) { return atanh_derivative(b, x); }>,
+       .domains = {{-0.9, 0.9}},
+       .singular = {{{0}}, {{1}}, {{-1}}},
+       .ulp_bound = 4},
       {.kind = OpKind::Sigmoid,
        .shape = Shape::Elementwise,
        .doc = "1 / (1 + e^-x), with full relative accuracy in both tails, of the derivative too.",

@@ -101,6 +101,23 @@ uint dr_mod(uint x, uint y) { return y == 0u ? 0u : x % (y == 0u ? 1u : y); }
 inline constexpr std::string_view kIntModVectors = DR_VECTORS_2_OF("ivec", "dr_mod");
 inline constexpr std::string_view kUintModVectors = DR_VECTORS_2_OF("uvec", "dr_mod");
 
+inline constexpr std::string_view kIntMulHigh = R"(
+int dr_mul_high(int x, int y) {
+  int high, low;
+  imulExtended(x, y, high, low);
+  return high;
+}
+)";
+inline constexpr std::string_view kUintMulHigh = R"(
+uint dr_mul_high(uint x, uint y) {
+  uint high, low;
+  umulExtended(x, y, high, low);
+  return high;
+}
+)";
+inline constexpr std::string_view kIntMulHighVectors = DR_VECTORS_2_OF("ivec", "dr_mul_high");
+inline constexpr std::string_view kUintMulHighVectors = DR_VECTORS_2_OF("uvec", "dr_mul_high");
+
 inline constexpr std::string_view kFloatToInt = R"(
 // Truncates and saturates; NaN gives 0.
 int dr_to_int(float x) {
@@ -448,6 +465,38 @@ float dr_tanh(float x) {
 }
 )";
 inline constexpr std::string_view kTanhVectors = DR_VECTORS_1("dr_tanh");
+
+inline constexpr std::string_view kAsinh = R"(
+// log(a + sqrt(1 + a^2)) without the cancellation near 0 and without the square of what is large.
+float dr_asinh(float x) {
+  float a = abs(x);
+  float z = a * a;
+  float r = a > 1e8 ? dr_log(a) + 0.693147181 : dr_log1p(a + z / (1.0 + sqrt(1.0 + z)));
+  return x < 0.0 ? -r : r;
+}
+)";
+inline constexpr std::string_view kAsinhVectors = DR_VECTORS_1("dr_asinh");
+
+inline constexpr std::string_view kAcosh = R"(
+// log(x + sqrt(x^2 - 1)) from x - 1, which is exact near 1; NaN below 1.
+float dr_acosh(float x) {
+  if (x < 1.0) return uintBitsToFloat(0x7fc00000u);
+  float t = x - 1.0;
+  return x > 1e8 ? dr_log(x) + 0.693147181 : dr_log1p(t + sqrt(t * (2.0 + t)));
+}
+)";
+inline constexpr std::string_view kAcoshVectors = DR_VECTORS_1("dr_acosh");
+
+inline constexpr std::string_view kAtanh = R"(
+// log((1 + a) / (1 - a)) / 2; Inf at 1, NaN beyond.
+float dr_atanh(float x) {
+  float a = abs(x);
+  if (a > 1.0) return uintBitsToFloat(0x7fc00000u);
+  float r = a == 1.0 ? uintBitsToFloat(0x7f800000u) : 0.5 * dr_log1p((a + a) / (1.0 - a));
+  return x < 0.0 ? -r : r;
+}
+)";
+inline constexpr std::string_view kAtanhVectors = DR_VECTORS_1("dr_atanh");
 
 inline constexpr std::string_view kSigmoid = R"(
 // Relative accuracy on both sides: sigmoid(-x) is 1 - sigmoid(x) to the last bits.

@@ -95,7 +95,7 @@ void scatter(bool maximum, const Image& index, const Image& value, Image& result
   size.l = std::max(index.layers, value.layers);
   const size_t count = size.count(), to = size_of(result).count();
   const size_t planes = components(value.type), index_planes = components(index.type);
-  const double none = -std::numeric_limits<double>::infinity();
+  const double none = std::numeric_limits<int32_t>::min();  // as on devices, the least int counts as nothing
   std::fill(result.data.begin(), result.data.end(), maximum ? none : 0.0);
   // Elements that name one place add up in their order, so only components are independent of each other.
   workers.run(planes, [&](size_t c, size_t) {

@@ -60,6 +60,9 @@ std::optional<Number> unary(OpKind kind, double x) {
     case OpKind::Sinh: return Number{std::sinh(x), std::cosh(x)};
     case OpKind::Cosh: return Number{std::cosh(x), std::sinh(x)};
     case OpKind::Tanh: return Number{std::tanh(x), 1 / (std::cosh(x) * std::cosh(x))};
+    case OpKind::Asinh: return Number{std::asinh(x), 1 / std::hypot(1.0, x)};
+    case OpKind::Acosh: return Number{std::acosh(x), 1 / std::sqrt(x * x - 1)};
+    case OpKind::Atanh: return Number{std::atanh(x), 1 / (1 - x * x)};
     case OpKind::Sigmoid: return Number{1 / (1 + std::exp(-x)), 1 / ((1 + std::exp(-x)) * (1 + e))};
     case OpKind::Softplus: return Number{std::max(x, 0.0) + std::log1p(std::exp(-std::abs(x))), 1 / (1 + std::exp(-x))};
     case OpKind::Erf: return Number{std::erf(x), erf_slope(x)};

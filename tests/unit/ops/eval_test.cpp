@@ -55,6 +55,9 @@ const std::map<OpKind, Function1> kUnary{
     {OpKind::Sigmoid, [](double x) { return 1 / (1 + std::exp(-x)); }},
     {OpKind::Softplus, [](double x) { return std::log(1 + std::exp(x)); }},
     {OpKind::Erf, std::erf},
+    {OpKind::Asinh, std::asinh},
+    {OpKind::Acosh, std::acosh},
+    {OpKind::Atanh, std::atanh},
 };
 const std::map<OpKind, Function2> kBinary{
     {OpKind::Add, [](double x, double y) { return x + y; }},
@@ -109,6 +112,8 @@ TEST_CASE("no NaN or Inf comes of finite operands where a value is defined") {
       case OpKind::Log:
       case OpKind::Log2: return x < 0;
       case OpKind::Log1p: return x < -1;
+      case OpKind::Acosh: return x < 1;
+      case OpKind::Atanh: return std::abs(x) > 1;
       case OpKind::Div: return x == 0 && y == 0;
       case OpKind::Pow: return x < 0 && y != std::floor(y);
       default: return false;
@@ -125,6 +130,7 @@ TEST_CASE("no NaN or Inf comes of finite operands where a value is defined") {
       case OpKind::Log:
       case OpKind::Log2: return x == 0;
       case OpKind::Log1p: return x == -1;
+      case OpKind::Atanh: return std::abs(x) == 1;
       case OpKind::Div: return y == 0;
       case OpKind::Pow: return (x == 0 && y < 0) || std::abs(y * std::log(std::abs(x))) > 700;
       default: return false;
@@ -275,6 +281,57 @@ TEST_CASE("integers wrap to 32 bits") {
   CHECK(evaluate(OpKind::Sign, {value(kUint, {kUintMax})}).planes[0] == 1);
   CHECK(of_int(OpKind::Min, -3, 2) == -3);
   CHECK(of_uint(OpKind::Max, 3, kUintMax) == kUintMax);
+}
+
+TEST_CASE("bits are counted, found and turned round") {
+  const auto of_int = [](OpKind kind, double x) { return evaluate(kind, {value(kInt, {x})}).planes[0]; };
+  const auto of_uint = [](OpKind kind, double x) { return evaluate(kind, {value(kUint, {x})}).planes[0]; };
+  CHECK(evaluate(OpKind::BitCount, {value(kUint, {1})}).type == kInt);
+  CHECK(of_uint(OpKind::BitCount, kUintMax) == 32);
+  CHECK(of_int(OpKind::BitCount, -2) == 31);
+  CHECK(of_int(OpKind::BitCount, 0) == 0);
+  CHECK(of_uint(OpKind::FindLsb, 40) == 3);
+  CHECK(of_int(OpKind::FindLsb, 0) == -1);
+  CHECK(of_int(OpKind::FindLsb, kIntMin) == 31);
+  CHECK(of_uint(OpKind::FindMsb, kUintMax) == 31);
+  CHECK(of_int(OpKind::FindMsb, -1) == -1);
+  CHECK(of_int(OpKind::FindMsb, -9) == 3);
+  CHECK(of_int(OpKind::FindMsb, 0) == -1);
+  CHECK(of_uint(OpKind::BitReverse, 1) == 2147483648.0);
+  CHECK(of_int(OpKind::BitReverse, 1) == kIntMin);
+  CHECK(of_uint(OpKind::BitReverse, 0x12345678) == 0x1e6a2c48);
+}
+
+TEST_CASE("the high half of a product is that of 64 bits") {
+  std::mt19937_64 engine(4);
+  for (int i = 0; i < 10000; ++i) {
+    const auto x = static_cast<uint32_t>(engine() >> (32 + engine() % 31)), y = static_cast<uint32_t>(engine());
+    const double of_uint =
+        evaluate(OpKind::MulHigh, {value(kUint, {static_cast<double>(x)}), value(kUint, {static_cast<double>(y)})})
+            .planes[0];
+    REQUIRE(of_uint == static_cast<double>((uint64_t{x} * uint64_t{y}) >> 32));
+    const auto p = static_cast<int32_t>(x), q = static_cast<int32_t>(y);
+    const double of_int =
+        evaluate(OpKind::MulHigh, {value(kInt, {static_cast<double>(p)}), value(kInt, {static_cast<double>(q)})})
+            .planes[0];
+    REQUIRE(of_int == static_cast<double>((int64_t{p} * int64_t{q}) >> 32));
+  }
+}
+
+TEST_CASE("bits of floats are those of float32") {
+  const auto cast = [](Scalar to, Type from, double x) {
+    return evaluate(OpKind::Bitcast, {value(from, {x})}, ints({static_cast<int64_t>(to)})).planes[0];
+  };
+  CHECK(cast(Scalar::Uint, kFloat, 1) == 0x3f800000);
+  CHECK(cast(Scalar::Uint, kFloat, -2) == 0xc0000000);
+  CHECK(cast(Scalar::Int, kFloat, -2) == -1073741824);
+  CHECK(cast(Scalar::Uint, kFloat, 0.1) == 0x3dcccccd);
+  CHECK(cast(Scalar::Uint, kFloat, 1e300) == 0x7f800000);
+  CHECK(cast(Scalar::Uint, kFloat, kNan) > 0x7f800000);
+  CHECK(cast(Scalar::Float, kUint, 0x40490fdb) == static_cast<double>(3.14159274f));
+  CHECK(cast(Scalar::Float, kInt, -1073741824) == -2);
+  CHECK(cast(Scalar::Float, kUint, 0x7f800000) == kInf);
+  CHECK(std::isnan(cast(Scalar::Float, kInt, 0x7fc00000)));
 }
 
 TEST_CASE("integer arithmetic agrees with 64 bits at random") {
