@@ -109,6 +109,13 @@ struct Program::State {
 
   std::vector<BufferObject> buffers;  // by resource, empty for images
   std::vector<ImageObject> images;
+  // The memory of a slot; the values of steps that are prepared later use it too if they fit.
+  struct Slot {
+    vk::DeviceSize bytes = 0, alignment = 1, offset = 0;
+    uint32_t allowed = UINT32_MAX, type = 0;
+    size_t block = 0;
+  };
+  std::map<uint32_t, Slot> placed;
   std::vector<Block> blocks;
   vk::raii::CommandPool command_pool{nullptr};
   vk::raii::Fence fence{nullptr};
@@ -336,10 +343,8 @@ struct Program::State {
 
   void allocate(const std::vector<uint32_t>& resources) {
     const auto& d = vk_device();
-    // Offsets first, then one allocation a purpose.
-    std::vector<vk::DeviceSize> offsets(bundle.resources.size());
-    std::map<uint32_t, vk::DeviceSize> sizes;  // by memory type
-    std::vector<uint32_t> types(bundle.resources.size());
+    // Sizes of the slots first, then their offsets, then one allocation a memory type.
+    std::map<uint32_t, Slot> slots;
     for (const uint32_t k : resources) {
       const bundle::ResourceT& r = *bundle.resources[k];
       vk::MemoryRequirements need;
@@ -371,18 +376,34 @@ struct Program::State {
         info.arrayLayers = static_cast<uint32_t>(s.l);
         info.usage = depth ? vk::ImageUsageFlags(vk::ImageUsageFlagBits::eDepthStencilAttachment)
                            : vk::ImageUsageFlagBits::eColorAttachment | vk::ImageUsageFlagBits::eSampled |
-                                 vk::ImageUsageFlagBits::eTransferSrc;
+                                 vk::ImageUsageFlagBits::eInputAttachment | vk::ImageUsageFlagBits::eTransferSrc;
         images[k].image = vk::raii::Image(d, info);
         images[k].size = s;
         device->name(images[k].image, r.name);
         need = images[k].image.getMemoryRequirements();
       }
-      types[k] = device->memory_type(need.memoryTypeBits, {}, vk::MemoryPropertyFlagBits::eDeviceLocal);
+      Slot& slot = slots[r.slot];
+      slot.bytes = std::max(slot.bytes, need.size);
       // Buffers and images in one block must not share a page of this granularity.
-      const vk::DeviceSize align = std::max(need.alignment, device->properties.limits.bufferImageGranularity);
-      vk::DeviceSize& size = sizes[types[k]];
-      offsets[k] = (size + align - 1) / align * align;
-      size = offsets[k] + need.size;
+      slot.alignment = std::max({slot.alignment, need.alignment, device->properties.limits.bufferImageGranularity});
+      slot.allowed &= need.memoryTypeBits;
+    }
+    std::map<uint32_t, vk::DeviceSize> sizes;  // by memory type
+    std::vector<uint32_t> added;
+    for (auto& [index, slot] : slots) {
+      // What another step's values have may do for this step's too.
+      if (const auto it = placed.find(index); it != placed.end()) {
+        const Slot& has = it->second;
+        if (has.bytes >= slot.bytes && has.offset % slot.alignment == 0 && (slot.allowed >> has.type & 1) != 0) {
+          slot = has;
+          continue;
+        }
+      }
+      slot.type = device->memory_type(slot.allowed, {}, vk::MemoryPropertyFlagBits::eDeviceLocal);
+      vk::DeviceSize& size = sizes[slot.type];
+      slot.offset = (size + slot.alignment - 1) / slot.alignment * slot.alignment;
+      size = slot.offset + slot.bytes;
+      added.push_back(index);
     }
     std::map<uint32_t, size_t> block_of;
     for (const auto& [type, bytes] : sizes) {
@@ -397,14 +418,19 @@ struct Program::State {
       block_of[type] = blocks.size();
       blocks.push_back(std::move(block));
     }
+    for (uint32_t index : added) {
+      slots[index].block = block_of[slots[index].type];
+      placed[index] = slots[index];
+    }
     for (const uint32_t k : resources) {
       const bundle::ResourceT& r = *bundle.resources[k];
-      const vk::DeviceMemory memory = *blocks[block_of[types[k]]].memory;
+      const Slot& slot = slots.at(r.slot);
+      const vk::DeviceMemory memory = *blocks[slot.block].memory;
       if (r.storage == Storage::Buffer) {
-        buffers[k].buffer.bindMemory(memory, offsets[k]);
+        buffers[k].buffer.bindMemory(memory, slot.offset);
         continue;
       }
-      images[k].image.bindMemory(memory, offsets[k]);
+      images[k].image.bindMemory(memory, slot.offset);
       vk::ImageViewCreateInfo view;
       view.image = *images[k].image;
       const bool depth = r.storage == Storage::Depth;
@@ -577,15 +603,27 @@ struct Program::State {
     vk::PipelineLayout layout;
     vk::DescriptorSet set;
   };
+  struct Subpass {
+    std::vector<Bound> bound;  // one, or one a layer
+    vk::Pipeline pipeline;
+    std::array<int32_t, 4> push{};
+    uint32_t vertices = 0;
+  };
+  static constexpr vk::ShaderStageFlags kGraphicsStages =
+      vk::ShaderStageFlagBits::eVertex | vk::ShaderStageFlagBits::eFragment;
 
-  Bound bind_resources(const std::vector<uint32_t>& resources, vk::ShaderStageFlags stages) {
+  // `inputs` of the resources are input attachments, of the layer; only fragment shaders can have those.
+  Bound bind_resources(const std::vector<uint32_t>& resources, vk::ShaderStageFlags stages,
+                       std::span<const uint32_t> inputs = {}, size_t layer = 0) {
     const auto& d = vk_device();
     std::vector<vk::DescriptorSetLayoutBinding> bindings;
     std::vector<vk::DescriptorPoolSize> sizes;
     for (uint32_t k = 0; k < resources.size(); ++k) {
+      const bool input = std::find(inputs.begin(), inputs.end(), resources[k]) != inputs.end();
       const auto type = bundle.resources[resources[k]]->storage == Storage::Buffer ? vk::DescriptorType::eStorageBuffer
-                                                                                   : vk::DescriptorType::eSampledImage;
-      bindings.emplace_back(k, type, 1, stages);
+                        : input ? vk::DescriptorType::eInputAttachment
+                                : vk::DescriptorType::eSampledImage;
+      bindings.emplace_back(k, type, 1, input ? vk::ShaderStageFlags(vk::ShaderStageFlagBits::eFragment) : stages);
       sizes.emplace_back(type, 1);
     }
     vk::DescriptorSetLayoutCreateInfo layout_info;
@@ -610,7 +648,9 @@ struct Program::State {
       const uint32_t r = resources[k];
       vk::WriteDescriptorSet write(bound.set, k, 0, 1, bindings[k].descriptorType);
       const vk::DescriptorBufferInfo buffer(*buffers[r].buffer, 0, VK_WHOLE_SIZE);
-      const vk::DescriptorImageInfo image({}, *images[r].all, vk::ImageLayout::eShaderReadOnlyOptimal);
+      const bool input = bindings[k].descriptorType == vk::DescriptorType::eInputAttachment;
+      const vk::DescriptorImageInfo image({}, input ? *images[r].layers.at(layer) : *images[r].all,
+                                          vk::ImageLayout::eShaderReadOnlyOptimal);
       if (bindings[k].descriptorType == vk::DescriptorType::eStorageBuffer)
         write.setBufferInfo(buffer);
       else
@@ -707,105 +747,114 @@ struct Program::State {
     }
   }
 
-  void add_draw(const bundle::CommandT& c, std::vector<Primitive>& out) {
+  // A Draw and those that join it: one render pass a layer, with a subpass for each.
+  void add_render_pass(std::span<const bundle::CommandT* const> draws, std::vector<Primitive>& out) {
     const auto& d = vk_device();
-    const std::string what = "pass '" + c.label + "'";
-    const Size size = size_of(*c.extent, what);
+    const bundle::CommandT& front = *draws.front();
+    const std::string what = "pass '" + front.label + "'";
+    const Size size = size_of(*front.extent, what);
     Primitive p;
-    p.label = c.label;
-    std::vector<uint32_t> resources;
-    for (const auto& b : c.bindings) {
-      resources.push_back(b->resource);
-      p.accesses.push_back({b->resource, Use::GraphicsRead});
-    }
-    const auto stages = vk::ShaderStageFlagBits::eVertex | vk::ShaderStageFlagBits::eFragment;
-    const Bound bound = bind_resources(resources, stages);
+    p.label = front.label;
 
+    // Attachments in the order in which subpasses write them; depth last, for a pass of one draw.
     std::vector<vk::AttachmentDescription> attachments;
-    std::vector<vk::AttachmentReference> colors;
-    std::vector<uint32_t> targets = c.colors;
-    for (uint32_t color : c.colors) {
-      colors.emplace_back(static_cast<uint32_t>(attachments.size()), vk::ImageLayout::eColorAttachmentOptimal);
-      attachments.emplace_back(vk::AttachmentDescriptionFlags{}, format_of(*bundle.resources[color]->type),
-                               vk::SampleCountFlagBits::e1, vk::AttachmentLoadOp::eClear, vk::AttachmentStoreOp::eStore,
-                               vk::AttachmentLoadOp::eDontCare, vk::AttachmentStoreOp::eDontCare,
-                               vk::ImageLayout::eUndefined, vk::ImageLayout::eShaderReadOnlyOptimal);
-      p.accesses.push_back({color, Use::ColorWrite});
+    std::vector<uint32_t> targets;
+    std::vector<vk::ClearValue> clears;
+    std::map<uint32_t, uint32_t> attachment_of;  // resource -> attachment
+    for (const bundle::CommandT* c : draws) {
+      for (size_t k = 0; k < c->colors.size(); ++k) {
+        const uint32_t color = c->colors[k], bits = c->clear[k];
+        attachment_of[color] = static_cast<uint32_t>(attachments.size());
+        attachments.emplace_back(
+            vk::AttachmentDescriptionFlags{}, format_of(*bundle.resources[color]->type), vk::SampleCountFlagBits::e1,
+            vk::AttachmentLoadOp::eClear, vk::AttachmentStoreOp::eStore, vk::AttachmentLoadOp::eDontCare,
+            vk::AttachmentStoreOp::eDontCare, vk::ImageLayout::eUndefined, vk::ImageLayout::eShaderReadOnlyOptimal);
+        targets.push_back(color);
+        clears.emplace_back(vk::ClearColorValue(std::array<uint32_t, 4>{bits, bits, bits, bits}));
+        p.accesses.push_back({color, Use::ColorWrite});
+      }
     }
     const vk::AttachmentReference depth(static_cast<uint32_t>(attachments.size()),
                                         vk::ImageLayout::eDepthStencilAttachmentOptimal);
-    if (c.depth >= 0) {
+    if (front.depth >= 0) {
       attachments.emplace_back(vk::AttachmentDescriptionFlags{}, vk::Format::eD32Sfloat, vk::SampleCountFlagBits::e1,
                                vk::AttachmentLoadOp::eClear, vk::AttachmentStoreOp::eDontCare,
                                vk::AttachmentLoadOp::eDontCare, vk::AttachmentStoreOp::eDontCare,
                                vk::ImageLayout::eUndefined, vk::ImageLayout::eDepthStencilAttachmentOptimal);
-      targets.push_back(static_cast<uint32_t>(c.depth));
-      p.accesses.push_back({static_cast<uint32_t>(c.depth), Use::DepthWrite});
+      targets.push_back(static_cast<uint32_t>(front.depth));
+      clears.emplace_back(vk::ClearDepthStencilValue(1.0f, 0));
+      p.accesses.push_back({static_cast<uint32_t>(front.depth), Use::DepthWrite});
     }
-    vk::SubpassDescription subpass;
-    subpass.pipelineBindPoint = vk::PipelineBindPoint::eGraphics;
-    subpass.setColorAttachments(colors);
-    if (c.depth >= 0) subpass.pDepthStencilAttachment = &depth;
+
+    // What each subpass writes, reads, and must leave alone since a later one reads it or it is kept.
+    struct References {
+      std::vector<vk::AttachmentReference> colors, inputs;
+      std::vector<uint32_t> preserve;
+    };
+    std::vector<References> references(draws.size());
+    std::vector<vk::SubpassDescription> subpasses;
+    uint32_t written = 0;
+    for (size_t s = 0; s < draws.size(); ++s) {
+      References& r = references[s];
+      for (uint32_t color : draws[s]->colors)
+        r.colors.emplace_back(attachment_of.at(color), vk::ImageLayout::eColorAttachmentOptimal);
+      for (uint32_t input : draws[s]->inputs)
+        r.inputs.emplace_back(attachment_of.at(input), vk::ImageLayout::eShaderReadOnlyOptimal);
+      for (uint32_t k = 0; k < written; ++k)
+        if (std::none_of(r.inputs.begin(), r.inputs.end(), [&](const auto& i) { return i.attachment == k; }))
+          r.preserve.push_back(k);
+      written += static_cast<uint32_t>(r.colors.size());
+      vk::SubpassDescription subpass;
+      subpass.pipelineBindPoint = vk::PipelineBindPoint::eGraphics;
+      subpass.setColorAttachments(r.colors);
+      subpass.setInputAttachments(r.inputs);
+      subpass.setPreserveAttachments(r.preserve);
+      if (front.depth >= 0) subpass.pDepthStencilAttachment = &depth;
+      subpasses.push_back(subpass);
+    }
     // The layout changes must come after earlier readers and before later ones; the barriers between commands meet
-    // these.
+    // these. Subpasses wait for the ones before pixel by pixel.
     const auto attach = vk::PipelineStageFlagBits::eColorAttachmentOutput |
                         vk::PipelineStageFlagBits::eEarlyFragmentTests | vk::PipelineStageFlagBits::eLateFragmentTests;
     const auto attach_access = vk::AccessFlagBits::eColorAttachmentRead | vk::AccessFlagBits::eColorAttachmentWrite |
                                vk::AccessFlagBits::eDepthStencilAttachmentRead |
                                vk::AccessFlagBits::eDepthStencilAttachmentWrite;
+    const auto attach_write =
+        vk::AccessFlagBits::eColorAttachmentWrite | vk::AccessFlagBits::eDepthStencilAttachmentWrite;
     const auto readers = vk::PipelineStageFlagBits::eVertexShader | vk::PipelineStageFlagBits::eFragmentShader |
                          vk::PipelineStageFlagBits::eComputeShader | vk::PipelineStageFlagBits::eTransfer;
-    const vk::SubpassDependency dependencies[] = {
-        {VK_SUBPASS_EXTERNAL, 0, attach | readers, attach,
-         vk::AccessFlagBits::eColorAttachmentWrite | vk::AccessFlagBits::eDepthStencilAttachmentWrite, attach_access},
-        {0, VK_SUBPASS_EXTERNAL, attach, readers | attach,
-         vk::AccessFlagBits::eColorAttachmentWrite | vk::AccessFlagBits::eDepthStencilAttachmentWrite,
-         vk::AccessFlagBits::eShaderRead | vk::AccessFlagBits::eTransferRead | attach_access}};
+    std::vector<vk::SubpassDependency> dependencies;
+    for (uint32_t s = 0; s < draws.size(); ++s) {
+      dependencies.emplace_back(VK_SUBPASS_EXTERNAL, s, attach | readers, attach, attach_write, attach_access);
+      dependencies.emplace_back(s, VK_SUBPASS_EXTERNAL, attach | vk::PipelineStageFlagBits::eFragmentShader,
+                                readers | attach, attach_write,
+                                vk::AccessFlagBits::eShaderRead | vk::AccessFlagBits::eTransferRead | attach_access);
+      // Of an attachment that several subpasses use, the last one stores it: it waits for the other readers too.
+      for (uint32_t earlier = 0; earlier < s; ++earlier) {
+        const auto uses = [&](uint32_t input) {
+          const auto &colors = draws[earlier]->colors, &inputs = draws[earlier]->inputs;
+          return std::find(colors.begin(), colors.end(), input) != colors.end() ||
+                 std::find(inputs.begin(), inputs.end(), input) != inputs.end();
+        };
+        if (std::any_of(draws[s]->inputs.begin(), draws[s]->inputs.end(), uses))
+          dependencies.emplace_back(
+              earlier, s,
+              vk::PipelineStageFlagBits::eColorAttachmentOutput | vk::PipelineStageFlagBits::eFragmentShader,
+              vk::PipelineStageFlagBits::eColorAttachmentOutput | vk::PipelineStageFlagBits::eFragmentShader,
+              vk::AccessFlagBits::eColorAttachmentWrite,
+              vk::AccessFlagBits::eInputAttachmentRead | vk::AccessFlagBits::eColorAttachmentWrite,
+              vk::DependencyFlagBits::eByRegion);
+      }
+    }
     vk::RenderPassCreateInfo pass_info;
     pass_info.setAttachments(attachments);
-    pass_info.setSubpasses(subpass);
+    pass_info.setSubpasses(subpasses);
     pass_info.setDependencies(dependencies);
     objects.render_passes.emplace_back(d, pass_info);
     const vk::RenderPass render_pass = *objects.render_passes.back();
-    device->name(objects.render_passes.back(), c.label);
+    device->name(objects.render_passes.back(), front.label);
 
-    std::vector<vk::SpecializationMapEntry> entries;
-    const auto specialize = specialization_info(entries);
-    const vk::PipelineShaderStageCreateInfo stage_infos[] = {
-        {{}, vk::ShaderStageFlagBits::eVertex, *shaders[static_cast<size_t>(c.vertex)], "main", &specialize},
-        {{}, vk::ShaderStageFlagBits::eFragment, *shaders[static_cast<size_t>(c.fragment)], "main", &specialize}};
-    const vk::PipelineVertexInputStateCreateInfo no_vertices;
-    const vk::PipelineInputAssemblyStateCreateInfo triangles({}, vk::PrimitiveTopology::eTriangleList);
-    const vk::Viewport viewport(0, 0, static_cast<float>(size.w), static_cast<float>(size.h), 0, 1);
     const vk::Rect2D area({0, 0}, {static_cast<uint32_t>(size.w), static_cast<uint32_t>(size.h)});
-    const vk::PipelineViewportStateCreateInfo viewports({}, 1, &viewport, 1, &area);
-    vk::PipelineRasterizationStateCreateInfo rasterization;
-    rasterization.lineWidth = 1;
-    const vk::PipelineMultisampleStateCreateInfo one_sample({}, vk::SampleCountFlagBits::e1);
-    vk::PipelineDepthStencilStateCreateInfo depth_test;
-    depth_test.depthTestEnable = depth_test.depthWriteEnable = c.depth >= 0;
-    depth_test.depthCompareOp = vk::CompareOp::eLess;
-    vk::PipelineColorBlendAttachmentState no_blend;
-    no_blend.colorWriteMask = vk::ColorComponentFlagBits::eR | vk::ColorComponentFlagBits::eG |
-                              vk::ColorComponentFlagBits::eB | vk::ColorComponentFlagBits::eA;
-    const std::vector<vk::PipelineColorBlendAttachmentState> blends(colors.size(), no_blend);
-    vk::PipelineColorBlendStateCreateInfo blend;
-    blend.setAttachments(blends);
-    vk::GraphicsPipelineCreateInfo info;
-    info.setStages(stage_infos);
-    info.pVertexInputState = &no_vertices;
-    info.pInputAssemblyState = &triangles;
-    info.pViewportState = &viewports;
-    info.pRasterizationState = &rasterization;
-    info.pMultisampleState = &one_sample;
-    info.pDepthStencilState = &depth_test;
-    info.pColorBlendState = &blend;
-    info.layout = bound.layout;
-    info.renderPass = render_pass;
-    objects.pipelines.emplace_back(d, nullptr, info);
-    device->name(objects.pipelines.back(), c.label);
-    const vk::Pipeline pipeline = *objects.pipelines.back();
-
     std::vector<vk::Framebuffer> framebuffers;
     for (size_t l = 0; l < static_cast<size_t>(size.l); ++l) {
       std::vector<vk::ImageView> views;
@@ -823,25 +872,85 @@ struct Program::State {
       objects.framebuffers.emplace_back(d, framebuffer);
       framebuffers.push_back(*objects.framebuffers.back());
     }
-    std::vector<vk::ClearValue> clears;
-    for (uint32_t bits : c.clear)
-      clears.emplace_back(vk::ClearColorValue(std::array<uint32_t, 4>{bits, bits, bits, bits}));
-    if (c.depth >= 0) clears.emplace_back(vk::ClearDepthStencilValue(1.0f, 0));
-    const int64_t vertices = evaluate(c.elements, what);
-    p.record = [=, push = push_of(c)](const vk::raii::CommandBuffer& commands) mutable {
+
+    std::vector<Subpass> recorded;
+    for (uint32_t s = 0; s < draws.size(); ++s) {
+      const bundle::CommandT& c = *draws[s];
+      std::vector<uint32_t> resources;
+      for (const auto& b : c.bindings) {
+        resources.push_back(b->resource);
+        p.accesses.push_back({b->resource, Use::GraphicsRead});
+      }
+      Subpass subpass;
+      // Input attachments are of one layer, so each layer has its descriptors.
+      for (size_t l = 0; l < (c.inputs.empty() ? 1 : framebuffers.size()); ++l)
+        subpass.bound.push_back(bind_resources(resources, kGraphicsStages, c.inputs, l));
+      subpass.pipeline = graphics_pipeline(c, subpass.bound.front().layout, render_pass, s, area.extent);
+      subpass.push = push_of(c);
+      subpass.vertices = static_cast<uint32_t>(evaluate(c.elements, what));
+      recorded.push_back(std::move(subpass));
+    }
+    p.record = [=](const vk::raii::CommandBuffer& commands) {
       for (size_t l = 0; l < framebuffers.size(); ++l) {
         vk::RenderPassBeginInfo begin(render_pass, framebuffers[l], area);
         begin.setClearValues(clears);
-        push[0] = static_cast<int32_t>(l);
         commands.beginRenderPass(begin, vk::SubpassContents::eInline);
-        commands.bindPipeline(vk::PipelineBindPoint::eGraphics, pipeline);
-        commands.bindDescriptorSets(vk::PipelineBindPoint::eGraphics, bound.layout, 0, bound.set, {});
-        commands.pushConstants<int32_t>(bound.layout, stages, 0, push);
-        commands.draw(static_cast<uint32_t>(vertices), 1, 0, 0);
+        for (size_t s = 0; s < recorded.size(); ++s) {
+          const Subpass& subpass = recorded[s];
+          const Bound& bound = subpass.bound[std::min(l, subpass.bound.size() - 1)];
+          std::array<int32_t, 4> push = subpass.push;
+          push[0] = static_cast<int32_t>(l);
+          if (s > 0) commands.nextSubpass(vk::SubpassContents::eInline);
+          commands.bindPipeline(vk::PipelineBindPoint::eGraphics, subpass.pipeline);
+          commands.bindDescriptorSets(vk::PipelineBindPoint::eGraphics, bound.layout, 0, bound.set, {});
+          commands.pushConstants<int32_t>(bound.layout, kGraphicsStages, 0, push);
+          commands.draw(subpass.vertices, 1, 0, 0);
+        }
         commands.endRenderPass();
       }
     };
     out.push_back(std::move(p));
+  }
+
+  vk::Pipeline graphics_pipeline(const bundle::CommandT& c, vk::PipelineLayout layout, vk::RenderPass render_pass,
+                                 uint32_t subpass, vk::Extent2D size) {
+    std::vector<vk::SpecializationMapEntry> entries;
+    const auto specialize = specialization_info(entries);
+    const vk::PipelineShaderStageCreateInfo stage_infos[] = {
+        {{}, vk::ShaderStageFlagBits::eVertex, *shaders[static_cast<size_t>(c.vertex)], "main", &specialize},
+        {{}, vk::ShaderStageFlagBits::eFragment, *shaders[static_cast<size_t>(c.fragment)], "main", &specialize}};
+    const vk::PipelineVertexInputStateCreateInfo no_vertices;
+    const vk::PipelineInputAssemblyStateCreateInfo triangles({}, vk::PrimitiveTopology::eTriangleList);
+    const vk::Viewport viewport(0, 0, static_cast<float>(size.width), static_cast<float>(size.height), 0, 1);
+    const vk::Rect2D area({0, 0}, size);
+    const vk::PipelineViewportStateCreateInfo viewports({}, 1, &viewport, 1, &area);
+    vk::PipelineRasterizationStateCreateInfo rasterization;
+    rasterization.lineWidth = 1;
+    const vk::PipelineMultisampleStateCreateInfo one_sample({}, vk::SampleCountFlagBits::e1);
+    vk::PipelineDepthStencilStateCreateInfo depth_test;
+    depth_test.depthTestEnable = depth_test.depthWriteEnable = c.depth >= 0;
+    depth_test.depthCompareOp = vk::CompareOp::eLess;
+    vk::PipelineColorBlendAttachmentState no_blend;
+    no_blend.colorWriteMask = vk::ColorComponentFlagBits::eR | vk::ColorComponentFlagBits::eG |
+                              vk::ColorComponentFlagBits::eB | vk::ColorComponentFlagBits::eA;
+    const std::vector<vk::PipelineColorBlendAttachmentState> blends(c.colors.size(), no_blend);
+    vk::PipelineColorBlendStateCreateInfo blend;
+    blend.setAttachments(blends);
+    vk::GraphicsPipelineCreateInfo info;
+    info.setStages(stage_infos);
+    info.pVertexInputState = &no_vertices;
+    info.pInputAssemblyState = &triangles;
+    info.pViewportState = &viewports;
+    info.pRasterizationState = &rasterization;
+    info.pMultisampleState = &one_sample;
+    info.pDepthStencilState = &depth_test;
+    info.pColorBlendState = &blend;
+    info.layout = layout;
+    info.renderPass = render_pass;
+    info.subpass = subpass;
+    objects.pipelines.emplace_back(vk_device(), nullptr, info);
+    device->name(objects.pipelines.back(), c.label);
+    return *objects.pipelines.back();
   }
 
   void add_fill(const bundle::CommandT& c, std::vector<Primitive>& out) {
@@ -874,15 +983,27 @@ struct Program::State {
 
   Recorded record(const bundle::StepT& step) {
     std::vector<Primitive> primitives;
-    for (const auto& c : step.commands) switch (c->kind) {
-        case CommandKind::Dispatch: add_dispatch(*c, primitives); break;
-        case CommandKind::Draw: add_draw(*c, primitives); break;
-        case CommandKind::Fill: add_fill(*c, primitives); break;
-        case CommandKind::Copy: add_copy(*c, primitives); break;
-        case CommandKind::Reduce: add_reduce(*c, primitives); break;
+    for (size_t k = 0; k < step.commands.size(); ++k) {
+      const bundle::CommandT& c = *step.commands[k];
+      switch (c.kind) {
+        case CommandKind::Dispatch: add_dispatch(c, primitives); break;
+        case CommandKind::Draw: {
+          std::vector<const bundle::CommandT*> draws{&c};
+          while (k + 1 < step.commands.size() && step.commands[k + 1]->joins) draws.push_back(step.commands[++k].get());
+          add_render_pass(draws, primitives);
+          break;
+        }
+        case CommandKind::Fill: add_fill(c, primitives); break;
+        case CommandKind::Copy: add_copy(c, primitives); break;
+        case CommandKind::Reduce: add_reduce(c, primitives); break;
       }
+    }
     std::vector<std::vector<Access>> accesses;
-    for (const Primitive& p : primitives) accesses.push_back(p.accesses);
+    for (const Primitive& p : primitives) {
+      accesses.push_back(p.accesses);
+      // Resources that share memory wait for each other.
+      for (Access& a : accesses.back()) a.resource = bundle.resources[a.resource]->slot;
+    }
     const std::vector<Barrier> barriers = plan_barriers(accesses);
     Recorded out;
     out.count = static_cast<int>(primitives.size());
@@ -1110,6 +1231,10 @@ Result<io::Array> Program::resource(const std::string& name) {
     for (uint32_t k = 0; k < s.bundle.resources.size(); ++k) {
       if (s.bundle.resources[k]->name != name) continue;
       if (!s.has_memory(k)) throw Failure{"'" + name + "' has no value: no step that uses it has run yet"};
+      for (uint32_t other = 0; other < s.bundle.resources.size(); ++other)
+        if (other != k && s.bundle.resources[other]->slot == s.bundle.resources[k]->slot)
+          throw Failure{"'" + name + "' shares its memory with '" + s.bundle.resources[other]->name +
+                        "': make it an output to read it"};
       return s.download(k);
     }
     throw Failure{"there is no resource '" + name + "'"};

@@ -92,11 +92,13 @@ class Program {
   std::vector<std::string> outputs(const std::string& step) const;
   // The leaf's content.
   Result<io::Array> leaf(const std::string& name);
-  // The discrete decisions of the step's last run: for each raster its faces and tags, rank by rank.
+  // The discrete decisions of the step's last run: for each raster its faces and tags, rank by rank. They are there
+  // until another step runs.
   Result<std::vector<std::vector<io::Array>>> rasters(const std::string& step);
   // The values that the program pins and the step's last run stored, by the names of compiler/ir/pins.h.
   Result<std::vector<std::pair<std::string, io::Array>>> pins(const std::string& step);
-  // Any stored value by the name of its resource ("raster", "raster_2" and so on): for tests and debugging.
+  // A stored value by the name of its resource ("raster", "raster_2" and so on), unless it shares its memory with
+  // others: for tests and debugging.
   Result<io::Array> resource(const std::string& name);
   std::vector<std::string> resources() const;
   // Bytes of device memory held.

@@ -8,13 +8,16 @@
 #include <thread>
 
 #include "compiler/backend/generate.h"
+#include "compiler/backend/plan_memory.h"
+#include "compiler/backend/shader_cache.h"
 #include "compiler/backend/spirv.h"
 #include "compiler/ir/print.h"
 
 namespace dr::backend {
 
 std::variant<CompileOptions, std::string> compile_options(const std::string& lower, const std::string& raster,
-                                                          const std::string& pack) {
+                                                          const std::string& pack,
+                                                          const std::vector<std::string>& ablate) {
   CompileOptions out;
   if (lower == "fragment")
     out.lower = Lower::Fragment;
@@ -29,15 +32,27 @@ std::variant<CompileOptions, std::string> compile_options(const std::string& low
   else if (raster != "auto")
     return "unknown raster lowering '" + raster + "'; there are auto, hardware and compute";
   if (pack == "naive")
-    out.fused = false;
+    out.fused = out.recompute = out.stages = false;
   else if (pack != "fused")
     return "unknown packing '" + pack + "'; there are fused and naive";
+  for (const std::string& part : ablate) {
+    if (part == "substages")
+      out.fused = false;
+    else if (part == "stages")
+      out.stages = false;
+    else if (part == "remat")
+      out.recompute = false;
+    else
+      return "unknown part '" + part + "' to switch off; there are substages, stages and remat";
+  }
   return out;
 }
 
 PackOptions pack_options(const target::Profile& profile, const CompileOptions& options) {
   PackOptions out;
   out.fused = options.fused;
+  out.recompute = options.recompute;
+  out.stages = options.stages;
   out.fragment = options.lower == Lower::Fragment || (options.lower == Lower::Auto && profile.lower == "fragment");
   out.hardware_raster =
       options.raster == RasterLower::Hardware || (options.raster == RasterLower::Auto && profile.raster == "hardware");
@@ -86,6 +101,7 @@ std::variant<Compiled, std::string> compile(const ir::Graph& graph, const target
                                             const CompileOptions& options) {
   Compiled out;
   out.schedule = pack(graph, profile, pack_options(profile, options));
+  update_in_place(graph, out.schedule);
   if (const auto problems = check_schedule(graph, out.schedule, profile); !problems.empty()) {
     std::string all;
     for (const std::string& p : problems) all += (all.empty() ? "" : "\n") + p;
@@ -96,17 +112,21 @@ std::variant<Compiled, std::string> compile(const ir::Graph& graph, const target
   bundle.version = bundle::kVersion;
   bundle.profile = profile.name;
   bundle.float_profile = "strict";
-  bundle.lowering = std::string(packing.fused ? "fused," : "naive,") + (packing.fragment ? "fragment," : "compute,") +
+  const bool naive = !packing.fused && !packing.recompute && !packing.stages;
+  bundle.lowering = std::string(naive ? "naive," : "fused,") + (packing.fragment ? "fragment," : "compute,") +
                     (packing.hardware_raster ? "hardware" : "compute");
-  Generator(graph, out.schedule, profile).process(bundle, out.glsl);
+  Generator(graph, out.schedule, profile, options.sources).process(bundle, out.glsl);
+  plan_memory(bundle);
+  if (const auto problems = check_memory(bundle); !problems.empty()) DR_ICE(problems.front());
   bundle.graph = ir::print(graph);
   if (auto limit = over_limit(bundle, profile)) return *limit;
 
   // Shaders are independent; results go to fixed places, so the bytes do not depend on the number of threads.
   std::vector<std::variant<std::vector<uint32_t>, std::string>> modules(out.glsl.size());
   std::atomic<size_t> next{0};
+  const ShaderCache cache(options.cache_folder);
   auto work = [&] {
-    for (size_t k = next++; k < out.glsl.size(); k = next++) modules[k] = assemble(out.glsl[k]);
+    for (size_t k = next++; k < out.glsl.size(); k = next++) modules[k] = assemble(out.glsl[k], cache);
   };
   std::vector<std::thread> threads;
   for (unsigned t = 1; t < std::max(1u, std::thread::hardware_concurrency()); ++t) threads.emplace_back(work);

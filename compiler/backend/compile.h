@@ -2,6 +2,7 @@
 // The second half of the compiler in one call: differentiated graph -> bundle.
 #pragma once
 
+#include <filesystem>
 #include <string>
 #include <variant>
 #include <vector>
@@ -10,6 +11,7 @@
 #include "compiler/backend/schedule.h"
 #include "compiler/ir/graph.h"
 #include "compiler/target/profile.h"
+#include "dsl/source.h"
 
 namespace dr::backend {
 
@@ -17,15 +19,18 @@ enum class Lower : uint8_t { Auto, Fragment, Compute };
 enum class RasterLower : uint8_t { Auto, Hardware, Compute };
 
 struct CompileOptions {
-  bool fused = true;
+  bool fused = true, recompute = true, stages = true;  // see PackOptions
   Lower lower = Lower::Auto;
   RasterLower raster = RasterLower::Auto;
+  const dsl::SourceManager* sources = nullptr;  // of the graph's spans: lines in the bundle; none without
+  std::filesystem::path cache_folder;           // of assembled shaders; empty: none
 };
 
-// The options from the words of the command line: auto|fragment|compute, auto|hardware|compute, fused|naive. The error
-// names the word and those there are.
+// The options from the words of the command line: auto|fragment|compute, auto|hardware|compute, fused|naive, and what
+// is switched off: substages, stages, remat (all three is naive). The error names the word and those there are.
 std::variant<CompileOptions, std::string> compile_options(const std::string& lower, const std::string& raster,
-                                                          const std::string& pack);
+                                                          const std::string& pack,
+                                                          const std::vector<std::string>& ablate = {});
 
 struct GlslShader {
   std::string name;

@@ -6,6 +6,7 @@
 #include <functional>
 #include <set>
 
+#include "compiler/backend/pack_stages.h"
 #include "compiler/ir/pins.h"
 
 namespace dr::backend {
@@ -91,12 +92,20 @@ void Generator::step(const StepSchedule& schedule) {
   out_->name = schedule.name;
   for (const auto& [value, id] : schedule.stored)
     if (schedule_.resources[id.index].step_index) out_->step_index = static_cast<int>(id.index);
-  for (const Pass& pass : schedule.passes) switch (pass.kind) {
-      case Pass::Kind::Map: pass.hardware ? fragment_pass(pass) : map_pass(pass); break;
+  for (size_t k = 0; k < schedule.passes.size(); ++k) {
+    const Pass& pass = schedule.passes[k];
+    const bool joins = k > 0 && schedule.passes[k - 1].stage == pass.stage;
+    set_lines(pass);
+    switch (pass.kind) {
+      case Pass::Kind::Map:
+        pass.hardware ? fragment_pass(pass, stage_inputs(schedule, k), joins) : map_pass(pass);
+        break;
       case Pass::Kind::Reduce: reduce_pass(pass); break;
       case Pass::Kind::Scatter: scatter_pass(pass); break;
       case Pass::Kind::Raster: raster_pass(pass); break;
     }
+  }
+  lines_.clear();
   std::vector<const ir::Op*> rasters;
   for (ir::OpId id : graph_.region(graph_.root()).ops)
     if (graph_.op(id).kind == OpKind::Raster && schedule.stored.count(graph_.op(id).results[0]) != 0)
@@ -142,7 +151,8 @@ void Generator::step(const StepSchedule& schedule) {
     out_->outputs.push_back(std::move(output));
   }
   std::vector<std::pair<uint32_t, uint32_t>> copies;
-  for (const auto& [leaf, value] : schedule.updates) copies.emplace_back(source(value), leaf);
+  for (const auto& [leaf, value] : schedule.updates)
+    if (resource_index(value) != leaf) copies.emplace_back(source(value), leaf);  // else it is there already
   for (const auto& [from, to] : copies) {
     auto& c = command(bundle::CommandKind::Copy, "update " + schedule_.resources[to].name);
     c.source = static_cast<int>(from);
@@ -187,6 +197,24 @@ void Generator::list_needs(const StepSchedule& schedule) {
   out_->symbols.assign(symbols.begin(), symbols.end());
 }
 
+void Generator::set_lines(const Pass& pass) {
+  lines_.clear();
+  if (sources_ == nullptr) return;
+  std::set<std::pair<uint32_t, uint32_t>> lines;
+  std::function<void(ir::OpId)> add = [&](ir::OpId id) {
+    const ir::Op& op = graph_.op(id);
+    if (op.span.valid()) {
+      const auto [file, is_new] = files_.try_emplace(op.span.file.index, static_cast<uint32_t>(bundle_->files.size()));
+      if (is_new) bundle_->files.emplace_back(sources_->name(op.span.file));
+      lines.emplace(file->second, sources_->position(op.span.file, op.span.begin).line);
+    }
+    for (ir::RegionId region : op.regions)
+      for (ir::OpId inner : graph_.region(region).ops) add(inner);
+  };
+  for (ir::OpId id : pass.ops) add(id);
+  for (const auto& [file, line] : lines) lines_.emplace_back(file, line);
+}
+
 int Generator::add_shader(const std::string& name, bundle::Stage stage, std::string source) {
   // Equal text is one shader.
   for (size_t k = 0; k < shaders_->size(); ++k)
@@ -211,6 +239,7 @@ bundle::CommandT& Generator::command(bundle::CommandKind kind, const std::string
   bundle::CommandT& c = *out_->commands.back();
   c.kind = kind;
   c.label = label;
+  c.lines = lines_;
   return c;
 }
 
@@ -251,14 +280,19 @@ void Generator::map_pass(const Pass& pass) {
   dispatch(pass, "", s, element_count(pass.domain).str());
 }
 
-void Generator::fragment_pass(const Pass& pass) {
+void Generator::fragment_pass(const Pass& pass, const std::vector<ValueId>& inputs, bool joins) {
   Shader vertex = shader();
   vertex.body().line(
       "gl_Position = vec4(gl_VertexIndex == 1 ? 3.0 : -1.0, gl_VertexIndex == 2 ? 3.0 : -1.0, 0.5, 1.0);");
   Shader s = shader();
   s.body().line("ivec3 at = ivec3(ivec2(gl_FragCoord.xy), pc.layer);");
-  s.element_ops(pass.ops);
   auto& c = command(bundle::CommandKind::Draw, pass.name);
+  c.joins = joins;
+  for (ValueId v : inputs) {
+    s.read_as_input(v);
+    c.inputs.push_back(resource_index(v));
+  }
+  s.element_ops(pass.ops);
   for (ValueId v : pass.writes) {
     const ir::Type& t = resource(v).type;
     const std::string out = "out_" + std::to_string(c.colors.size());

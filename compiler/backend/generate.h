@@ -2,6 +2,7 @@
 // Schedule -> shaders and commands. One file a kind of pass; this header is private to them.
 #pragma once
 
+#include <map>
 #include <memory>
 #include <string>
 #include <vector>
@@ -14,15 +15,19 @@ namespace dr::backend {
 // Fills the bundle's symbols, leaves, resources and steps, and gives the GLSL of its shaders.
 class Generator {
  public:
-  Generator(const ir::Graph& graph, const Schedule& schedule, const target::Profile& profile)
-      : graph_(graph), schedule_(schedule), profile_(profile) {}
+  Generator(const ir::Graph& graph, const Schedule& schedule, const target::Profile& profile,
+            const dsl::SourceManager* sources)
+      : graph_(graph), schedule_(schedule), profile_(profile), sources_(sources) {}
   void process(bundle::BundleT& bundle, std::vector<GlslShader>& shaders);
 
  private:
   void step(const StepSchedule& step);
   void list_needs(const StepSchedule& schedule);
+  // Source lines behind a pass's ops; they go into the commands made next.
+  void set_lines(const Pass& pass);
   void map_pass(const Pass& pass);
-  void fragment_pass(const Pass& pass);
+  // `inputs`: values that it reads as input attachments; `joins`: it goes on in the render pass before.
+  void fragment_pass(const Pass& pass, const std::vector<ir::ValueId>& inputs, bool joins);
   void reduce_pass(const Pass& pass);
   void scatter_pass(const Pass& pass);
   void scatter_resolve(const Pass& pass, ir::ValueId value, const glsl::Accumulator& accumulator, uint32_t words);
@@ -48,6 +53,9 @@ class Generator {
   const ir::Graph& graph_;
   const Schedule& schedule_;
   const target::Profile& profile_;
+  const dsl::SourceManager* sources_;
+  std::map<uint32_t, uint32_t> files_;  // FileId -> index in the bundle
+  std::vector<bundle::Line> lines_;
   bundle::BundleT* bundle_ = nullptr;
   std::vector<GlslShader>* shaders_ = nullptr;
   const StepSchedule* step_ = nullptr;

@@ -7,7 +7,10 @@
 #include <functional>
 #include <set>
 
+#include "compiler/backend/cost.h"
+#include "compiler/backend/pack_stages.h"
 #include "compiler/backend/schedule.h"
+#include "compiler/backend/uses.h"
 #include "compiler/ops/op.h"
 
 namespace dr::backend {
@@ -19,57 +22,9 @@ using ir::OpId;
 using ir::OpKind;
 using ir::ValueId;
 
-bool is_inline(const Op& op) {
-  return op.kind == OpKind::Const || op.kind == OpKind::DimValue || op.kind == OpKind::Coord;
-}
-
 namespace {
 
-constexpr int kRecomputeLimit = 12;  // arithmetic that costs less than a store and a load
 constexpr int kNotCheap = 1 << 20;
-
-bool is_memory(const Op& op) { return op.kind == OpKind::Leaf || op.kind == OpKind::StepIndex; }
-
-// How an op uses a value of the root region: at its own element, or at other places (then it must be stored).
-struct Uses {
-  std::vector<ValueId> at_element;
-  std::vector<ValueId> elsewhere;
-};
-
-void add_region_uses(const Graph& graph, ir::RegionId region, Uses& uses) {
-  auto is_root = [&](ValueId v) { return graph.value(v).region == graph.root(); };
-  for (OpId id : graph.region(region).ops) {
-    const Op& op = graph.op(id);
-    for (size_t k = 0; k < op.operands.size(); ++k) {
-      if (!is_root(op.operands[k])) continue;
-      (op.kind == OpKind::Gather && k == 0 ? uses.elsewhere : uses.at_element).push_back(op.operands[k]);
-    }
-    for (ir::RegionId inner : op.regions) add_region_uses(graph, inner, uses);
-  }
-  for (ValueId v : graph.region(region).yields)
-    if (is_root(v)) uses.at_element.push_back(v);
-}
-
-Uses uses_of(const Graph& graph, const Op& op) {
-  Uses uses;
-  switch (op.kind) {
-    case OpKind::Gather:
-      uses.elsewhere.push_back(op.operands[0]);
-      uses.at_element.push_back(op.operands[1]);
-      break;
-    case OpKind::Shift:
-    case OpKind::ReduceSum:
-    case OpKind::ReduceMin:
-    case OpKind::ReduceMax: uses.elsewhere = op.operands; break;
-    case OpKind::Raster:  // reads its operands per face; constants are written down
-      for (ValueId v : op.operands)
-        if (graph.op(graph.value(v).op).kind != OpKind::Const) uses.elsewhere.push_back(v);
-      break;
-    default: uses.at_element = op.operands; break;
-  }
-  for (ir::RegionId region : op.regions) add_region_uses(graph, region, uses);
-  return uses;
-}
 
 bool has_scatter(const Op& op) {
   return std::find(op.attrs.yields.begin(), op.attrs.yields.end(), ir::Yield::Scatter) != op.attrs.yields.end();
@@ -100,39 +55,6 @@ Extent domain_of(const Graph& graph, const Op& op) {
   return graph.value(op.results[0]).extent;
 }
 
-int own_cost(OpKind kind) {
-  switch (kind) {
-    case OpKind::Const:
-    case OpKind::DimValue:
-    case OpKind::Coord:
-    case OpKind::Extract:
-    case OpKind::Compose:
-    case OpKind::Splat:
-    case OpKind::Broadcast:
-    case OpKind::Convert: return 0;
-    case OpKind::Add:
-    case OpKind::Sub:
-    case OpKind::Mul:
-    case OpKind::SMul:
-    case OpKind::Neg:
-    case OpKind::Abs:
-    case OpKind::Min:
-    case OpKind::Max:
-    case OpKind::Clamp:
-    case OpKind::Less:
-    case OpKind::LessEqual:
-    case OpKind::Equal:
-    case OpKind::NotEqual:
-    case OpKind::LogicalAnd:
-    case OpKind::LogicalOr:
-    case OpKind::LogicalNot:
-    case OpKind::Select:
-    case OpKind::Floor: return 1;
-    case OpKind::Dot: return 2;
-    default: return 4;
-  }
-}
-
 // Packs one step.
 class StepPacker {
  public:
@@ -140,6 +62,7 @@ class StepPacker {
              std::vector<Resource>& resources, std::set<std::string>& names)
       : graph_(graph), profile_(profile), options_(options), resources_(resources), names_(names) {
     out_.name = step.name;
+    recompute_limit_ = recompute_limit(profile, options.fragment);
     std::vector<ValueId> roots;
     for (const ir::Output& o : step.outputs) roots.push_back(o.value);
     for (const ir::Update& u : step.updates) roots.push_back(u.value);
@@ -161,13 +84,14 @@ class StepPacker {
     find_levels();
     find_stored();
     make_passes();
+    pack_stages(graph_, out_, profile_, options_.stages);
     return std::move(out_);
   }
 
  private:
   const Op& def(ValueId v) const { return graph_.op(graph_.value(v).op); }
   bool recomputable(ValueId v) const {
-    return recompute_cost_[graph_.value(v).op.index] <= (options_.fused ? kRecomputeLimit : 0);
+    return recompute_cost_[graph_.value(v).op.index] <= (options_.recompute ? recompute_limit_ : 0);
   }
 
   void find_recomputable() {
@@ -178,10 +102,10 @@ class StepPacker {
         recompute_cost_[id.index] = 0;
         continue;
       }
-      if (!options_.fused || is_memory(op)) continue;
+      if (!options_.recompute || is_memory(op)) continue;
       const bool element_wise = ops::info(op.kind).shape == ops::Shape::Elementwise || op.kind == OpKind::Broadcast;
       if (!element_wise) continue;
-      int cost = own_cost(op.kind);
+      int cost = op_cost(op.kind);
       for (ValueId v : op.operands) {
         const Op& from = def(v);
         if (!is_memory(from)) cost += recompute_cost_[graph_.value(v).op.index];
@@ -286,21 +210,27 @@ class StepPacker {
 
   const Resource& resource(ValueId v) const { return resources_[out_.stored.at(v).index]; }
 
-  // The ops that a shader must contain to compute `targets`, and the stored values it then reads.
-  void close_over(Pass& pass, const std::vector<ValueId>& targets, const std::set<OpId>& group) const {
+  // The ops that a shader must contain to compute `targets`, and the stored values it then reads. The pass runs after
+  // all those of lower levels.
+  void close_over(Pass& pass, const std::vector<ValueId>& targets, const std::set<OpId>& group, int level) const {
     std::set<OpId> ops;
     std::set<ValueId> reads;
+    // A cheap value is computed again, unless it is there anyway and to load it is cheaper still.
+    auto is_read = [&](ValueId v) {
+      const uint32_t from = graph_.value(v).op.index;
+      if (!recomputable(v)) return true;
+      if (stored_.count(v) == 0 || level_[from] >= level) return false;
+      return reads.count(v) != 0 || 2 * recompute_cost_[from] > recompute_limit_;
+    };
     std::function<void(OpId)> need = [&](OpId id) {
       if (!ops.insert(id).second) return;
       for (ValueId v : uses_[id.index].elsewhere) reads.insert(v);
       for (ValueId v : uses_[id.index].at_element) {
         const OpId from = graph_.value(v).op;
-        if (is_memory(graph_.op(from)))
+        if (is_memory(graph_.op(from)) || (group.count(from) == 0 && is_read(v)))
           reads.insert(v);
-        else if (group.count(from) != 0 || recomputable(v))
-          need(from);
         else
-          reads.insert(v);
+          need(from);
       }
     };
     for (ValueId v : targets) need(graph_.value(v).op);
@@ -331,14 +261,14 @@ class StepPacker {
     return written <= profile_.max_color_attachments && b + written <= profile_.max_fragment_combined_output_resources;
   }
 
-  void add_map_passes(const Extent& domain, const std::vector<OpId>& group_ops) {
+  void add_map_passes(const Extent& domain, const std::vector<OpId>& group_ops, int level) {
     const std::set<OpId> group(group_ops.begin(), group_ops.end());
+    std::vector<ValueId> images, buffers;
+    for (OpId id : group_ops)
+      for (ValueId v : graph_.op(id).results)
+        if (stored_.count(v) != 0) (resource(v).storage == Resource::Storage::Image ? images : buffers).push_back(v);
     for (const bool hardware : {true, false}) {
-      std::vector<ValueId> targets;
-      for (OpId id : group_ops)
-        for (ValueId v : graph_.op(id).results)
-          if (stored_.count(v) != 0 && (resource(v).storage == Resource::Storage::Image) == hardware)
-            targets.push_back(v);
+      const std::vector<ValueId>& targets = hardware ? images : buffers;
       // As many of them into one shader as the limits allow; a cone two of the shaders need is computed twice.
       size_t next = 0;
       while (next < targets.size()) {
@@ -350,10 +280,17 @@ class StepPacker {
           trial.kind = Pass::Kind::Map;
           trial.hardware = hardware;
           trial.domain = domain;
-          close_over(trial, chosen, options_.fused ? group : std::set<OpId>{graph_.value(chosen[0]).op});
-          if (chosen.size() > 1 && !within_limits(trial)) break;
+          close_over(trial, chosen, options_.fused ? group : std::set<OpId>{graph_.value(chosen[0]).op}, level);
+          const bool fits = within_limits(trial);
+          if (chosen.size() > 1 && !fits) break;
           best = std::move(trial);
           ++next;
+          if (!fits && hardware) {
+            // One value alone needs more than a fragment shader may have: compute shaders may have more.
+            best.hardware = false;
+            resources_[out_.stored.at(chosen[0]).index].storage = Resource::Storage::Buffer;
+            break;
+          }
         }
         best.name = pass_name(best);
         out_.passes.push_back(std::move(best));
@@ -392,7 +329,7 @@ class StepPacker {
         else
           group->second.push_back(id);
       }
-      for (const auto& [domain, members] : groups) add_map_passes(domain, members);
+      for (const auto& [domain, members] : groups) add_map_passes(domain, members, level);
       for (OpId id : single) {
         const Op& op = graph_.op(id);
         Pass pass;
@@ -402,7 +339,7 @@ class StepPacker {
         std::vector<ValueId> targets;
         for (ValueId v : op.results)
           if (out_.stored.count(v) != 0) targets.push_back(v);
-        close_over(pass, targets, {id});
+        close_over(pass, targets, {id}, level);
         pass.name = pass_name(pass);
         out_.passes.push_back(std::move(pass));
       }
@@ -420,6 +357,7 @@ class StepPacker {
   std::map<uint32_t, size_t> position_;
   std::vector<Uses> uses_;
   std::vector<int> recompute_cost_;
+  int recompute_limit_ = 0;
   std::vector<int> level_;
   std::set<ValueId> roots_, updated_, stored_;
 };

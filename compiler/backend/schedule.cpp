@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <set>
 
+#include "compiler/backend/pack_stages.h"
+#include "compiler/backend/uses.h"
 #include "compiler/ops/op.h"
 
 namespace dr::backend {
@@ -27,6 +29,8 @@ void captured_operands(const Graph& graph, const Op& op, std::set<ValueId>& out)
   }
 }
 
+}  // namespace
+
 const char* kind_name(const Pass& pass) {
   switch (pass.kind) {
     case Pass::Kind::Map: return pass.hardware ? "fragment" : "compute";
@@ -37,16 +41,18 @@ const char* kind_name(const Pass& pass) {
   return "";
 }
 
-bool is_memory(const Op& op) { return op.kind == OpKind::Leaf || op.kind == OpKind::StepIndex; }
-
-}  // namespace
-
 std::vector<std::string> check_schedule(const Graph& graph, const Schedule& schedule, const target::Profile& profile) {
   std::vector<std::string> problems;
   for (const StepSchedule& step : schedule.steps) {
     std::set<ValueId> ready;
-    auto is_ready = [&](ValueId v) { return ready.count(v) != 0 || is_memory(graph.op(graph.value(v).op)); };
-    for (const Pass& pass : step.passes) {
+    std::set<uint32_t> overwritten;  // leaves that hold their new value already
+    auto is_ready = [&](ValueId v) {
+      if (!is_memory(graph.op(graph.value(v).op))) return ready.count(v) != 0;
+      const auto it = step.stored.find(v);
+      return it == step.stored.end() || overwritten.count(it->second.index) == 0;
+    };
+    for (size_t k = 0; k < step.passes.size(); ++k) {
+      const Pass& pass = step.passes[k];
       auto report = [&](const std::string& what) {
         problems.push_back("step " + step.name + ", pass " + pass.name + ": " + what);
       };
@@ -58,8 +64,10 @@ std::vector<std::string> check_schedule(const Graph& graph, const Schedule& sche
           report("reads '" + schedule.resources[step.stored.at(v).index].name + "' before it is written");
         here.insert(v);
       }
+      std::set<ValueId> elsewhere;
       for (OpId id : pass.ops) {
         const Op& op = graph.op(id);
+        for (ValueId v : uses_of(graph, op).elsewhere) elsewhere.insert(v);
         std::set<ValueId> needs;
         captured_operands(graph, op, needs);
         for (ValueId v : needs)
@@ -67,6 +75,22 @@ std::vector<std::string> check_schedule(const Graph& graph, const Schedule& sche
             report("op '" + std::string(ir::op_name(op.kind)) + "' lacks an operand");
         for (ValueId v : op.results) here.insert(v);
       }
+      const std::vector<ValueId> inputs = stage_inputs(step, k);
+      const bool fragment = pass.kind == Pass::Kind::Map && pass.hardware;
+      if (k > 0 && step.passes[k - 1].stage == pass.stage) {
+        const Pass& before = step.passes[k - 1];
+        const bool before_fragment = before.kind == Pass::Kind::Map && before.hardware;
+        if (fragment != before_fragment || (fragment ? before.domain != pass.domain : pass.hardware || before.hardware))
+          report("is of another kind or extent than the rest of its stage");
+      }
+      for (ValueId v : inputs)
+        if (!fragment)
+          report("needs another pass of its stage");
+        else if (elsewhere.count(v) != 0 || graph.value(v).extent != pass.domain)
+          report("reads a value of its stage at other places");
+      if (inputs.size() > profile.max_per_stage_descriptor_input_attachments)
+        report(std::to_string(inputs.size()) + " input attachments, device allows " +
+               std::to_string(profile.max_per_stage_descriptor_input_attachments));
       std::set<uint32_t> buffers, images;
       for (ValueId v : pass.reads) {
         auto it = step.stored.find(v);
@@ -81,6 +105,14 @@ std::vector<std::string> check_schedule(const Graph& graph, const Schedule& sche
         if (it == step.stored.end()) {
           report("stores a value without a resource");
           continue;
+        }
+        if (const Resource& to = schedule.resources[it->second.index]; to.leaf >= 0) {
+          overwritten.insert(it->second.index);
+          for (ValueId old : elsewhere)
+            if (step.stored.count(old) != 0 && step.stored.at(old) == it->second)
+              report("overwrites leaf '" + to.name + "' while it reads it at other places");
+          if (pass.kind != Pass::Kind::Map || pass.domain != to.extent)
+            report("overwrites leaf '" + to.name + "' from other places");
         }
         if (schedule.resources[it->second.index].storage == Resource::Storage::Image)
           ++colors;
@@ -133,11 +165,15 @@ std::string print(const Graph& graph, const Schedule& schedule) {
                                                         : "buffer") +
                " " + r.name + " : " + r.type.str() + r.extent.str() + "\n";
       }
-    for (const Pass& pass : step.passes) {
+    for (size_t k = 0; k < step.passes.size(); ++k) {
+      const Pass& pass = step.passes[k];
+      if (k == 0 || step.passes[k - 1].stage != pass.stage) out += "  stage " + std::to_string(pass.stage) + "\n";
       out += "  pass " + pass.name + " " + kind_name(pass) + " " + (pass.domain.is_unit() ? "[1]" : pass.domain.str()) +
              "\n";
       out += "    reads";
-      for (ValueId v : pass.reads) out += " " + resource_text(step, v);
+      const std::vector<ValueId> inputs = stage_inputs(step, k);
+      for (ValueId v : pass.reads)
+        out += (std::find(inputs.begin(), inputs.end(), v) != inputs.end() ? " input:" : " ") + resource_text(step, v);
       out += "\n    ops";
       for (OpId id : pass.ops) out += " " + std::string(ir::op_name(graph.op(id).kind));
       out += "\n    writes";
@@ -146,7 +182,8 @@ std::string print(const Graph& graph, const Schedule& schedule) {
     }
     for (const auto& [name, v] : step.outputs) out += "  output " + name + " = " + resource_text(step, v) + "\n";
     for (const auto& [leaf, v] : step.updates)
-      out += "  update " + graph.leaves[leaf].name + " <- " + resource_text(step, v) + "\n";
+      out += "  update " + graph.leaves[leaf].name +
+             (step.stored.at(v).index == leaf ? " in place" : " <- " + resource_text(step, v)) + "\n";
     out += "}\n";
   }
   return out;

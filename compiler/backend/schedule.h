@@ -38,6 +38,8 @@ struct Pass {
   Kind kind = Kind::Map;
   bool hardware = false;  // Map: fragment shader. Raster: draws
   std::string name;
+  // Consecutive passes of one number are one stage: subpasses of a render pass, or a run of dispatches.
+  uint32_t stage = 0;
   ir::Extent domain;
   std::vector<ir::OpId> ops;
   std::vector<ir::ValueId> reads;   // stored values it loads, in id order
@@ -58,7 +60,9 @@ struct Schedule {
 };
 
 struct PackOptions {
-  bool fused = true;             // false: one op, one pass
+  bool fused = true;             // substage packing; false: one op, one pass
+  bool recompute = true;         // cheap values again where they are used, rather than stored
+  bool stages = true;            // stage packing; false: each pass a stage
   bool fragment = false;         // maps over 2D extents as fragment passes that write images
   bool hardware_raster = false;  // raster by draws
 };
@@ -72,7 +76,7 @@ std::vector<std::string> check_schedule(const ir::Graph& graph, const Schedule& 
 
 std::string print(const ir::Graph& graph, const Schedule& schedule);
 
-// Whether an op's value is written down wherever it is used (constants, extents, coordinates) rather than stored.
-bool is_inline(const ir::Op& op);
+// The kind of a pass in schedules and reports: "fragment", "raster compute" and so on.
+const char* kind_name(const Pass& pass);
 
 }  // namespace dr::backend

@@ -7,6 +7,10 @@
 #include <span>
 
 #include "compiler/backend/compile.h"
+#include "compiler/backend/graphviz.h"
+#include "compiler/backend/report.h"
+#include "compiler/backend/shader_cache.h"
+#include "compiler/backend/spirv.h"
 #include "compiler/drc/command.h"
 #include "compiler/drc/input.h"
 #include "compiler/drc/output.h"
@@ -25,7 +29,7 @@ class Stages {
   const BuildOptions& options() const { return options_; }
 
   const ir::Graph* lowered() {
-    if (!graph_tried_) graph_ = load_graph(options_.input);
+    if (!graph_tried_) graph_ = load_graph(options_.input, sources_);
     graph_tried_ = true;
     return graph_ ? &*graph_ : nullptr;
   }
@@ -47,23 +51,31 @@ class Stages {
     return &*result_;
   }
 
+  const target::Profile* profile() {
+    if (profile_) return &*profile_;
+    auto loaded = target::load_profile(options_.profile);
+    if (const auto* problem = std::get_if<std::string>(&loaded)) {
+      print_error(*problem);
+      return nullptr;
+    }
+    profile_ = std::get<target::Profile>(std::move(loaded));
+    return &*profile_;
+  }
+
   // Schedule, shaders and bundle for the profile.
   const backend::Compiled* compiled() {
     if (compiled_) return &*compiled_;
     const ir::Graph* graph = differentiated();
     if (!graph) return nullptr;
-    const auto profile = target::load_profile(options_.profile);
-    if (const auto* problem = std::get_if<std::string>(&profile)) {
-      print_error(*problem);
-      return nullptr;
-    }
-    const auto options = backend::compile_options(options_.lower, options_.raster, options_.pack);
+    if (!profile()) return nullptr;
+    auto options = backend::compile_options(options_.lower, options_.raster, options_.pack, options_.ablate);
     if (const auto* problem = std::get_if<std::string>(&options)) {
       print_error(*problem);
       return nullptr;
     }
-    auto result =
-        backend::compile(*graph, std::get<target::Profile>(profile), std::get<backend::CompileOptions>(options));
+    std::get<backend::CompileOptions>(options).sources = &sources_;
+    if (options_.cache) std::get<backend::CompileOptions>(options).cache_folder = backend::default_cache_folder();
+    auto result = backend::compile(*graph, *profile_, std::get<backend::CompileOptions>(options));
     if (const auto* problem = std::get_if<std::string>(&result)) {
       print_error(*problem);
       return nullptr;
@@ -91,7 +103,9 @@ class Stages {
 
  private:
   const BuildOptions& options_;
+  dsl::SourceManager sources_;
   std::optional<ir::Graph> graph_, result_;
+  std::optional<target::Profile> profile_;
   std::optional<backend::Compiled> compiled_;
   std::vector<passes::Pass> passes_;
   bool graph_tried_ = false;
@@ -130,6 +144,20 @@ std::optional<std::string> make_glsl(Stages& stages) {
   return out;
 }
 
+std::optional<std::string> make_spirv(Stages& stages) {
+  const backend::Compiled* compiled = stages.compiled();
+  if (!compiled) return std::nullopt;
+  std::string out;
+  for (const auto& shader : compiled->bundle.shaders)
+    out += "; ---- " + shader->name + "\n" + backend::disassemble(shader->spirv) + "\n";
+  return out;
+}
+
+std::optional<std::string> make_graphviz(Stages& stages) {
+  const backend::Compiled* compiled = stages.compiled();
+  return compiled ? std::optional(backend::print_graphviz(*stages.differentiated(), compiled->schedule)) : std::nullopt;
+}
+
 std::optional<std::string> make_bundle(Stages& stages) {
   const backend::Compiled* compiled = stages.compiled();
   if (!compiled) return std::nullopt;
@@ -137,12 +165,40 @@ std::optional<std::string> make_bundle(Stages& stages) {
   return std::string(bytes.begin(), bytes.end());
 }
 
+// The report on stdout, or on stderr where stdout has a product.
+bool write_report(Stages& stages) {
+  const BuildOptions& options = stages.options();
+  ir::SymbolValues symbols;
+  for (const std::string& text : options.symbols) {
+    const auto parts = split_assignment(text, "--symbol");
+    if (!parts) return false;
+    const auto value = ir::Dim::parse(parts->second);
+    if (!value || !value->is_constant() || value->constant() < 1 || value->constant() >= int64_t{1} << 31) {
+      print_error("the value of the symbol '" + parts->first + "' should be a number from 1 to 2^31 - 1, found '" +
+                  parts->second + "'");
+      return false;
+    }
+    symbols[parts->first] = value->constant();
+  }
+  const backend::Compiled* compiled = stages.compiled();
+  if (!compiled) return false;
+  const auto report = backend::report(*stages.differentiated(), *compiled, *stages.profile(), symbols);
+  if (const auto* problem = std::get_if<std::string>(&report)) return print_error(*problem), false;
+  const auto& numbers = std::get<backend::Report>(report);
+  const std::string text = options.report == "json" ? backend::print_json(numbers) : backend::print(numbers);
+  if (options.emit.empty() || options.output != "-") return write_product("-", text);
+  std::fputs(text.c_str(), stderr);
+  return true;
+}
+
 constexpr Product kProducts[] = {
     {"ast", ".ast", make_ast},
     {"ir", ".ir", make_ir},
     {"grad-ir", ".grad.ir", make_grad_ir},
     {"schedule", ".schedule", make_schedule},
+    {"graphviz", ".dot", make_graphviz},
     {"glsl", ".glsl", make_glsl},
+    {"spirv", ".spvasm", make_spirv},
     {"bundle", ".drb", make_bundle},
 };
 
@@ -174,6 +230,7 @@ int build(const BuildOptions& options) {
     }
     if (!write_product(file, *content)) return kUserError;
   }
+  if (!options.report.empty() && !write_report(stages)) return kUserError;
   return kOk;
 }
 

@@ -31,9 +31,19 @@ struct BuildOptions {
   std::string lower = "auto";                      // auto, fragment, compute
   std::string raster = "auto";                     // auto, hardware, compute
   std::string pack = "fused";                      // fused, naive
+  std::vector<std::string> ablate;                 // substages, stages, remat
   std::optional<std::vector<std::string>> passes;  // instead of those that the product needs
   std::optional<std::string> dump_ir;              // after this pass, or all of them if empty
   bool time_passes = false;
+  bool cache = true;                 // keep assembled shaders on disk
+  std::string report;                // empty, text or json
+  std::vector<std::string> symbols;  // W=32, for the report
+};
+
+struct InspectOptions {
+  std::string file;  // a bundle
+  bool json = false;
+  bool graph = false;  // the graph's text instead of the tables
 };
 
 struct EvalOptions {
@@ -75,6 +85,7 @@ int explain_grad(const ExplainGradOptions& options);
 int fmt(const FormatOptions& options);
 int doc(const DocOptions& options);
 int explain(const std::string& code);  // all codes if it is empty
+int inspect(const InspectOptions& options);
 
 // The products that `build` knows, for --help.
 std::vector<std::string> product_names();

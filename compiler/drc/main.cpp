@@ -72,6 +72,10 @@ int main(int argc, char** argv) {
   build_command->add_option("--pack", build_options.pack, "How ops share passes")
       ->capture_default_str()
       ->check(CLI::IsMember({"fused", "naive"}));
+  build_command->add_option("--ablate", build_options.ablate, "Parts of packing to switch off, with commas")
+      ->delimiter(',')
+      ->allow_extra_args(false)
+      ->check(CLI::IsMember({"substages", "stages", "remat"}));
   std::vector<std::string> passes;
   const CLI::Option* passes_option =
       build_command->add_option("--passes", passes, "Run just these passes")->delimiter(',')->allow_extra_args(false);
@@ -81,6 +85,22 @@ int main(int argc, char** argv) {
           ->expected(0, 1)
           ->type_name("PASS");
   build_command->add_flag("--time-passes", build_options.time_passes, "Print the time of each pass to stderr");
+
+  const CLI::Option* report_option = build_command->add_flag(
+      "--report{text}", build_options.report,
+      "Say what the program will do: passes, bytes moved, memory, shaders; --report=json for programs");
+  build_command->add_option("--symbol", build_options.symbols, "Value of a symbol of extents, for the report")
+      ->allow_extra_args(false)
+      ->type_name("NAME=N");
+
+  bool no_cache = false;
+  build_command->add_flag("--no-cache", no_cache, "Neither read nor write the shader cache");
+
+  InspectOptions inspect_options;
+  CLI::App* inspect_command = app.add_subcommand("inspect", "Show what is in a bundle");
+  inspect_command->add_option("file", inspect_options.file, "Bundle (.drb)")->required();
+  inspect_command->add_flag("--json", inspect_options.json, "As JSON");
+  inspect_command->add_flag("--graph", inspect_options.graph, "Only the graph it was made from");
 
   EvalOptions eval_options;
   CLI::App* eval_command = app.add_subcommand("eval", "Run steps on the CPU in float64");
@@ -171,16 +191,28 @@ int main(int argc, char** argv) {
     app.exit(error);
     return asked ? kOk : kBadUsage;
   }
+  build_options.cache = !no_cache;
   if (passes_option->count() > 0) build_options.passes = passes;
   if (finite_option->count() > 0) eval_options.check_finite = check_finite.empty() ? "all" : check_finite;
+  if (report_option->count() > 0) {
+    if (build_options.report != "text" && build_options.report != "json") {
+      std::fprintf(stderr, "error: --report is text or json, found '%s'\n", build_options.report.c_str());
+      return kBadUsage;
+    }
+    if (build_command->get_option("--emit")->count() == 0) build_options.emit.clear();
+  }
   if (dump_option->count() > 0) build_options.dump_ir = dump_ir;
   if (fmt_options.in_place && std::ranges::find(fmt_options.files, "-") != fmt_options.files.end()) {
     std::fprintf(stderr, "--in-place needs files, - is stdin\n");
     return kBadUsage;
   }
   const bool as_json = diagnostics == "json";
-  if (as_json && (dump_option->count() > 0 || build_options.time_passes)) {
-    std::fprintf(stderr, "--dump-ir and --time-passes print text on stderr, where --diagnostics=json is\n");
+  const bool report_on_stderr =
+      report_option->count() > 0 && !build_options.emit.empty() && build_options.output == "-";
+  if (as_json && (dump_option->count() > 0 || build_options.time_passes || report_on_stderr)) {
+    std::fprintf(stderr,
+                 "--dump-ir, --time-passes and --report beside a product print text on stderr, where "
+                 "--diagnostics=json is\n");
     return kBadUsage;
   }
   if (as_json) collect_messages();
@@ -188,6 +220,7 @@ int main(int argc, char** argv) {
     int code = kOk;
     if (check_command->parsed()) code = check(check_options);
     if (build_command->parsed()) code = build(build_options);
+    if (inspect_command->parsed()) code = inspect(inspect_options);
     if (eval_command->parsed()) code = eval(eval_options);
     if (explain_grad_command->parsed()) code = explain_grad(explain_grad_options);
     if (fmt_command->parsed()) code = fmt(fmt_options);

@@ -9,6 +9,7 @@
 #include <sstream>
 
 #include "compiler/target/builtin_profiles.h"
+#include "compiler/target/device_report.h"
 #include "dsl/diagnostic.h"
 
 namespace dr::target {
@@ -31,70 +32,134 @@ std::variant<Profile, std::string> load_profile(std::string_view name) {
     return message;
   }
   std::ifstream file{std::string(name), std::ios::binary};
-  if (!file) return "cannot read profile '" + std::string(name) + "'";
   std::stringstream text;
-  text << file.rdbuf();
+  if (file) text << file.rdbuf();
+  if (!file) return "cannot read profile '" + std::string(name) + "'";
   return parse_profile(text.str(), name);
 }
+
+namespace {
+
+// Takes the fields of one JSON object, each of which must be there; the first problem is kept.
+class Fields {
+ public:
+  Fields(const nlohmann::json& object, std::string prefix) : object_(object), prefix_(std::move(prefix)) {}
+
+  template <class T>
+  void take(const char* name, T& out) {
+    constexpr bool boolean = std::is_same_v<T, bool>, text = std::is_same_v<T, std::string>,
+                   real = std::is_same_v<T, double>;
+    const nlohmann::json* value = find(name);
+    if (value == nullptr) return;
+    const bool fits = boolean ? value->is_boolean()
+                      : text  ? value->is_string()
+                      : real  ? value->is_number()
+                              : value->is_number_unsigned();
+    if (!fits) {
+      fail(name, std::string("should be ") + (boolean ? "true or false"
+                                              : text  ? "a string"
+                                              : real  ? "a number"
+                                                      : "a whole number"));
+    } else if constexpr (real) {
+      out = value->template get<double>();
+      if (out <= 0) fail(name, "should be greater than 0");
+    } else if constexpr (boolean || text) {
+      out = value->template get<T>();
+    } else {
+      const auto number = value->template get<uint64_t>();
+      if (number > std::numeric_limits<T>::max()) return fail(name, "is too large");
+      out = static_cast<T>(number);
+    }
+  }
+  const nlohmann::json* find(const char* name) {
+    known_.insert(name);
+    const auto it = object_.find(name);
+    if (it != object_.end()) return &*it;
+    fail(name, "is missing");
+    return nullptr;
+  }
+  void fail(const char* name, const std::string& what) {
+    if (problem_.empty()) problem_ = "field '" + prefix_ + name + "' " + what;
+  }
+  // The first problem, or a field that nobody took.
+  std::string problem() const {
+    if (!problem_.empty()) return problem_;
+    for (const auto& [key, value] : object_.items())
+      if (known_.count(key) == 0) {
+        const auto near = dsl::nearest_name(key, {known_.begin(), known_.end()});
+        return "unknown field '" + prefix_ + key + "'" + (near ? "; did you mean '" + *near + "'?" : "");
+      }
+    return "";
+  }
+
+ private:
+  const nlohmann::json& object_;
+  std::string prefix_, problem_;
+  std::set<std::string> known_;
+};
+
+std::string take_costs(const nlohmann::json& object, Costs& c) {
+  if (!object.is_object()) return "field 'costs' should be an object";
+  Fields f(object, "costs.");
+  f.take("pass_ns", c.pass_ns);
+  f.take("subpass_ns", c.subpass_ns);
+  f.take("dispatch_ns", c.dispatch_ns);
+  f.take("fragment_image_bytes_per_ns", c.fragment_image_bytes_per_ns);
+  f.take("fragment_input_bytes_per_ns", c.fragment_input_bytes_per_ns);
+  f.take("fragment_buffer_bytes_per_ns", c.fragment_buffer_bytes_per_ns);
+  f.take("compute_image_bytes_per_ns", c.compute_image_bytes_per_ns);
+  f.take("compute_buffer_bytes_per_ns", c.compute_buffer_bytes_per_ns);
+  f.take("fragment_operations_per_ns", c.fragment_operations_per_ns);
+  f.take("compute_operations_per_ns", c.compute_operations_per_ns);
+  f.take("atomic_add_ns", c.atomic_add_ns);
+  f.take("hardware_triangle_ns", c.hardware_triangle_ns);
+  f.take("hardware_pixel_ns", c.hardware_pixel_ns);
+  f.take("compute_triangle_ns", c.compute_triangle_ns);
+  f.take("compute_pixel_ns", c.compute_pixel_ns);
+  f.take("fragment_compile_ms", c.fragment_compile_ms);
+  f.take("compute_compile_ms", c.compute_compile_ms);
+  return f.problem();
+}
+
+}  // namespace
 
 std::variant<Profile, std::string> parse_profile(std::string_view json, std::string_view origin) {
   const std::string where = "profile '" + std::string(origin) + "': ";
   const nlohmann::json root = nlohmann::json::parse(json, nullptr, false);
   if (!root.is_object()) return where + "not a JSON object";
+  if (is_device_report(root)) {
+    auto from_report = profile_from_report(root);
+    if (const auto* problem = std::get_if<std::string>(&from_report)) return where + *problem;
+    return from_report;
+  }
   Profile p;
-  std::string problem;
-  std::set<std::string> known;
-  auto field = [&](const char* name, auto& out) {
-    known.insert(name);
-    using T = std::decay_t<decltype(out)>;
-    const auto it = root.find(name);
-    if (it == root.end()) {
-      if (problem.empty()) problem = where + "field '" + name + "' is missing";
-      return;
-    }
-    constexpr bool boolean = std::is_same_v<T, bool>, text = std::is_same_v<T, std::string>;
-    const bool fits = boolean ? it->is_boolean() : text ? it->is_string() : it->is_number_unsigned();
-    if (!fits) {
-      if (problem.empty())
-        problem = where + "field '" + name + "' should be " +
-                  (boolean ? "true or false"
-                   : text  ? "a string"
-                           : "a whole number");
-      return;
-    }
-    if constexpr (!boolean && !text) {
-      const auto value = it->template get<uint64_t>();
-      if (value > std::numeric_limits<T>::max()) {
-        if (problem.empty()) problem = where + "field '" + name + "' is too large";
-        return;
-      }
-      out = static_cast<T>(value);
-    } else {
-      out = it->template get<T>();
-    }
-  };
-  field("name", p.name);
-  field("description", p.description);
-  field("max_color_attachments", p.max_color_attachments);
-  field("max_per_stage_descriptor_storage_buffers", p.max_per_stage_descriptor_storage_buffers);
-  field("max_per_stage_descriptor_sampled_images", p.max_per_stage_descriptor_sampled_images);
-  field("max_per_stage_resources", p.max_per_stage_resources);
-  field("max_fragment_combined_output_resources", p.max_fragment_combined_output_resources);
-  field("max_push_constants_size", p.max_push_constants_size);
-  field("max_image_dimension_2d", p.max_image_dimension_2d);
-  field("max_compute_work_group_invocations", p.max_compute_work_group_invocations);
-  field("max_storage_buffer_range", p.max_storage_buffer_range);
-  field("shader_int64", p.shader_int64);
-  field("shader_buffer_int64_atomics", p.shader_buffer_int64_atomics);
-  field("fragment_stores_and_atomics", p.fragment_stores_and_atomics);
-  field("lower", p.lower);
-  field("raster", p.raster);
-  if (!problem.empty()) return problem;
-  for (const auto& [key, value] : root.items())
-    if (known.count(key) == 0) {
-      const auto near = dsl::nearest_name(key, {known.begin(), known.end()});
-      return where + "unknown field '" + key + "'" + (near ? "; did you mean '" + *near + "'?" : "");
-    }
+  Fields f(root, "");
+  f.take("name", p.name);
+  f.take("description", p.description);
+  f.take("max_color_attachments", p.max_color_attachments);
+  f.take("max_per_stage_descriptor_storage_buffers", p.max_per_stage_descriptor_storage_buffers);
+  f.take("max_per_stage_descriptor_sampled_images", p.max_per_stage_descriptor_sampled_images);
+  f.take("max_per_stage_descriptor_input_attachments", p.max_per_stage_descriptor_input_attachments);
+  f.take("max_per_stage_resources", p.max_per_stage_resources);
+  f.take("max_fragment_combined_output_resources", p.max_fragment_combined_output_resources);
+  f.take("max_push_constants_size", p.max_push_constants_size);
+  f.take("max_image_dimension_2d", p.max_image_dimension_2d);
+  f.take("max_compute_work_group_invocations", p.max_compute_work_group_invocations);
+  f.take("max_compute_work_group_count_x", p.max_compute_work_group_count_x);
+  f.take("max_compute_shared_memory_size", p.max_compute_shared_memory_size);
+  f.take("max_multiview_view_count", p.max_multiview_view_count);
+  f.take("subgroup_size", p.subgroup_size);
+  f.take("max_storage_buffer_range", p.max_storage_buffer_range);
+  f.take("shader_int64", p.shader_int64);
+  f.take("shader_buffer_int64_atomics", p.shader_buffer_int64_atomics);
+  f.take("shader_buffer_float32_atomic_add", p.shader_buffer_float32_atomic_add);
+  f.take("fragment_stores_and_atomics", p.fragment_stores_and_atomics);
+  f.take("geometry_shader", p.geometry_shader);
+  f.take("lower", p.lower);
+  f.take("raster", p.raster);
+  const nlohmann::json* costs = f.find("costs");
+  if (std::string problem = f.problem(); !problem.empty()) return where + problem;
+  if (std::string problem = take_costs(*costs, p.costs); !problem.empty()) return where + problem;
   if (p.lower != "fragment" && p.lower != "compute")
     return where + "field 'lower' should be \"fragment\" or \"compute\", found \"" + p.lower + "\"";
   if (p.raster != "hardware" && p.raster != "compute")

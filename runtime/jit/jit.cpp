@@ -6,6 +6,7 @@
 #include <sstream>
 
 #include "compiler/backend/compile.h"
+#include "compiler/backend/shader_cache.h"
 #include "compiler/lower/lower.h"
 #include "compiler/passes/passes.h"
 #include "compiler/target/profile.h"
@@ -18,7 +19,7 @@ std::variant<std::vector<uint8_t>, std::string> compile_file(const std::string& 
   if (!file) return "cannot read '" + path + "'\n";
   std::stringstream text;
   text << file.rdbuf();
-  const auto compile = backend::compile_options(options.lower, options.raster, options.pack);
+  auto compile = backend::compile_options(options.lower, options.raster, options.pack, options.ablate);
   if (const auto* problem = std::get_if<std::string>(&compile)) return *problem + "\n";
   const auto profile = target::load_profile(options.profile);
   if (const auto* problem = std::get_if<std::string>(&profile)) return *problem + "\n";
@@ -31,6 +32,8 @@ std::variant<std::vector<uint8_t>, std::string> compile_file(const std::string& 
   passes::PipelineOptions pipeline;
   pipeline.verify_each = false;
   const ir::Graph ready = passes::run_passes(*graph, passes::default_passes(), pipeline);
+  std::get<backend::CompileOptions>(compile).sources = &sources;
+  std::get<backend::CompileOptions>(compile).cache_folder = backend::default_cache_folder();
   auto compiled =
       backend::compile(ready, std::get<target::Profile>(profile), std::get<backend::CompileOptions>(compile));
   if (const auto* problem = std::get_if<std::string>(&compiled)) return path + ": error: " + *problem + "\n";

@@ -11,10 +11,11 @@
 namespace dr::jit {
 
 struct Options {
-  std::string profile;          // a built-in name or a file
-  std::string lower = "auto";   // auto, fragment, compute
-  std::string raster = "auto";  // auto, hardware, compute
-  std::string pack = "fused";   // fused, naive
+  std::string profile;              // a built-in name or a file
+  std::string lower = "auto";       // auto, fragment, compute
+  std::string raster = "auto";      // auto, hardware, compute
+  std::string pack = "fused";       // fused, naive
+  std::vector<std::string> ablate;  // substages, stages, remat
   std::vector<std::string> include_dirs;
   std::map<std::string, std::string, std::less<>> defines;
 };

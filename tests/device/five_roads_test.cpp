@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // One program on every road: the evaluator, and on each device fragment passes with hardware raster, and compute passes
-// with compute raster, fused and naive. Lowerings on one device must agree bit for bit; the device must agree with the
-// evaluator that is given the device's faces and tags.
+// with compute raster, fused and naive, and as many subpasses as ops. Lowerings on one device must agree bit for bit; the
+// device must agree with the evaluator that is given the device's faces and tags.
 #include <cmath>
 #include <cstdio>
 #include <cstring>
@@ -141,11 +141,13 @@ TEST_CASE("one program gives one answer on every road") {
       const char* lower;
       const char* raster;
       const char* pack;
+      std::vector<std::string> ablate = {};
     };
     const Road roads[] = {{"fragment, hardware raster", "fragment", "hardware", "fused"},
                           {"compute, compute raster", "compute", "compute", "fused"},
                           {"naive compute, compute raster", "compute", "compute", "naive"},
-                          {"naive fragment, hardware raster", "fragment", "hardware", "naive"}};
+                          {"naive fragment, hardware raster", "fragment", "hardware", "naive"},
+                          {"each op a subpass", "fragment", "hardware", "fused", {"substages", "remat"}}};
     std::optional<Answer> first;
     for (const Road& road : roads) {
       INFO(name << ", " << road.name);
@@ -153,6 +155,7 @@ TEST_CASE("one program gives one answer on every road") {
       options.lower = road.lower;
       options.raster = road.raster;
       options.pack = road.pack;
+      options.ablate = road.ablate;
       auto program = must(runtime::Program::load(device, compile(path, options)));
       Answer answer = run(program);
       // The rasters of the probe, from a program that has run nothing else.

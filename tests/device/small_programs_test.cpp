@@ -161,6 +161,19 @@ const Case kCases[] = {
       input a : float[W, H];
       step go { output one = random.normal(coord(W, H), 0), all = random.normal4(coord(W, H), 1); })",
      {"go"}},
+    {"leaves that are overwritten in place, and leaves that must not be",
+     R"(
+      input a : float[W, H];
+      state p : float[W] = 1.0; state q : float[W] = 2.0; state r : float[W] = 3.0; state s : vec3[W, H] = vec3(1.0, 2.0, 3.0);
+      let total = sum(a);
+      step go {
+        p <- p * 0.5 + total;
+        q <- q.at(coord(W, 1).x + 1) + p;
+        r <- r + q * total;
+        s <- s * 0.5 + shift(s, 1, 0) * a;
+        output sum_r = sum(r), old_q = q; }
+      step look { output p1 = p, q1 = q, r1 = r, s1 = s; })",
+     {"go", "go", "go", "look"}},
     {"counters",
      R"(
       input a : float[W, H];
@@ -211,12 +224,14 @@ TEST_CASE("small programs give the evaluator's answer on every device and loweri
     run(reference, c, has_v);
     for (const auto& [name, device] : all)
       for (const char* lower : {"fragment", "compute"})
-        for (const char* pack : {"fused", "naive"}) {
+        for (const char* pack : {"fused", "naive", "subpasses"}) {
           INFO(c.name << ": " << name << " " << lower << " " << pack);
           options.profile = name;
           options.lower = lower;
           options.raster = std::string(lower) == "fragment" ? "hardware" : "compute";
-          options.pack = pack;
+          const bool subpasses = std::string(pack) == "subpasses";
+          options.pack = subpasses ? "fused" : pack;
+          options.ablate = subpasses ? std::vector<std::string>{"substages", "remat"} : std::vector<std::string>{};
           auto program = must(runtime::Program::load(device, compile(options)));
           run(program, c, has_v);
           for (const std::string& step : program.steps())

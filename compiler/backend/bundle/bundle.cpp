@@ -2,7 +2,10 @@
 // Verification of bundles: what FlatBuffers cannot know.
 #include "compiler/backend/bundle/bundle.h"
 
+#include <algorithm>
 #include <cstring>
+#include <map>
+#include <set>
 
 #include "compiler/ir/dim.h"
 
@@ -87,6 +90,36 @@ struct Checker {
     return true;
   }
 
+  // A subpass belongs to the render pass of the draw before it and reads what that render pass wrote.
+  bool subpass(const StepT& step, size_t index, const std::string& where) {
+    const CommandT& c = *step.commands[index];
+    if (!c.joins) return c.inputs.empty() || fail(where + " has input attachments, but no subpass before it");
+    std::set<uint32_t> written;
+    for (size_t k = index; k-- > 0;) {
+      const CommandT& before = *step.commands[k];
+      const bool alike = c.kind == CommandKind::Draw && before.kind == CommandKind::Draw && c.depth < 0 &&
+                         before.depth < 0 && before.extent->w == c.extent->w && before.extent->h == c.extent->h &&
+                         before.extent->l == c.extent->l;
+      if (!alike) return fail(where + " joins a render pass of another kind");
+      written.insert(before.colors.begin(), before.colors.end());
+      if (!before.joins) break;
+      if (k == 0) return fail(where + " joins no render pass");
+    }
+    if (index == 0) return fail(where + " joins no render pass");
+    for (uint32_t input : c.inputs) {
+      const bool bound =
+          std::any_of(c.bindings.begin(), c.bindings.end(), [&](const auto& own) { return own->resource == input; });
+      if (written.count(input) == 0 || !bound) return fail(where + " has an input attachment that no subpass wrote");
+    }
+    for (const auto& bound : c.bindings)
+      if (written.count(bound->resource) != 0 &&
+          std::find(c.inputs.begin(), c.inputs.end(), bound->resource) == c.inputs.end())
+        return fail(where + " samples an attachment of its render pass");
+    for (uint32_t color : c.colors)
+      if (written.count(color) != 0) return fail(where + " writes an attachment a second time");
+    return true;
+  }
+
   bool command(const CommandT& c, const std::string& where) {
     for (const auto& binding : c.bindings) {
       if (!binding || !resource(binding->resource, where)) return fail(where + " has an empty binding");
@@ -95,6 +128,10 @@ struct Checker {
       if (s == Storage::Depth || (s == Storage::Image && binding->access != Access::Read))
         return fail(where + " binds an attachment for writing");
     }
+    for (const Line& line : c.lines)
+      if (line.file() >= b.files.size() || line.line() == 0)
+        return fail(where + " comes from line " + std::to_string(line.line()) + " of file " +
+                    std::to_string(line.file()));
     if (c.push.size() > 3) return fail(where + " pushes more than three constants");
     switch (c.kind) {
       case CommandKind::Dispatch: return shader(c.compute, Stage::Compute, where) && expression(c.elements, where);
@@ -128,6 +165,7 @@ struct Checker {
   }
 
   void run() {
+    std::map<uint32_t, Storage> slots;
     for (const auto& r : b.resources) {
       if (!r) {
         fail("a resource is empty");
@@ -139,6 +177,10 @@ struct Checker {
         return;
       }
       if (!type(r->type, where) || !extent(r->extent, where)) return;
+      if (slots.try_emplace(r->slot, r->storage).first->second != r->storage) {
+        fail(where + " shares memory with one of another storage");
+        return;
+      }
       if (r->storage != Storage::Buffer && r->type->cols != 1) {
         fail(where + " is an image of matrices");
         return;
@@ -196,12 +238,13 @@ struct Checker {
           return;
         }
       }
-      for (const auto& c : s->commands) {
-        if (!c) {
+      for (size_t k = 0; k < s->commands.size(); ++k) {
+        if (!s->commands[k]) {
           fail("a command is empty");
           return;
         }
-        if (!command(*c, "command '" + c->label + "'")) return;
+        const std::string where = "command '" + s->commands[k]->label + "'";
+        if (!command(*s->commands[k], where) || !subpass(*s, k, where)) return;
       }
       for (const auto& r : s->rasters) {
         if (!r) {

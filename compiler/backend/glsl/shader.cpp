@@ -52,56 +52,56 @@ std::string Shader::unique(std::string_view base) {
   return name;
 }
 
-std::string Shader::bind(ResourceId id, bundle::Access access) {
-  const Resource& r = schedule_.resources[id.index];
-  if (auto it = bound_.find(id.index); it != bound_.end()) return it->second;
+const std::string* Shader::find_bound(uint32_t bundle_resource, bundle::Access access) {
+  const auto it = bound_.find(bundle_resource);
+  if (it == bound_.end()) return nullptr;
+  bundle::Access& has = bindings_[it->second.binding]->access;
+  if (has != access) has = bundle::Access::ReadWrite;
+  return &it->second.name;
+}
+
+std::string Shader::add_binding(uint32_t bundle_resource, const std::string& name, bundle::Access access,
+                                std::string text) {
+  bound_[bundle_resource] = {name, bindings_.size()};
   auto binding = std::make_unique<bundle::BindingT>();
-  binding->resource = id.index;
+  binding->resource = bundle_resource;
   binding->access = access;
-  const std::string slot = "layout(set = 0, binding = " + std::to_string(bindings_.size()) + ") ";
   bindings_.push_back(std::move(binding));
-  const std::string name = "r_" + sanitize(r.name) + "_" + std::to_string(id.index);
-  if (r.storage == Resource::Storage::Image) {
-    const char* prefix = r.type.is_float() ? "" : r.type.scalar == ir::Scalar::Int ? "i" : "u";
-    resources_text_ += slot + "uniform " + prefix + "texture2DArray " + name + ";\n";
-    extension("GL_EXT_samplerless_texture_functions");
-  } else {
-    const char* rights = access == bundle::Access::Read    ? "readonly "
-                         : access == bundle::Access::Write ? "writeonly "
-                                                           : "";
-    resources_text_ += "layout(set = 0, binding = " + std::to_string(bindings_.size() - 1) + ", std430) " + rights +
-                       "restrict buffer " + name + "_block { " + storage_scalar(r.type.scalar) + " d[]; } " + name +
-                       ";\n";
-  }
-  bound_[id.index] = name;
+  resource_texts_.push_back(std::move(text));
   return name;
+}
+
+std::string Shader::bind(ResourceId id, bundle::Access access) {
+  if (const std::string* name = find_bound(id.index, access)) return *name;
+  const Resource& r = schedule_.resources[id.index];
+  const std::string name = "r_" + sanitize(r.name) + "_" + std::to_string(id.index);
+  if (r.storage == Resource::Storage::Image)
+    return bind_image(id.index, name, r.type.is_float() ? "" : r.type.scalar == ir::Scalar::Int ? "i" : "u");
+  return bind_words(id.index, name, access, storage_scalar(r.type.scalar).c_str());
 }
 
 std::string Shader::bind_words(uint32_t bundle_resource, const std::string& name, bundle::Access access,
                                const char* word) {
-  if (auto it = bound_.find(bundle_resource); it != bound_.end()) return it->second;
-  auto binding = std::make_unique<bundle::BindingT>();
-  binding->resource = bundle_resource;
-  binding->access = access;
-  const char* rights = access == bundle::Access::Read ? "readonly " : "";
-  resources_text_ += "layout(set = 0, binding = " + std::to_string(bindings_.size()) + ", std430) " + rights +
-                     "restrict buffer " + name + "_block { " + word + " d[]; } " + name + ";\n";
-  bindings_.push_back(std::move(binding));
-  bound_[bundle_resource] = name;
-  return name;
+  if (const std::string* bound = find_bound(bundle_resource, access)) return *bound;
+  return add_binding(bundle_resource, name, access,
+                     "restrict buffer " + name + "_block { " + word + " d[]; } " + name + ";\n");
 }
 
 std::string Shader::bind_image(uint32_t bundle_resource, const std::string& name, const char* prefix) {
-  if (auto it = bound_.find(bundle_resource); it != bound_.end()) return it->second;
-  auto binding = std::make_unique<bundle::BindingT>();
-  binding->resource = bundle_resource;
-  binding->access = bundle::Access::Read;
-  resources_text_ += "layout(set = 0, binding = " + std::to_string(bindings_.size()) + ") uniform " + prefix +
-                     "texture2DArray " + name + ";\n";
+  if (const std::string* bound = find_bound(bundle_resource, bundle::Access::Read)) return *bound;
   extension("GL_EXT_samplerless_texture_functions");
-  bindings_.push_back(std::move(binding));
-  bound_[bundle_resource] = name;
-  return name;
+  return add_binding(bundle_resource, name, bundle::Access::Read,
+                     std::string("uniform ") + prefix + "texture2DArray " + name + ";\n");
+}
+
+void Shader::read_as_input(ValueId value) {
+  const Resource& r = resource(value);
+  DR_ASSERT(r.storage == Resource::Storage::Image);
+  const uint32_t index = step_.stored.at(value).index;
+  const std::string name = "r_" + sanitize(r.name) + "_" + std::to_string(index);
+  const char* prefix = r.type.is_float() ? "" : r.type.scalar == ir::Scalar::Int ? "i" : "u";
+  add_binding(index, name, bundle::Access::Read, std::string("uniform ") + prefix + "subpassInput " + name + ";\n");
+  inputs_.push_back(index);
 }
 
 std::vector<std::unique_ptr<bundle::BindingT>> Shader::take_bindings() { return std::move(bindings_); }
@@ -130,9 +130,11 @@ std::string Shader::load(ValueId value, const std::string& place) {
   if (functions_.insert(function).second) {
     std::string text = r.type.str() + " " + function + "(ivec3 at) {\n";
     if (r.storage == Resource::Storage::Image) {
-      const std::string fetch = "texelFetch(" + name + ", ivec3(" + (r.extent.w.is_one() ? "0" : "at.x") + ", " +
-                                (r.extent.h.is_one() ? "0" : "at.y") + ", " + (r.extent.l.is_one() ? "0" : "at.z") +
-                                "), 0)";
+      const bool input = std::find(inputs_.begin(), inputs_.end(), step_.stored.at(value).index) != inputs_.end();
+      const std::string fetch = input ? "subpassLoad(" + name + ")"
+                                      : "texelFetch(" + name + ", ivec3(" + (r.extent.w.is_one() ? "0" : "at.x") +
+                                            ", " + (r.extent.h.is_one() ? "0" : "at.y") + ", " +
+                                            (r.extent.l.is_one() ? "0" : "at.z") + "), 0)";
       static const char* const kSwizzle[] = {".x", ".xy", ".xyz", ""};
       const std::string texel = fetch + kSwizzle[r.type.rows - 1];
       text += "  return " + (r.type.is_bool() ? r.type.str() + "(" + texel + ")" : texel) + ";\n";
@@ -402,7 +404,15 @@ std::string Shader::finish(const std::string& layout) {
   for (size_t k = 0; k < symbols_.size(); ++k)
     out += "layout(constant_id = " + std::to_string(k) + ") const int " + symbol_name(symbols_[k]) + " = 1;\n";
   out += "layout(push_constant) uniform Push { int layer; int a; int b; int c; } pc;\n";
-  out += resources_text_;
+  for (size_t k = 0; k < resource_texts_.size(); ++k) {
+    const bool image = resource_texts_[k].starts_with("uniform");
+    const auto input = std::find(inputs_.begin(), inputs_.end(), bindings_[k]->resource);
+    static constexpr const char* kRights[] = {"readonly ", "writeonly ", ""};  // by bundle::Access
+    out += "layout(";
+    if (input != inputs_.end()) out += "input_attachment_index = " + std::to_string(input - inputs_.begin()) + ", ";
+    out += "set = 0, binding = " + std::to_string(k) + (image ? ") " : ", std430) ") +
+           (image ? "" : kRights[static_cast<size_t>(bindings_[k]->access)]) + resource_texts_[k];
+  }
   for (const std::string& p : preludes_) out += p;
   out += declarations_;
   out += "\nvoid main() {\n";

@@ -28,13 +28,15 @@ class Shader {
   Shader(const ir::Graph& graph, const Schedule& schedule, const StepSchedule& step,
          const std::vector<std::string>& symbols);
 
-  // Binds a resource of the bundle; further calls return the same name. Scratch is an array of uint (or uint64_t)
-  // words.
+  // Binds a resource of the bundle; further calls return the same name, and widen the access. Scratch is an array of
+  // uint (or uint64_t) words.
   std::string bind(ResourceId id, bundle::Access access);
   std::string bind_words(uint32_t bundle_resource, const std::string& name, bundle::Access access,
                          const char* word = "uint");
   // A sampled image that only the bundle knows; `prefix` is "", "i" or "u".
   std::string bind_image(uint32_t bundle_resource, const std::string& name, const char* prefix);
+  // Makes a stored value an input attachment: load() then reads the invocation's own pixel, whatever the place.
+  void read_as_input(ir::ValueId value);
   std::vector<std::unique_ptr<bundle::BindingT>> take_bindings();
 
   // Expressions that read a stored value: at a place inside its extent (coordinates on axes of extent 1 are ignored),
@@ -71,6 +73,9 @@ class Shader {
   std::string finish(const std::string& layout);
 
  private:
+  // The name a bundle resource has here, after widening its access; null if it is not bound yet.
+  const std::string* find_bound(uint32_t bundle_resource, bundle::Access access);
+  std::string add_binding(uint32_t bundle_resource, const std::string& name, bundle::Access access, std::string text);
   const Resource& resource(ir::ValueId v) const { return schedule_.resources[step_.stored.at(v).index]; }
   void op(const ir::Op& op);
   void if_op(const ir::Op& op);
@@ -85,13 +90,18 @@ class Shader {
   const std::vector<std::string>& symbols_;
   Writer body_{1};
   std::string declarations_;
-  std::string resources_text_;
+  std::vector<std::string> resource_texts_;  // by binding, without layout and rights
   std::vector<std::string> preludes_;
   std::set<std::string> extensions_;
   std::set<std::string> names_;
   std::set<std::string> functions_;
   std::vector<std::unique_ptr<bundle::BindingT>> bindings_;
-  std::map<uint32_t, std::string> bound_;
+  struct Bound {
+    std::string name;
+    size_t binding = 0;
+  };
+  std::map<uint32_t, Bound> bound_;
+  std::vector<uint32_t> inputs_;  // resources, by input attachment index
   std::vector<std::map<ir::ValueId, std::string>> scopes_{1};
   std::map<ir::ValueId, Accumulator> accumulators_;
 };

@@ -1,0 +1,142 @@
+// SPDX-License-Identifier: Apache-2.0
+// List scheduling of passes by what they wait for.
+#include "compiler/backend/pack_stages.h"
+
+#include <algorithm>
+#include <map>
+#include <set>
+
+#include "compiler/backend/uses.h"
+
+namespace dr::backend {
+
+using ir::ValueId;
+
+namespace {
+
+class StagePacker {
+ public:
+  StagePacker(const ir::Graph& graph, StepSchedule& step, const target::Profile& profile, bool join)
+      : graph_(graph), step_(step), profile_(profile), join_(join && pays(profile)) {}
+
+  void process() {
+    const size_t n = step_.passes.size();
+    for (size_t k = 0; k < n; ++k)
+      for (ValueId v : step_.passes[k].writes) writer_[v] = k;
+    done_.assign(n, false);
+    elsewhere_.resize(n);
+    for (size_t k = 0; k < n; ++k)
+      for (ir::OpId id : step_.passes[k].ops)
+        for (ValueId v : uses_of(graph_, graph_.op(id)).elsewhere) elsewhere_[k].insert(v);
+    while (order_.size() < n)
+      if (!add_run()) add_render_pass();
+    std::vector<Pass> passes;
+    for (const auto& [pass, stage] : order_) {
+      passes.push_back(std::move(step_.passes[pass]));
+      passes.back().stage = stage;
+    }
+    step_.passes = std::move(passes);
+  }
+
+ private:
+  // A subpass that costs more than a pass of its own is none.
+  static bool pays(const target::Profile& profile) { return profile.costs.subpass_ns <= profile.costs.pass_ns; }
+
+  const Pass& pass(size_t k) const { return step_.passes[k]; }
+  bool is_fragment(size_t k) const { return pass(k).kind == Pass::Kind::Map && pass(k).hardware; }
+
+  // Whether all that a pass reads has been written, by passes that are done or in `stage`.
+  bool is_ready(size_t k, const std::set<size_t>& stage = {}) const {
+    return std::all_of(pass(k).reads.begin(), pass(k).reads.end(), [&](ValueId v) {
+      const auto it = writer_.find(v);
+      return it == writer_.end() || done_[it->second] || stage.count(it->second) != 0;
+    });
+  }
+  void finish(const std::vector<size_t>& stage) {
+    for (size_t k : stage) {
+      done_[k] = true;
+      order_.emplace_back(k, next_stage_);
+      if (!join_) ++next_stage_;
+    }
+    if (join_) ++next_stage_;
+  }
+
+  // Everything that is ready and no fragment pass. Draws of raster are render passes of their own.
+  bool add_run() {
+    std::vector<size_t> run, draws;
+    for (size_t k = 0; k < step_.passes.size(); ++k)
+      if (!done_[k] && !is_fragment(k) && is_ready(k)) (pass(k).hardware ? draws : run).push_back(k);
+    if (!run.empty()) finish(run);
+    for (size_t k : draws) finish({k});
+    return !run.empty() || !draws.empty();
+  }
+
+  void add_render_pass() {
+    std::vector<size_t> best;
+    std::set<ir::Extent> tried;
+    for (size_t k = 0; k < step_.passes.size(); ++k) {
+      if (done_[k] || !is_fragment(k) || !is_ready(k) || !tried.insert(pass(k).domain).second) continue;
+      std::vector<size_t> stage = grow(pass(k).domain);
+      if (stage.size() > best.size()) best = std::move(stage);
+    }
+    DR_ASSERT(!best.empty());  // passes do not wait for each other in a circle
+    finish(best);
+  }
+
+  // All fragment passes over an extent that one render pass can hold now, in an order that works.
+  std::vector<size_t> grow(const ir::Extent& domain) const {
+    std::vector<size_t> stage;
+    std::set<size_t> members;
+    for (bool grew = true; grew;) {
+      grew = false;
+      for (size_t k = 0; k < step_.passes.size(); ++k) {
+        if (done_[k] || members.count(k) != 0 || !is_fragment(k) || pass(k).domain != domain || !is_ready(k, members))
+          continue;
+        if (!may_join(k, members)) continue;
+        stage.push_back(k);
+        members.insert(k);
+        grew = true;
+      }
+    }
+    return stage;
+  }
+
+  bool may_join(size_t k, const std::set<size_t>& members) const {
+    uint32_t inputs = 0;
+    for (ValueId v : pass(k).reads) {
+      const auto it = writer_.find(v);
+      if (it == writer_.end() || members.count(it->second) == 0) continue;
+      if (elsewhere_[k].count(v) != 0) return false;
+      ++inputs;
+    }
+    return inputs <= profile_.max_per_stage_descriptor_input_attachments;
+  }
+
+  const ir::Graph& graph_;
+  StepSchedule& step_;
+  const target::Profile& profile_;
+  bool join_;
+  std::map<ValueId, size_t> writer_;
+  std::vector<std::set<ValueId>> elsewhere_;
+  std::vector<bool> done_;
+  std::vector<std::pair<size_t, uint32_t>> order_;
+  uint32_t next_stage_ = 0;
+};
+
+}  // namespace
+
+void pack_stages(const ir::Graph& graph, StepSchedule& step, const target::Profile& profile, bool join) {
+  StagePacker(graph, step, profile, join).process();
+}
+
+std::vector<ValueId> stage_inputs(const StepSchedule& step, size_t pass) {
+  std::set<ValueId> written;
+  for (size_t k = pass; k-- > 0 && step.passes[k].stage == step.passes[pass].stage;)
+    written.insert(step.passes[k].writes.begin(), step.passes[k].writes.end());
+  std::vector<ValueId> out;
+  for (ValueId v : step.passes[pass].reads)
+    if (written.count(v) != 0) out.push_back(v);
+  return out;
+}
+
+}  // namespace dr::backend

@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+// Where values live: which updates are written straight into their leaf's memory, and which resources share memory
+// because they are never needed at the same time.
+#pragma once
+
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "compiler/backend/bundle/bundle.h"
+#include "compiler/backend/schedule.h"
+
+namespace dr::backend {
+
+// Lets a pass write an update's value into the leaf itself, where nothing of the step needs the old value any more: the
+// pass runs over the leaf's extent and reads the leaf at its own element only, no later pass reads it, and neither the
+// old value nor the new one is an output or another leaf's update. The value's own resource goes away. All other
+// updates are copied when the step ends.
+void update_in_place(const ir::Graph& graph, Schedule& schedule);
+
+// What a command reads and writes, every resource once; a Reduce's scratch is written and read.
+void for_each_access(const bundle::CommandT& command, const std::function<void(uint32_t, bundle::Access)>& visit);
+
+// When a resource's content is needed: from the command `first` to `last` of a step, or for ever (leaves, outputs,
+// counters). Raster results and pinned values are needed until their step ends, where they can be read.
+struct Lifetime {
+  int step = -1;  // -1: for ever, or never used
+  int first = 0, last = 0;
+  bool used = false;
+  bool transient() const { return step >= 0; }
+};
+std::vector<Lifetime> lifetimes(const bundle::BundleT& bundle);
+
+// Gives every resource a slot. Transient resources of one storage share slots when their lifetimes do not overlap; they
+// are placed from large to small (their sizes when all symbols are equal and large), each into the smallest slot that
+// is free. The runtime makes a slot as large as its largest resource, so a wrong guess of the order wastes memory and
+// nothing else.
+void plan_memory(bundle::BundleT& bundle);
+
+// Slots with resources that are needed at the same time; empty when sound. Independent of plan_memory().
+std::vector<std::string> check_memory(const bundle::BundleT& bundle);
+
+// Bytes of a resource for these symbols (tightly packed: devices may add to it); nullopt when a symbol has no value.
+std::optional<int64_t> resource_bytes(const bundle::ResourceT& resource, const ir::SymbolValues& symbols);
+
+// Device memory that a program holds, by its slots, and what it would need at least: what lives for ever and the most
+// that any command needs alive around it.
+struct MemoryUse {
+  int64_t persistent = 0;  // leaves, outputs, counters
+  int64_t planned = 0;     // persistent + slots
+  int64_t lower_bound = 0;
+  int64_t unshared = 0;  // with a slot for each
+};
+std::optional<MemoryUse> memory_use(const bundle::BundleT& bundle, const ir::SymbolValues& symbols);
+
+}  // namespace dr::backend

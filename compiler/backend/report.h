@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a compiled program will do, in numbers: `drc build --report`.
+#pragma once
+
+#include <map>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "compiler/backend/compile.h"
+#include "compiler/backend/plan_memory.h"
+
+namespace dr::backend {
+
+struct StepReport {
+  std::string name;
+  size_t ops = 0;                        // of the graph that the step computes; constants and leaves do not count
+  std::map<std::string, size_t> passes;  // by kind
+  size_t commands = 0;                   // of the bundle
+  size_t recomputed = 0;                 // ops that stand in a pass although another computes them too
+  size_t stages = 0;
+  double expected_ns = 0;                     // by the profile's costs
+  int64_t bytes_read = 0, bytes_written = 0;  // every resource once a command
+};
+
+struct Report {
+  std::vector<StepReport> steps;
+  MemoryUse memory;
+  size_t shaders = 0;
+  int64_t shader_bytes = 0;
+};
+
+// The error names a symbol without a value.
+std::variant<Report, std::string> report(const ir::Graph& graph, const Compiled& compiled,
+                                         const target::Profile& profile, const ir::SymbolValues& symbols);
+
+std::string print(const Report& report);
+std::string print_json(const Report& report);
+
+}  // namespace dr::backend

@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+// Assembled shaders on disk, found again by their source text. An entry that is damaged, of another compiler or of
+// another text with the same hash is as good as none. Nothing here fails: a cache that cannot be read or written is no
+// cache.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace dr::backend {
+
+class ShaderCache {
+ public:
+  // Keeps files in that folder, which need not exist; empty: keeps nothing.
+  explicit ShaderCache(std::filesystem::path folder) : folder_(std::move(folder)) {}
+
+  // `key` is all that the words depend on, in full: entries hold it and are compared with it.
+  std::optional<std::vector<uint32_t>> find(const std::string& key) const;
+  // Whole or not at all, also when several processes write. May be called from several threads.
+  void store(const std::string& key, const std::vector<uint32_t>& words) const;
+
+  // Where the entry of a key is kept; for tests.
+  std::filesystem::path file_of(const std::string& key) const;
+
+ private:
+  std::filesystem::path folder_;
+};
+
+// DRC_CACHE_DIR, or `dressi` in XDG_CACHE_HOME or ~/.cache; empty where the environment names none.
+std::filesystem::path default_cache_folder();
+
+}  // namespace dr::backend

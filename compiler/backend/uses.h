@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+// How ops of the root region use values, which is what decides where they can be computed.
+#pragma once
+
+#include <vector>
+
+#include "compiler/ir/graph.h"
+
+namespace dr::backend {
+
+// Whether an op's value is written down wherever it is used (constants, extents, coordinates) rather than stored.
+bool is_inline(const ir::Op& op);
+// Whether an op reads memory that is there before the step.
+bool is_memory(const ir::Op& op);
+
+// Root values that an op uses at its own element, or at other places (then they must be stored). Regions included.
+struct Uses {
+  std::vector<ir::ValueId> at_element;
+  std::vector<ir::ValueId> elsewhere;
+};
+Uses uses_of(const ir::Graph& graph, const ir::Op& op);
+
+}  // namespace dr::backend

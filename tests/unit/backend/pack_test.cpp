@@ -1,0 +1,121 @@
+// SPDX-License-Identifier: Apache-2.0
+// Packing: every schedule is sound whatever is switched off, stages only ever join, and greedy packing stays near the
+// best schedule of small graphs.
+#include <algorithm>
+#include <cstdio>
+#include <random>
+
+#include "compiler/backend/cost.h"
+#include "compiler/ops/emit.h"
+#include "tests/catch.h"
+#include "tests/unit/backend/pack_exhaustive.h"
+#include "tests/unit/passes/random_graph.h"
+
+using namespace dr;
+using namespace dr::backend;
+using ir::OpKind;
+using ir::ValueId;
+
+namespace {
+
+target::Profile profile(const std::string& name) { return std::get<target::Profile>(target::load_profile(name)); }
+
+size_t stage_count(const Schedule& s) { return s.steps[0].passes.empty() ? 0 : s.steps[0].passes.back().stage + 1; }
+
+// Up to ten ops over an image, a list and numbers: arithmetic, neighbours, indexed reads, sums, scatters.
+ir::Graph small_graph(uint64_t seed) {
+  std::mt19937_64 random(seed);
+  ir::Builder b;
+  const ir::Extent image{ir::Dim::symbol("W"), ir::Dim::symbol("H"), 1}, list{ir::Dim::symbol("V"), 1, 1};
+  std::vector<ValueId> images, lists, numbers;
+  auto leaf = [&](const char* name, ir::Type type, const ir::Extent& extent) {
+    b.graph().leaves.push_back({ir::Leaf::Kind::Input, name, type, extent, {}, {}});
+    return ops::emit(b, OpKind::Leaf, {}, {.text = name});
+  };
+  images.push_back(leaf("a", ir::kFloat, image));
+  const ValueId index = leaf("i", ir::kInt, image);
+  lists.push_back(leaf("v", ir::kFloat, list));
+  numbers.push_back(leaf("n", ir::kFloat, {}));
+  auto any = [&](const std::vector<ValueId>& from) { return from[random() % from.size()]; };
+  const uint64_t count = 4 + random() % 7;
+  for (uint64_t k = 0; k < count; ++k) switch (random() % 9) {
+      case 0: images.push_back(ops::emit(b, OpKind::Exp, {any(images)})); break;
+      case 1: images.push_back(ops::add(b, any(images), any(images))); break;
+      case 2: images.push_back(ops::mul(b, any(images), any(numbers))); break;
+      case 3: images.push_back(ops::emit(b, OpKind::Sin, {any(images)})); break;
+      case 4: images.push_back(ops::emit(b, OpKind::Shift, {any(images)}, {.ints = {1, 0}})); break;
+      case 5: images.push_back(ops::emit(b, OpKind::Gather, {any(lists), index})); break;
+      case 6: numbers.push_back(ops::emit(b, OpKind::ReduceSum, {any(images)}, {.ints = {1, 1, 1}})); break;
+      case 7: lists.push_back(ops::mul(b, any(lists), any(numbers))); break;
+      case 8:
+        lists.push_back(ops::emit(b, OpKind::ScatterAdd, {index, any(images)}, {.dims = {list.w, list.h, list.l}}));
+        break;
+    }
+  std::vector<bool> used(b.graph().value_count(), false);
+  for (uint32_t k = 0; k < b.graph().op_count(); ++k)
+    for (ValueId v : b.graph().op(ir::OpId{k}).operands) used[v.index] = true;
+  ir::Step step{"go", {}, {}};
+  for (uint32_t k = 0; k < used.size(); ++k)
+    if (!used[k] && b.graph().op(b.value(ValueId{k}).op).kind != OpKind::Leaf)
+      step.outputs.push_back({"y" + std::to_string(k), ValueId{k}});
+  b.graph().steps.push_back(std::move(step));
+  return std::move(b).finish();
+}
+
+}  // namespace
+
+TEST_CASE("random graphs have sound schedules on every profile, whatever is switched off") {
+  for (const std::string& name : target::builtin_profiles()) {
+    const target::Profile p = profile(name);
+    for (uint64_t seed = 0; seed < 40; ++seed) {
+      const ir::Graph g = passes_test::random_graph(seed);
+      for (int off = 0; off < 16; ++off) {
+        PackOptions options;
+        options.fused = (off & 1) == 0;
+        options.recompute = (off & 2) == 0;
+        options.fragment = (off & 4) == 0;
+        options.stages = (off & 8) == 0;
+        INFO(name << ", seed " << seed << ", switched off " << off);
+        const Schedule s = pack(g, p, options);
+        const auto problems = check_schedule(g, s, p);
+        // A single op may need more than the smallest devices have; packing must not add to that.
+        for (const std::string& problem : problems) CHECK(problem == "");
+        PackOptions apart = options;
+        apart.stages = false;
+        CHECK(stage_count(s) <= stage_count(pack(g, p, apart)));
+      }
+    }
+  }
+}
+
+TEST_CASE("greedy packing stays near the best schedule of small graphs") {
+  const ir::SymbolValues symbols{{"W", 256}, {"H", 256}, {"V", 5000}};
+  std::vector<double> ratios;
+  size_t tried = 0;
+  uint64_t worst_seed = 0;
+  for (uint64_t seed = 0; ratios.size() < 500 && seed < 2000; ++seed) {
+    const ir::Graph g = small_graph(seed);
+    if (g.steps[0].outputs.empty()) continue;
+    const target::Profile p =
+        profile(std::vector{"lavapipe", "arm-mali-g76", "nvidia-rtx2080", "nvidia-h200"}[seed % 4]);
+    PackOptions options;
+    options.fragment = p.lower == "fragment";
+    const auto best = backend_test::pack_exhaustive(g, p, options, symbols, 2000);
+    if (!best) continue;
+    const Schedule greedy = pack(g, p, options);
+    const double cost = *step_cost(g, greedy, greedy.steps[0], p, symbols);
+    ratios.push_back(cost / best->cost);
+    if (ratios.back() >= *std::max_element(ratios.begin(), ratios.end())) worst_seed = seed;
+    tried += best->tried;
+  }
+  REQUIRE(ratios.size() == 500);
+  std::sort(ratios.begin(), ratios.end());
+  double mean = 0;
+  for (double r : ratios) mean += r / static_cast<double>(ratios.size());
+  std::printf(
+      "greedy against the best of %zu schedules of 500 graphs: mean %.4f, median %.4f, 90%% %.4f, 99%% %.4f, "
+      "worst %.4f (seed %llu)\n",
+      tried, mean, ratios[250], ratios[450], ratios[495], ratios.back(), static_cast<unsigned long long>(worst_seed));
+  CHECK(mean <= 1.10);
+  CHECK(ratios[450] <= 1.10);
+}
