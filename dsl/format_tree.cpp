@@ -152,6 +152,11 @@ class TreeBuilder {
     if (place == Place::Raster || (place == Place::Optimizer && at_word("update"))) {
       add_token(sequence);
       add_signature(sequence);
+    } else if (place == Place::File && at(TokenKind::At)) {
+      // `@vjp(f)` has a line of its own, above its function.
+      add_token(sequence);
+      add_token(sequence, false);
+      add(sequence, list(TokenKind::RightParen, &TreeBuilder::leaf_item), false);
     } else if (at_fn) {
       add_token(sequence);
       add_token(sequence);
@@ -318,22 +323,25 @@ class TreeBuilder {
 
   LayoutPtr generic_arguments() { return list(TokenKind::Greater, &TreeBuilder::generic_argument); }
 
-  // A type or a value; a `<` behind a name begins generic arguments in both.
-  LayoutPtr generic_argument() {
-    const bool outer = std::exchange(in_generic_, true);
-    LayoutPtr node = chain(kAdditive);
-    in_generic_ = outer;
-    return node;
+  // A type or a value. Only at its start may a `<` behind a name begin generic arguments; elsewhere it compares.
+  LayoutPtr generic_argument() { return generic_chain(kAdditive); }
+  LayoutPtr generic_in_brackets() { return generic_chain(1); }
+
+  LayoutPtr generic_chain(int level) {
+    starts_generic_ = true;
+    return chain(level);
+  }
+
+  // At `path.of.names <`.
+  bool at_generic_type() const {
+    size_t at = position_;
+    while (tokens_[at].kind == TokenKind::Name && tokens_[at + 1].kind == TokenKind::Dot) at += 2;
+    return tokens_[at].kind == TokenKind::Name && tokens_[at + 1].kind == TokenKind::Less;
   }
 
   // ---- expressions ----
 
-  LayoutPtr expression() {
-    const bool outer = std::exchange(in_generic_, false);
-    LayoutPtr node = chain(1);
-    in_generic_ = outer;
-    return node;
-  }
+  LayoutPtr expression() { return chain(1); }
 
   LayoutPtr chain(int level) {
     if (level > kHighestPrecedence) return unary();
@@ -373,17 +381,15 @@ class TreeBuilder {
         add(sequence, list(TokenKind::RightBracket, &TreeBuilder::expression), false);
       } else if (at(TokenKind::LeftParen)) {
         add(sequence, list(TokenKind::RightParen, &TreeBuilder::argument), false);
-      } else if (in_generic_ && at(TokenKind::Less)) {
-        add(sequence, generic_arguments(), false);
       } else {
         return;
       }
     }
   }
 
-  LayoutPtr parenthesized() { return in_generic_ ? generic_argument() : expression(); }
-
   void add_primary(LayoutNode& sequence) {
+    const bool generic = std::exchange(starts_generic_, false) && sequence.parts.empty();
+    if (generic && at_generic_type()) return add(sequence, type(), false);
     switch (tokens_[position_].kind) {
       case TokenKind::Name:
       case TokenKind::Int:
@@ -391,7 +397,10 @@ class TreeBuilder {
       case TokenKind::String:
       case TokenKind::True:
       case TokenKind::False: return add_token(sequence, false);
-      case TokenKind::LeftParen: return add(sequence, list(TokenKind::RightParen, &TreeBuilder::parenthesized), false);
+      case TokenKind::LeftParen:
+        return add(sequence,
+                   list(TokenKind::RightParen, generic ? &TreeBuilder::generic_in_brackets : &TreeBuilder::expression),
+                   false);
       case TokenKind::LeftBracket: return add(sequence, list(TokenKind::RightBracket, &TreeBuilder::expression), false);
       case TokenKind::LeftBrace: return add(sequence, block(Place::Code), false);
       case TokenKind::If:
@@ -472,7 +481,7 @@ class TreeBuilder {
   std::vector<LaidToken>& tokens_;
   size_t position_ = 0;
   bool failed_ = false;
-  bool in_generic_ = false;
+  bool starts_generic_ = false;  // the next operand begins a generic argument
 };
 
 }  // namespace

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Any text as a program: messages or a sound graph, in reasonable time.
+// Any text as a program: messages or a sound graph, in reasonable time; and what parses can be formatted.
 #include <cstdint>
 #include <string>
 
 #include "compiler/lower/lower.h"
 #include "compiler/passes/passes.h"
+#include "dsl/format.h"
 #include "tests/fuzz/check.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
@@ -20,5 +21,8 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   const std::string messages = dr::dsl::format(diagnostics, sources);
   if (graph.has_value() == diagnostics.has_errors()) DR_ICE("a graph and errors, or neither: " + messages);
   if (graph) dr::fuzz::check_passes(*graph);
+  dr::dsl::DiagnosticList ignored;
+  const std::string wrong = dr::dsl::format_source(sources, root, ignored).internal_error;
+  if (!wrong.empty()) DR_ICE(wrong);
   return 0;
 }

@@ -142,6 +142,16 @@ TEST_CASE("generic arguments that end in one token are told from operators") {
       "}\n");
 }
 
+TEST_CASE("a comparison in a generic argument is none of its brackets") {
+  CHECK(formatted("edition 1;\nfn f(a:T<(1<2)>,b:T<(x+y<z)>,c:T<m.A<B>,(m.A<B>,C)>) { a }") ==
+        "edition 1;\nfn f(a: T<(1 < 2)>, b: T<(x + y < z)>, c: T<m.A<B>, (m.A<B>, C)>) { a }\n");
+}
+
+TEST_CASE("a gradient of one's own has a line above its function") {
+  CHECK(formatted("edition 1;\nfn f(x) { x } @vjp ( f )\n\nfn g(x,d) { d }") ==
+        "edition 1;\nfn f(x) { x }\n@vjp(f)\n\nfn g(x, d) { d }\n");
+}
+
 TEST_CASE("a file that does not parse is not formatted") {
   const Formatted broken = format_text("edition 1;\nlet x = ;\n");
   CHECK(broken.result.has_errors);
