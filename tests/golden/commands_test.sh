@@ -40,7 +40,7 @@ expect 0 out 'Exit codes' --help
 expect 2 err 'subcommand'
 expect 2 err "no command 'nonsense'" nonsense
 expect 2 err "did you mean 'build'" biuld
-for command in check build eval fmt explain doc; do
+for command in check build eval fmt explain doc inspect; do
   expect 0 out "$command" $command --help
   expect 2 err 'no-such-option' $command --no-such-option good.dr
 done
@@ -53,6 +53,10 @@ done
 expect 1 err 'bad.dr:2:7: error[E0102]' doc bad.dr
 expect 1 err "cannot read 'missing.dr'" doc missing.dr
 expect 2 err 'expected a file' doc
+expect 2 err 'required' inspect
+expect 1 err "cannot read 'missing.drb'" inspect missing.drb
+expect 1 err 'not a bundle' inspect good.dr
+expect 2 err 'text or json' build good.dr --report=yaml
 expect 2 err 'did you mean' explain E031
 expect 0 out E0711 explain
 

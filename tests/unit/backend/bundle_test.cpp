@@ -120,6 +120,23 @@ TEST_CASE("what FlatBuffers cannot know is checked") {
   b.leaves[0]->initial = {1, 2};
   CHECK(problem(b).find("initial value") != std::string::npos);
   b = sample();
+  b.steps[0]->commands[0]->joins = true;
+  CHECK(problem(b).find("joins no render pass") != std::string::npos);
+  b = sample();
+  b.steps[0]->commands[0]->inputs = {0};
+  CHECK(problem(b).find("no subpass before it") != std::string::npos);
+  b = sample();
+  b.steps[0]->commands.push_back(std::make_unique<CommandT>(*b.steps[0]->commands[0]));
+  b.steps[0]->commands[1]->joins = true;
+  CHECK(problem(b).find("joins a render pass of another kind") != std::string::npos);
+  b = sample();
+  b.steps[0]->commands[0]->lines = {Line(0, 3)};
+  CHECK(problem(b).find("line 3 of file 0") != std::string::npos);
+  b = sample();
+  b.resources.push_back(std::make_unique<ResourceT>(*b.resources[0]));
+  b.resources[1]->storage = Storage::Image;
+  CHECK(problem(b).find("memory with one of another storage") != std::string::npos);
+  b = sample();
   b.steps[0]->outputs[0]->resource = 1;
   CHECK(problem(b).find("output 'y'") != std::string::npos);
 }
