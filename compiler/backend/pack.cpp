@@ -227,7 +227,7 @@ class StepPacker {
       for (ValueId v : uses_[id.index].elsewhere) reads.insert(v);
       for (ValueId v : uses_[id.index].at_element) {
         const OpId from = graph_.value(v).op;
-        if (is_memory(graph_.op(from)) || (group.count(from) == 0 && is_read(v)))
+        if (is_memory(graph_.op(from)) || spilled_.count(v) != 0 || (group.count(from) == 0 && is_read(v)))
           reads.insert(v);
         else
           need(from);
@@ -261,6 +261,59 @@ class StepPacker {
     return written <= profile_.max_color_attachments && b + written <= profile_.max_fragment_combined_output_resources;
   }
 
+  // Of a pass that reads more than one shader may: the value of an op in it that reads most, among the operands of the
+  // first op that reads too much. Invalid: an op alone reads too much.
+  ValueId value_to_spill(const Pass& pass) const {
+    std::map<OpId, std::set<ValueId>> reads;
+    const std::set<ValueId> all(pass.reads.begin(), pass.reads.end());
+    for (OpId id : pass.ops) {
+      std::set<ValueId>& own = reads[id];
+      ValueId most;
+      for (ValueId v : uses_[id.index].elsewhere) own.insert(v);
+      for (ValueId v : uses_[id.index].at_element) {
+        const auto inside = reads.find(graph_.value(v).op);
+        if (inside == reads.end()) {
+          if (all.count(v) != 0) own.insert(v);
+          continue;
+        }
+        own.insert(inside->second.begin(), inside->second.end());
+        if (inside->second.size() > 1 && (!most.valid() || inside->second.size() > reads[graph_.value(most).op].size()))
+          most = v;
+      }
+      Pass alone = pass;
+      alone.reads.assign(own.begin(), own.end());
+      alone.writes.resize(1);
+      if (!within_limits(alone)) return most;
+    }
+    return {};
+  }
+
+  // A pass for one value that no shader can compute at once: parts of it are stored by passes of their own before.
+  Pass spilling_pass(ValueId target, const Extent& domain, const std::set<OpId>& group, int level) {
+    Pass pass;
+    for (;;) {
+      pass = {};
+      pass.domain = domain;
+      close_over(pass, {target}, group, level);
+      if (within_limits(pass)) return pass;
+      const ValueId v = value_to_spill(pass);
+      if (!v.valid()) return pass;  // the checker says so
+      if (stored_.insert(v).second) add_resource(v, def(v));
+      resources_[out_.stored.at(v).index].storage = Resource::Storage::Buffer;
+      if (written_.count(v) == 0) {
+        Pass part = spilling_pass(v, domain, group, level);
+        add_pass(std::move(part));
+      }
+      spilled_.insert(v);
+    }
+  }
+
+  void add_pass(Pass pass) {
+    written_.insert(pass.writes.begin(), pass.writes.end());
+    pass.name = pass_name(pass);
+    out_.passes.push_back(std::move(pass));
+  }
+
   void add_map_passes(const Extent& domain, const std::vector<OpId>& group_ops, int level) {
     const std::set<OpId> group(group_ops.begin(), group_ops.end());
     std::vector<ValueId> images, buffers;
@@ -275,6 +328,10 @@ class StepPacker {
         Pass best;
         std::vector<ValueId> chosen;
         while (next < targets.size()) {
+          if (written_.count(targets[next]) != 0) {
+            ++next;
+            continue;
+          }
           chosen.push_back(targets[next]);
           Pass trial;
           trial.kind = Pass::Kind::Map;
@@ -292,8 +349,9 @@ class StepPacker {
             break;
           }
         }
-        best.name = pass_name(best);
-        out_.passes.push_back(std::move(best));
+        if (chosen.empty()) continue;
+        if (!within_limits(best)) best = spilling_pass(chosen[0], domain, group, level);
+        add_pass(std::move(best));
       }
     }
   }
@@ -360,6 +418,8 @@ class StepPacker {
   int recompute_limit_ = 0;
   std::vector<int> level_;
   std::set<ValueId> roots_, updated_, stored_;
+  std::set<ValueId> written_;  // by map passes so far
+  std::set<ValueId> spilled_;  // stored because a shader would read too much otherwise
 };
 
 }  // namespace

@@ -14,6 +14,10 @@ using ir::ValueId;
 
 namespace {
 
+// Attachments and dependencies of a render pass are checked pairwise by drivers and layers: hundreds of subpasses take
+// minutes to create, and gain nothing over a few render passes.
+constexpr size_t kMaxSubpasses = 32;
+
 class StagePacker {
  public:
   StagePacker(const ir::Graph& graph, StepSchedule& step, const target::Profile& profile, bool join)
@@ -93,6 +97,7 @@ class StagePacker {
         if (done_[k] || members.count(k) != 0 || !is_fragment(k) || pass(k).domain != domain || !is_ready(k, members))
           continue;
         if (!may_join(k, members)) continue;
+        if (stage.size() == kMaxSubpasses) return stage;
         stage.push_back(k);
         members.insert(k);
         grew = true;
