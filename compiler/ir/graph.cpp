@@ -103,6 +103,11 @@ OpId Builder::add(OpKind kind, std::vector<ValueId> operands, std::span<const Re
   return id;
 }
 
+void Builder::reserve(size_t ops) {
+  graph_.ops_.reserve(ops);
+  graph_.values_.reserve(ops);
+}
+
 RegionId Builder::begin_region(std::span<const ResultType> params) {
   const RegionId id{static_cast<uint32_t>(graph_.regions_.size())};
   Region& region = graph_.regions_.emplace_back();

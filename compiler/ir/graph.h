@@ -187,6 +187,8 @@ class Builder {
     open.swap(stack_);
   }
 
+  // Memory for so many ops, to spare growing.
+  void reserve(size_t ops);
   void set_name(ValueId id, std::string name) { graph_.values_[id.index].name = std::move(name); }
   void set_span(const dsl::Span& span) { span_ = span; }  // given to ops added without one
   const Graph& graph() const { return graph_; }

@@ -129,18 +129,34 @@ struct BuiltinTable {
   }
 };
 
-const Builtin* Elaborator::find_builtin(std::string_view name) {
-  for (const Builtin& row : BuiltinTable::rows()) {
-    if (row.name == name && !row.is_method) return &row;
+namespace {
+
+// By name; methods and functions have names of their own.
+using Index = std::unordered_map<std::string_view, const Builtin*>;
+
+Index indexed(const std::vector<Builtin>& rows, bool methods) {
+  Index index;
+  for (const Builtin& row : rows) {
+    if (row.is_method == methods) index.emplace(row.name, &row);
   }
-  return nullptr;
+  return index;
+}
+
+const Builtin* found(const Index& index, std::string_view name) {
+  const auto row = index.find(name);
+  return row == index.end() ? nullptr : row->second;
+}
+
+}  // namespace
+
+const Builtin* Elaborator::find_builtin(std::string_view name) {
+  static const Index kIndex = indexed(BuiltinTable::rows(), false);
+  return found(kIndex, name);
 }
 
 const Builtin* Elaborator::find_method(std::string_view name) {
-  for (const Builtin& row : BuiltinTable::rows()) {
-    if (row.name == name && row.is_method) return &row;
-  }
-  return nullptr;
+  static const Index kIndex = indexed(BuiltinTable::rows(), true);
+  return found(kIndex, name);
 }
 
 std::vector<std::string> Elaborator::builtin_names() {
@@ -188,13 +204,14 @@ bool Elaborator::numbers(BuiltinCall& call, bool splat_scalars) {
     wrong_type(call, i, "numbers");
     return false;
   }
-  const std::string words = "expected numbers of one type for '" + std::string(call.entry.name) + "', found " +
-                            describe_element(call.args.front()) + " and " + describe_element(call.args.back());
+  const std::vector<Value> given = call.args;
   if (!check_extents(call.args, call.span)) return false;
   if (unify_scalars(call.args) && (!splat_scalars || unify_rows(call.args))) {
     return std::ranges::none_of(call.args, [](const Value& value) { return value.is_error(); });
   }
-  fail(Code::E0322, call.span, words);
+  fail(Code::E0322, call.span,
+       "expected numbers of one type for '" + std::string(call.entry.name) + "', found " +
+           describe_element(given.front()) + " and " + describe_element(given.back()));
   return false;
 }
 

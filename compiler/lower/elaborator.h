@@ -43,10 +43,10 @@ using ir::Type;
 using ir::ValueId;
 
 // Limits of a program, all of them errors when reached.
-inline constexpr int64_t kMaxTrips = 4096;       // of one `for`, or items of one array
-inline constexpr size_t kMaxCalls = 64;          // calls inside each other
-inline constexpr size_t kMaxDepth = 2000;        // expressions inside each other, through calls
-inline constexpr size_t kMaxCallNotes = 4;       // notes "in the call of 'f' here" of one message
+inline constexpr int64_t kMaxTrips = 4096;  // of one `for`, or items of one array
+inline constexpr size_t kMaxCalls = 64;     // calls inside each other
+inline constexpr size_t kMaxDepth = 2000;   // expressions inside each other, through calls
+inline constexpr size_t kMaxCallNotes = 4;  // notes "in the call of 'f' here" of one message
 
 class Elaborator;
 

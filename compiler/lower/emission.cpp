@@ -103,13 +103,21 @@ void Elaborator::set_name(const Value& value, const std::string& name) {
 
 // ---- emission ----
 
+namespace {
+
+bool fits_int(int64_t number) {
+  return number >= std::numeric_limits<int32_t>::min() && number <= std::numeric_limits<int32_t>::max();
+}
+
+}  // namespace
+
 ValueId Elaborator::materialize(const Value& value) {
   if (const auto* image = value.get<Image>()) return image->id;
   if (const auto* constant = value.get<Constant>()) return ops::constant(b_, constant->type, constant->components);
   DR_ASSERT(value.is<Dim>());
   const Dim& dim = value.as<Dim>();
   if (!dim.is_constant()) return ops::dim_value(b_, dim);
-  if (dim.constant() < std::numeric_limits<int32_t>::min() || dim.constant() > std::numeric_limits<int32_t>::max()) {
+  if (!fits_int(dim.constant())) {
     report(Code::E0318, span_, "expected a number that fits int, found " + dim.str());
     return ops::constant(b_, ir::kInt, 0.0);
   }
@@ -118,11 +126,16 @@ ValueId Elaborator::materialize(const Value& value) {
 
 uint32_t Elaborator::element_depth(std::span<const Value> values) const {
   uint32_t depth = 0;
+  const auto include = [&](const Value& leaf) {
+    const auto* image = leaf.get<Image>();
+    if (image && image->element != 0 && (depth == 0 || image->element < depth)) depth = image->element;
+  };
   for (const Value& value : values) {
-    for_each_leaf(value, [&](const Value& leaf) {
-      const auto* image = leaf.get<Image>();
-      if (image && image->element != 0 && (depth == 0 || image->element < depth)) depth = image->element;
-    });
+    if (value.is_numeric()) {
+      include(value);
+    } else {
+      for_each_leaf(value, include);
+    }
   }
   return depth;
 }
@@ -138,14 +151,22 @@ Value Elaborator::apply(OpKind kind, std::vector<Value> operands, ir::Attrs attr
   if (std::ranges::any_of(operands, contains_error)) return Error{};
   const ops::OpInfo& info = ops::info(kind);
   std::vector<ir::ResultType> types;
+  types.reserve(operands.size());
   for (const Value& operand : operands) types.push_back({element_type(operand), extent_of(operand)});
   if (!check_extents(operands, span_)) return Error{};
+  // An int of the compiler has 64 bits, one of the graph 32.
+  for (const Value& operand : operands) {
+    const auto* dim = operand.get<Dim>();
+    if (dim && dim->is_constant() && kind != OpKind::Convert && !fits_int(dim->constant())) {
+      return fail(Code::E0318, span_, "expected a number that fits int, found " + dim->str());
+    }
+  }
   const ops::InferResult inferred = info.infer({types, attrs});
   if (const auto* message = std::get_if<std::string>(&inferred)) return fail(Code::E0322, span_, *message);
-  const Type type = std::get<std::vector<ir::ResultType>>(inferred)[0].type;
+  const std::vector<ir::ResultType>& results = std::get<std::vector<ir::ResultType>>(inferred);
+  const Type type = results[0].type;
 
-  const bool known =
-      std::ranges::all_of(operands, [](const Value& operand) { return known_components(operand).has_value(); });
+  const bool known = std::ranges::all_of(operands, is_known);
   if (known && info.shape == ops::Shape::Elementwise && info.eval) {
     std::vector<std::vector<double>> components;
     std::vector<const double*> planes;
@@ -168,8 +189,10 @@ Value Elaborator::apply(OpKind kind, std::vector<Value> operands, ir::Attrs attr
   }
   const uint32_t element = element_depth(operands);
   std::vector<ValueId> ids;
+  ids.reserve(operands.size());
   for (const Value& operand : operands) ids.push_back(materialize(operand));
-  return Image{ops::emit(b_, kind, std::move(ids), std::move(attrs)), element};
+  const ir::OpId op = b_.add(kind, std::move(ids), results, std::move(attrs));
+  return Image{b_.graph().op(op).results[0], element};
 }
 
 // ---- conversions ----
@@ -236,6 +259,16 @@ Value Elaborator::to_float(const Value& value) {
 }
 
 bool Elaborator::check_extents(std::span<const Value> values, const Span& span) {
+  // Mostly there is nothing to compare.
+  const Extent* first = nullptr;
+  const bool alike = std::ranges::all_of(values, [&](const Value& value) {
+    const auto* operand = value.get<Image>();
+    if (!operand) return true;
+    const Extent& extent = b_.value(operand->id).extent;
+    if (!first) first = &extent;
+    return extent == *first || extent.is_unit();
+  });
+  if (alike) return true;
   Extent common;
   constexpr std::string_view kAxes[] = {"width", "height", "layers"};
   for (size_t i = 0; i < values.size(); ++i) {

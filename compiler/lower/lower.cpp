@@ -104,6 +104,7 @@ std::optional<ir::Graph> Elaborator::run(dsl::FileId root) {
   // A tree with holes would only repeat what the parser has said.
   if (!parsed_) return std::nullopt;
   scope_ = &root_->scope;
+  b_.reserve(sources_.text(root).size() / 4);  // long programs give about an op for six characters
   apply_defines(*root_);
   declare_leaves(*root_);
   run_program(*root_);

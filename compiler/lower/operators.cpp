@@ -105,19 +105,21 @@ Value Elaborator::binary(const std::string& op, Value a, Value b, const Span& sp
   if (is_one_of(op, {"==", "!=", "<", "<=", ">", ">="})) return compare(op, std::move(a), std::move(b), span);
   if (is_one_of(op, {"&", "|", "^", "<<", ">>"})) return bits(op, std::move(a), std::move(b), span);
 
-  const std::string words =
-      "cannot " + std::string(verb(op)) + " " + describe_element(a) + " and " + describe_element(b);
+  const auto words = [&] {
+    return "cannot " + std::string(verb(op)) + " " + describe_element(a) + " and " + describe_element(b);
+  };
   std::vector<Value> operands{a, b};
   if (!unify_scalars(operands) || element_type(operands[0]).is_bool()) {
     const bool mixed = !element_type(a).is_bool() && !element_type(b).is_bool();
-    return fail(Code::E0301, span, words, {}, mixed ? "convert one of them, such as float(i)" : "");
+    return fail(Code::E0301, span, words(), {}, mixed ? "convert one of them, such as float(i)" : "");
   }
   if (operands[0].is_error() || operands[1].is_error()) return Error{};
   // Before scalars are splat, while the operands have their names.
   if (!check_extents(operands, span)) return Error{};
   const OpKind kind = arithmetic_kind(op);
   const Type type_a = element_type(operands[0]), type_b = element_type(operands[1]);
-  if (kind == OpKind::Mod && type_a.is_float()) return fail(Code::E0301, span, words, {}, "write mod(x, y) for floats");
+  if (kind == OpKind::Mod && type_a.is_float())
+    return fail(Code::E0301, span, words(), {}, "write mod(x, y) for floats");
   if (type_a.is_matrix() || type_b.is_matrix()) {
     bool done = false;
     if (kind == OpKind::Mul) {
@@ -126,9 +128,9 @@ Value Elaborator::binary(const std::string& op, Value a, Value b, const Span& sp
     }
     if (type_a.is_scalar() || type_b.is_scalar() || type_a == type_b)
       return matrix_scalar(kind, operands[0], operands[1]);
-    return fail(Code::E0301, span, words);
+    return fail(Code::E0301, span, words());
   }
-  if (!unify_rows(operands)) return fail(Code::E0301, span, words);
+  if (!unify_rows(operands)) return fail(Code::E0301, span, words());
   return apply(kind, std::move(operands));
 }
 

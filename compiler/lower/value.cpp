@@ -27,6 +27,8 @@ std::optional<bool> known_bool(const Value& value) {
   return constant->components[0] != 0;
 }
 
+bool is_known(const Value& value) { return value.is<Constant>() || known_int(value).has_value(); }
+
 std::optional<std::vector<double>> known_components(const Value& value) {
   if (const auto number = known_int(value)) return std::vector<double>{static_cast<double>(*number)};
   if (const auto* constant = value.get<Constant>()) return constant->components;

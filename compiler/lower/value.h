@@ -143,6 +143,7 @@ Value make_bool(bool truth);
 // The number of an int known at compile time, without symbols.
 std::optional<int64_t> known_int(const Value& value);
 std::optional<bool> known_bool(const Value& value);
+bool is_known(const Value& value);  // a number without symbols
 // The components of a number known at compile time.
 std::optional<std::vector<double>> known_components(const Value& value);
 
