@@ -41,6 +41,7 @@ class Stages {
     std::vector<passes::Pass> chosen(passes::default_passes().begin(), passes::default_passes().end());
     if (options_.passes) chosen = passes_;
     passes::PipelineOptions pipeline;
+    pipeline.verify_each = options_.verify_each;
     pipeline.after = [&](std::string_view name, const ir::Graph& graph, double milliseconds) {
       const std::string pass(name);
       if (options_.time_passes) std::fprintf(stderr, "%s: %.3f ms\n", pass.c_str(), milliseconds);

@@ -35,6 +35,7 @@ struct BuildOptions {
   std::optional<std::vector<std::string>> passes;  // instead of those that the product needs
   std::optional<std::string> dump_ir;              // after this pass, or all of them if empty
   bool time_passes = false;
+  bool verify_each = true;
   bool cache = true;                 // keep assembled shaders on disk
   std::string report;                // empty, text or json
   std::vector<std::string> symbols;  // W=32, for the report

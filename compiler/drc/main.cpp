@@ -84,6 +84,8 @@ int main(int argc, char** argv) {
       build_command->add_option("--dump-ir", dump_ir, "Print the graph to stderr after a pass, or after each")
           ->expected(0, 1)
           ->type_name("PASS");
+  build_command->add_flag("--verify-each,!--no-verify-each", build_options.verify_each,
+                          "Verify the graph after each pass (the default)");
   build_command->add_flag("--time-passes", build_options.time_passes, "Print the time of each pass to stderr");
 
   const CLI::Option* report_option = build_command->add_flag(
