@@ -375,7 +375,7 @@ class TreeBuilder {
   void add_postfix(LayoutNode& sequence) {
     while (!failed_) {
       if (at(TokenKind::Dot)) {
-        add_token(sequence, false);
+        add_token(sequence, at_field_of_number());
         add_token(sequence, false);
       } else if (at(TokenKind::LeftBracket)) {
         add(sequence, list(TokenKind::RightBracket, &TreeBuilder::expression), false);
@@ -385,6 +385,12 @@ class TreeBuilder {
         return;
       }
     }
+  }
+
+  // `0 .5` is a field of 0, if a senseless one; without the blank it is a number.
+  bool at_field_of_number() const {
+    return position_ > 0 && tokens_[position_ - 1].kind == TokenKind::Int && next().kind == TokenKind::Int &&
+           (position_ < 2 || tokens_[position_ - 2].kind != TokenKind::Dot);
   }
 
   void add_primary(LayoutNode& sequence) {
