@@ -8,7 +8,7 @@ namespace dr::runtime {
 io::Result<std::map<size_t, io::Array>> topology_tables(const bundle::BundleT& bundle, size_t faces,
                                                         const io::Array& data, const ir::SymbolValues& symbols) {
   std::map<size_t, io::Array> arrays;
-  int64_t vertices = 0;
+  int64_t vertices = -1;
   bool asked = false;
   for (const auto& leaf : bundle.leaves) {
     if (leaf->table_of != static_cast<int>(faces)) continue;

@@ -135,8 +135,10 @@ int main(int argc, char** argv) {
                        "Stop at the first NaN or Inf: 'all' that an op makes, or 'results' that one reaches")
           ->expected(0, 1)
           ->check(CLI::IsMember({"all", "results"}));
-  eval_command->add_flag("--check-vjp", eval_options.check_vjp,
-                         "Compare outputs with those of --plain-gradients; they should agree to 1e-6");
+  eval_command
+      ->add_flag("--check-vjp", eval_options.check_vjp,
+                 "Compare outputs with those of --plain-gradients; they should agree to 1e-6")
+      ->excludes("--plain-gradients");
   eval_command->add_flag("--float32", eval_options.float32, "Round every op's result to float32");
   eval_command->add_option("--threads", eval_options.threads, "Threads to use, 0: all; no result depends on it")
       ->check(CLI::Range(0, 1024))
@@ -230,6 +232,10 @@ int main(int argc, char** argv) {
     if (explain_command->parsed()) code = explain(code_to_explain);
     write_messages();
     return code;
+  } catch (const std::bad_alloc&) {
+    print_error("this machine has not enough memory for the program and its data");
+    write_messages();
+    return kUserError;
   } catch (const std::exception& error) {
     std::fprintf(stderr, "internal error: %s\n", error.what());
     return kInternalError;

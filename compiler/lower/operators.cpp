@@ -164,6 +164,12 @@ Value Elaborator::dim_arithmetic(const std::string& op, const Dim& a, const Dim&
                                     : d >= 0);
     }
   }
+  if (known && is_one_of(op, {"<<", ">>"})) {
+    const int64_t bits = b.constant();
+    if (bits < 0 || bits > 62)
+      return fail(Code::E0406, span, "expected a shift by 0 to 62 bits at compile time, found " + b.str());
+    return op == "<<" ? checked_dim(a * Dim(int64_t{1} << bits), span) : Value(Dim(a.constant() >> bits));
+  }
   done = known && is_one_of(op, {"&", "|", "^"});
   if (op == "&" && done) return Dim(a.constant() & b.constant());
   if (op == "|" && done) return Dim(a.constant() | b.constant());

@@ -72,6 +72,9 @@ Value Elaborator::builtin_topology(BuiltinCall& call) {
       return fail(Code::E0322, call.spans[1],
                   "expected the number of vertices, an extent, for 'topology', found " + describe(call.args[1]));
     }
+    if (vertices->is_constant() && vertices->constant() < 1) {
+      return fail(Code::E0404, call.spans[1], "expected at least 1 vertex for 'topology', found " + vertices->str());
+    }
     const auto made = b_.graph().leaf_index(faces + ".vertex_start");
     if (made && b_.graph().leaves[*made].extent.w != *vertices + Dim(1)) {
       return fail(Code::E0617, call.spans[1],

@@ -23,9 +23,9 @@ std::optional<std::string> Session::make_tables() {
     for (size_t i = 0; i < count; ++i) {
       for (size_t c = 0; c < 3; ++c) face[3 * i + c] = static_cast<int32_t>(image.data[c * count + i]);
     }
-    int64_t vertices = 0;
+    int64_t vertices = -1;
     for (const ir::Leaf& leaf : graph_.leaves) {
-      if (is_table(leaf) && leaf.table == "vertex_start") vertices = leaf.extent.w.evaluate(symbols_).value_or(1) - 1;
+      if (is_table(leaf) && leaf.table == "vertex_start") vertices = leaf.extent.w.evaluate(symbols_).value_or(0) - 1;
     }
     const auto built = topology::build(face, vertices);
     if (const auto* error = std::get_if<std::string>(&built)) return "input '" + graph_.leaves[f].name + "': " + *error;

@@ -46,9 +46,15 @@ void add_edges(std::span<const int32_t> face, Tables& out) {
     while (end < sides.size() && sides[end].low == sides[i].low && sides[end].high == sides[i].high) ++end;
     const auto number = static_cast<int32_t>(count.size());
     edge.insert(edge.end(), {sides[i].low, sides[i].high});
-    edge_face.insert(edge_face.end(), {sides[i].face, end - i > 1 ? sides[i + 1].face : -1});
-    count.push_back(static_cast<int32_t>(end - i));
-    closed = closed && end - i == 2 && sides[i].forward != sides[i + 1].forward;
+    // A face that runs there and back along an edge is one face.
+    int32_t second = -1, faces = 1;
+    for (size_t k = i + 1; k < end; ++k) {
+      if (sides[k].face == sides[k - 1].face) continue;
+      if (++faces == 2) second = sides[k].face;
+    }
+    edge_face.insert(edge_face.end(), {sides[i].face, second});
+    count.push_back(faces);
+    closed = closed && faces == 2 && end - i == 2 && sides[i].forward != sides[i + 1].forward;
     for (; i < end; ++i) face_edge[static_cast<size_t>(3 * sides[i].face + sides[i].side)] = number;
   }
   if (count.empty()) {
@@ -81,13 +87,13 @@ const Table* find_table(std::string_view name) {
 
 std::variant<Tables, std::string> build(std::span<const int32_t> face, int64_t vertices) {
   for (size_t c = 0; c < face.size(); ++c) {
-    if (face[c] >= 0 && (vertices <= 0 || face[c] < vertices)) continue;
+    if (face[c] >= 0 && (vertices < 0 || face[c] < vertices)) continue;
     return "face " + std::to_string(c / 3) + " names the vertex " + std::to_string(face[c]) +
-           (vertices > 0 ? " of " + std::to_string(vertices) + " vertices" : ", expected at least 0");
+           (vertices >= 0 ? " of " + std::to_string(vertices) + " vertices" : ", expected at least 0");
   }
   Tables out;
   add_edges(face, out);
-  if (vertices > 0) add_vertices(face, vertices, out);
+  if (vertices >= 0) add_vertices(face, vertices, out);
   return out;
 }
 

@@ -35,8 +35,8 @@ struct Tables {
   std::map<std::string_view, std::vector<int32_t>> data;
 };
 
-// `face` holds three vertices a face. With `vertices` > 0 each must be below that and the tables of vertices are made;
-// without, they are left out. The error names the face whose vertex is out of range.
+// `face` holds three vertices a face. With `vertices` >= 0 each must be below that and the tables of vertices are made;
+// with -1 they are left out. The error names the face whose vertex is out of range.
 std::variant<Tables, std::string> build(std::span<const int32_t> face, int64_t vertices);
 
 }  // namespace dr::topology

@@ -27,13 +27,18 @@ bool read_number(std::string_view text, double& value) {
 }
 
 // The numbers of a line; what is none goes to `wrong`, if it is asked for.
-std::vector<double> read_row(std::string_view line, std::string_view* wrong) {
+std::vector<double> read_row(std::string_view line, std::string_view* wrong, size_t& numbers) {
   std::vector<double> row;
+  numbers = 0;
   for (size_t begin = 0; begin <= line.size();) {
     const size_t end = std::min(line.find(',', begin), line.size());
     const std::string_view field = trimmed(line.substr(begin, end - begin));
     double value = 0;
-    if (!read_number(field, value) && wrong->data() == nullptr) *wrong = field.data() != nullptr ? field : "";
+    if (read_number(field, value)) {
+      ++numbers;
+    } else if (wrong->data() == nullptr) {
+      *wrong = field.data() != nullptr ? field : "";
+    }
     row.push_back(value);
     begin = end + 1;
   }
@@ -55,10 +60,11 @@ Array parse_csv(std::string_view text, int expected_components) {
     ++line_number;
     if (line.empty() || line.starts_with('#')) continue;
     std::string_view wrong;
-    const std::vector<double> row = read_row(line, &wrong);
+    size_t numbers = 0;
+    const std::vector<double> row = read_row(line, &wrong, numbers);
     if (wrong.data() != nullptr) {
-      if (rows == 0 && columns == 0) {
-        columns = static_cast<int64_t>(row.size());  // a heading, or the first row is at fault: the next line tells
+      if (rows == 0 && columns == 0 && numbers == 0) {
+        columns = static_cast<int64_t>(row.size());  // a heading
         continue;
       }
       fail("line ", line_number, ": expected a number, found ", in_quotes(wrong));

@@ -225,6 +225,9 @@ TEST_CASE("small programs give the evaluator's answer on every device and loweri
     for (const auto& [name, device] : all)
       for (const char* lower : {"fragment", "compute"})
         for (const char* pack : {"fused", "naive", "subpasses"}) {
+          // Subpasses are the fragment lowering's; one op a pass is the same in both.
+          if (std::string(lower) == "fragment" ? std::string(pack) == "naive" : std::string(pack) == "subpasses")
+            continue;
           INFO(c.name << ": " << name << " " << lower << " " << pack);
           options.profile = name;
           options.lower = lower;
