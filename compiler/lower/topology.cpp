@@ -8,12 +8,6 @@
 
 namespace dr::lower {
 
-namespace {
-
-std::string named(const std::string& text) { return "'" + text + "'"; }
-
-}  // namespace
-
 // The leaf that holds the faces, or nothing after a message.
 const ir::Leaf* Elaborator::topology_faces(const BuiltinCall& call) {
   const auto* image = call.args[0].get<Image>();
@@ -78,7 +72,7 @@ Value Elaborator::builtin_topology(BuiltinCall& call) {
     const auto made = b_.graph().leaf_index(faces + ".vertex_start");
     if (made && b_.graph().leaves[*made].extent.w != *vertices + Dim(1)) {
       return fail(Code::E0617, call.spans[1],
-                  "expected one number of vertices for the topology of " + named(faces) + ", found " + vertices->str() +
+                  "expected one number of vertices for the topology of '" + faces + "', found " + vertices->str() +
                       " after " + (b_.graph().leaves[*made].extent.w - Dim(1)).str(),
                   {{b_.graph().leaves[*made].span, "the first is here"}});
     }

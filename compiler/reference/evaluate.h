@@ -88,15 +88,14 @@ class Session {
                                                        const Options& options = {});
 
  private:
-  // Makes the tables of topologies whose faces were bound, where nobody gave them (topology.cpp).
+  std::optional<std::string> prepare_leaves(std::vector<bool> needed);
+  // Makes the tables of topologies whose faces were bound since (topology.cpp).
   std::optional<std::string> make_tables();
   std::optional<std::string> assign(uint32_t leaf, Image data);
 
   const ir::Graph& graph_;
   ir::SymbolValues symbols_;
   std::map<std::string, std::string, std::less<>> symbol_origin_;  // which leaf or option set a symbol, for messages
-  std::optional<std::string> prepare_leaves(std::vector<bool> needed);
-
   std::vector<std::optional<Image>> leaves_;
   std::map<std::string, int64_t, std::less<>> runs_;
   std::vector<bool> stale_;  // faces bound since their tables were made, by leaf
