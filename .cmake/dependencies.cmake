@@ -54,6 +54,9 @@ if(dr_missing_packages)
   message(FATAL_ERROR "Dependencies are missing. On Debian:\n  apt-get install ${dr_missing_packages}")
 endif()
 
+# An allocator for the commands, if there is one.
+find_package(mimalloc 2 QUIET CONFIG)
+
 # A compiler cache is used where there is one, unless the user has chosen a launcher.
 find_program(DR_CCACHE ccache)
 mark_as_advanced(DR_CCACHE)

@@ -7,6 +7,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "dsl/source.h"
@@ -94,7 +95,7 @@ struct Expr {
   Kind kind = Kind::Error;
   Span span;
   std::string name;
-  std::string op;
+  std::string_view op;  // token_text of its token
   int64_t int_value = 0;
   double float_value = 0;
   bool bool_value = false;
@@ -103,11 +104,15 @@ struct Expr {
   ExprPtr a, b, c;
   std::vector<Arg> args;
   std::vector<ExprPtr> items;
-  Name loop_var;
-  Block then_block;
-  std::optional<Block> else_block;  // `else if` is a block whose value is an If
-  std::unique_ptr<FnDecl> fn;
-  std::vector<FnDecl> raster_fns;  // setup, corner, depth, keep, tag, cull
+  // Kept apart, because most expressions have none of it.
+  struct Inner {
+    Name loop_var;
+    Block then_block;
+    std::optional<Block> else_block;  // `else if` is a block whose value is an If
+    FnDecl fn;
+    std::vector<FnDecl> raster_fns;  // setup, corner, depth, keep, tag, cull
+  };
+  std::unique_ptr<Inner> inner;  // of Lambda, If, Reduce, Raster, BlockExpr
 };
 
 // A pattern on the left of `let`: a name, or a tuple of names (`_` discards).

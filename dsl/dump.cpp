@@ -176,8 +176,8 @@ List expr_list(const Expr& expr) {
     case Expr::Kind::Bool: return expr.bool_value ? "true" : "false";
     case Expr::Kind::String: return quote(expr.name);
     case Expr::Kind::NameRef: return expr.name;
-    case Expr::Kind::Unary: return {expr.op, expr_list(expr.a)};
-    case Expr::Kind::Binary: return {expr.op, expr_list(expr.a), expr_list(expr.b)};
+    case Expr::Kind::Unary: return {std::string(expr.op), expr_list(expr.a)};
+    case Expr::Kind::Binary: return {std::string(expr.op), expr_list(expr.a), expr_list(expr.b)};
     case Expr::Kind::Field: return {".", expr_list(expr.a), expr.name.empty() ? "_" : expr.name};
     case Expr::Kind::Index: return {"index", expr_list(expr.a), expr_list(expr.b)};
     case Expr::Kind::Call: {
@@ -185,16 +185,16 @@ List expr_list(const Expr& expr) {
       add_args(list, expr.args);
       return list;
     }
-    case Expr::Kind::Lambda: return fn_list(*expr.fn, "lambda");
+    case Expr::Kind::Lambda: return fn_list(expr.inner->fn, "lambda");
     case Expr::Kind::If: {
-      List list{expr.is_const ? "const-if" : "if", expr_list(expr.a), block_list(expr.then_block)};
-      if (expr.else_block) list.add(block_list(*expr.else_block));
+      List list{expr.is_const ? "const-if" : "if", expr_list(expr.a), block_list(expr.inner->then_block)};
+      if (expr.inner->else_block) list.add(block_list(*expr.inner->else_block));
       return list;
     }
     case Expr::Kind::Reduce: {
-      List list{"reduce", expr.name, expr.loop_var.text, expr_list(expr.a), expr_list(expr.b)};
+      List list{"reduce", expr.name, expr.inner->loop_var.text, expr_list(expr.a), expr_list(expr.b)};
       if (expr.c) list.add({"max", expr_list(expr.c)});
-      list.add(block_list(expr.then_block));
+      list.add(block_list(expr.inner->then_block));
       return list;
     }
     case Expr::Kind::Tuple:
@@ -207,10 +207,10 @@ List expr_list(const Expr& expr) {
       List args = List::of("args");
       add_args(args, expr.args);
       List list{"raster", std::move(args)};
-      for (const FnDecl& fn : expr.raster_fns) list.add(fn_list(fn, "fn"));
+      for (const FnDecl& fn : expr.inner->raster_fns) list.add(fn_list(fn, "fn"));
       return list;
     }
-    case Expr::Kind::BlockExpr: return block_list(expr.then_block);
+    case Expr::Kind::BlockExpr: return block_list(expr.inner->then_block);
     case Expr::Kind::Error: return "<error>";
   }
   return "<error>";

@@ -3,10 +3,12 @@
 // by what stands beside the dot, and it never reads a byte twice but for the check of the encoding.
 #include "dsl/lexer.h"
 
+#include <algorithm>
 #include <array>
 #include <cassert>
 #include <charconv>
 #include <cstring>
+#include <iterator>
 #include <limits>
 #include <system_error>
 #include <utility>
@@ -24,13 +26,18 @@ constexpr bool is_word_start(char c) { return (c >= 'a' && c <= 'z') || (c >= 'A
 constexpr bool is_word(char c) { return is_word_start(c) || is_digit(c); }
 
 TokenKind word_kind(std::string_view word) {
-  constexpr TokenKind kKeywords[] = {TokenKind::Const,  TokenKind::Else,   TokenKind::False,  TokenKind::Fn,
-                                     TokenKind::For,    TokenKind::If,     TokenKind::Let,    TokenKind::Minimize,
-                                     TokenKind::Raster, TokenKind::Reduce, TokenKind::Return, TokenKind::True,
-                                     TokenKind::Var};
+  static constexpr TokenKind kKeywords[] = {
+      TokenKind::Const,  TokenKind::Else, TokenKind::False,    TokenKind::Fn,     TokenKind::For,
+      TokenKind::If,     TokenKind::Let,  TokenKind::Minimize, TokenKind::Raster, TokenKind::Reduce,
+      TokenKind::Return, TokenKind::True, TokenKind::Var};
+  static const auto texts = [] {
+    std::array<std::string_view, std::size(kKeywords)> all;
+    std::ranges::transform(kKeywords, all.begin(), token_text);
+    return all;
+  }();
   if (word.size() < 2 || word.size() > 8) return TokenKind::Name;
-  for (const TokenKind kind : kKeywords) {
-    if (token_text(kind) == word) return kind;
+  for (size_t i = 0; i < texts.size(); ++i) {
+    if (texts[i] == word) return kKeywords[i];
   }
   return TokenKind::Name;
 }

@@ -66,6 +66,14 @@ ExprPtr Parser::node(Expr::Kind kind) const {
   auto expr = std::make_unique<Expr>();
   expr->kind = kind;
   expr->span = span(token_);
+  switch (kind) {
+    case Expr::Kind::Lambda:
+    case Expr::Kind::If:
+    case Expr::Kind::Reduce:
+    case Expr::Kind::Raster:
+    case Expr::Kind::BlockExpr: expr->inner = std::make_unique<Expr::Inner>(); break;
+    default: break;
+  }
   return expr;
 }
 
@@ -233,8 +241,8 @@ ExprPtr Parser::parse_primary() {
         return error_expr();
       }
       ExprPtr expr = node(Expr::Kind::BlockExpr);
-      expr->then_block = parse_block(BlockKind::Other, {});
-      expr->span = expr->then_block.span;
+      expr->inner->then_block = parse_block(BlockKind::Other, {});
+      expr->span = expr->inner->then_block.span;
       grow();
       return expr;
     }
@@ -340,7 +348,7 @@ ExprPtr Parser::parse_if(bool is_const, bool needs_else) {
     expr->a = parse_condition();
   }
   const bool damaged = panicking_;
-  expr->then_block = parse_block(BlockKind::Other, {"the condition"});
+  expr->inner->then_block = parse_block(BlockKind::Other, {"the condition"});
   // What was read as the body may have been the condition: nothing is known about what follows.
   if (damaged && !at(TokenKind::Else)) panicking_ = true;
   if (take(TokenKind::Else)) {
@@ -349,16 +357,16 @@ ExprPtr Parser::parse_if(bool is_const, bool needs_else) {
       Block chained;
       chained.value = parse_if(is_const, needs_else);
       chained.span = chained.value->span;
-      expr->else_block = std::move(chained);
+      expr->inner->else_block = std::move(chained);
     } else {
-      expr->else_block = parse_block(BlockKind::Other, {"", "else"});
+      expr->inner->else_block = parse_block(BlockKind::Other, {"", "else"});
     }
   } else if (needs_else && !broken()) {
     Diagnostic& diagnostic = fail_expected(Code::E0111, "'else'", {"the block of 'if'"});
     if (starts_statement) diagnostic.help = "assign its value with let";
   }
   // Whoever reads the tree finds both branches of an `if` that gives a value.
-  if (needs_else && !expr->else_block) expr->else_block.emplace().span = span_from(last_.end);
+  if (needs_else && !expr->inner->else_block) expr->inner->else_block.emplace().span = span_from(last_.end);
   expr->span = span_from(begin);
   grow();
   return expr;
@@ -384,8 +392,8 @@ ExprPtr Parser::parse_reduce() {
     expect(TokenKind::Comma, {"the reduction", expr->name});
     std::optional<Name> loop_var = expect_name("the loop's variable", {"", ","});
     if (!loop_var) return error_expr();
-    expr->loop_var = *std::move(loop_var);
-    expect_word("in", {"", expr->loop_var.text});
+    expr->inner->loop_var = *std::move(loop_var);
+    expect_word("in", {"", expr->inner->loop_var.text});
     expr->a = parse_expr();
     expect(TokenKind::DotDot, {"the start of the range"});
     expr->b = parse_expr();
@@ -396,7 +404,7 @@ ExprPtr Parser::parse_reduce() {
     }
     expect_close(TokenKind::RightParen, open, {"the range"});
   }
-  expr->then_block = parse_block(BlockKind::Other, {"the range"});
+  expr->inner->then_block = parse_block(BlockKind::Other, {"the range"});
   expr->span = span_from(begin);
   grow();
   return expr;
@@ -405,12 +413,11 @@ ExprPtr Parser::parse_reduce() {
 ExprPtr Parser::parse_lambda() {
   const uint32_t begin = token_.begin;
   ExprPtr expr = node(Expr::Kind::Lambda);
-  expr->fn = std::make_unique<FnDecl>();
   advance();
-  parse_signature_and_body(*expr->fn, {"", "fn"}, true);
-  expr->fn->span = span_from(begin);
-  expr->fn->name.span = Span{file_, begin, begin + 2};
-  expr->span = expr->fn->span;
+  parse_signature_and_body(expr->inner->fn, {"", "fn"}, true);
+  expr->inner->fn.span = span_from(begin);
+  expr->inner->fn.name.span = Span{file_, begin, begin + 2};
+  expr->span = expr->inner->fn.span;
   grow();
   return expr;
 }
@@ -425,7 +432,7 @@ ExprPtr Parser::parse_raster() {
   if (expect(TokenKind::LeftBrace, {"the arguments of 'raster'"})) {
     const Nest nest(*this);
     while (!at(TokenKind::RightBrace) && !at(TokenKind::End) && !at_item_boundary()) {
-      parse_raster_fn(expr->raster_fns);
+      parse_raster_fn(expr->inner->raster_fns);
       if (panicking_) recover(Place::Statement);
       if (panicking_) break;
     }

@@ -13,9 +13,9 @@ namespace {
 bool gives_value(const Expr& expr) {
   const Expr* at = &expr;
   while (true) {
-    if (at->then_block.value) return true;
-    if (!at->else_block || !at->else_block->value) return false;
-    const Expr* next = at->else_block->value.get();
+    if (at->inner->then_block.value) return true;
+    if (!at->inner->else_block || !at->inner->else_block->value) return false;
+    const Expr* next = at->inner->else_block->value.get();
     if (next->kind != Expr::Kind::If || !next->is_const) return true;
     at = next;
   }
@@ -27,9 +27,9 @@ StmtPtr const_if_statement(ExprPtr expr) {
   stmt->kind = Stmt::Kind::ConstIf;
   stmt->span = expr->span;
   stmt->a = std::move(expr->a);
-  stmt->body = std::move(expr->then_block);
-  if (expr->else_block) {
-    stmt->else_body = std::move(*expr->else_block);
+  stmt->body = std::move(expr->inner->then_block);
+  if (expr->inner->else_block) {
+    stmt->else_body = std::move(*expr->inner->else_block);
     if (stmt->else_body->value) {
       stmt->else_body->statements.push_back(const_if_statement(std::move(stmt->else_body->value)));
     }
@@ -257,7 +257,7 @@ void Parser::parse_const_if_statement(Block& block) {
     block.statements.push_back(const_if_statement(std::move(expr)));
     return;
   }
-  if (!expr->else_block) {
+  if (!expr->inner->else_block) {
     fail(Code::E0111, expr->span, "expected 'else' after an 'if' that gives a value, found " + found());
     return;
   }

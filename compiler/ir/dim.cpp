@@ -7,8 +7,11 @@
 #include <algorithm>
 #include <charconv>
 #include <limits>
+#include <memory>
+#include <mutex>
 #include <numeric>
 #include <set>
+#include <unordered_map>
 
 namespace dr::ir {
 namespace {
@@ -56,8 +59,10 @@ struct Dim::Node {
   size_t weight = 0;
   uint64_t hash = 0;
 
-  static const Node* of(const Dim& d) { return d.node_.get(); }
-  static Dim make(std::shared_ptr<const Node> node) { return Dim(std::move(node)); }
+  static const Node* of(const Dim& d) { return d.node_; }
+  // The one extent with these terms, which are sorted and collected; none are the undefined extent.
+  static Dim intern(Node node);
+  static Dim undefined() { return Dim::undefined(); }
 };
 
 namespace {
@@ -91,10 +96,11 @@ std::strong_ordering compare(const std::vector<AtomPtr>& a, const std::vector<At
   return std::strong_ordering::equal;
 }
 
-Dim undefined() {
-  static const auto node = std::make_shared<const Node>();
-  return Node::make(node);
+bool operator==(const Term& a, const Term& b) {
+  return a.coefficient == b.coefficient && compare(a.atoms, b.atoms) == 0;
 }
+
+Dim undefined() { return Node::undefined(); }
 bool is_undefined(const Dim& d) { return Node::of(d) && Node::of(d)->terms.empty(); }
 
 // The terms of any defined extent; a constant's go to `storage`.
@@ -108,18 +114,18 @@ const std::vector<Term>& terms_of(const Dim& d, std::vector<Term>& storage) {
 Dim from_sorted(std::vector<Term> terms) {
   if (terms.empty()) return Dim(0);
   if (terms.size() == 1 && terms[0].atoms.empty()) return Dim(terms[0].coefficient);
-  auto node = std::make_shared<Node>();
+  Node node;
   for (const Term& term : terms) {
-    node->weight += 1;
-    node->hash = mix(node->hash, static_cast<uint64_t>(term.coefficient));
+    node.weight += 1;
+    node.hash = mix(node.hash, static_cast<uint64_t>(term.coefficient));
     for (const AtomPtr& atom : term.atoms) {
-      node->weight += atom->weight;
-      node->hash = mix(node->hash, atom->hash);
+      node.weight += atom->weight;
+      node.hash = mix(node.hash, atom->hash);
     }
   }
-  if (node->weight > kMaxWeight) return undefined();
-  node->terms = std::move(terms);
-  return Node::make(std::move(node));
+  if (node.weight > kMaxWeight) return undefined();
+  node.terms = std::move(terms);
+  return Node::intern(std::move(node));
 }
 
 Dim from_terms(std::vector<Term> terms) {
@@ -175,9 +181,20 @@ const Term* single_division(const std::vector<Term>& terms) {
 
 }  // namespace
 
-Dim::Dim(int64_t constant) : constant_(constant) {
-  // The one value whose negation does not fit is left out of the range.
-  if (constant == std::numeric_limits<int64_t>::min()) *this = undefined();
+Dim Dim::Node::intern(Node node) {
+  static std::mutex mutex;
+  static std::unordered_multimap<uint64_t, std::unique_ptr<const Node>> nodes;
+  const std::scoped_lock lock(mutex);
+  const auto [begin, end] = nodes.equal_range(node.hash);
+  const auto known = std::find_if(begin, end, [&](const auto& entry) { return entry.second->terms == node.terms; });
+  if (known != end) return Dim(*known->second);
+  const uint64_t hash = node.hash;
+  return Dim(*nodes.emplace(hash, std::make_unique<const Node>(std::move(node)))->second);
+}
+
+Dim Dim::undefined() {
+  static const Dim none = Node::intern(Node{});
+  return none;
 }
 
 Dim Dim::symbol(std::string name) {
@@ -271,10 +288,6 @@ Dim Dim::divided_by(int64_t divisor) const {
   atom.hash = mix(numerator.node_->hash, static_cast<uint64_t>(reduced));
   return outside + from_atom(std::move(atom));
 }
-
-bool Dim::is_constant() const { return !node_; }
-
-int64_t Dim::constant() const { return constant_; }
 
 std::optional<std::string> Dim::as_symbol() const {
   if (!node_ || node_->terms.size() != 1) return std::nullopt;
@@ -499,16 +512,6 @@ std::string Dim::str() const {
 
 std::optional<Dim> Dim::parse(std::string_view text) { return DimParser(text).parse(); }
 
-bool operator==(const Dim& a, const Dim& b) {
-  if (a.node_ == b.node_) return a.constant_ == b.constant_;
-  if (!a.node_ || !b.node_ || a.node_->hash != b.node_->hash) return false;
-  const auto& x = a.node_->terms;
-  const auto& y = b.node_->terms;
-  return std::equal(x.begin(), x.end(), y.begin(), y.end(), [](const Term& s, const Term& t) {
-    return s.coefficient == t.coefficient && compare(s.atoms, t.atoms) == 0;
-  });
-}
-
 std::strong_ordering operator<=>(const Dim& a, const Dim& b) {
   if (a.node_ == b.node_) return a.constant_ <=> b.constant_;
   if (auto c = (a.node_ != nullptr) <=> (b.node_ != nullptr); c != 0) return c;
@@ -532,14 +535,11 @@ std::string Extent::str() const {
 }
 
 std::optional<Extent> broadcast(const Extent& a, const Extent& b) {
-  const auto axis = [](const Dim& x, const Dim& y) -> std::optional<Dim> {
-    if (x.is_one()) return y;
-    if (y.is_one() || x == y) return x;
-    return std::nullopt;
-  };
-  const auto w = axis(a.w, b.w), h = axis(a.h, b.h), l = axis(a.l, b.l);
-  if (!w || !h || !l) return std::nullopt;
-  return Extent{*w, *h, *l};
+  if (a == b) return a;
+  const auto fits = [](const Dim& x, const Dim& y) { return x.is_one() || y.is_one() || x == y; };
+  if (!fits(a.w, b.w) || !fits(a.h, b.h) || !fits(a.l, b.l)) return std::nullopt;
+  const auto axis = [](const Dim& x, const Dim& y) { return x.is_one() ? y : x; };
+  return Extent{axis(a.w, b.w), axis(a.h, b.h), axis(a.l, b.l)};
 }
 
 }  // namespace dr::ir

@@ -7,8 +7,8 @@
 #include <compare>
 #include <cstdint>
 #include <functional>
+#include <limits>
 #include <map>
-#include <memory>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -20,11 +20,15 @@ namespace dr::ir {
 using SymbolValues = std::map<std::string, int64_t, std::less<>>;
 
 // A polynomial with integer coefficients over atoms; an atom is a symbol or floor(polynomial / constant).
-// Immutable; copies share their terms.
+// Immutable. Each distinct expression is kept once, as long as the process lives, so that copies and equality cost
+// nothing: extents go with every value.
 class Dim {
  public:
-  Dim() : Dim(1) {}
-  Dim(int64_t constant);  // NOLINT: an integer is an extent
+  Dim() = default;
+  Dim(int64_t constant) : constant_(constant) {  // NOLINT: an integer is an extent
+    // The one value whose negation does not fit is left out of the range.
+    if (constant == std::numeric_limits<int64_t>::min()) *this = undefined();
+  }
   static Dim symbol(std::string name);
 
   Dim operator+(const Dim& other) const;
@@ -33,9 +37,9 @@ class Dim {
   // Floor division. `divisor` > 0.
   Dim divided_by(int64_t divisor) const;
 
-  bool is_constant() const;
-  bool is_one() const { return is_constant() && constant() == 1; }
-  int64_t constant() const;  // requires is_constant()
+  bool is_constant() const { return node_ == nullptr; }
+  bool is_one() const { return node_ == nullptr && constant_ == 1; }
+  int64_t constant() const { return constant_; }  // requires is_constant()
   // The symbol's name if this is exactly one symbol.
   std::optional<std::string> as_symbol() const;
   // Names of all symbols inside, sorted, without repeats.
@@ -50,15 +54,16 @@ class Dim {
   std::string str() const;
   static std::optional<Dim> parse(std::string_view text);
 
-  friend bool operator==(const Dim& a, const Dim& b);
+  friend bool operator==(const Dim& a, const Dim& b) = default;
   friend std::strong_ordering operator<=>(const Dim& a, const Dim& b);  // any total order, for maps
 
   struct Node;  // dim.cpp
 
  private:
-  explicit Dim(std::shared_ptr<const Node> node) : node_(std::move(node)) {}
-  int64_t constant_ = 0;              // the value when node_ is null
-  std::shared_ptr<const Node> node_;  // null: a constant. Shared because extents are copied with every value
+  explicit Dim(const Node& node) : constant_(0), node_(&node) {}
+  static Dim undefined();
+  int64_t constant_ = 1;        // the value when node_ is null, else 0
+  const Node* node_ = nullptr;  // null: a constant
 };
 
 // Width, height, layers.

@@ -76,30 +76,31 @@ OpId Builder::add(OpKind kind, std::vector<ValueId> operands, std::span<const Re
                   std::vector<RegionId> regions, dsl::Span span) {
   for (ValueId operand : operands) DR_ASSERT(operand.index < graph_.values_.size());
   const OpId id{static_cast<uint32_t>(graph_.ops_.size())};
-  Op op{kind,
-        std::move(operands),
-        {},
-        std::move(regions),
-        std::move(attrs),
-        span.valid() ? span : span_,
-        current_region()};
-  for (RegionId region : op.regions) {
+  const RegionId parent = current_region();
+  for (RegionId region : regions) {
     DR_ASSERT(region.index < graph_.regions_.size() && !graph_.regions_[region.index].parent.valid());
     graph_.regions_[region.index].parent = id;
   }
+  // Filled in place: graphs have many ops, and an op is large to move.
+  Op& op = graph_.ops_.emplace_back();
+  op.kind = kind;
+  op.operands = std::move(operands);
+  op.regions = std::move(regions);
+  op.attrs = std::move(attrs);
+  op.span = span.valid() ? span : span_;
+  op.parent = parent;
   op.results.reserve(results.size());
   for (const ResultType& result : results) {
     op.results.push_back(ValueId{static_cast<uint32_t>(graph_.values_.size())});
-    graph_.values_.push_back({result.type,
-                              result.extent,
-                              id,
-                              current_region(),
-                              static_cast<uint32_t>(op.results.size() - 1),
-                              result.accumulation,
-                              {}});
+    ValueInfo& value = graph_.values_.emplace_back();
+    value.type = result.type;
+    value.extent = result.extent;
+    value.op = id;
+    value.region = parent;
+    value.result_index = static_cast<uint32_t>(op.results.size() - 1);
+    value.accumulation = result.accumulation;
   }
-  graph_.ops_.push_back(std::move(op));
-  graph_.regions_[current_region().index].ops.push_back(id);
+  graph_.regions_[parent.index].ops.push_back(id);
   return id;
 }
 

@@ -20,9 +20,11 @@ Value Elaborator::evaluate_call(const Expr& expr) {
   const Value callee = evaluate(*expr.a);
   if (const auto* builtin = callee.get<BuiltinValue>()) {
     std::vector<Argument> args;
+    args.reserve(expr.args.size());
     for (const dsl::Arg& arg : expr.args) {
       const bool is_word = arg.name && is_word_argument(arg.name->text);
-      args.push_back({arg.name, is_word ? Value(Nothing{}) : evaluate(*arg.value), arg.value->span});
+      args.push_back(
+          {arg.name ? &*arg.name : nullptr, is_word ? Value(Nothing{}) : evaluate(*arg.value), arg.value->span});
     }
     return call_builtin(*builtin, std::move(args), &expr, expr.span);
   }
@@ -31,7 +33,9 @@ Value Elaborator::evaluate_call(const Expr& expr) {
 
 std::vector<Argument> Elaborator::evaluate_args(const std::vector<dsl::Arg>& args) {
   std::vector<Argument> values;
-  for (const dsl::Arg& arg : args) values.push_back({arg.name, evaluate(*arg.value), arg.value->span});
+  values.reserve(args.size());
+  for (const dsl::Arg& arg : args)
+    values.push_back({arg.name ? &*arg.name : nullptr, evaluate(*arg.value), arg.value->span});
   return values;
 }
 
@@ -50,7 +54,7 @@ Value Elaborator::call(const Value& callee, std::vector<Argument> args, const Sp
 // A call with positional arguments that have no text of their own.
 Value Elaborator::call_with(const Value& callee, std::vector<Value> values, const Span& span) {
   std::vector<Argument> args;
-  for (Value& value : values) args.push_back({std::nullopt, std::move(value), span});
+  for (Value& value : values) args.push_back({nullptr, std::move(value), span});
   return call(callee, std::move(args), span);
 }
 
@@ -63,9 +67,10 @@ std::optional<std::vector<std::optional<Argument>>> Elaborator::order_arguments(
                                                                                 const std::string& name,
                                                                                 const Span& declared) {
   std::vector<std::optional<Argument>> ordered(params.size());
-  std::vector<dsl::Note> notes;
-  if (declared.valid())
-    notes.push_back({declared, (name.empty() ? "the function" : "'" + name + "'") + std::string(" is declared here")});
+  const auto notes = [&]() -> std::vector<dsl::Note> {
+    if (!declared.valid()) return {};
+    return {{declared, (name.empty() ? "the function" : "'" + name + "'") + std::string(" is declared here")}};
+  };
   size_t next = 0;
   for (Argument& arg : args) {
     size_t at = next;
@@ -75,7 +80,7 @@ std::optional<std::vector<std::optional<Argument>>> Elaborator::order_arguments(
       at = static_cast<size_t>(std::ranges::find(known, arg.name->text) - known.begin());
       if (at == params.size()) {
         report(Code::E0305, arg.name->span,
-               "expected the name of a parameter of " + shown(name) + ", found '" + arg.name->text + "'", notes,
+               "expected the name of a parameter of " + shown(name) + ", found '" + arg.name->text + "'", notes(),
                suggestion(arg.name->text, known));
         return std::nullopt;
       }
@@ -84,14 +89,14 @@ std::optional<std::vector<std::optional<Argument>>> Elaborator::order_arguments(
         report(Code::E0304, arg.span,
                "expected " + counted(params.size(), "argument") + " for " + shown(name) + ", found " +
                    std::to_string(args.size()),
-               notes);
+               notes());
         return std::nullopt;
       }
       ++next;
     }
     if (ordered[at]) {
       report(Code::E0305, arg.name ? arg.name->span : arg.span,
-             "expected one argument for '" + params[at].name.text + "', found a second", notes);
+             "expected one argument for '" + params[at].name.text + "', found a second", notes());
       return std::nullopt;
     }
     ordered[at] = std::move(arg);
@@ -99,7 +104,7 @@ std::optional<std::vector<std::optional<Argument>>> Elaborator::order_arguments(
   for (size_t i = 0; i < params.size(); ++i) {
     if (ordered[i] || params[i].default_value) continue;
     report(Code::E0304, call,
-           "expected an argument for '" + params[i].name.text + "' of " + shown(name) + ", found none", notes);
+           "expected an argument for '" + params[i].name.text + "' of " + shown(name) + ", found none", notes());
     return std::nullopt;
   }
   return ordered;
@@ -143,8 +148,8 @@ bool Elaborator::bind_params(const std::vector<dsl::Param>& params, const std::v
     } else {
       value = evaluate(*param.default_value);
     }
-    how.notes = {{param.name.span, "'" + param.name.text + "' is declared here"}};
-    how.subject = "'" + param.name.text + "'";
+    how.declared = param.name.span;
+    how.name = param.name.text;
     if (contains_error(value)) {
       ok = false;
     } else if (param.type) {
@@ -162,7 +167,7 @@ bool Elaborator::bind_params(const std::vector<dsl::Param>& params, const std::v
         report(Code::E0501, how.span,
                "expected a value known at compile time for '" + param.name.text + "', found " + describe(value) +
                    " known at run time",
-               how.notes);
+               how.notes());
         ok = false;
       }
     }
@@ -201,7 +206,7 @@ bool Elaborator::check_recursion(const FunctionValue& fn, const Span& span) {
 Value Elaborator::inline_function(const FunctionValue& fn, std::vector<Argument> args, const Span& span) {
   if (!check_recursion(fn, span)) return Error{};
   const dsl::FnDecl& decl = *fn.decl;
-  if (!fn.self.empty()) args.insert(args.begin(), Argument{std::nullopt, fn.self[0], span});
+  if (!fn.self.empty()) args.insert(args.begin(), Argument{nullptr, fn.self[0], span});
   Scope* scope = new_scope(fn.scope);
   if (!bind_params(decl.params, decl.generics, std::move(args), *scope, span, decl.name.text, decl.name.span, true))
     return Error{};
@@ -215,7 +220,6 @@ Value Elaborator::inline_function(const FunctionValue& fn, std::vector<Argument>
   const size_t depth = frames_.size();
   const Switched<Scope*> inside(scope_, scope);
   Value value = evaluate_block(decl.body);
-  const std::string subject = "the result of " + shown(decl.name.text);
   const Span end = decl.body.value                ? decl.body.value->span
                    : decl.body.statements.empty() ? decl.body.span
                                                   : decl.body.statements.back()->span;
@@ -224,9 +228,10 @@ Value Elaborator::inline_function(const FunctionValue& fn, std::vector<Argument>
   } else if (decl.result && !contains_error(value)) {
     TypeMatch how;
     how.code = Code::E0324;
-    how.subject = subject;
+    how.role = "the result of ";
+    how.name = decl.name.text;
     how.span = end;
-    how.notes = {{decl.result->span, "the result type is declared here"}};
+    how.declared = decl.result->span;
     how.stretch = true;
     auto matched = match(value, *decl.result, how);
     value = matched ? *std::move(matched) : Value(Error{});

@@ -51,7 +51,7 @@ inline constexpr size_t kMaxCallNotes = 4;  // notes "in the call of 'f' here" o
 class Elaborator;
 
 struct Argument {
-  std::optional<dsl::Name> name;
+  const dsl::Name* name = nullptr;  // null: found by its place
   Value value;
   Span span;
 };
@@ -83,15 +83,21 @@ const Expr* word_argument(const BuiltinCall& call, std::string_view name);
 
 // How a declared type is held against a value.
 struct TypeMatch {
-  Code code{};          // of a mismatch
-  std::string subject;  // "'x'", "the result of 'f'"
-  Span span;            // of the value
-  std::vector<dsl::Note> notes;
+  Code code{};                                       // of a mismatch
+  std::string part = {};                             // "element 0 of ", where it is a part of what was given
+  std::string_view role;                             // "the result of ", or empty
+  std::string_view name;                             // "x"; empty: it has none
+  Span span;                                         // of the value
+  Span declared;                                     // where the type stands, for a note; need not be there
   std::vector<dsl::Name> const* generics = nullptr;  // names that the value may bind
   bool bind_extents = false;                         // names in extents may be bound by the value
   bool parameter = false;                            // `vec3` is one element
   bool stretch = false;                              // extents of 1 are stretched to those written
   bool ignore_extents = false;                       // somebody else looks at them
+
+  // Words are made when there is something to say, which is seldom.
+  std::string subject() const;  // "'x'", "the result of 'f'"
+  std::vector<dsl::Note> notes() const;
 };
 
 class Elaborator {
@@ -251,12 +257,12 @@ class Elaborator {
   // Operators (operators.cpp, matrix.cpp).
   Value evaluate_unary(const Expr& expr);
   Value evaluate_binary(const Expr& expr);
-  Value binary(const std::string& op, Value a, Value b, const Span& span);
-  Value dim_arithmetic(const std::string& op, const Dim& a, const Dim& b, const Span& span, bool& done);
+  Value binary(std::string_view op, Value a, Value b, const Span& span);
+  Value dim_arithmetic(std::string_view op, const Dim& a, const Dim& b, const Span& span, bool& done);
   Value checked_dim(const Dim& dim, const Span& span);
-  Value compare(const std::string& op, Value a, Value b, const Span& span);
-  Value logic(const std::string& op, const Value& a, const Value& b, const Span& span);
-  Value bits(const std::string& op, Value a, Value b, const Span& span);
+  Value compare(std::string_view op, const Value& a, const Value& b, const Span& span);
+  Value logic(std::string_view op, const Value& a, const Value& b, const Span& span);
+  Value bits(std::string_view op, const Value& a, const Value& b, const Span& span);
   Value matrix_product(const Value& a, const Value& b, const Span& span, bool& done);
   Value matrix_scalar(OpKind kind, const Value& a, const Value& b);
   Value map_columns(const Value& m, const std::function<Value(const Value&)>& f);
@@ -280,7 +286,7 @@ class Elaborator {
   bool mismatch(const Value& value, const std::string& wanted, TypeMatch& how);
   bool may_bind(std::string_view name, const TypeMatch& how) const;
   std::optional<Value> type_name(const dsl::TypeExpr& type);  // a TypeValue, or a generic that is not bound
-  std::optional<Value> declared(const Value& value, const dsl::TypeExpr& type, std::string subject, const Span& span);
+  std::optional<Value> declared(const Value& value, const dsl::TypeExpr& type, std::string_view name, const Span& span);
 
   // Calls (calls.cpp, constructors.cpp).
   Value evaluate_call(const Expr& expr);

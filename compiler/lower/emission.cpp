@@ -152,7 +152,11 @@ Value Elaborator::apply(OpKind kind, std::vector<Value> operands, ir::Attrs attr
   const ops::OpInfo& info = ops::info(kind);
   std::vector<ir::ResultType> types;
   types.reserve(operands.size());
-  for (const Value& operand : operands) types.push_back({element_type(operand), extent_of(operand)});
+  for (const Value& operand : operands) {
+    ir::ResultType& type = types.emplace_back();
+    type.type = element_type(operand);
+    if (const auto* image = operand.get<Image>()) type.extent = b_.value(image->id).extent;
+  }
   if (!check_extents(operands, span_)) return Error{};
   // An int of the compiler has 64 bits, one of the graph 32.
   for (const Value& operand : operands) {

@@ -43,7 +43,7 @@ Value Elaborator::evaluate_any(const Expr& expr) {
     }
     case Expr::Kind::Array: return evaluate_array(expr);
     case Expr::Kind::Raster: return evaluate_raster(expr);
-    case Expr::Kind::BlockExpr: return evaluate_block(expr.then_block);
+    case Expr::Kind::BlockExpr: return evaluate_block(expr.inner->then_block);
     case Expr::Kind::Error: return Error{};
   }
   DR_ICE("an expression of no kind");
@@ -59,7 +59,7 @@ Value Elaborator::evaluate_number(const Expr& expr) {
 
 Value Elaborator::evaluate_lambda(const Expr& expr) {
   FunctionValue lambda;
-  lambda.decl = expr.fn.get();
+  lambda.decl = &expr.inner->fn;
   lambda.scope = scope_;
   lambda.creator = frames_.size();
   lambda.is_lambda = true;

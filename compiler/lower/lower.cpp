@@ -123,10 +123,8 @@ void Elaborator::apply_defines(ModuleInfo& root) {
     const Span all{file, 0, static_cast<uint32_t>(text.size())};
     const auto found = root.items.find(name);
     if (found == root.items.end() || found->second.kind != ModuleItem::Kind::Const) {
-      std::vector<std::string> known;
-      for (const auto& [other, item] : root.items) {
-        if (item.kind == ModuleItem::Kind::Const) known.push_back(other);
-      }
+      const std::vector<std::string> known =
+          names_of(root.items, [](const ModuleItem& item) { return item.kind == ModuleItem::Kind::Const; });
       report(Code::E0209, all, "expected the name of a const of the program after -D, found '" + name + "'", {},
              suggestion(name, known));
       continue;
@@ -136,7 +134,7 @@ void Elaborator::apply_defines(ModuleInfo& root) {
     ModuleItem& item = found->second;
     Value value = evaluate(*expr);
     if (!value.is_error() && item.constant->type) {
-      const auto fitted = declared(value, *item.constant->type, "'" + name + "'", all);
+      const auto fitted = declared(value, *item.constant->type, name, all);
       value = fitted ? *fitted : Value(Error{});
     }
     item.value = value;

@@ -194,7 +194,7 @@ Value Elaborator::item_value(ModuleInfo& module, std::string_view name, ModuleIt
     const Switched<Scope*> scope(scope_, &module.scope);
     value = evaluate(*decl.value);
     if (!value.is_error() && decl.type) {
-      const auto fitted = declared(value, *decl.type, "'" + decl.name.text + "'", decl.value->span);
+      const auto fitted = declared(value, *decl.type, decl.name.text, decl.value->span);
       value = fitted ? *fitted : Value(Error{});
     }
     bool known = true;
@@ -307,10 +307,8 @@ Value Elaborator::seed_value(const Span& span) {
 Value Elaborator::module_field(ModuleInfo& module, const std::string& name, const Span& span) {
   const auto found = module.items.find(name);
   if (found == module.items.end() || found->second.kind == ModuleItem::Kind::Import) {
-    std::vector<std::string> known;
-    for (const auto& [other, item] : module.items) {
-      if (item.kind != ModuleItem::Kind::Import) known.push_back(other);
-    }
+    const std::vector<std::string> known =
+        names_of(module.items, [](const ModuleItem& item) { return item.kind != ModuleItem::Kind::Import; });
     const std::string module_name = module.path.substr(module.path.find_last_of("/:") + 1);
     return fail(
         Code::E0205, span,
@@ -325,7 +323,8 @@ std::vector<std::string> Elaborator::visible_names() const {
   for (const Scope* scope = scope_; scope; scope = scope->parent) {
     for (const auto& [name, binding] : scope->names) names.push_back(name);
   }
-  for (const auto& [name, item] : scope_->module->items) names.push_back(name);
+  const std::vector<std::string> items = names_of(scope_->module->items, [](const ModuleItem&) { return true; });
+  names.insert(names.end(), items.begin(), items.end());
   std::vector<std::string> builtins = builtin_names();
   names.insert(names.end(), builtins.begin(), builtins.end());
   names.insert(names.end(),

@@ -46,8 +46,9 @@ Value Elaborator::evaluate_unary(const Expr& expr) {
   const Value a = evaluate(*expr.a);
   if (a.is_error()) return a;
   const auto refuse = [&](std::string_view wanted) {
-    return fail(Code::E0302, expr.span,
-                "expected " + std::string(wanted) + " after '" + expr.op + "', found " + describe_element(a));
+    return fail(
+        Code::E0302, expr.span,
+        "expected " + std::string(wanted) + " after '" + std::string(expr.op) + "', found " + describe_element(a));
   };
   if (expr.op == "!") {
     if (!a.is_numeric() || element_type(a) != ir::kBool) {
@@ -90,20 +91,21 @@ Value Elaborator::evaluate_binary(const Expr& expr) {
   return left;
 }
 
-Value Elaborator::binary(const std::string& op, Value a, Value b, const Span& span) {
+Value Elaborator::binary(std::string_view op, Value a, Value b, const Span& span) {
   if (a.is_error() || b.is_error()) return Error{};
   if (is_one_of(op, {"&&", "||"})) return logic(op, a, b, span);
   if (!a.is_numeric() || !b.is_numeric()) {
     return fail(Code::E0302, span,
-                "expected numbers beside '" + op + "', found " + describe_element(a) + " and " + describe_element(b));
+                "expected numbers beside '" + std::string(op) + "', found " + describe_element(a) + " and " +
+                    describe_element(b));
   }
   if (a.is<Dim>() && b.is<Dim>()) {
     bool done = false;
     Value result = dim_arithmetic(op, a.as<Dim>(), b.as<Dim>(), span, done);
     if (done) return result;
   }
-  if (is_one_of(op, {"==", "!=", "<", "<=", ">", ">="})) return compare(op, std::move(a), std::move(b), span);
-  if (is_one_of(op, {"&", "|", "^", "<<", ">>"})) return bits(op, std::move(a), std::move(b), span);
+  if (is_one_of(op, {"==", "!=", "<", "<=", ">", ">="})) return compare(op, a, b, span);
+  if (is_one_of(op, {"&", "|", "^", "<<", ">>"})) return bits(op, a, b, span);
 
   const auto words = [&] {
     return "cannot " + std::string(verb(op)) + " " + describe_element(a) + " and " + describe_element(b);
@@ -135,7 +137,7 @@ Value Elaborator::binary(const std::string& op, Value a, Value b, const Span& sp
 }
 
 // Ints known at compile time. What extents cannot express (`done` stays false) is computed at run time.
-Value Elaborator::dim_arithmetic(const std::string& op, const Dim& a, const Dim& b, const Span& span, bool& done) {
+Value Elaborator::dim_arithmetic(std::string_view op, const Dim& a, const Dim& b, const Span& span, bool& done) {
   done = true;
   if (op == "+") return checked_dim(a + b, span);
   if (op == "-") return checked_dim(a - b, span);
@@ -177,9 +179,8 @@ Value Elaborator::dim_arithmetic(const std::string& op, const Dim& a, const Dim&
   return Error{};
 }
 
-Value Elaborator::compare(const std::string& op, Value a, Value b, const Span& span) {
-  const std::string words = "cannot compare " + describe_element(a) + " and " + describe_element(b);
-  std::vector<Value> operands{std::move(a), std::move(b)};
+Value Elaborator::compare(std::string_view op, const Value& a, const Value& b, const Span& span) {
+  std::vector<Value> operands{a, b};
   const bool agree = unify_scalars(operands);
   if (operands[0].is_error() || operands[1].is_error()) return Error{};
   const Type type_a = element_type(operands[0]), type_b = element_type(operands[1]);
@@ -195,7 +196,8 @@ Value Elaborator::compare(const std::string& op, Value a, Value b, const Span& s
                                                  : "greaterThanEqual(a, b)";
       help = "write " + std::string(name);
     }
-    return fail(Code::E0301, span, words, {}, std::move(help));
+    return fail(Code::E0301, span, "cannot compare " + describe_element(a) + " and " + describe_element(b), {},
+                std::move(help));
   }
   if (op == "==") return apply(OpKind::Equal, std::move(operands));
   if (op == "!=") return apply(OpKind::NotEqual, std::move(operands));
@@ -203,11 +205,12 @@ Value Elaborator::compare(const std::string& op, Value a, Value b, const Span& s
   return apply(op == "<" || op == ">" ? OpKind::Less : OpKind::LessEqual, std::move(operands));
 }
 
-Value Elaborator::logic(const std::string& op, const Value& a, const Value& b, const Span& span) {
+Value Elaborator::logic(std::string_view op, const Value& a, const Value& b, const Span& span) {
   for (const Value* side : {&a, &b}) {
     if (side->is_numeric() && element_type(*side) == ir::kBool) continue;
     return fail(Code::E0302, span,
-                "expected bools beside '" + op + "', found " + describe_element(a) + " and " + describe_element(b));
+                "expected bools beside '" + std::string(op) + "', found " + describe_element(a) + " and " +
+                    describe_element(b));
   }
   // `true && x` is x, so that a condition of the program's configuration leaves no trace.
   if (known_bool(a)) return b;
@@ -215,21 +218,23 @@ Value Elaborator::logic(const std::string& op, const Value& a, const Value& b, c
   return apply(op == "&&" ? OpKind::LogicalAnd : OpKind::LogicalOr, {a, b});
 }
 
-Value Elaborator::bits(const std::string& op, Value a, Value b, const Span& span) {
-  const std::string words =
-      "expected ints or uints beside '" + op + "', found " + describe_element(a) + " and " + describe_element(b);
+Value Elaborator::bits(std::string_view op, const Value& a, const Value& b, const Span& span) {
+  const auto refuse = [&] {
+    return fail(Code::E0302, span,
+                "expected ints or uints beside '" + std::string(op) + "', found " + describe_element(a) + " and " +
+                    describe_element(b));
+  };
   const bool is_shift = op == "<<" || op == ">>";
-  std::vector<Value> operands{std::move(a), std::move(b)};
+  std::vector<Value> operands{a, b};
   bool agree = unify_scalars(operands);
   if (operands[0].is_error() || operands[1].is_error()) return Error{};
-  if (!element_type(operands[0]).is_integer() || !element_type(operands[1]).is_integer())
-    return fail(Code::E0302, span, words);
+  if (!element_type(operands[0]).is_integer() || !element_type(operands[1]).is_integer()) return refuse();
   // The amount of a shift is a number of bits, whatever its type.
   if (is_shift && !agree) {
     operands[1] = convert_scalar(operands[1], element_type(operands[0]).scalar);
     agree = true;
   }
-  if (!agree || !unify_rows(operands)) return fail(Code::E0302, span, words);
+  if (!agree || !unify_rows(operands)) return refuse();
   const OpKind kind = op == "&"    ? OpKind::BitAnd
                       : op == "|"  ? OpKind::BitOr
                       : op == "^"  ? OpKind::BitXor

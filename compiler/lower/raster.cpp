@@ -75,7 +75,7 @@ bool Elaborator::raster_arguments(const Expr& expr, RasterCall& call) {
 bool Elaborator::raster_functions(const Expr& expr, RasterCall& call) {
   bool ok = true;
   const auto take = [&](const dsl::FnDecl*& place, std::string_view name, size_t params, bool required) {
-    for (const dsl::FnDecl& fn : expr.raster_fns) {
+    for (const dsl::FnDecl& fn : expr.inner->raster_fns) {
       if (fn.name.text == name && !place) place = &fn;
     }
     if (!place) {
@@ -108,7 +108,7 @@ Span result_span(const dsl::FnDecl& fn) { return fn.body.value ? fn.body.value->
 Value Elaborator::call_raster_fn(const dsl::FnDecl& fn, std::vector<Value> args, const Type& type) {
   FunctionValue value{.decl = &fn, .scope = scope_, .creator = frames_.size(), .is_lambda = true};
   std::vector<Argument> arguments;
-  for (Value& arg : args) arguments.push_back({std::nullopt, std::move(arg), fn.name.span});
+  for (Value& arg : args) arguments.push_back({nullptr, std::move(arg), fn.name.span});
   // Without a place of the call: the function stands where it is called.
   Value result = inline_function(value, std::move(arguments), {});
   if (contains_error(result)) return Error{};
@@ -138,7 +138,7 @@ bool Elaborator::raster_record(RasterCall& call) {
   const Value face = Image{ops::coord(b_, 0, {call.faces, 1, 1})};
   set_name(face, call.setup->params[0].name.text);
   FunctionValue setup{.decl = call.setup, .scope = scope_, .creator = frames_.size(), .is_lambda = true};
-  call.record = inline_function(setup, {Argument{std::nullopt, face, call.setup->name.span}}, {});
+  call.record = inline_function(setup, {Argument{nullptr, face, call.setup->name.span}}, {});
   if (contains_error(call.record) || !check_record(call.record, call, *call.setup)) return false;
   set_name(call.record, call.depth->params[0].name.text);
   for_each_leaf(call.record, [&](const Value& leaf) {

@@ -14,7 +14,7 @@ Value Elaborator::evaluate_if(const Expr& expr) {
   if (expr.is_const) {
     const auto known = known_condition(*expr.a);
     if (!known) return Error{};
-    return evaluate_block(*known ? expr.then_block : *expr.else_block);
+    return evaluate_block(*known ? expr.inner->then_block : *expr.inner->else_block);
   }
   const Value condition = evaluate(*expr.a);
   if (contains_error(condition)) return Error{};
@@ -23,11 +23,12 @@ Value Elaborator::evaluate_if(const Expr& expr) {
     return fail(Code::E0313, expr.a->span, "expected a bool as condition, found " + describe_element(condition), {},
                 vector ? "write any(v) or all(v)" : "");
   }
-  if (const auto known = known_bool(condition)) return evaluate_block(*known ? expr.then_block : *expr.else_block);
+  if (const auto known = known_bool(condition))
+    return evaluate_block(*known ? expr.inner->then_block : *expr.inner->else_block);
   // Where neither branch computes anything, choosing costs less than branching.
-  if (is_cheap(expr.then_block) && is_cheap(*expr.else_block)) {
-    const Value a = evaluate_block(expr.then_block);
-    const Value b = evaluate_block(*expr.else_block);
+  if (is_cheap(expr.inner->then_block) && is_cheap(*expr.inner->else_block)) {
+    const Value a = evaluate_block(expr.inner->then_block);
+    const Value b = evaluate_block(*expr.inner->else_block);
     return select_branches(condition, a, b, expr);
   }
   return emit_if(condition, expr);
@@ -108,9 +109,9 @@ Value Elaborator::emit_if(const Value& condition, const Expr& expr) {
   regions_.push_back({"'if'", expr.span, frames_.size(), {}});
   // The else region is built while the then region is still open: a literal of either may take its type from the other.
   const ir::RegionId then_region = b_.begin_region({});
-  const Value a = evaluate_block(expr.then_block);
+  const Value a = evaluate_block(expr.inner->then_block);
   const ir::RegionId else_region = b_.begin_region({});
-  const Value b = evaluate_block(*expr.else_block);
+  const Value b = evaluate_block(*expr.inner->else_block);
 
   struct Pair {
     Value a, b;
@@ -192,15 +193,15 @@ Value Elaborator::evaluate_reduce(const Expr& expr) {
   const ir::ResultType param{ir::kInt, trips_extent};
   const ir::RegionId region = b_.begin_region({&param, 1});
   const ValueId i = b_.graph().region(region).params[0];
-  b_.set_name(i, expr.loop_var.text);
+  b_.set_name(i, expr.inner->loop_var.text);
   Value body;
   {
     const Switched<Scope*> inside(scope_, new_scope(scope_));
-    define(*scope_, expr.loop_var, Image{i, element_depth(range)});
-    body = evaluate_block(expr.then_block);
+    define(*scope_, expr.inner->loop_var, Image{i, element_depth(range)});
+    body = evaluate_block(expr.inner->then_block);
   }
   bool ok = !contains_error(body);
-  const Span at = expr.then_block.value ? expr.then_block.value->span : expr.then_block.span;
+  const Span at = expr.inner->then_block.value ? expr.inner->then_block.value->span : expr.inner->then_block.span;
   std::vector<Value> leaves;
   for_each_leaf(body, [&](const Value& leaf) { leaves.push_back(leaf); });
   const auto refuse = [&](std::string_view wanted) {

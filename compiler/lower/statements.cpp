@@ -56,8 +56,8 @@ void Elaborator::run_let(const dsl::Stmt& stmt) {
   Value value = evaluate(*stmt.a);
   if (value.is<Nothing>()) value = fail(Code::E0321, stmt.a->span, "expected a value, found a block without one");
   if (stmt.type && !contains_error(value)) {
-    const std::string subject = stmt.pattern.is_tuple ? "the value" : "'" + stmt.pattern.names[0].text + "'";
-    auto fitted = declared(value, *stmt.type, subject, stmt.a->span);
+    const std::string_view name = stmt.pattern.is_tuple ? "" : std::string_view(stmt.pattern.names[0].text);
+    auto fitted = declared(value, *stmt.type, name, stmt.a->span);
     value = fitted ? *std::move(fitted) : Value(Error{});
   }
   bind_pattern(stmt.pattern, value, stmt.a->span, stmt.kind == dsl::Stmt::Kind::Var);

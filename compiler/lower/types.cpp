@@ -7,6 +7,17 @@
 
 namespace dr::lower {
 
+std::string TypeMatch::subject() const {
+  const std::string_view nameless = role.empty() ? "the value" : "this function";
+  return part + std::string(role) + (name.empty() ? std::string(nameless) : "'" + std::string(name) + "'");
+}
+
+std::vector<dsl::Note> TypeMatch::notes() const {
+  if (!declared.valid()) return {};
+  return {
+      {declared, role.empty() ? "'" + std::string(name) + "' is declared here" : "the result type is declared here"}};
+}
+
 // What a type's name stands for, without its arguments and extents.
 std::optional<Value> Elaborator::type_name(const dsl::TypeExpr& type) {
   TypeValue value;
@@ -37,9 +48,9 @@ std::optional<Value> Elaborator::type_name(const dsl::TypeExpr& type) {
     std::vector<std::string> known = {"bool",  "int",   "uint",  "float", "vec2",  "vec3",  "vec4",
                                       "ivec2", "ivec3", "ivec4", "uvec2", "uvec3", "uvec4", "bvec2",
                                       "bvec3", "bvec4", "mat2",  "mat3",  "mat4",  "array"};
-    for (const auto& [name, item] : items) {
-      if (item.kind == ModuleItem::Kind::Struct) known.push_back(name);
-    }
+    const std::vector<std::string> structs =
+        names_of(items, [](const ModuleItem& item) { return item.kind == ModuleItem::Kind::Struct; });
+    known.insert(known.end(), structs.begin(), structs.end());
     report(Code::E0310, first.span, "expected the name of a type, found '" + first.text + "'", {},
            suggestion(first.text, known));
     return std::nullopt;
@@ -55,8 +66,8 @@ std::optional<Value> Elaborator::type_name(const dsl::TypeExpr& type) {
 bool Elaborator::mismatch(const Value& value, const std::string& wanted, TypeMatch& how) {
   std::string help;
   if (value.is<Image>() && element_type(value) == ir::kInt && wanted == "float") help = "convert it with float(...)";
-  report(how.code, how.span, "expected " + how.subject + " to be " + wanted + ", found " + describe_element(value),
-         how.notes, std::move(help));
+  report(how.code, how.span, "expected " + how.subject() + " to be " + wanted + ", found " + describe_element(value),
+         how.notes(), std::move(help));
   return false;
 }
 
@@ -97,9 +108,9 @@ bool Elaborator::match_extent(const Dim& actual, const Expr& wanted, int axis, T
   if (actual == dim || (how.stretch && actual.is_one())) return true;
   constexpr std::string_view kAxes[] = {"width", "height", "layers"};
   report(Code::E0402, how.span,
-         "expected the " + std::string(kAxes[axis]) + " of " + how.subject + " to be " + dim.str() + ", found " +
+         "expected the " + std::string(kAxes[axis]) + " of " + how.subject() + " to be " + dim.str() + ", found " +
              actual.str(),
-         how.notes);
+         how.notes());
   return false;
 }
 
@@ -124,14 +135,14 @@ std::optional<Value> Elaborator::match_tuple(const Value& value, const dsl::Type
     return std::nullopt;
   }
   TupleValue result;
-  const std::string subject = how.subject;
+  const std::string part = how.part;
   for (size_t i = 0; i < tuple->items.size(); ++i) {
-    how.subject = "element " + std::to_string(i) + " of " + subject;
+    how.part = "element " + std::to_string(i) + " of " + part;
     auto item = match(tuple->items[i], *type.elements[i], how);
     if (!item) return std::nullopt;
     result.items.push_back(*std::move(item));
   }
-  how.subject = subject;
+  how.part = part;
   return result;
 }
 
@@ -166,19 +177,19 @@ std::optional<Value> Elaborator::match_array(const Value& value, const dsl::Type
     return std::nullopt;
   }
   ArrayValue result;
-  const std::string subject = how.subject;
-  how.subject = "an item of " + subject;
+  const std::string part = how.part;
+  how.part = "an item of " + part;
   for (const Value& item : array->items) {
     auto matched = match(item, *type.type_args[0], how);
     if (!matched) return std::nullopt;
     result.items.push_back(*std::move(matched));
   }
-  how.subject = "the length of " + subject;
+  how.part = "the length of " + part;
   if (type.type_args.size() == 2 && !match_generic_arg(Dim(static_cast<int64_t>(array->items.size())),
                                                        type.type_args[1].get(), type.value_args[1].get(), how)) {
     return std::nullopt;
   }
-  how.subject = subject;
+  how.part = part;
   return result;
 }
 
@@ -213,8 +224,8 @@ bool Elaborator::match_generic_arg(const Value& actual, const dsl::TypeExpr* typ
   }
   if (wanted.is_error()) return false;
   if (same_value(actual, wanted)) return true;
-  report(how.code, how.span, "expected " + how.subject + " to be " + words(wanted) + ", found " + words(actual),
-         how.notes);
+  report(how.code, how.span, "expected " + how.subject() + " to be " + words(wanted) + ", found " + words(actual),
+         how.notes());
   return false;
 }
 
@@ -226,12 +237,12 @@ bool Elaborator::match_generics(const StructValue& value, const dsl::TypeExpr& t
                ", found " + std::to_string(type.type_args.size()));
     return false;
   }
-  const std::string subject = how.subject;
+  const std::string part = how.part;
   for (size_t i = 0; i < value.generics.size(); ++i) {
-    how.subject = "'" + value.type->decl->generics[i].text + "' of " + subject;
+    how.part = "'" + value.type->decl->generics[i].text + "' of " + part;
     if (!match_generic_arg(value.generics[i], type.type_args[i].get(), type.value_args[i].get(), how)) return false;
   }
-  how.subject = subject;
+  how.part = part;
   return true;
 }
 
@@ -265,7 +276,9 @@ std::optional<Value> Elaborator::match_element(const Value& value, const Type& w
       image->element = static_cast<uint32_t>(frames_.size() + 1);
     return fitted;
   }
-  if (how.parameter && refuse_element(fitted, how.subject, how.span)) return std::nullopt;
+  if (const auto* image = fitted.get<Image>();
+      image && image->element > 0 && how.parameter && refuse_element(fitted, how.subject(), how.span))
+    return std::nullopt;
   if (how.ignore_extents) return fitted;
   const Extent extent = extent_of(fitted);
   Extent target = extent;
@@ -279,11 +292,11 @@ std::optional<Value> Elaborator::match_element(const Value& value, const Type& w
 }
 
 // A value for a name that was declared with a type.
-std::optional<Value> Elaborator::declared(const Value& value, const dsl::TypeExpr& type, std::string subject,
+std::optional<Value> Elaborator::declared(const Value& value, const dsl::TypeExpr& type, std::string_view name,
                                           const Span& span) {
   TypeMatch how;
   how.code = Code::E0309;
-  how.subject = std::move(subject);
+  how.name = name;
   how.span = span;
   how.stretch = true;
   return match(value, type, how);

@@ -35,6 +35,15 @@ std::optional<std::vector<double>> known_components(const Value& value) {
   return std::nullopt;
 }
 
+std::vector<std::string> names_of(const ModuleItems& items, const std::function<bool(const ModuleItem&)>& which) {
+  std::vector<std::string> names;
+  for (const auto& [name, item] : items) {
+    if (which(item)) names.push_back(name);
+  }
+  std::ranges::sort(names);
+  return names;
+}
+
 const std::vector<Value>& parts_of(const Value& value) {
   static const std::vector<Value> kNone;
   if (const auto* s = value.get<StructValue>()) return s->fields;

@@ -12,6 +12,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <unordered_map>
 #include <utility>
 #include <variant>
 #include <vector>
@@ -196,13 +197,22 @@ struct ModuleItem {
   std::optional<uint32_t> leaf = {};
 };
 
+// The names at the top level of a module, found by std::string_view too.
+struct NameHash {
+  using is_transparent = void;
+  size_t operator()(std::string_view name) const { return std::hash<std::string_view>()(name); }
+};
+using ModuleItems = std::unordered_map<std::string, ModuleItem, NameHash, std::equal_to<>>;
+// The names of those that `which` picks, sorted: the table has no order to rely on.
+std::vector<std::string> names_of(const ModuleItems& items, const std::function<bool(const ModuleItem&)>& which);
+
 // A file of the program.
 struct ModuleInfo {
   std::string path;    // what identifies it
   std::string folder;  // where its imports are looked for first; empty for a library module
   dsl::Module syntax;
   Scope scope;
-  std::map<std::string, ModuleItem, std::less<>> items;
+  ModuleItems items;
   std::deque<StructType> structs;
   std::map<const dsl::FnDecl*, const dsl::FnDecl*> vjps;  // the function that gives the gradient of another one
   bool is_root = false;

@@ -16,10 +16,9 @@ void Elaborator::collect_vjps(ModuleInfo& module) {
     const auto found = module.items.find(name.text);
     const auto* fn = found == module.items.end() ? nullptr : found->second.value.get<FunctionValue>();
     if (!fn || fn->decl == &vjp || fn->decl->vjp_of) {
-      std::vector<std::string> known;
-      for (const auto& [other, entry] : module.items) {
-        if (entry.kind == ModuleItem::Kind::Fn && other != vjp.name.text) known.push_back(other);
-      }
+      std::vector<std::string> known =
+          names_of(module.items, [](const ModuleItem& other) { return other.kind == ModuleItem::Kind::Fn; });
+      std::erase(known, vjp.name.text);
       report(Code::E0615, name.span, "expected a function of this file after '@vjp(', found '" + name.text + "'", {},
              suggestion(name.text, known));
       continue;

@@ -288,7 +288,7 @@ TEST_CASE("every if that gives a value has both branches, even after an error") 
   const Parsed parsed("edition 1; let x = if a { 1 };");
   CHECK(parsed.diagnostics.error_count() == 1);
   REQUIRE(parsed.module.items.size() == 1);
-  CHECK(parsed.module.items[0].statement->a->else_block.has_value());
+  CHECK(parsed.module.items[0].statement->a->inner->else_block.has_value());
 }
 
 TEST_CASE("Windows line ends and a byte order mark change nothing") {
