@@ -1,0 +1,171 @@
+// SPDX-License-Identifier: Apache-2.0
+// Leaves, symbols and memory of a program.
+#include "runtime/state.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "runtime/topology.h"
+
+namespace dr::runtime {
+
+namespace {
+
+std::string extent_text(const bundle::ExtentT& e) { return "[" + e.w + ", " + e.h + ", " + e.l + "]"; }
+
+// What a command touches, in memory of its own.
+void collect(const bundle::CommandT& c, std::set<uint32_t>& out) {
+  for (const auto& b : c.bindings) out.insert(b->resource);
+  out.insert(c.colors.begin(), c.colors.end());
+  for (const int index : {c.depth, c.source, c.target, c.scratch_a, c.scratch_b})
+    if (index >= 0) out.insert(static_cast<uint32_t>(index));
+}
+
+}  // namespace
+
+size_t Program::State::leaf_index(const std::string& name) const {
+  for (size_t k = 0; k < bundle.leaves.size(); ++k)
+    if (bundle.leaves[k]->name == name) return k;
+  std::string all;
+  for (const auto& l : bundle.leaves) all += (all.empty() ? "" : ", ") + l->name;
+  throw Failure{"there is no leaf '" + name + "'; there are: " + all};
+}
+
+size_t Program::State::step_index(const std::string& name) const {
+  for (size_t k = 0; k < bundle.steps.size(); ++k)
+    if (bundle.steps[k]->name == name) return k;
+  std::string all;
+  for (const auto& s : bundle.steps) all += (all.empty() ? "" : ", ") + s->name;
+  throw Failure{"there is no step '" + name + "'; there are: " + all};
+}
+
+void Program::State::bind(const std::string& name, const io::Array& data) {
+  const auto index = leaf_index(name);
+  const bundle::LeafT& leaf = *bundle.leaves[index];
+  if (leaf.table_of >= 0)
+    throw Failure{"leaf '" + name + "' is made from '" + bundle.leaves[static_cast<size_t>(leaf.table_of)]->name +
+                  "'; bind that instead"};
+  assign(index, data);
+}
+
+// Tables of topologies whose faces were bound.
+void Program::State::make_tables() {
+  for (const auto& [leaf, data] : std::exchange(new_faces, {})) {
+    const auto tables = topology_tables(bundle, leaf, data, sizes.symbols());
+    if (!tables) throw Failure{tables.error()};
+    for (const auto& [table, numbers] : *tables) assign(table, numbers);
+  }
+}
+
+void Program::State::assign(size_t index, const io::Array& data) {
+  const bundle::LeafT& leaf = *bundle.leaves[index];
+  const std::string origin = "leaf '" + leaf.name + "'";
+  if (data.components != components_of(*leaf.type))
+    throw Failure{origin + " has " + std::to_string(components_of(*leaf.type)) +
+                  " components an element, the data has " + std::to_string(data.components)};
+  auto converted = data.converted(kind_of(*leaf.type));
+  if (!converted) throw Failure{origin + ": " + converted.error()};
+  const std::pair<const std::string*, int64_t> axes[] = {
+      {&leaf.extent->w, data.width}, {&leaf.extent->h, data.height}, {&leaf.extent->l, data.layers}};
+  const char* const axis_names[] = {"width", "height", "number of layers"};
+  for (size_t a = 0; a < 3; ++a) {
+    const auto dim = ir::Dim::parse(*axes[a].first);
+    if (const auto symbol = dim->as_symbol())
+      sizes.set(*symbol, axes[a].second, origin);
+    else if (const auto value = dim->evaluate(sizes.symbols()); value && *value != axes[a].second)
+      throw Failure{origin + " has a " + axis_names[a] + " of " + std::to_string(axes[a].second) + ", expected " +
+                    *axes[a].first + " = " + std::to_string(*value)};
+  }
+  if (std::ranges::any_of(bundle.leaves, [&](const auto& l) { return l->table_of == static_cast<int>(index); }))
+    new_faces.insert_or_assign(index, *converted);
+  if (has_memory(leaf.resource))
+    on_device->transfer.upload(leaf.resource, *converted);
+  else
+    pending[index] = std::move(converted).value();
+}
+
+bool Program::State::is_bound(size_t leaf) const {
+  const bundle::LeafT& l = *bundle.leaves[leaf];
+  return pending[leaf] || has_memory(l.resource) || !l.initial.empty() || l.kind == bundle::LeafKind::State;
+}
+
+// Memory and contents for a step: what only other steps need may stay unbound.
+void Program::State::prepare(const bundle::StepT& step) {
+  objects();
+  make_tables();
+  std::string missing;
+  size_t count = 0;
+  for (const uint32_t k : step.leaves)
+    if (!is_bound(k)) {
+      const int faces = bundle.leaves[k]->table_of;
+      const bundle::LeafT& leaf = *bundle.leaves[faces >= 0 ? static_cast<uint32_t>(faces) : k];
+      if (missing.find("'" + leaf.name + "' ") != std::string::npos) continue;
+      missing += (count++ == 0 ? "" : ", ") + ("'" + leaf.name + "' " + extent_text(*leaf.extent));
+    }
+  if (count > 0)
+    throw Failure{std::string("step '") + step.name + "' needs data for " + (count == 1 ? "leaf " : "leaves ") +
+                  missing + (count == 1 ? ", which is not bound" : ", which are not bound")};
+  for (const std::string& symbol : step.symbols)
+    if (sizes.symbols().count(symbol) == 0)
+      throw Failure{"symbol '" + symbol + "' has no value: bind a leaf that has it, or the symbol itself"};
+  on_device->pipelines.specialize(sizes.symbols());
+  std::set<uint32_t> resources;
+  for (const auto& c : step.commands) collect(*c, resources);
+  for (const auto& o : step.outputs) resources.insert(o->resource);
+  for (const auto& p : step.pins) resources.insert(p->resource);
+  for (const auto& r : step.rasters) resources.insert(r->resources.begin(), r->resources.end());
+  for (const uint32_t k : step.leaves) resources.insert(bundle.leaves[k]->resource);
+  if (step.step_index >= 0) resources.insert(static_cast<uint32_t>(step.step_index));
+  give_memory(resources);
+}
+
+void Program::State::prepare_leaf(size_t leaf) {
+  objects();
+  if (!is_bound(leaf)) throw Failure{"leaf '" + bundle.leaves[leaf]->name + "' is not bound"};
+  give_memory({bundle.leaves[leaf]->resource});
+}
+
+// Allocates those that have no memory yet, and fills the leaves among them.
+void Program::State::give_memory(const std::set<uint32_t>& wanted) {
+  std::vector<uint32_t> resources;
+  for (const uint32_t r : wanted)
+    if (!on_device->memory.has(r)) resources.push_back(r);
+  if (resources.empty()) return;
+  std::vector<size_t> leaves;
+  for (size_t k = 0; k < bundle.leaves.size(); ++k)
+    if (std::find(resources.begin(), resources.end(), bundle.leaves[k]->resource) != resources.end())
+      leaves.push_back(k);
+  for (const size_t k : leaves)
+    if (pending[k]) {
+      const Size s = sizes.size_of(*bundle.leaves[k]->extent, "leaf '" + bundle.leaves[k]->name + "'");
+      const io::Array& data = *pending[k];
+      if (data.width != s.w || data.height != s.h || data.layers != s.l)
+        throw Failure{"leaf '" + bundle.leaves[k]->name + "' has data of " + std::to_string(data.width) + " x " +
+                      std::to_string(data.height) + " x " + std::to_string(data.layers) + ", expected " +
+                      std::to_string(s.w) + " x " + std::to_string(s.h) + " x " + std::to_string(s.l)};
+    }
+  on_device->memory.allocate(resources);
+  for (const size_t k : leaves) {
+    const bundle::LeafT& leaf = *bundle.leaves[k];
+    if (pending[k]) {
+      on_device->transfer.upload(leaf.resource, *pending[k]);
+      pending[k].reset();
+      continue;
+    }
+    const Size s = sizes.size_of(*leaf.extent, "leaf '" + leaf.name + "'");
+    const int n = components_of(*leaf.type);
+    std::vector<double> values(static_cast<size_t>(s.count() * n), 0.0);
+    if (!leaf.initial.empty())
+      for (size_t i = 0; i < values.size(); ++i) values[i] = leaf.initial[i % static_cast<size_t>(n)];
+    auto array = io::Array::from_doubles(values, n, s.w, s.h, s.l).converted(kind_of(*leaf.type));
+    if (!array) throw Failure{"leaf '" + leaf.name + "': " + array.error()};
+    on_device->transfer.upload(leaf.resource, *array);
+  }
+}
+OnDevice& Program::State::objects() {
+  if (!device) throw Failure{"the program was loaded without a device"};
+  if (!on_device) on_device.emplace(device, bundle, sizes);
+  return *on_device;
+}
+
+}  // namespace dr::runtime

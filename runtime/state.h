@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a Program holds. Private to the runtime. Functions throw Failure; program.cpp turns it into Results.
+#pragma once
+
+#include <map>
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "runtime/runtime.h"
+#include "runtime/vk/commands.h"
+#include "runtime/vk/queue.h"
+#include "runtime/vk/transfer.h"
+
+namespace dr::runtime {
+
+struct StepState {
+  std::vector<Primitive> primitives;  // of the recorded step
+  std::optional<vk::raii::CommandBuffer> commands;
+  int64_t runs = 0;
+};
+
+// What a program has on the device. Members are destroyed in reverse order.
+struct OnDevice {
+  OnDevice(const std::shared_ptr<DeviceState>& device, const bundle::BundleT& bundle, const Sizes& sizes)
+      : memory(device, bundle, sizes),
+        queue(device),
+        transfer(device, bundle, sizes, memory, queue),
+        pipelines(device, bundle, memory),
+        commands(device, bundle, sizes, memory, pipelines),
+        steps(bundle.steps.size()) {}
+  Memory memory;
+  Queue queue;
+  Transfer transfer;
+  Pipelines pipelines;
+  Commands commands;
+  std::vector<StepState> steps;
+};
+
+struct Program::State {
+  std::shared_ptr<DeviceState> device;  // none: tables only
+  bundle::BundleT bundle;
+  Sizes sizes;
+  std::vector<std::optional<io::Array>> pending;  // by leaf: bound, but without memory on the device yet
+  std::map<size_t, io::Array> new_faces;          // by leaf: bound since tables were made of them
+  std::optional<OnDevice> on_device;
+
+  // state.cpp: leaves and memory
+  size_t leaf_index(const std::string& name) const;
+  size_t step_index(const std::string& name) const;
+  void bind(const std::string& name, const io::Array& data);
+  void prepare_leaf(size_t leaf);
+  // Memory and contents for a step: what only other steps need may stay unbound.
+  void prepare(const bundle::StepT& step);
+  bool has_memory(size_t resource) const { return on_device && on_device->memory.has(resource); }
+  // What does not wait for sizes.
+  OnDevice& objects();
+
+  // run.cpp: steps
+  StepState& recorded_step(size_t index);
+  void require_run(const std::string& step) const;
+  void run(const std::string& step, int times);
+
+ private:
+  void assign(size_t leaf, const io::Array& data);
+  void make_tables();
+  bool is_bound(size_t leaf) const;
+  void give_memory(const std::set<uint32_t>& wanted);
+};
+
+}  // namespace dr::runtime

@@ -1,0 +1,169 @@
+// SPDX-License-Identifier: Apache-2.0
+// Dispatches, reductions, fills and copies; the list, and recording it.
+#include "runtime/vk/commands.h"
+
+#include <algorithm>
+
+#include "runtime/vk/queue.h"
+#include "runtime/vk/transfer.h"
+
+namespace dr::runtime {
+
+using bundle::CommandKind;
+using bundle::Storage;
+
+namespace {
+
+Use compute_use(bundle::Access access) {
+  switch (access) {
+    case bundle::Access::Read: return Use::ComputeRead;
+    case bundle::Access::Write: return Use::ComputeWrite;
+    case bundle::Access::ReadWrite: break;
+  }
+  return Use::ComputeReadWrite;
+}
+
+void record_dispatch(const vk::raii::CommandBuffer& c, vk::Pipeline pipeline, const Bound& bound,
+                     std::array<int32_t, 4> push, int64_t elements) {
+  constexpr int64_t kGroup = 64, kMaxGroups = 65535;
+  const int64_t groups = (elements + kGroup - 1) / kGroup;
+  const int64_t x = std::min(groups, kMaxGroups), y = (groups + x - 1) / x;
+  c.bindPipeline(vk::PipelineBindPoint::eCompute, pipeline);
+  c.bindDescriptorSets(vk::PipelineBindPoint::eCompute, bound.layout, 0, bound.set, {});
+  c.pushConstants<int32_t>(bound.layout, vk::ShaderStageFlagBits::eCompute, 0, push);
+  c.dispatch(static_cast<uint32_t>(x), static_cast<uint32_t>(y), 1);
+}
+
+}  // namespace
+
+std::array<int32_t, 4> push_of(const bundle::CommandT& c) {
+  std::array<int32_t, 4> push{};
+  for (size_t k = 0; k < c.push.size(); ++k) push[k + 1] = c.push[k];
+  return push;
+}
+
+void Commands::dispatch(const bundle::CommandT& c, std::vector<Primitive>& out) {
+  std::vector<uint32_t> resources;
+  Primitive p;
+  p.label = c.label;
+  for (const auto& b : c.bindings) {
+    resources.push_back(b->resource);
+    p.accesses.push_back({b->resource, compute_use(b->access)});
+  }
+  const Bound bound = pipelines_.bind(resources, vk::ShaderStageFlagBits::eCompute);
+  const vk::Pipeline pipeline = pipelines_.compute(c.compute, bound.layout);
+  const int64_t elements = sizes_.evaluate(c.elements, "pass '" + c.label + "'");
+  // Invocations are counted in an int, and the last row of workgroups may be partly idle.
+  if (elements > kMaxElements - (int64_t{1} << 23))
+    throw Failure{"pass '" + c.label + "' has " + std::to_string(elements) + " invocations, about 2^31 is the most"};
+  p.record = [=, push = push_of(c)](const vk::raii::CommandBuffer& commands) {
+    record_dispatch(commands, pipeline, bound, push, elements);
+  };
+  out.push_back(std::move(p));
+}
+
+void Commands::reduce(const bundle::CommandT& c, std::vector<Primitive>& out) {
+  const int64_t outs = sizes_.evaluate(c.outs, "pass '" + c.label + "'");
+  int64_t n = sizes_.evaluate(c.count, "pass '" + c.label + "'");
+  const uint32_t scratch[] = {static_cast<uint32_t>(c.scratch_a), static_cast<uint32_t>(c.scratch_b)};
+  for (int stage = 0;; ++stage) {
+    const int64_t partials = (n + 63) / 64;
+    const uint32_t target = partials == 1 ? static_cast<uint32_t>(c.target) : scratch[stage % 2];
+    Primitive p;
+    p.label = c.label + " stage " + std::to_string(stage);
+    std::vector<uint32_t> resources;
+    if (stage == 0)
+      for (const auto& b : c.bindings) resources.push_back(b->resource);
+    else
+      resources.push_back(scratch[(stage - 1) % 2]);
+    for (uint32_t r : resources) p.accesses.push_back({r, Use::ComputeRead});
+    resources.push_back(target);
+    p.accesses.push_back({target, Use::ComputeWrite});
+    const Bound bound = pipelines_.bind(resources, vk::ShaderStageFlagBits::eCompute);
+    const vk::Pipeline pipeline = pipelines_.compute(stage == 0 ? c.compute : c.next, bound.layout);
+    const std::array<int32_t, 4> push{0, static_cast<int32_t>(n), static_cast<int32_t>(partials), 0};
+    p.record = [=](const vk::raii::CommandBuffer& commands) {
+      record_dispatch(commands, pipeline, bound, push, outs * partials);
+    };
+    out.push_back(std::move(p));
+    if (partials == 1) return;
+    n = partials;
+  }
+}
+
+void Commands::fill(const bundle::CommandT& c, std::vector<Primitive>& out) {
+  Primitive p{c.label, {{static_cast<uint32_t>(c.target), Use::TransferWrite}}, {}};
+  const vk::Buffer target = *memory_.buffer(static_cast<size_t>(c.target)).buffer;
+  p.record = [target, value = c.value](const vk::raii::CommandBuffer& commands) {
+    commands.fillBuffer(target, 0, VK_WHOLE_SIZE, value);
+  };
+  out.push_back(std::move(p));
+}
+
+void Commands::copy(const bundle::CommandT& c, std::vector<Primitive>& out) {
+  const auto from = static_cast<uint32_t>(c.source), to = static_cast<uint32_t>(c.target);
+  Primitive p{c.label, {{from, Use::TransferRead}, {to, Use::TransferWrite}}, {}};
+  const vk::Buffer target = *memory_.buffer(to).buffer;
+  if (bundle_.resources[from]->storage == Storage::Image) {
+    if (bundle_.resources[from]->type->rows == 3)
+      throw Failure{"command '" + c.label + "' copies an image of three components"};
+    p.record = [&image = memory_.image(from), target](const vk::raii::CommandBuffer& commands) {
+      copy_image(commands, image, target);
+    };
+  } else {
+    if (memory_.buffer(from).bytes != memory_.buffer(to).bytes)
+      throw Failure{"command '" + c.label + "' copies between sizes that differ"};
+    const vk::Buffer source = *memory_.buffer(from).buffer;
+    p.record = [=, bytes = memory_.buffer(from).bytes](const vk::raii::CommandBuffer& commands) {
+      commands.copyBuffer(source, target, vk::BufferCopy(0, 0, bytes));
+    };
+  }
+  out.push_back(std::move(p));
+}
+
+std::vector<Primitive> Commands::primitives(const bundle::StepT& step) {
+  std::vector<Primitive> primitives;
+  for (size_t k = 0; k < step.commands.size(); ++k) {
+    const bundle::CommandT& c = *step.commands[k];
+    switch (c.kind) {
+      case CommandKind::Dispatch: dispatch(c, primitives); break;
+      case CommandKind::Draw: {
+        std::vector<const bundle::CommandT*> draws{&c};
+        while (k + 1 < step.commands.size() && step.commands[k + 1]->joins) draws.push_back(step.commands[++k].get());
+        render_pass(draws, primitives);
+        break;
+      }
+      case CommandKind::Fill: fill(c, primitives); break;
+      case CommandKind::Copy: copy(c, primitives); break;
+      case CommandKind::Reduce: reduce(c, primitives); break;
+    }
+  }
+  return primitives;
+}
+
+void Commands::record(const vk::raii::CommandBuffer& commands, std::span<const Primitive> primitives) const {
+  std::vector<std::vector<Access>> accesses;
+  for (const Primitive& p : primitives) {
+    accesses.push_back(p.accesses);
+    // Resources that share memory wait for each other.
+    for (Access& a : accesses.back()) a.resource = bundle_.resources[a.resource]->slot;
+  }
+  const std::vector<Barrier> barriers = plan_barriers(accesses);
+  for (size_t k = 0; k < primitives.size(); ++k) {
+    const Barrier& b = barriers[k];
+    if (b.from.stages != 0) {
+      const vk::MemoryBarrier memory(vk::AccessFlags(b.from.access), vk::AccessFlags(b.to.access));
+      commands.pipelineBarrier(vk::PipelineStageFlags(b.from.stages), vk::PipelineStageFlags(b.to.stages), {}, memory,
+                               {}, {});
+    }
+    if (device_->debug_names) {
+      vk::DebugUtilsLabelEXT label;
+      label.pLabelName = primitives[k].label.c_str();
+      commands.beginDebugUtilsLabelEXT(label);
+    }
+    primitives[k].record(commands);
+    if (device_->debug_names) commands.endDebugUtilsLabelEXT();
+  }
+}
+
+}  // namespace dr::runtime

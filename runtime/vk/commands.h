@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: Apache-2.0
+// A step's commands as primitives: what each touches, and how it is recorded.
+#pragma once
+
+#include <array>
+#include <functional>
+
+#include "runtime/vk/barrier.h"
+#include "runtime/vk/pipelines.h"
+
+namespace dr::runtime {
+
+// One primitive to record: a dispatch, a render pass, a fill or a copy.
+struct Primitive {
+  std::string label;
+  std::vector<Access> accesses;
+  std::function<void(const vk::raii::CommandBuffer&)> record;
+};
+
+class Commands {
+ public:
+  Commands(std::shared_ptr<DeviceState> device, const bundle::BundleT& bundle, const Sizes& sizes, const Memory& memory,
+           Pipelines& pipelines)
+      : device_(std::move(device)), bundle_(bundle), sizes_(sizes), memory_(memory), pipelines_(pipelines) {}
+
+  // Resources of the step have memory; symbols have values.
+  std::vector<Primitive> primitives(const bundle::StepT& step);
+  // The primitives in order, with the barriers between them.
+  void record(const vk::raii::CommandBuffer& commands, std::span<const Primitive> primitives) const;
+
+ private:
+  void dispatch(const bundle::CommandT& command, std::vector<Primitive>& out);
+  void reduce(const bundle::CommandT& command, std::vector<Primitive>& out);
+  void fill(const bundle::CommandT& command, std::vector<Primitive>& out);
+  void copy(const bundle::CommandT& command, std::vector<Primitive>& out);
+  // A Draw and those that join it: one render pass a layer, with a subpass for each.
+  void render_pass(std::span<const bundle::CommandT* const> draws, std::vector<Primitive>& out);
+  std::vector<vk::Framebuffer> framebuffers(vk::RenderPass render_pass, std::span<const uint32_t> targets, Size size,
+                                            const std::string& what);
+
+  std::shared_ptr<DeviceState> device_;
+  const bundle::BundleT& bundle_;
+  const Sizes& sizes_;
+  const Memory& memory_;
+  Pipelines& pipelines_;
+  std::vector<vk::raii::RenderPass> render_passes_;
+  std::vector<vk::raii::Framebuffer> framebuffers_;
+};
+
+// Push constants a, b, c of a command; the first is the layer.
+std::array<int32_t, 4> push_of(const bundle::CommandT& command);
+
+}  // namespace dr::runtime

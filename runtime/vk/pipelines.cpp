@@ -1,0 +1,140 @@
+// SPDX-License-Identifier: Apache-2.0
+// Shader modules, descriptor sets, pipelines.
+#include "runtime/vk/pipelines.h"
+
+#include <algorithm>
+
+namespace dr::runtime {
+
+using bundle::Storage;
+
+Pipelines::Pipelines(std::shared_ptr<DeviceState> device, const bundle::BundleT& bundle, const Memory& memory)
+    : device_(std::move(device)), bundle_(bundle), memory_(memory) {
+  for (const auto& s : bundle_.shaders) {
+    vk::ShaderModuleCreateInfo info;
+    info.setCode(s->spirv);
+    shaders_.emplace_back(device_->device, info);
+    device_->name(shaders_.back(), s->name);
+  }
+}
+
+void Pipelines::specialize(const ir::SymbolValues& symbols) {
+  values_.clear();
+  for (const std::string& s : bundle_.symbols) {
+    const auto it = symbols.find(s);
+    const int64_t value = it == symbols.end() ? 1 : it->second;
+    if (value < 1 || value >= kMaxElements) throw Failure{"symbol '" + s + "' is " + std::to_string(value)};
+    values_.push_back(static_cast<int32_t>(value));
+  }
+}
+
+vk::SpecializationInfo Pipelines::specialization(std::vector<vk::SpecializationMapEntry>& entries) const {
+  for (uint32_t k = 0; k < values_.size(); ++k) entries.emplace_back(k, k * 4, 4);
+  vk::SpecializationInfo info;
+  info.setMapEntries(entries);
+  info.dataSize = values_.size() * 4;
+  info.pData = values_.data();
+  return info;
+}
+
+Bound Pipelines::bind(const std::vector<uint32_t>& resources, vk::ShaderStageFlags stages,
+                      std::span<const uint32_t> inputs, size_t layer) {
+  const auto& d = device_->device;
+  std::vector<vk::DescriptorSetLayoutBinding> bindings;
+  std::vector<vk::DescriptorPoolSize> sizes;
+  for (uint32_t k = 0; k < resources.size(); ++k) {
+    const bool input = std::find(inputs.begin(), inputs.end(), resources[k]) != inputs.end();
+    const auto type = bundle_.resources[resources[k]]->storage == Storage::Buffer ? vk::DescriptorType::eStorageBuffer
+                      : input                                                     ? vk::DescriptorType::eInputAttachment
+                                                                                  : vk::DescriptorType::eSampledImage;
+    bindings.emplace_back(k, type, 1, input ? vk::ShaderStageFlags(vk::ShaderStageFlagBits::eFragment) : stages);
+    sizes.emplace_back(type, 1);
+  }
+  vk::DescriptorSetLayoutCreateInfo layout_info;
+  layout_info.setBindings(bindings);
+  set_layouts_.emplace_back(d, layout_info);
+  const vk::DescriptorSetLayout set_layout = *set_layouts_.back();
+  const vk::PushConstantRange push(stages, 0, 16);
+  vk::PipelineLayoutCreateInfo pipeline_layout;
+  pipeline_layout.setSetLayouts(set_layout);
+  pipeline_layout.setPushConstantRanges(push);
+  layouts_.emplace_back(d, pipeline_layout);
+  Bound bound{*layouts_.back(), {}};
+  if (sizes.empty()) sizes.emplace_back(vk::DescriptorType::eStorageBuffer, 1);  // a pool must have a size
+  vk::DescriptorPoolCreateInfo pool(vk::DescriptorPoolCreateFlagBits::eFreeDescriptorSet, 1);
+  pool.setPoolSizes(sizes);
+  pools_.emplace_back(d, pool);
+  vk::DescriptorSetAllocateInfo allocate(*pools_.back());
+  allocate.setSetLayouts(set_layout);
+  sets_.push_back(std::move(vk::raii::DescriptorSets(d, allocate).front()));
+  bound.set = *sets_.back();
+  for (uint32_t k = 0; k < resources.size(); ++k) {
+    const uint32_t r = resources[k];
+    vk::WriteDescriptorSet write(bound.set, k, 0, 1, bindings[k].descriptorType);
+    const vk::DescriptorBufferInfo buffer(*memory_.buffer(r).buffer, 0, VK_WHOLE_SIZE);
+    const bool input = bindings[k].descriptorType == vk::DescriptorType::eInputAttachment;
+    const vk::DescriptorImageInfo image({}, input ? *memory_.image(r).layers.at(layer) : *memory_.image(r).all,
+                                        vk::ImageLayout::eShaderReadOnlyOptimal);
+    if (bindings[k].descriptorType == vk::DescriptorType::eStorageBuffer)
+      write.setBufferInfo(buffer);
+    else
+      write.setImageInfo(image);
+    d.updateDescriptorSets(write, {});
+  }
+  return bound;
+}
+
+vk::Pipeline Pipelines::compute(int shader, vk::PipelineLayout layout) {
+  std::vector<vk::SpecializationMapEntry> entries;
+  const auto specialize = specialization(entries);
+  vk::ComputePipelineCreateInfo info;
+  info.stage = vk::PipelineShaderStageCreateInfo({}, vk::ShaderStageFlagBits::eCompute,
+                                                 *shaders_[static_cast<size_t>(shader)], "main", &specialize);
+  info.layout = layout;
+  pipelines_.emplace_back(device_->device, nullptr, info);
+  device_->name(pipelines_.back(), bundle_.shaders[static_cast<size_t>(shader)]->name);
+  return *pipelines_.back();
+}
+
+vk::Pipeline Pipelines::graphics(const bundle::CommandT& c, vk::PipelineLayout layout, vk::RenderPass render_pass,
+                                 uint32_t subpass, vk::Extent2D size) {
+  std::vector<vk::SpecializationMapEntry> entries;
+  const auto specialize = specialization(entries);
+  const vk::PipelineShaderStageCreateInfo stage_infos[] = {
+      {{}, vk::ShaderStageFlagBits::eVertex, *shaders_[static_cast<size_t>(c.vertex)], "main", &specialize},
+      {{}, vk::ShaderStageFlagBits::eFragment, *shaders_[static_cast<size_t>(c.fragment)], "main", &specialize}};
+  const vk::PipelineVertexInputStateCreateInfo no_vertices;
+  const vk::PipelineInputAssemblyStateCreateInfo triangles({}, vk::PrimitiveTopology::eTriangleList);
+  const vk::Viewport viewport(0, 0, static_cast<float>(size.width), static_cast<float>(size.height), 0, 1);
+  const vk::Rect2D area({0, 0}, size);
+  const vk::PipelineViewportStateCreateInfo viewports({}, 1, &viewport, 1, &area);
+  vk::PipelineRasterizationStateCreateInfo rasterization;
+  rasterization.lineWidth = 1;
+  const vk::PipelineMultisampleStateCreateInfo one_sample({}, vk::SampleCountFlagBits::e1);
+  vk::PipelineDepthStencilStateCreateInfo depth_test;
+  depth_test.depthTestEnable = depth_test.depthWriteEnable = c.depth >= 0;
+  depth_test.depthCompareOp = vk::CompareOp::eLess;
+  vk::PipelineColorBlendAttachmentState no_blend;
+  no_blend.colorWriteMask = vk::ColorComponentFlagBits::eR | vk::ColorComponentFlagBits::eG |
+                            vk::ColorComponentFlagBits::eB | vk::ColorComponentFlagBits::eA;
+  const std::vector<vk::PipelineColorBlendAttachmentState> blends(c.colors.size(), no_blend);
+  vk::PipelineColorBlendStateCreateInfo blend;
+  blend.setAttachments(blends);
+  vk::GraphicsPipelineCreateInfo info;
+  info.setStages(stage_infos);
+  info.pVertexInputState = &no_vertices;
+  info.pInputAssemblyState = &triangles;
+  info.pViewportState = &viewports;
+  info.pRasterizationState = &rasterization;
+  info.pMultisampleState = &one_sample;
+  info.pDepthStencilState = &depth_test;
+  info.pColorBlendState = &blend;
+  info.layout = layout;
+  info.renderPass = render_pass;
+  info.subpass = subpass;
+  pipelines_.emplace_back(device_->device, nullptr, info);
+  device_->name(pipelines_.back(), c.label);
+  return *pipelines_.back();
+}
+
+}  // namespace dr::runtime

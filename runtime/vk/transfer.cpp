@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: Apache-2.0
+// Staging.
+#include "runtime/vk/transfer.h"
+
+#include <cstring>
+
+namespace dr::runtime {
+
+using bundle::Storage;
+
+void Transfer::need_staging(vk::DeviceSize bytes) {
+  if (staging_.bytes >= bytes) return;
+  const auto& d = device_->device;
+  staging_data_ = nullptr;
+  staging_.buffer = vk::raii::Buffer(nullptr);
+  staging_memory_.memory = vk::raii::DeviceMemory(nullptr);
+  vk::BufferCreateInfo info;
+  info.size = bytes;
+  info.usage = vk::BufferUsageFlagBits::eTransferSrc | vk::BufferUsageFlagBits::eTransferDst;
+  staging_.buffer = vk::raii::Buffer(d, info);
+  staging_.bytes = bytes;
+  const auto need = staging_.buffer.getMemoryRequirements();
+  const auto visible = vk::MemoryPropertyFlagBits::eHostVisible | vk::MemoryPropertyFlagBits::eHostCoherent;
+  // Reading back from uncached memory is slow.
+  const uint32_t type = device_->memory_type(need.memoryTypeBits, visible, vk::MemoryPropertyFlagBits::eHostCached);
+  staging_memory_.memory = vk::raii::DeviceMemory(d, vk::MemoryAllocateInfo(need.size, type));
+  staging_memory_.bytes = need.size;
+  staging_.buffer.bindMemory(*staging_memory_.memory, 0);
+  staging_data_ = staging_memory_.memory.mapMemory(0, VK_WHOLE_SIZE);
+}
+
+void Transfer::upload(uint32_t resource, const io::Array& array) {
+  const vk::DeviceSize bytes = memory_.buffer(resource).bytes;
+  if (static_cast<vk::DeviceSize>(array.scalar_count()) * 4 != bytes)
+    throw Failure{"the data of '" + bundle_.resources[resource]->name + "' has another size than its buffer"};
+  need_staging(bytes);
+  if (array.kind == io::ElementKind::Bool) {
+    auto* words = static_cast<uint32_t*>(staging_data_);
+    for (size_t i = 0; i < array.bytes.size(); ++i) words[i] = array.bytes[i] != std::byte{0} ? 1 : 0;
+  } else {
+    std::memcpy(staging_data_, array.bytes.data(), array.bytes.size());
+  }
+  queue_.once([&](const vk::raii::CommandBuffer& c) {
+    c.copyBuffer(*staging_.buffer, *memory_.buffer(resource).buffer, vk::BufferCopy(0, 0, bytes));
+  });
+}
+
+void copy_image(const vk::raii::CommandBuffer& c, const ImageObject& image, vk::Buffer to) {
+  const vk::ImageSubresourceRange range(vk::ImageAspectFlagBits::eColor, 0, 1, 0, static_cast<uint32_t>(image.size.l));
+  const auto shaders_stages = vk::PipelineStageFlagBits::eComputeShader | vk::PipelineStageFlagBits::eFragmentShader |
+                              vk::PipelineStageFlagBits::eVertexShader;
+  vk::ImageMemoryBarrier barrier(vk::AccessFlagBits::eMemoryWrite, vk::AccessFlagBits::eTransferRead,
+                                 vk::ImageLayout::eShaderReadOnlyOptimal, vk::ImageLayout::eTransferSrcOptimal,
+                                 VK_QUEUE_FAMILY_IGNORED, VK_QUEUE_FAMILY_IGNORED, *image.image, range);
+  c.pipelineBarrier(
+      shaders_stages | vk::PipelineStageFlagBits::eColorAttachmentOutput | vk::PipelineStageFlagBits::eTransfer,
+      vk::PipelineStageFlagBits::eTransfer, {}, {}, {}, barrier);
+  vk::BufferImageCopy region;
+  region.imageSubresource = {vk::ImageAspectFlagBits::eColor, 0, 0, static_cast<uint32_t>(image.size.l)};
+  region.imageExtent = vk::Extent3D(static_cast<uint32_t>(image.size.w), static_cast<uint32_t>(image.size.h), 1);
+  c.copyImageToBuffer(*image.image, vk::ImageLayout::eTransferSrcOptimal, to, region);
+  barrier.srcAccessMask = vk::AccessFlagBits::eTransferRead;
+  barrier.dstAccessMask = vk::AccessFlagBits::eShaderRead;
+  std::swap(barrier.oldLayout, barrier.newLayout);
+  c.pipelineBarrier(vk::PipelineStageFlagBits::eTransfer, shaders_stages, {}, {}, {}, barrier);
+}
+
+io::Array Transfer::download(uint32_t resource) {
+  const bundle::ResourceT& r = *bundle_.resources[resource];
+  if (r.storage == Storage::Depth) throw Failure{"'" + r.name + "' is a depth image"};
+  const int n = r.role == bundle::Role::Scratch ? 1 : components_of(*r.type);
+  const Size size = sizes_.size_of(*r.extent, r.name);
+  const bool image = r.storage == Storage::Image;
+  const int stored = image && n == 3 ? 4 : n;
+  const auto bytes = static_cast<vk::DeviceSize>(size.count() * stored * 4);
+  need_staging(bytes);
+  queue_.once([&](const vk::raii::CommandBuffer& c) {
+    if (image)
+      copy_image(c, memory_.image(resource), *staging_.buffer);
+    else
+      c.copyBuffer(*memory_.buffer(resource).buffer, *staging_.buffer, vk::BufferCopy(0, 0, bytes));
+    c.pipelineBarrier(vk::PipelineStageFlagBits::eTransfer, vk::PipelineStageFlagBits::eHost, {},
+                      vk::MemoryBarrier(vk::AccessFlagBits::eTransferWrite, vk::AccessFlagBits::eHostRead), {}, {});
+  });
+  io::Array out = io::Array::zeros(kind_of(*r.type), n, size.w, size.h, size.l);
+  const auto* words = static_cast<const uint32_t*>(staging_data_);
+  const size_t width = io::scalar_size(out.kind);
+  for (int64_t e = 0; e < size.count(); ++e)
+    for (int c = 0; c < n; ++c) {
+      const uint32_t word = words[e * stored + c];
+      std::byte* to = out.bytes.data() + static_cast<size_t>(e * n + c) * width;
+      if (width == 1)
+        *to = std::byte{word != 0};
+      else
+        std::memcpy(to, &word, 4);
+    }
+  return out;
+}
+
+}  // namespace dr::runtime

@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+// Contents of resources from and to the host.
+#pragma once
+
+#include "runtime/vk/memory.h"
+#include "runtime/vk/queue.h"
+
+namespace dr::runtime {
+
+class Transfer {
+ public:
+  Transfer(std::shared_ptr<DeviceState> device, const bundle::BundleT& bundle, const Sizes& sizes, const Memory& memory,
+           Queue& queue)
+      : device_(std::move(device)), bundle_(bundle), sizes_(sizes), memory_(memory), queue_(queue) {}
+  // Both wait for the device. The array is of the resource's kind and size.
+  void upload(uint32_t resource, const io::Array& array);
+  io::Array download(uint32_t resource);
+  // Bytes of host-visible memory held.
+  vk::DeviceSize bytes() const { return staging_memory_.bytes; }
+
+ private:
+  // Host-visible memory of at least that size, mapped.
+  void need_staging(vk::DeviceSize bytes);
+
+  std::shared_ptr<DeviceState> device_;
+  const bundle::BundleT& bundle_;
+  const Sizes& sizes_;
+  const Memory& memory_;
+  Queue& queue_;
+  Block staging_memory_;
+  BufferObject staging_;
+  void* staging_data_ = nullptr;
+};
+
+// Copies an image, which shaders can read before and after, to a buffer of four-byte words.
+void copy_image(const vk::raii::CommandBuffer& commands, const ImageObject& image, vk::Buffer to);
+
+}  // namespace dr::runtime
