@@ -31,12 +31,19 @@ auto guarded(F&& f) -> Result<decltype(f())> {
 
 }  // namespace
 
+Work& Work::operator+=(const Work& other) {
+  commands += other.commands;
+  ops += other.ops;
+  bytes += other.bytes;
+  return *this;
+}
+
 Program::Program() : state_(std::make_unique<State>()) {}
 Program::Program(Program&&) noexcept = default;
 Program& Program::operator=(Program&&) noexcept = default;
 Program::~Program() = default;
 
-Result<Program> Program::load(const Device& device, std::span<const uint8_t> bytes) {
+Result<Program> Program::load(const Device& device, std::span<const uint8_t> bytes, const LoadOptions& options) {
   auto bundle = bundle::read(bytes);
   if (const auto* problem = std::get_if<std::string>(&bundle)) return io::Error{*problem};
   Program program;
@@ -51,6 +58,8 @@ Result<Program> Program::load(const Device& device, std::span<const uint8_t> byt
                        "', which the device lacks; build it for the device's own profile"};
   }
   s.pending.resize(s.bundle.leaves.size());
+  s.versions.assign(s.bundle.leaves.size(), 1);
+  s.cache = options.cache;
   return program;
 }
 
@@ -60,6 +69,7 @@ Result<Program> Program::describe(std::span<const uint8_t> bytes) {
   Program program;
   program.state_->bundle = std::move(std::get<bundle::BundleT>(bundle));
   program.state_->pending.resize(program.state_->bundle.leaves.size());
+  program.state_->versions.assign(program.state_->bundle.leaves.size(), 1);
   return program;
 }
 
@@ -113,6 +123,17 @@ Result<void> Program::bind_symbol(const std::string& symbol, int64_t value) {
 
 Result<void> Program::run(const std::string& step, int times) {
   return guarded([&] { state_->run(step, times); });
+}
+
+Result<void> Program::set_runs(const std::string& step, int64_t runs) {
+  return guarded([&] { state_->set_runs(step, runs); });
+}
+
+StepCounters Program::counters(const std::string& step) const {
+  if (!state_->on_device) return {};
+  for (size_t k = 0; k < state_->bundle.steps.size(); ++k)
+    if (state_->bundle.steps[k]->name == step) return state_->on_device->steps[k].counters;
+  return {};
 }
 
 std::vector<std::string> Program::outputs(const std::string& step) const {
@@ -192,7 +213,7 @@ int64_t Program::allocated_bytes() const {
 }
 
 Result<int> Program::command_count(const std::string& step) {
-  return guarded([&] { return static_cast<int>(state_->recorded_step(state_->step_index(step)).primitives.size()); });
+  return guarded([&] { return static_cast<int>(state_->prepared_step(state_->step_index(step)).primitives.size()); });
 }
 
 }  // namespace dr::runtime

@@ -59,10 +59,29 @@ class Device {
   std::shared_ptr<DeviceState> state_;
 };
 
+struct LoadOptions {
+  // The reactive cache: leaves out the commands of a step whose results are there already, since nothing that they
+  // depend on changed. Results have the same bits without it.
+  bool cache = true;
+};
+
+// What commands (dispatches, render passes, copies, fills) amount to.
+struct Work {
+  int64_t commands = 0;
+  int64_t ops = 0;    // of the program's graph
+  int64_t bytes = 0;  // sizes of what the commands read and write, each counted once a command
+  Work& operator+=(const Work& other);
+};
+
+struct StepCounters {
+  int64_t runs = 0;
+  Work run, skipped;  // in all runs together
+};
+
 class Program {
  public:
   // The bundle's bytes, as drc wrote them.
-  static Result<Program> load(const Device& device, std::span<const uint8_t> bundle);
+  static Result<Program> load(const Device& device, std::span<const uint8_t> bundle, const LoadOptions& options = {});
   // The tables alone, without a device: leaves(), steps(), outputs() answer, nothing runs.
   static Result<Program> describe(std::span<const uint8_t> bundle);
   Program(Program&&) noexcept;
@@ -85,8 +104,13 @@ class Program {
   Result<void> bind(const std::string& leaf, const io::Array& data);
   // Gives a symbol its value where no leaf does.
   Result<void> bind_symbol(const std::string& symbol, int64_t value);
-  // Runs a step. The first run allocates, compiles and records. Returns when the device is done.
+  // Runs a step, `times` times without waiting in between. The first run allocates, compiles and records. Returns when
+  // the device is done.
   Result<void> run(const std::string& step, int times = 1);
+  // How often the step counts as having run: the program's step_index in the next run. 0 at first.
+  Result<void> set_runs(const std::string& step, int64_t runs);
+  // What its runs did and left out so far.
+  StepCounters counters(const std::string& step) const;
   // Results of the step's last run.
   Result<io::Array> output(const std::string& step, const std::string& name);
   std::vector<std::string> outputs(const std::string& step) const;
@@ -103,7 +127,7 @@ class Program {
   std::vector<std::string> resources() const;
   // Bytes of device memory held.
   int64_t allocated_bytes() const;
-  // How many commands (dispatches, draws, copies, fills) one run of the step submits.
+  // How many commands (dispatches, render passes, copies, fills) one run of the whole step submits.
   Result<int> command_count(const std::string& step);
 
  private:

@@ -48,7 +48,6 @@ void Program::State::bind(const std::string& name, const io::Array& data) {
   assign(index, data);
 }
 
-// Tables of topologies whose faces were bound.
 void Program::State::make_tables() {
   for (const auto& [leaf, data] : std::exchange(new_faces, {})) {
     const auto tables = topology_tables(bundle, leaf, data, sizes.symbols());
@@ -78,6 +77,7 @@ void Program::State::assign(size_t index, const io::Array& data) {
   }
   if (std::ranges::any_of(bundle.leaves, [&](const auto& l) { return l->table_of == static_cast<int>(index); }))
     new_faces.insert_or_assign(index, *converted);
+  ++versions[index];
   if (has_memory(leaf.resource))
     on_device->transfer.upload(leaf.resource, *converted);
   else
@@ -92,7 +92,6 @@ bool Program::State::is_bound(size_t leaf) const {
 // Memory and contents for a step: what only other steps need may stay unbound.
 void Program::State::prepare(const bundle::StepT& step) {
   objects();
-  make_tables();
   std::string missing;
   size_t count = 0;
   for (const uint32_t k : step.leaves)

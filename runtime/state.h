@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "runtime/run_list.h"
 #include "runtime/runtime.h"
 #include "runtime/vk/commands.h"
 #include "runtime/vk/queue.h"
@@ -15,10 +16,17 @@
 
 namespace dr::runtime {
 
+// Commands of a step recorded for one set of groups that must run.
+struct Variant {
+  vk::raii::CommandBuffer commands{nullptr};
+  Work run, skipped;
+};
+
 struct StepState {
-  std::vector<Primitive> primitives;  // of the recorded step
-  std::optional<vk::raii::CommandBuffer> commands;
-  int64_t runs = 0;
+  std::vector<Primitive> primitives;  // none: not prepared yet
+  std::optional<RunList> list;
+  std::map<std::vector<bool>, Variant> variants;  // by RunList::dirty()
+  StepCounters counters;
 };
 
 // What a program has on the device. Members are destroyed in reverse order.
@@ -30,6 +38,8 @@ struct OnDevice {
         pipelines(device, bundle, memory),
         commands(device, bundle, sizes, memory, pipelines),
         steps(bundle.steps.size()) {}
+  // What failed may have left something under way.
+  ~OnDevice();
   Memory memory;
   Queue queue;
   Transfer transfer;
@@ -44,6 +54,8 @@ struct Program::State {
   Sizes sizes;
   std::vector<std::optional<io::Array>> pending;  // by leaf: bound, but without memory on the device yet
   std::map<size_t, io::Array> new_faces;          // by leaf: bound since tables were made of them
+  std::vector<uint64_t> versions;                 // by leaf: counts its changes
+  bool cache = true;
   std::optional<OnDevice> on_device;
 
   // state.cpp: leaves and memory
@@ -56,15 +68,18 @@ struct Program::State {
   bool has_memory(size_t resource) const { return on_device && on_device->memory.has(resource); }
   // What does not wait for sizes.
   OnDevice& objects();
+  // Tables of topologies whose faces were bound.
+  void make_tables();
 
   // run.cpp: steps
-  StepState& recorded_step(size_t index);
+  StepState& prepared_step(size_t index);
+  const Variant& recorded(StepState& step, const std::vector<bool>& dirty);
   void require_run(const std::string& step) const;
   void run(const std::string& step, int times);
+  void set_runs(const std::string& step, int64_t runs);
 
  private:
   void assign(size_t leaf, const io::Array& data);
-  void make_tables();
   bool is_bound(size_t leaf) const;
   void give_memory(const std::set<uint32_t>& wanted);
 };

@@ -7,6 +7,7 @@
 #include <optional>
 #include <thread>
 
+#include "compiler/backend/dependencies.h"
 #include "compiler/backend/generate.h"
 #include "compiler/backend/plan_memory.h"
 #include "compiler/backend/shader_cache.h"
@@ -116,6 +117,7 @@ std::variant<Compiled, std::string> compile(const ir::Graph& graph, const target
   bundle.lowering = std::string(naive ? "naive," : "fused,") + (packing.fragment ? "fragment," : "compute,") +
                     (packing.hardware_raster ? "hardware" : "compute");
   Generator(graph, out.schedule, profile, options.sources).process(bundle, out.glsl);
+  find_dependencies(bundle);
   plan_memory(bundle);
   if (const auto problems = check_memory(bundle); !problems.empty()) DR_ICE(problems.front());
   bundle.graph = ir::print(graph);

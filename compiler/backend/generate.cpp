@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <functional>
 #include <set>
+#include <utility>
 
 #include "compiler/backend/pack_stages.h"
 #include "compiler/ir/pins.h"
@@ -96,6 +97,7 @@ void Generator::step(const StepSchedule& schedule) {
     const Pass& pass = schedule.passes[k];
     const bool joins = k > 0 && schedule.passes[k - 1].stage == pass.stage;
     set_lines(pass);
+    ops_ = pass.ops.size();
     switch (pass.kind) {
       case Pass::Kind::Map:
         pass.hardware ? fragment_pass(pass, stage_inputs(schedule, k), joins) : map_pass(pass);
@@ -106,6 +108,7 @@ void Generator::step(const StepSchedule& schedule) {
     }
   }
   lines_.clear();
+  ops_ = 0;
   std::vector<const ir::Op*> rasters;
   for (ir::OpId id : graph_.region(graph_.root()).ops)
     if (graph_.op(id).kind == OpKind::Raster && schedule.stored.count(graph_.op(id).results[0]) != 0)
@@ -123,7 +126,7 @@ void Generator::step(const StepSchedule& schedule) {
     out_->pins.push_back(std::move(pin));
   }
   list_needs(schedule);
-  // Leaves change when the step ends: what else reads an old leaf then gets a copy of it first.
+  // Leaves and the counter change when the step ends: what else reads an old one then gets a copy of it first.
   // An output stays what its step saw, also when another step changes the leaf before it is read.
   std::set<uint32_t> changing;
   for (const StepSchedule& any : schedule_.steps)
@@ -131,7 +134,8 @@ void Generator::step(const StepSchedule& schedule) {
   std::map<uint32_t, uint32_t> snapshots;
   auto source = [&](ValueId value) {
     const uint32_t index = resource_index(value);
-    if (schedule_.resources[index].leaf < 0 || changing.count(index) == 0) return index;
+    const bool changes = schedule_.resources[index].step_index || changing.count(index) != 0;
+    if (!changes) return index;
     if (auto it = snapshots.find(index); it != snapshots.end()) return it->second;
     auto copy = std::make_unique<bundle::ResourceT>(*bundle_->resources[index]);
     copy->name += "_before";
@@ -158,6 +162,20 @@ void Generator::step(const StepSchedule& schedule) {
     c.source = static_cast<int>(from);
     c.target = static_cast<int>(to);
   }
+  if (out_->step_index >= 0) count_on();
+}
+
+void Generator::count_on() {
+  Shader s = shader();
+  const std::string counter =
+      s.bind_words(static_cast<uint32_t>(out_->step_index), "counter", bundle::Access::ReadWrite, "int");
+  linear_index(s, "1");
+  s.body().line(counter + ".d[0] = " + counter + ".d[0] + 1;");
+  auto& c = command(bundle::CommandKind::Dispatch, "count_on");
+  c.compute = add_shader("count_on", bundle::Stage::Compute, s.finish(compute_layout()));
+  c.bindings = s.take_bindings();
+  c.elements = "1";
+  c.push = {0, 0, 0};
 }
 
 // The leaves and symbols without which the step cannot run.
@@ -240,6 +258,7 @@ bundle::CommandT& Generator::command(bundle::CommandKind kind, const std::string
   c.kind = kind;
   c.label = label;
   c.lines = lines_;
+  c.ops = static_cast<uint32_t>(std::exchange(ops_, 0));
   return c;
 }
 

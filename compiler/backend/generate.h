@@ -23,6 +23,8 @@ class Generator {
  private:
   void step(const StepSchedule& step);
   void list_needs(const StepSchedule& schedule);
+  // The step's counter goes on, on the device.
+  void count_on();
   // Source lines behind a pass's ops; they go into the commands made next.
   void set_lines(const Pass& pass);
   void map_pass(const Pass& pass);
@@ -56,6 +58,7 @@ class Generator {
   const dsl::SourceManager* sources_;
   std::map<uint32_t, uint32_t> files_;  // FileId -> index in the bundle
   std::vector<bundle::Line> lines_;
+  size_t ops_ = 0;  // of the pass, until a command says so
   bundle::BundleT* bundle_ = nullptr;
   std::vector<GlslShader>* shaders_ = nullptr;
   const StepSchedule* step_ = nullptr;

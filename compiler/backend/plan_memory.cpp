@@ -8,6 +8,7 @@
 #include <numeric>
 #include <set>
 
+#include "compiler/backend/dependencies.h"
 #include "compiler/backend/uses.h"
 
 namespace dr::backend {
@@ -68,16 +69,18 @@ void update_in_place(const ir::Graph& graph, Schedule& schedule) {
     }
 }
 
-void for_each_access(const bundle::CommandT& c, const std::function<void(uint32_t, bundle::Access)>& visit) {
-  using bundle::Access;
-  for (const auto& b : c.bindings) visit(b->resource, b->access);
-  for (uint32_t color : c.colors) visit(color, Access::Write);
-  if (c.depth >= 0) visit(static_cast<uint32_t>(c.depth), Access::Write);
-  if (c.source >= 0) visit(static_cast<uint32_t>(c.source), Access::Read);
-  if (c.target >= 0) visit(static_cast<uint32_t>(c.target), Access::Write);
-  for (int scratch : {c.scratch_a, c.scratch_b})
-    if (scratch >= 0) visit(static_cast<uint32_t>(scratch), Access::Write);
+namespace {
+
+// Whether two commands of a step always run together; past the end stands what happens after every run.
+bool together(const bundle::StepT& step, int a, int b) {
+  const auto end = static_cast<int>(step.commands.size());
+  if (a < end && b < end)
+    return run_together(*step.commands[static_cast<size_t>(a)], *step.commands[static_cast<size_t>(b)]);
+  const int other = std::min(a, b);
+  return other == end || step.commands[static_cast<size_t>(other)]->steady;
 }
+
+}  // namespace
 
 std::vector<Lifetime> lifetimes(const BundleT& bundle) {
   std::vector<Lifetime> out(bundle.resources.size());
@@ -88,11 +91,12 @@ std::vector<Lifetime> lifetimes(const BundleT& bundle) {
   for (int s = 0; s < static_cast<int>(bundle.steps.size()); ++s) {
     const bundle::StepT& step = *bundle.steps[static_cast<size_t>(s)];
     const int end = static_cast<int>(step.commands.size());
+    // `at` = `end` is what the host reads when the step has run, whether all of it ran or not.
     auto touch = [&](uint32_t resource, int at) {
       Lifetime& life = out[resource];
       if (!life.used)
         life = {s, at, at, true};
-      else if (life.step != s)
+      else if (life.step != s || !together(step, life.last, at))
         forever.insert(resource);
       else
         life.last = at;

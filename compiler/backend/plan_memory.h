@@ -3,7 +3,6 @@
 // because they are never needed at the same time.
 #pragma once
 
-#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
@@ -19,11 +18,9 @@ namespace dr::backend {
 // updates are copied when the step ends.
 void update_in_place(const ir::Graph& graph, Schedule& schedule);
 
-// What a command reads and writes, every resource once; a Reduce's scratch is written and read.
-void for_each_access(const bundle::CommandT& command, const std::function<void(uint32_t, bundle::Access)>& visit);
-
 // When a resource's content is needed: from the command `first` to `last` of a step, or for ever (leaves, outputs,
-// counters). Raster results and pinned values are needed until their step ends, where they can be read.
+// counters, and what commands share that need not run together, see dependencies.h: one of them may be left out).
+// Raster results and pinned values are needed until their step ends, where they can be read.
 struct Lifetime {
   int step = -1;  // -1: for ever, or never used
   int first = 0, last = 0;

@@ -8,6 +8,7 @@
 #include <set>
 
 #include "compiler/backend/cost.h"
+#include "compiler/backend/dependencies.h"
 #include "compiler/backend/uses.h"
 
 namespace dr::backend {

@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 
 #include "compiler/backend/bundle/bundle.h"
+#include "compiler/backend/dependencies.h"
 #include "compiler/backend/plan_memory.h"
 #include "compiler/drc/command.h"
 #include "compiler/drc/input.h"
@@ -77,6 +78,8 @@ class Inspector {
                                     {"shaders", shaders_of(*c)},
                                     {"reads", names(*c, false)},
                                     {"writes", names(*c, true)},
+                                    {"steady", c->steady},
+                                    {"leaves", leaves_of(*c)},
                                     {"lines", lines(*c)}});
       for (const auto& o : s->outputs)
         step["outputs"].push_back({{"name", o->name}, {"resource", b_.resources[o->resource]->name}});
@@ -164,6 +167,11 @@ class Inspector {
       const bool has = access == bundle::Access::ReadWrite || (access == bundle::Access::Write) == written;
       if (has) out.push_back(b_.resources[r]->name);
     });
+    return out;
+  }
+  std::vector<std::string> leaves_of(const bundle::CommandT& c) const {
+    std::vector<std::string> out;
+    for (const uint32_t k : c.leaves) out.push_back(b_.leaves[k]->name);
     return out;
   }
   // "fit.dr:3" and "fit.dr:7-9".

@@ -92,7 +92,9 @@ void Commands::reduce(const bundle::CommandT& c, std::vector<Primitive>& out) {
 }
 
 void Commands::fill(const bundle::CommandT& c, std::vector<Primitive>& out) {
-  Primitive p{c.label, {{static_cast<uint32_t>(c.target), Use::TransferWrite}}, {}};
+  Primitive p;
+  p.label = c.label;
+  p.accesses = {{static_cast<uint32_t>(c.target), Use::TransferWrite}};
   const vk::Buffer target = *memory_.buffer(static_cast<size_t>(c.target)).buffer;
   p.record = [target, value = c.value](const vk::raii::CommandBuffer& commands) {
     commands.fillBuffer(target, 0, VK_WHOLE_SIZE, value);
@@ -102,7 +104,9 @@ void Commands::fill(const bundle::CommandT& c, std::vector<Primitive>& out) {
 
 void Commands::copy(const bundle::CommandT& c, std::vector<Primitive>& out) {
   const auto from = static_cast<uint32_t>(c.source), to = static_cast<uint32_t>(c.target);
-  Primitive p{c.label, {{from, Use::TransferRead}, {to, Use::TransferWrite}}, {}};
+  Primitive p;
+  p.label = c.label;
+  p.accesses = {{from, Use::TransferRead}, {to, Use::TransferWrite}};
   const vk::Buffer target = *memory_.buffer(to).buffer;
   if (bundle_.resources[from]->storage == Storage::Image) {
     if (bundle_.resources[from]->type->rows == 3)
@@ -125,6 +129,7 @@ std::vector<Primitive> Commands::primitives(const bundle::StepT& step) {
   std::vector<Primitive> primitives;
   for (size_t k = 0; k < step.commands.size(); ++k) {
     const bundle::CommandT& c = *step.commands[k];
+    const size_t first = k, begin = primitives.size();
     switch (c.kind) {
       case CommandKind::Dispatch: dispatch(c, primitives); break;
       case CommandKind::Draw: {
@@ -137,14 +142,20 @@ std::vector<Primitive> Commands::primitives(const bundle::StepT& step) {
       case CommandKind::Copy: copy(c, primitives); break;
       case CommandKind::Reduce: reduce(c, primitives); break;
     }
+    for (size_t p = begin; p < primitives.size(); ++p) {
+      primitives[p].first = first;
+      primitives[p].count = k + 1 - first;
+      for (const Access& a : primitives[p].accesses) primitives[p].bytes += memory_.content_bytes(a.resource);
+    }
+    for (size_t j = first; j <= k; ++j) primitives[begin].ops += step.commands[j]->ops;
   }
   return primitives;
 }
 
-void Commands::record(const vk::raii::CommandBuffer& commands, std::span<const Primitive> primitives) const {
+void Commands::record(const vk::raii::CommandBuffer& commands, std::span<const Primitive* const> primitives) const {
   std::vector<std::vector<Access>> accesses;
-  for (const Primitive& p : primitives) {
-    accesses.push_back(p.accesses);
+  for (const Primitive* p : primitives) {
+    accesses.push_back(p->accesses);
     // Resources that share memory wait for each other.
     for (Access& a : accesses.back()) a.resource = bundle_.resources[a.resource]->slot;
   }
@@ -158,10 +169,10 @@ void Commands::record(const vk::raii::CommandBuffer& commands, std::span<const P
     }
     if (device_->debug_names) {
       vk::DebugUtilsLabelEXT label;
-      label.pLabelName = primitives[k].label.c_str();
+      label.pLabelName = primitives[k]->label.c_str();
       commands.beginDebugUtilsLabelEXT(label);
     }
-    primitives[k].record(commands);
+    primitives[k]->record(commands);
     if (device_->debug_names) commands.endDebugUtilsLabelEXT();
   }
 }

@@ -14,6 +14,8 @@ namespace dr::runtime {
 struct Primitive {
   std::string label;
   std::vector<Access> accesses;
+  size_t first = 0, count = 1;  // commands of the step behind it: several for a render pass
+  int64_t ops = 0, bytes = 0;   // of the graph; of the resources that it touches
   std::function<void(const vk::raii::CommandBuffer&)> record;
 };
 
@@ -25,8 +27,8 @@ class Commands {
 
   // Resources of the step have memory; symbols have values.
   std::vector<Primitive> primitives(const bundle::StepT& step);
-  // The primitives in order, with the barriers between them.
-  void record(const vk::raii::CommandBuffer& commands, std::span<const Primitive> primitives) const;
+  // Some of a step's primitives in order, with the barriers between them.
+  void record(const vk::raii::CommandBuffer& commands, std::span<const Primitive* const> primitives) const;
 
  private:
   void dispatch(const bundle::CommandT& command, std::vector<Primitive>& out);

@@ -161,6 +161,13 @@ std::string Memory::largest(const std::vector<uint32_t>& resources) const {
   return text;
 }
 
+int64_t Memory::content_bytes(size_t resource) const {
+  const bundle::ResourceT& r = *bundle_.resources[resource];
+  if (r.storage == Storage::Buffer) return static_cast<int64_t>(buffers_[resource].bytes);
+  const int words = r.storage == Storage::Depth ? 1 : r.type->rows == 3 ? 4 : r.type->rows;
+  return images_[resource].size.count() * words * 4;
+}
+
 vk::DeviceSize Memory::bytes() const {
   vk::DeviceSize bytes = 0;
   for (const Block& b : blocks_) bytes += b.bytes;

@@ -43,6 +43,8 @@ class Memory {
   // Creates those that are not there yet. Fails, by name, on what the device has no room for.
   void allocate(const std::vector<uint32_t>& resources);
   bool has(size_t resource) const { return allocated_[resource]; }
+  // Of a resource that has memory, as the bundle lays it out.
+  int64_t content_bytes(size_t resource) const;
   const BufferObject& buffer(size_t resource) const { return buffers_[resource]; }
   const ImageObject& image(size_t resource) const { return images_[resource]; }
   vk::DeviceSize bytes() const;

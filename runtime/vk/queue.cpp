@@ -7,7 +7,7 @@ namespace dr::runtime {
 Queue::Queue(std::shared_ptr<DeviceState> device) : device_(std::move(device)) {
   pool_ = vk::raii::CommandPool(
       device_->device, vk::CommandPoolCreateInfo(vk::CommandPoolCreateFlagBits::eResetCommandBuffer, device_->family));
-  fence_ = vk::raii::Fence(device_->device, vk::FenceCreateInfo());
+  for (Flight& f : flights_) f.fence = vk::raii::Fence(device_->device, vk::FenceCreateInfo());
 }
 
 vk::raii::CommandBuffer Queue::command_buffer() const {
@@ -15,17 +15,30 @@ vk::raii::CommandBuffer Queue::command_buffer() const {
   return std::move(vk::raii::CommandBuffers(device_->device, one).front());
 }
 
-void Queue::submit_and_wait(const vk::raii::CommandBuffer& commands) {
-  vk::SubmitInfo submit;
+void Queue::submit(const vk::raii::CommandBuffer& commands) {
+  Flight& flight = flights_[next_];
+  wait(flight);
   const vk::CommandBuffer handle = *commands;
+  vk::SubmitInfo submit;
   submit.setCommandBuffers(handle);
-  device_->queue.submit(submit, *fence_);
+  device_->queue.submit(submit, *flight.fence);
+  flight.busy = true;
+  next_ = (next_ + 1) % kFlights;
+}
+
+void Queue::finish() {
+  for (size_t k = 0; k < kFlights; ++k) wait(flights_[(next_ + k) % kFlights]);
+}
+
+void Queue::wait(Flight& flight) {
+  if (!flight.busy) return;
   constexpr uint64_t kSecond = 1'000'000'000;
-  if (device_->device.waitForFences(*fence_, VK_TRUE, 600 * kSecond) != vk::Result::eSuccess) {
-    device_->device.waitIdle();  // what the device still uses must not be freed under it
-    throw Failure{"the device did not finish within ten minutes"};
-  }
-  device_->device.resetFences(*fence_);
+  const vk::Result result = device_->device.waitForFences(*flight.fence, VK_TRUE, 600 * kSecond);
+  // What the device still uses must not be freed under it.
+  if (result != vk::Result::eSuccess) device_->device.waitIdle();
+  flight.busy = false;
+  device_->device.resetFences(*flight.fence);
+  if (result != vk::Result::eSuccess) throw Failure{"the device did not finish within ten minutes"};
 }
 
 void Queue::once(const std::function<void(const vk::raii::CommandBuffer&)>& record) {
@@ -34,7 +47,8 @@ void Queue::once(const std::function<void(const vk::raii::CommandBuffer&)>& reco
   everything_before(commands);
   record(commands);
   commands.end();
-  submit_and_wait(commands);
+  submit(commands);
+  finish();
 }
 
 void Queue::everything_before(const vk::raii::CommandBuffer& commands) {

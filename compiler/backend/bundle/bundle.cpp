@@ -101,6 +101,8 @@ struct Checker {
                          before.depth < 0 && before.extent->w == c.extent->w && before.extent->h == c.extent->h &&
                          before.extent->l == c.extent->l;
       if (!alike) return fail(where + " joins a render pass of another kind");
+      if (before.steady != c.steady || before.leaves != c.leaves)
+        return fail(where + " depends on other leaves than the render pass that it joins");
       written.insert(before.colors.begin(), before.colors.end());
       if (!before.joins) break;
       if (k == 0) return fail(where + " joins no render pass");
@@ -120,7 +122,14 @@ struct Checker {
     return true;
   }
 
+  bool leaves(const std::vector<uint32_t>& indices, const std::string& where) {
+    for (const uint32_t index : indices)
+      if (index >= b.leaves.size()) return fail(where + " names a leaf that is not there");
+    return true;
+  }
+
   bool command(const CommandT& c, const std::string& where) {
+    if (!leaves(c.leaves, where)) return false;
     for (const auto& binding : c.bindings) {
       if (!binding || !resource(binding->resource, where)) return fail(where + " has an empty binding");
       if (binding->access > Access::MAX) return fail(where + " has an unknown access");
@@ -254,12 +263,8 @@ struct Checker {
         for (uint32_t index : r->resources)
           if (!resource(index, "a raster of step '" + s->name + "'")) return;
       }
-      for (uint32_t index : s->leaves) {
-        if (index >= b.leaves.size()) {
-          fail("step '" + s->name + "' names a leaf that is not there");
-          return;
-        }
-      }
+      const std::string where = "step '" + s->name + "'";
+      if (!leaves(s->leaves, where) || !leaves(s->changes, where)) return;
       for (const auto& p : s->pins) {
         if (!p) {
           fail("a pinned value is empty");
