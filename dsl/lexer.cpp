@@ -240,7 +240,10 @@ Token Lexer::next() {
 Token Lexer::lex_word() {
   size_t end = position_ + 1;
   while (end < text_.size() && is_word(text_[end])) ++end;
-  return finish(word_kind(text_.substr(position_, end - position_)), end);
+  TokenKind kind = word_kind(text_.substr(position_, end - position_));
+  // Beside a dot it is the library's module `std.raster`, which keeps its name.
+  if (kind == TokenKind::Raster && (last_ == TokenKind::Dot || at(end) == '.')) kind = TokenKind::Name;
+  return finish(kind, end);
 }
 
 Token Lexer::number_error(size_t end, std::string message, std::string help) {
