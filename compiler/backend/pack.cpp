@@ -1,14 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-// Packing: which ops share a shader. Naive gives each op a pass. Fused gives ops of one extent and one level a pass,
-// where the level counts the passes that must have finished before (a raster, a reduction, a scatter, a value that is
-// read at other places or stretched), and splits a pass where a limit of the profile is hit. Small cones over leaves
-// and constants are recomputed where they are used instead of stored.
+// Packing: which ops share a shader. Naive gives each op a pass. Fused gives ops of one extent and one level
+// (levels.h) a pass, and splits a pass where a limit of the profile is hit. Small cones over leaves and constants are
+// recomputed where they are used instead of stored.
 #include <algorithm>
+#include <climits>
 #include <functional>
+#include <optional>
 #include <set>
 
 #include "compiler/backend/cost.h"
+#include "compiler/backend/levels.h"
 #include "compiler/backend/pack_stages.h"
+#include "compiler/backend/pass_order.h"
 #include "compiler/backend/schedule.h"
 #include "compiler/backend/uses.h"
 #include "compiler/ops/op.h"
@@ -25,6 +28,8 @@ using ir::ValueId;
 namespace {
 
 constexpr int kNotCheap = 1 << 20;
+// Longer shaders are not merged: drivers compile them slowly, and registers run out.
+constexpr size_t kMaxMergedOps = 2000;
 
 bool has_scatter(const Op& op) {
   return std::find(op.attrs.yields.begin(), op.attrs.yields.end(), ir::Yield::Scatter) != op.attrs.yields.end();
@@ -84,6 +89,7 @@ class StepPacker {
     find_levels();
     find_stored();
     make_passes();
+    if (options_.fused) merge_passes();
     pack_stages(graph_, out_, profile_, options_.stages);
     return std::move(out_);
   }
@@ -116,24 +122,19 @@ class StepPacker {
   }
 
   void find_levels() {
-    level_.assign(graph_.op_count(), 0);
-    for (OpId id : order_) {
-      const Op& op = graph_.op(id);
-      const bool map = pass_kind(op) == Pass::Kind::Map;
-      const Extent domain = domain_of(graph_, op);
-      int level = 0;
-      for (ValueId v : uses_[id.index].at_element) {
-        const Op& from = def(v);
-        if (is_memory(from) || recomputable(v)) continue;
-        const int ready = level_[graph_.value(v).op.index];
-        const bool same_pass =
-            options_.fused && map && pass_kind(from) == Pass::Kind::Map && graph_.value(v).extent == domain;
-        level = std::max(level, ready + (same_pass ? 0 : 1));
-      }
-      for (ValueId v : uses_[id.index].elsewhere)
-        if (!is_memory(def(v))) level = std::max(level, level_[graph_.value(v).op.index] + 1);
-      level_[id.index] = level;
-    }
+    std::set<ValueId> elsewhere;
+    for (OpId id : order_) elsewhere.insert(uses_[id.index].elsewhere.begin(), uses_[id.index].elsewhere.end());
+    level_ =
+        backend::find_levels({.graph = graph_,
+                              .order = order_,
+                              .uses = uses_,
+                              .domain =
+                                  [&](const Op& op) {
+                                    const bool shares = options_.fused && pass_kind(op) == Pass::Kind::Map;
+                                    return shares ? &graph_.value(op.results[0]).extent : nullptr;
+                                  },
+                              .recomputed = [&](ValueId v) { return recomputable(v); },
+                              .stored = [&](ValueId v) { return roots_.count(v) != 0 || elsewhere.count(v) != 0; }});
   }
 
   // Whether `user` finds `v` computed in its own pass.
@@ -214,17 +215,17 @@ class StepPacker {
   // all those of lower levels.
   void close_over(Pass& pass, const std::vector<ValueId>& targets, const std::set<OpId>& group, int level) const {
     std::set<OpId> ops;
-    std::set<ValueId> reads;
-    // A cheap value is computed again, unless it is there anyway and to load it is cheaper still.
+    std::set<ValueId> reads, elsewhere, known_elsewhere;
+    // A cheap value is computed again, unless it is there anyway and to load it is cheaper still, or done already.
     auto is_read = [&](ValueId v) {
       const uint32_t from = graph_.value(v).op.index;
       if (!recomputable(v)) return true;
       if (stored_.count(v) == 0 || level_[from] >= level) return false;
-      return reads.count(v) != 0 || 2 * recompute_cost_[from] > recompute_limit_;
+      return known_elsewhere.count(v) != 0 || 2 * recompute_cost_[from] > recompute_limit_;
     };
     std::function<void(OpId)> need = [&](OpId id) {
       if (!ops.insert(id).second) return;
-      for (ValueId v : uses_[id.index].elsewhere) reads.insert(v);
+      elsewhere.insert(uses_[id.index].elsewhere.begin(), uses_[id.index].elsewhere.end());
       for (ValueId v : uses_[id.index].at_element) {
         const OpId from = graph_.value(v).op;
         if (is_memory(graph_.op(from)) || spilled_.count(v) != 0 || (group.count(from) == 0 && is_read(v)))
@@ -233,7 +234,16 @@ class StepPacker {
           need(from);
       }
     };
-    for (ValueId v : targets) need(graph_.value(v).op);
+    // The second time it is known what the shader reads at other places.
+    for (const int time : {1, 2}) {
+      if (time == 2 && elsewhere.empty()) break;
+      known_elsewhere = std::move(elsewhere);
+      elsewhere = {};
+      ops.clear();
+      reads.clear();
+      for (ValueId v : targets) need(graph_.value(v).op);
+    }
+    reads.insert(elsewhere.begin(), elsewhere.end());
     pass.ops.assign(ops.begin(), ops.end());
     std::sort(pass.ops.begin(), pass.ops.end(),
               [&](OpId a, OpId b) { return position_.at(a.index) < position_.at(b.index); });
@@ -402,6 +412,51 @@ class StepPacker {
         out_.passes.push_back(std::move(pass));
       }
     }
+  }
+
+  // One shader for both, where there can be one.
+  std::optional<Pass> merged(const Pass& from, const Pass& into) {
+    std::set<OpId> group(from.ops.begin(), from.ops.end());
+    group.insert(into.ops.begin(), into.ops.end());
+    if (group.size() > kMaxMergedOps) return std::nullopt;
+    for (OpId id : into.ops)
+      for (ValueId v : uses_[id.index].elsewhere)
+        if (std::binary_search(from.writes.begin(), from.writes.end(), v)) return std::nullopt;
+    std::vector<ValueId> targets = from.writes;
+    targets.insert(targets.end(), into.writes.begin(), into.writes.end());
+    int level = INT_MAX;
+    for (ValueId v : targets) level = std::min(level, level_[graph_.value(v).op.index]);
+    Pass both = into;
+    close_over(both, targets, group, level);
+    const bool own = std::ranges::any_of(
+        both.reads, [&](ValueId v) { return std::binary_search(both.writes.begin(), both.writes.end(), v); });
+    if (own || !within_limits(both)) return std::nullopt;
+    both.name = pass_name(both);
+    return both;
+  }
+
+  // Levels are shortest ways; passes of one extent that no other stands between may wait longer and share a shader.
+  void merge_passes() {
+    std::vector<Pass>& passes = out_.passes;
+    PassOrder order(passes);
+    std::map<std::pair<Extent, bool>, std::vector<size_t>> alike;
+    for (size_t k = 0; k < passes.size(); ++k)
+      if (passes[k].kind == Pass::Kind::Map) alike[{passes[k].domain, passes[k].hardware}].push_back(k);
+    for (const auto& [key, members] : alike) {
+      for (size_t i = 0; i < members.size(); ++i) {
+        Pass& into = passes[members[i]];
+        for (size_t j = 0; j < i && !into.writes.empty(); ++j) {
+          Pass& from = passes[members[j]];
+          if (from.writes.empty() || order.stand_apart(members[j], members[i])) continue;
+          std::optional<Pass> both = merged(from, into);
+          if (!both) continue;
+          into = *std::move(both);
+          from.writes.clear();
+          order.merge(members[j], members[i]);
+        }
+      }
+    }
+    std::erase_if(passes, [](const Pass& pass) { return pass.writes.empty(); });
   }
 
   const Graph& graph_;

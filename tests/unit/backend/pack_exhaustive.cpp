@@ -47,7 +47,6 @@ class Search {
       for (ValueId v : uses_[id].elsewhere) required.insert(v);
       if (is_map(op)) continue;
       required.insert(op.results[0]);
-      for (ValueId v : uses_[id].at_element) required.insert(v);
     }
     for (OpId id : order_)
       if (required.count(graph_.op(id).results[0]) == 0) optional.push_back(graph_.op(id).results[0]);

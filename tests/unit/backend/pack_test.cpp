@@ -104,7 +104,8 @@ TEST_CASE("greedy packing stays near the best schedule of small graphs") {
     if (!best) continue;
     const Schedule greedy = pack(g, p, options);
     const double cost = *step_cost(g, greedy, greedy.steps[0], p, symbols);
-    ratios.push_back(cost / best->cost);
+    // The search loads what is stored; greedy packing may compute it again, and be better for once.
+    ratios.push_back(std::max(1.0, cost / best->cost));
     if (ratios.back() >= *std::max_element(ratios.begin(), ratios.end())) worst_seed = seed;
     tried += best->tried;
   }
@@ -116,6 +117,6 @@ TEST_CASE("greedy packing stays near the best schedule of small graphs") {
       "greedy against the best of %zu schedules of 500 graphs: mean %.4f, median %.4f, 90%% %.4f, 99%% %.4f, "
       "worst %.4f (seed %llu)\n",
       tried, mean, ratios[250], ratios[450], ratios[495], ratios.back(), static_cast<unsigned long long>(worst_seed));
-  CHECK(mean <= 1.10);
-  CHECK(ratios[450] <= 1.10);
+  CHECK(mean <= 1.01);
+  CHECK(ratios[495] <= 1.10);
 }
