@@ -28,6 +28,15 @@ class StagePacker {
     for (size_t k = 0; k < n; ++k)
       for (ValueId v : step_.passes[k].writes) writer_[v] = k;
     done_.assign(n, false);
+    waits_.resize(n);
+    users_.resize(n);
+    pending_.assign(n, 0);
+    for (size_t k = 0; k < n; ++k) {
+      for (ValueId v : step_.passes[k].reads)
+        if (const auto from = writer_.find(v); from != writer_.end()) waits_[k].insert(from->second);
+      for (size_t from : waits_[k]) users_[from].push_back(k);
+      pending_[k] = waits_[k].size();
+    }
     elsewhere_.resize(n);
     for (size_t k = 0; k < n; ++k)
       for (ir::OpId id : step_.passes[k].ops)
@@ -51,14 +60,15 @@ class StagePacker {
 
   // Whether all that a pass reads has been written, by passes that are done or in `stage`.
   bool is_ready(size_t k, const std::set<size_t>& stage = {}) const {
-    return std::all_of(pass(k).reads.begin(), pass(k).reads.end(), [&](ValueId v) {
-      const auto it = writer_.find(v);
-      return it == writer_.end() || done_[it->second] || stage.count(it->second) != 0;
-    });
+    if (pending_[k] == 0) return true;
+    if (pending_[k] > stage.size()) return false;
+    return std::all_of(waits_[k].begin(), waits_[k].end(),
+                       [&](size_t from) { return done_[from] || stage.count(from) != 0; });
   }
   void finish(const std::vector<size_t>& stage) {
     for (size_t k : stage) {
       done_[k] = true;
+      for (size_t user : users_[k]) --pending_[user];
       order_.emplace_back(k, next_stage_);
       if (!join_) ++next_stage_;
     }
@@ -124,6 +134,9 @@ class StagePacker {
   std::map<ValueId, size_t> writer_;
   std::vector<std::set<ValueId>> elsewhere_;
   std::vector<bool> done_;
+  std::vector<std::set<size_t>> waits_;     // the passes that a pass waits for
+  std::vector<std::vector<size_t>> users_;  // those that wait for it
+  std::vector<size_t> pending_;             // how many of waits_ are not done
   std::vector<std::pair<size_t, uint32_t>> order_;
   uint32_t next_stage_ = 0;
 };

@@ -5,34 +5,48 @@
 
 namespace dr::backend {
 
-PassOrder::PassOrder(const std::vector<Pass>& passes) : before_(passes.size(), Set((passes.size() + 63) / 64)) {
+PassOrder::PassOrder(const std::vector<Pass>& passes)
+    : before_(passes.size(), Set((passes.size() + 63) / 64)), after_(before_) {
   std::map<ir::ValueId, size_t> writer;
+  std::vector<std::vector<size_t>> waits(passes.size());
   for (size_t k = 0; k < passes.size(); ++k) {
-    for (ir::ValueId v : passes[k].reads) {
-      const auto from = writer.find(v);
-      if (from == writer.end()) continue;
-      add(before_[k], before_[from->second]);
-      before_[k][from->second / 64] |= uint64_t{1} << (from->second % 64);
-    }
+    for (ir::ValueId v : passes[k].reads)
+      if (const auto from = writer.find(v); from != writer.end()) waits[k].push_back(from->second);
     for (ir::ValueId v : passes[k].writes) writer[v] = k;
   }
+  for (size_t k = 0; k < passes.size(); ++k)
+    for (size_t from : waits[k]) {
+      add(before_[k], before_[from]);
+      put(before_[k], from);
+    }
+  for (size_t k = passes.size(); k-- > 0;)
+    for (size_t from : waits[k]) {
+      add(after_[from], after_[k]);
+      put(after_[from], k);
+    }
 }
 
-bool PassOrder::stand_apart(size_t a, size_t b) const {
-  for (size_t k = 0; k < before_.size(); ++k)
-    if (k != a && has(before_[b], k) && has(before_[k], a)) return true;
-  return false;
+bool PassOrder::may_merge(size_t a, size_t b) const {
+  if (has(before_[a], b)) return false;
+  for (size_t k = 0; k < before_[b].size(); ++k)
+    if ((before_[b][k] & after_[a][k]) != 0) return false;
+  return true;
 }
 
 void PassOrder::merge(size_t a, size_t b) {
-  const uint64_t a_bit = uint64_t{1} << (a % 64), b_bit = uint64_t{1} << (b % 64);
-  add(before_[b], before_[a]);
-  before_[b][a / 64] &= ~a_bit;
-  for (Set& set : before_) {
+  merge(before_, a, b);
+  merge(after_, a, b);
+}
+
+void PassOrder::merge(std::vector<Set>& sets, size_t a, size_t b) {
+  add(sets[b], sets[a]);
+  take(sets[b], a);
+  take(sets[b], b);
+  for (Set& set : sets) {
     if (!has(set, a) && !has(set, b)) continue;
-    add(set, before_[b]);
-    set[a / 64] &= ~a_bit;
-    set[b / 64] |= b_bit;
+    add(set, sets[b]);
+    take(set, a);
+    put(set, b);
   }
 }
 

@@ -13,18 +13,22 @@ class PassOrder {
  public:
   // `passes` come after what they read.
   explicit PassOrder(const std::vector<Pass>& passes);
-  // Whether b waits for a third pass that waits for a.
-  bool stand_apart(size_t a, size_t b) const;
-  // Pass a, which stands apart from b in neither direction, is now part of b.
+  // Whether a and b may be one pass, in which a's ops come first: a waits for b in no way, b for a at most directly.
+  bool may_merge(size_t a, size_t b) const;
+  // Pass a is now part of b.
   void merge(size_t a, size_t b);
 
  private:
   using Set = std::vector<uint64_t>;  // of passes
   static bool has(const Set& set, size_t k) { return (set[k / 64] >> (k % 64) & 1) != 0; }
+  static void put(Set& set, size_t k) { set[k / 64] |= uint64_t{1} << (k % 64); }
+  static void take(Set& set, size_t k) { set[k / 64] &= ~(uint64_t{1} << (k % 64)); }
   static void add(Set& set, const Set& more) {
     for (size_t k = 0; k < set.size(); ++k) set[k] |= more[k];
   }
+  void merge(std::vector<Set>& sets, size_t a, size_t b);
   std::vector<Set> before_;  // all that a pass waits for, through others too
+  std::vector<Set> after_;   // all that wait for a pass
 };
 
 }  // namespace dr::backend

@@ -13,8 +13,10 @@
 #include <string>
 #include <vector>
 
+#include "compiler/backend/schedule.h"
 #include "compiler/lower/lower.h"
 #include "compiler/passes/passes.h"
+#include "compiler/target/profile.h"
 #include "dsl/parser.h"
 #include "tests/bench/compile_input.h"
 
@@ -59,15 +61,17 @@ auto timed(std::vector<double>& times, const F& f) {
 
 void measure_passes(Report& report, size_t ops, int runs) {
   const ir::Graph graph = bench::generated_graph(ops);
-  std::vector<double> verify, first, differentiate, second, all;
+  const auto profile = std::get<target::Profile>(target::load_profile("lavapipe"));
+  std::vector<double> verify, first, differentiate, second, all, pack;
   size_t simplified = 0, differentiated = 0, result = 0;
   for (int run = -1; run < runs; ++run) {
-    if (run == 0) verify = first = differentiate = second = all = {};
+    if (run == 0) verify = first = differentiate = second = all = pack = {};
     timed(verify, [&] { return passes::verify(graph).size(); });
     const ir::Graph a = timed(first, [&] { return passes::simplify(graph); });
     const ir::Graph b = timed(differentiate, [&] { return passes::differentiate(a); });
     const ir::Graph c = timed(second, [&] { return passes::simplify(b); });
     all.push_back(first.back() + differentiate.back() + second.back());
+    timed(pack, [&] { return backend::pack(c, profile, {}).steps[0].passes.size(); });
     simplified = a.op_count(), differentiated = b.op_count(), result = c.op_count();
   }
   const size_t size = graph.op_count();
@@ -76,6 +80,7 @@ void measure_passes(Report& report, size_t ops, int runs) {
   report.row("differentiate", size, differentiate);
   report.row("simplify again", size, second);
   report.row("the three passes", size, all);
+  report.row("pack what came of it", size, pack);
   std::printf("          %zu ops, then %zu, then %zu\n", simplified, differentiated, result);
 }
 
