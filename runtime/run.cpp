@@ -57,19 +57,23 @@ void Program::State::require_run(const std::string& step) const {
   if (!on_device || on_device->steps[index].variants.empty()) throw Failure{"step '" + step + "' has not run yet"};
 }
 
+void Program::State::count_run(size_t index, const std::vector<bool>& dirty, const Work& run, const Work& skipped) {
+  StepState& step = on_device->steps[index];
+  step.list->ran(dirty, versions);
+  for (const uint32_t leaf : bundle.steps[index]->changes) ++versions[leaf];
+  step.counters.run += run;
+  step.counters.skipped += skipped;
+  ++step.counters.runs;
+}
+
 void Program::State::run(const std::string& name, int times) {
   const size_t index = step_index(name);
   StepState& step = prepared_step(index);
-  RunList& list = *step.list;
   for (int k = 0; k < times; ++k) {
-    const std::vector<bool>& dirty = cache ? list.dirty(versions) : list.everything();
+    const std::vector<bool>& dirty = cache ? step.list->dirty(versions) : step.list->everything();
     const Variant& variant = recorded(step, dirty);
     on_device->queue.submit(variant.commands);
-    list.ran(dirty, versions);
-    for (const uint32_t leaf : bundle.steps[index]->changes) ++versions[leaf];
-    step.counters.run += variant.run;
-    step.counters.skipped += variant.skipped;
-    ++step.counters.runs;
+    count_run(index, dirty, variant.run, variant.skipped);
   }
   on_device->queue.finish();
 }

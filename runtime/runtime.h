@@ -78,6 +78,14 @@ struct StepCounters {
   Work run, skipped;  // in all runs together
 };
 
+// Time on the device of one command, in one run of its step.
+struct CommandTime {
+  std::string label;
+  double nanoseconds = 0;
+  int64_t ops = 0, bytes = 0;      // as in Work
+  std::vector<std::string> lines;  // of the program: "fit.dr:3"
+};
+
 class Program {
  public:
   // The bundle's bytes, as drc wrote them.
@@ -111,6 +119,9 @@ class Program {
   Result<void> set_runs(const std::string& step, int64_t runs);
   // What its runs did and left out so far.
   StepCounters counters(const std::string& step) const;
+  // Runs the step once, and takes the time on the device of each command that runs, or of all of them as one. Waiting
+  // for each command to end takes time too: the sum is more than the whole.
+  Result<std::vector<CommandTime>> timed_run(const std::string& step, bool each_command = true);
   // Results of the step's last run.
   Result<io::Array> output(const std::string& step, const std::string& name);
   std::vector<std::string> outputs(const std::string& step) const;

@@ -76,6 +76,9 @@ struct Program::State {
   const Variant& recorded(StepState& step, const std::vector<bool>& dirty);
   void require_run(const std::string& step) const;
   void run(const std::string& step, int times);
+  // One run is on its way, and saw this state.
+  void count_run(size_t index, const std::vector<bool>& dirty, const Work& run, const Work& skipped);
+  std::vector<CommandTime> timed_run(const std::string& step, bool each_command);
   void set_runs(const std::string& step, int64_t runs);
 
  private:

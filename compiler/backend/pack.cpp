@@ -50,6 +50,7 @@ Extent domain_of(const Graph& graph, const Op& op) {
 StepPacker::StepPacker(const Graph& graph, const ir::Step& step, const target::Profile& profile,
                        const PackOptions& options, std::vector<Resource>& resources, Names& names)
     : graph_(graph),
+      step_(step),
       profile_(profile),
       options_(options),
       resources_(resources),
@@ -87,6 +88,7 @@ StepSchedule StepPacker::process() {
     uses_[order_[k].index] = uses_of(graph_, graph_.op(order_[k]));
   }
   find_recomputable();
+  find_steady();
   find_levels();
   find_stored();
   make_passes();
@@ -119,19 +121,53 @@ void StepPacker::find_recomputable() {
   }
 }
 
+// Ops that depend on a leaf which the step updates, or on its counter. The others are its prologue.
+void StepPacker::find_steady() {
+  steady_.assign(graph_.op_count(), !options_.prologue);
+  std::set<std::string> updated;
+  for (const ir::Update& u : step_.updates) updated.insert(graph_.leaves[u.leaf].name);
+  for (OpId id : order_) {
+    const Op& op = graph_.op(id);
+    const auto steady = [&](ValueId v) { return steady_[graph_.value(v).op.index]; };
+    const Uses& uses = uses_[id.index];
+    if (op.kind == OpKind::StepIndex || (op.kind == OpKind::Leaf && updated.count(op.attrs.text) != 0) ||
+        std::any_of(uses.at_element.begin(), uses.at_element.end(), steady) ||
+        std::any_of(uses.elsewhere.begin(), uses.elsewhere.end(), steady))
+      steady_[id.index] = true;
+  }
+}
+
 void StepPacker::find_levels() {
-  std::set<ValueId> elsewhere;
-  for (OpId id : order_) elsewhere.insert(uses_[id.index].elsewhere.begin(), uses_[id.index].elsewhere.end());
-  level_ = backend::find_levels({.graph = graph_,
-                                 .order = order_,
-                                 .uses = uses_,
+  std::vector<bool> elsewhere(graph_.value_count());
+  for (OpId id : order_)
+    for (ValueId v : uses_[id.index].elsewhere) elsewhere[v.index] = true;
+  // All of the prologue comes before the rest, which need not wait for any of it.
+  const auto in_prologue = [&](ValueId v) { return !steady_[graph_.value(v).op.index]; };
+  std::vector<OpId> prologue, rest;
+  for (OpId id : order_) (steady_[id.index] ? rest : prologue).push_back(id);
+  std::vector<Uses> uses_of_rest = uses_;
+  for (OpId id : rest) {
+    std::erase_if(uses_of_rest[id.index].at_element, in_prologue);
+    std::erase_if(uses_of_rest[id.index].elsewhere, in_prologue);
+  }
+  const auto levels = [&](const std::vector<OpId>& order, const std::vector<Uses>& uses) {
+    return backend::find_levels({.graph = graph_,
+                                 .order = order,
+                                 .uses = uses,
                                  .domain =
                                      [&](const Op& op) {
                                        const bool shares = options_.fused && pass_kind(op) == Pass::Kind::Map;
                                        return shares ? &graph_.value(op.results[0]).extent : nullptr;
                                      },
                                  .recomputed = [&](ValueId v) { return recomputable(v); },
-                                 .stored = [&](ValueId v) { return roots_.count(v) != 0 || elsewhere.count(v) != 0; }});
+                                 .stored = [&](ValueId v) { return roots_.count(v) != 0 || elsewhere[v.index]; }});
+  };
+  level_ = levels(prologue, uses_);
+  const std::vector<int> of_rest = levels(rest, uses_of_rest);
+  int first = 0;
+  for (OpId id : prologue)
+    if (!is_memory(graph_.op(id))) first = std::max(first, level_[id.index] + 1);
+  for (OpId id : rest) level_[id.index] = first + of_rest[id.index];
 }
 
 // Whether `user` finds `v` computed in its own pass.

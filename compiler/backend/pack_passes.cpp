@@ -3,6 +3,7 @@
 // shader can compute at once in parts, then passes that may share one after all.
 #include <algorithm>
 #include <climits>
+#include <tuple>
 
 #include "compiler/backend/pass_order.h"
 #include "compiler/backend/step_packer.h"
@@ -180,6 +181,7 @@ void StepPacker::spill(const Pass& pass) {
 void StepPacker::add_pass(Pass pass) {
   if (pass.kind == Pass::Kind::Map)
     for (ValueId v : pass.writes) written_[v.index] = true;
+  pass.steady = steady_[graph_.value(pass.writes[0]).op.index];
   pass.name = pass_name(pass);
   out_.passes.push_back(std::move(pass));
 }
@@ -316,9 +318,9 @@ std::optional<Pass> StepPacker::merged(const Pass& from, const Pass& into) {
 void StepPacker::merge_passes() {
   std::vector<Pass>& passes = out_.passes;
   PassOrder order(passes);
-  std::map<std::pair<Extent, bool>, std::vector<size_t>> alike;
+  std::map<std::tuple<Extent, bool, bool>, std::vector<size_t>> alike;
   for (size_t k = 0; k < passes.size(); ++k)
-    if (passes[k].kind == Pass::Kind::Map) alike[{passes[k].domain, passes[k].hardware}].push_back(k);
+    if (passes[k].kind == Pass::Kind::Map) alike[{passes[k].domain, passes[k].hardware, passes[k].steady}].push_back(k);
   for (const auto& [key, members] : alike) {
     for (size_t i = 0; i < members.size(); ++i) {
       Pass& into = passes[members[i]];

@@ -68,6 +68,7 @@ class StepPacker {
   const Op& def(ValueId v) const { return graph_.op(graph_.value(v).op); }
   bool recomputable(ValueId v) const;
   void find_recomputable();
+  void find_steady();
   void find_levels();
   bool in_same_pass(const Op& user, OpId user_id, ValueId v) const;
   void find_stored();
@@ -96,6 +97,7 @@ class StepPacker {
   std::string pass_name(const Pass& pass) const;
 
   const Graph& graph_;
+  const ir::Step& step_;
   const target::Profile& profile_;
   const PackOptions& options_;
   std::vector<Resource>& resources_;
@@ -107,6 +109,7 @@ class StepPacker {
   std::vector<Uses> uses_;
   std::vector<int> recompute_cost_;
   int recompute_limit_ = 0;
+  std::vector<bool> steady_;  // whether an op depends on what the step changes, by OpId index
   std::vector<int> level_;
   std::set<ValueId> roots_, updated_;
   // By ValueId index.

@@ -152,7 +152,8 @@ std::vector<Primitive> Commands::primitives(const bundle::StepT& step) {
   return primitives;
 }
 
-void Commands::record(const vk::raii::CommandBuffer& commands, std::span<const Primitive* const> primitives) const {
+void Commands::record(const vk::raii::CommandBuffer& commands, std::span<const Primitive* const> primitives,
+                      const std::function<void(size_t)>& after_each) const {
   std::vector<std::vector<Access>> accesses;
   for (const Primitive* p : primitives) {
     accesses.push_back(p->accesses);
@@ -174,6 +175,7 @@ void Commands::record(const vk::raii::CommandBuffer& commands, std::span<const P
     }
     primitives[k]->record(commands);
     if (device_->debug_names) commands.endDebugUtilsLabelEXT();
+    if (after_each) after_each(k);
   }
 }
 

@@ -27,8 +27,9 @@ class Commands {
 
   // Resources of the step have memory; symbols have values.
   std::vector<Primitive> primitives(const bundle::StepT& step);
-  // Some of a step's primitives in order, with the barriers between them.
-  void record(const vk::raii::CommandBuffer& commands, std::span<const Primitive* const> primitives) const;
+  // Some of a step's primitives in order, with the barriers between them; `after_each` is recorded after each.
+  void record(const vk::raii::CommandBuffer& commands, std::span<const Primitive* const> primitives,
+              const std::function<void(size_t)>& after_each = {}) const;
 
  private:
   void dispatch(const bundle::CommandT& command, std::vector<Primitive>& out);

@@ -124,6 +124,7 @@ std::shared_ptr<DeviceState> open_device(const DeviceOptions& options) {
       std::find_if(families.begin(), families.end(), [&](const auto& f) { return (f.queueFlags & wanted) == wanted; });
   if (family == families.end()) throw Failure{"the device has no queue for graphics and compute"};
   state->family = static_cast<uint32_t>(family - families.begin());
+  state->timestamp_bits = family->timestampValidBits;
 
   std::vector<const char*> extensions;
   const auto offered = state->physical.enumerateDeviceExtensionProperties();

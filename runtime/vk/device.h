@@ -25,6 +25,7 @@ struct DeviceState {
   vk::raii::Device device{nullptr};
   vk::raii::Queue queue{nullptr};
   uint32_t family = 0;
+  uint32_t timestamp_bits = 0;  // 0: the queue has no timestamps
   vk::PhysicalDeviceProperties properties;
   vk::PhysicalDeviceMemoryProperties memory;
   bool int64 = false, int64_atomics = false, debug_names = false;
