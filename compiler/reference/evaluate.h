@@ -74,6 +74,8 @@ class Session {
   // table of a topology, which is made from the faces.
   std::optional<std::string> bind(const std::string& leaf, Image data);
   std::optional<std::string> bind_symbol(const std::string& symbol, int64_t value);
+  // How often a step counts as having run: its step_index in the next run.
+  void set_runs(const std::string& step, int64_t runs) { runs_[step] = runs; }
   const ir::SymbolValues& symbols() const { return symbols_; }
   // The current content of a leaf that is bound, or prepared with a step that needs it.
   const Image& leaf(const std::string& name) const;

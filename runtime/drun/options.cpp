@@ -51,6 +51,12 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
       ->check(CLI::IsMember({"fused", "naive"}));
   app.add_option("-D", defines, "NAME=VALUE: replace a const of the program");
   app.add_option("-I", options.compile.include_dirs, "folder to look for imported modules in");
+  std::vector<std::string> ablate;
+  app.add_option("--ablate", ablate, "parts to switch off, with commas: substages, stages, remat, cache")
+      ->delimiter(',');
+  app.add_flag("--resume", options.resume, "go on where the run that wrote to --out stopped");
+  app.add_flag("--timing", options.timing, "print the device's time of each command in the last run of a step");
+  app.add_flag("--counters", options.counters, "print how many commands ran and how many the reactive cache left out");
   app.add_flag("--validate", options.validate, "run under the Vulkan validation layer and fail on its messages");
   app.add_flag("--devices", options.list_devices, "list the Vulkan devices");
   try {
@@ -73,6 +79,13 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
       }
       options.steps.emplace_back(s.substr(0, at), times);
     }
+    for (const std::string& part : ablate)
+      if (part == "cache")
+        options.cache = false;
+      else
+        options.compile.ablate.push_back(part);
+    if (options.resume && options.out.empty())
+      throw CLI::ValidationError("--resume", "needs --out, the folder of the run to go on with");
     if (options.file.empty() && !options.list_devices) throw CLI::RequiredError("FILE");
   } catch (const CLI::ParseError& e) {
     exit_code = app.exit(e) == 0 ? 0 : 2;

@@ -21,6 +21,10 @@ struct Options {
   std::string device;
   int log_every = 10;
   bool validate = false;
+  bool resume = false;    // from the checkpoint in `out`
+  bool timing = false;    // times of the commands of each step's last run
+  bool counters = false;  // what the reactive cache left out
+  bool cache = true;
   bool list_devices = false;
   jit::Options compile;
 };

@@ -85,6 +85,13 @@ io::Result<void> ReferenceProgram::run(const std::string& step, int times) {
   return {};
 }
 
+io::Result<void> ReferenceProgram::set_runs(const std::string& step, int64_t runs) {
+  if (!state_->graph.step_index(step)) return io::Error{"there is no step '" + step + "'"};
+  if (runs < 0 || runs > INT32_MAX) return io::Error{"a step cannot have run " + std::to_string(runs) + " times"};
+  state_->session.set_runs(step, runs);
+  return {};
+}
+
 io::Result<io::Array> ReferenceProgram::output(const std::string& step, const std::string& name) {
   const auto result = state_->results.find(step);
   if (result == state_->results.end()) return io::Error{"step '" + step + "' has not run yet"};

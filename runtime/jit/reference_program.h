@@ -25,6 +25,7 @@ class ReferenceProgram {
   io::Result<void> bind(const std::string& leaf, const io::Array& data);
   io::Result<void> bind_symbol(const std::string& symbol, int64_t value);
   io::Result<void> run(const std::string& step, int times = 1);
+  io::Result<void> set_runs(const std::string& step, int64_t runs);
   io::Result<io::Array> output(const std::string& step, const std::string& name);
   io::Result<io::Array> leaf(const std::string& name);
 

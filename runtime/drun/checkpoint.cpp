@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: Apache-2.0
+// Checkpoints as files.
+#include "runtime/drun/checkpoint.h"
+
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "runtime/drun/target.h"
+
+namespace dr::drun {
+
+namespace fs = std::filesystem;
+using nlohmann::ordered_json;
+
+namespace {
+
+constexpr const char* kFile = "checkpoint.json";
+constexpr const char* kPrefix = "checkpoint-";
+
+ordered_json read_json(const fs::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  if (!file) throw Mistake{"there is no checkpoint to resume from: cannot read '" + path.string() + "'"};
+  ordered_json json = ordered_json::parse(file, nullptr, false);
+  if (json.is_discarded() || !json.is_object()) throw Mistake{"'" + path.string() + "' is no checkpoint of drun"};
+  return json;
+}
+
+}  // namespace
+
+void write_text(const std::string& path, const std::string& text) {
+  const std::string temporary = path + ".partial";
+  std::ofstream file(temporary, std::ios::binary);
+  file << text;
+  file.close();
+  if (!file) {
+    std::error_code ignored;
+    fs::remove(temporary, ignored);
+    throw Mistake{"cannot write '" + path + "'"};
+  }
+  fs::rename(temporary, path);
+}
+
+void save_checkpoint(const std::string& out, const Checkpoint& c) {
+  // A folder of another name than the one in use, which stays until the file names the new one.
+  int number = 0;
+  while (fs::exists(fs::path(out) / (kPrefix + std::to_string(number)))) ++number;
+  const std::string name = kPrefix + std::to_string(number);
+  fs::create_directories(fs::path(out) / name);
+  ordered_json json{{"folder", name}, {"entry", c.entry}, {"done", c.done}, {"runs", c.runs}};
+  json["leaves"] = ordered_json::array();
+  for (const auto& [leaf, data] : c.leaves) {
+    must(io::save_array((fs::path(out) / name / (leaf + ".npy")).string(), data));
+    json["leaves"].push_back({{"name", leaf}, {"components", data.components}});
+  }
+  write_text((fs::path(out) / name / "log.jsonl").string(), c.log);
+  write_text((fs::path(out) / kFile).string(), json.dump(2) + "\n");
+  for (const auto& other : fs::directory_iterator(out)) {
+    const std::string file = other.path().filename().string();
+    if (other.is_directory() && file.starts_with(kPrefix) && file != name) fs::remove_all(other.path());
+  }
+}
+
+Checkpoint load_checkpoint(const std::string& out) {
+  const fs::path file = fs::path(out) / kFile;
+  const ordered_json json = read_json(file);
+  Checkpoint c;
+  try {
+    const std::string folder = json.at("folder");
+    if (!folder.starts_with(kPrefix) || folder.find('/') != std::string::npos)
+      throw Mistake{"'" + file.string() + "' is no checkpoint of drun"};
+    c.entry = json.at("entry");
+    c.done = json.at("done");
+    c.runs = json.at("runs").get<std::map<std::string, int64_t>>();
+    for (const auto& leaf : json.at("leaves")) {
+      const std::string name = leaf.at("name");
+      c.leaves.emplace_back(
+          name, must(io::load_binding((fs::path(out) / folder / (name + ".npy")).string(), leaf.at("components"))));
+    }
+    std::ifstream log(fs::path(out) / folder / "log.jsonl", std::ios::binary);
+    std::stringstream text;
+    text << log.rdbuf();
+    c.log = text.str();
+  } catch (const nlohmann::json::exception&) {
+    throw Mistake{"'" + file.string() + "' is no checkpoint of drun"};
+  }
+  return c;
+}
+
+}  // namespace dr::drun

@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: Apache-2.0
+// Where a run stopped, so that it can go on: OUT/checkpoint.json, and beside it the folder that it names, with the
+// params and states as .npy files. The folder is complete before the file points to it.
+#pragma once
+
+#include <map>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "runtime/io/array.h"
+
+namespace dr::drun {
+
+struct Checkpoint {
+  size_t entry = 0;                     // of the steps on the command line: those before it are done
+  int done = 0;                         // runs of that entry
+  std::map<std::string, int64_t> runs;  // of each step, in all
+  std::vector<std::pair<std::string, io::Array>> leaves;
+  std::string log;  // lines so far
+};
+
+// Both throw Mistake.
+void save_checkpoint(const std::string& out, const Checkpoint& checkpoint);
+Checkpoint load_checkpoint(const std::string& out);
+
+// Writes the file whole or not at all.
+void write_text(const std::string& path, const std::string& text);
+
+}  // namespace dr::drun

@@ -1,0 +1,166 @@
+// SPDX-License-Identifier: Apache-2.0
+// The loop over steps.
+#include "runtime/drun/session.h"
+
+#include <algorithm>
+#include <charconv>
+#include <csignal>
+#include <cstdio>
+#include <filesystem>
+
+#include "runtime/drun/progress.h"
+#include "runtime/drun/results.h"
+#include "runtime/drun/timing.h"
+
+namespace dr::drun {
+
+using io::Array;
+
+namespace {
+
+volatile std::sig_atomic_t interrupted = 0;
+
+std::string list(const std::vector<std::string>& names) {
+  std::string out;
+  for (const std::string& n : names) out += (out.empty() ? "" : ", ") + n;
+  return out;
+}
+
+}  // namespace
+
+void catch_interrupts() {
+  std::signal(SIGINT, [](int) {
+    interrupted = 1;
+    std::signal(SIGINT, SIG_DFL);
+  });
+}
+
+void Session::process() {
+  choose_steps();
+  bind();
+  if (options_.resume) resume();
+  if (!options_.out.empty()) std::filesystem::create_directories(options_.out);
+  while (at_.entry < steps_.size() && !interrupted) {
+    const auto& [step, times] = steps_[at_.entry];
+    run_step(step, at_.done, times);
+    // The last one may get more runs when it is resumed.
+    if (at_.done < times || at_.entry + 1 == steps_.size()) break;
+    ++at_.entry;
+    at_.done = 0;
+  }
+  if (ran_.empty() && !interrupted) std::fprintf(stderr, "nothing is left to run\n");
+  if (interrupted) std::fprintf(stderr, "interrupted: writing what there is\n");
+  if (options_.counters) print_counters();
+  write_results();
+}
+
+void Session::choose_steps() {
+  const std::vector<std::string> all = names_.steps();
+  steps_ = options_.steps;
+  if (steps_.empty()) {
+    if (all.size() != 1)
+      throw Mistake{"the program has several steps: choose with --step NAME[=TIMES]; there are " + list(all)};
+    steps_.emplace_back(all[0], 1);
+  }
+  for (const auto& [name, times] : steps_)
+    if (std::find(all.begin(), all.end(), name) == all.end())
+      throw Mistake{"there is no step '" + name + "'; there are " + list(all)};
+}
+
+void Session::bind() {
+  for (const auto& [name, value] : options_.symbols) {
+    int64_t number = 0;
+    const auto [end, error] = std::from_chars(value.data(), value.data() + value.size(), number);
+    if (error != std::errc{} || end != value.data() + value.size())
+      throw Mistake{"symbol '" + name + "': expected a whole number, found '" + value + "'"};
+    must(target_.bind_symbol(name, number));
+  }
+  for (const auto& [name, source] : options_.bindings) {
+    int components = 0;
+    std::vector<std::string> all;
+    for (const auto& leaf : names_.leaves()) {
+      all.push_back(leaf.name);
+      if (leaf.name == name) components = leaf.components;
+    }
+    if (components == 0) throw Mistake{"there is no leaf '" + name + "'; there are " + list(all)};
+    must(target_.bind(name, must(io::load_binding(source, components))));
+  }
+}
+
+void Session::resume() {
+  at_ = load_checkpoint(options_.out);
+  for (const auto& [leaf, data] : at_.leaves) must(target_.bind(leaf, data));
+  for (const auto& [step, runs] : at_.runs) must(target_.set_runs(step, runs));
+  at_.leaves.clear();
+}
+
+void Session::run_step(const std::string& step, int& done, int times) {
+  Progress progress(step, done, times);
+  while (done < times && !interrupted) {
+    const int left = times - done;
+    int now = std::min(options_.dump_raster.empty() ? options_.log_every : 1, left);
+    if (ran_.insert(step).second) now = 1;  // it compiles, and shows where the fit starts
+    // The last run of all is the one that is timed.
+    if (options_.timing && now == left && now > 1) --now;
+    if (options_.timing && left == 1)
+      timed_run(step);
+    else
+      must(target_.run(step, now));
+    done += now;
+    const int64_t before = at_.runs[step];
+    at_.runs[step] += now;
+    if (!options_.dump_raster.empty())
+      must(io::save_decisions(options_.dump_raster, step, before, must(target_.decisions(step))));
+    last_values_[step] = log_scalars(step, done);
+    progress.show(done, last_values_[step]);
+  }
+  if (!last_values_[step].empty()) std::printf("%s: %s\n", step.c_str(), last_values_[step].c_str());
+}
+
+void Session::timed_run(const std::string& step) {
+  if (!target_.timed_run) throw Mistake{"--timing takes the times of a Vulkan device; the reference has none"};
+  const auto times = must(target_.timed_run(step));
+  std::fputs(timing_table(step, times).c_str(), stdout);
+}
+
+std::string Session::log_scalars(const std::string& step, int done) {
+  std::string values, json = "{\"step\": \"" + step + "\", \"run\": " + std::to_string(done);
+  for (const std::string& name : names_.outputs(step)) {
+    if (!maybe_scalar(step, name)) continue;
+    const std::string text = number_text(must(target_.output(step, name)).to_doubles()[0]);
+    values += (values.empty() ? "" : "  ") + name + " = " + text;
+    json += ", \"" + name + "\": " + (text.find_first_of("in") == std::string::npos ? text : "null");
+  }
+  at_.log += json + "}\n";
+  return values;
+}
+
+// Reading an image back at every log line would cost more than the step: sizes are looked at once.
+bool Session::maybe_scalar(const std::string& step, const std::string& name) {
+  const auto key = step + "." + name;
+  if (auto it = scalar_.find(key); it != scalar_.end()) return it->second;
+  return scalar_[key] = must(target_.output(step, name)).scalar_count() == 1;
+}
+
+void Session::print_counters() const {
+  if (!target_.counters) throw Mistake{"--counters are those of a Vulkan device; the reference has none"};
+  for (const std::string& step : ran_) {
+    const runtime::StepCounters c = target_.counters(step);
+    std::fputs(counters_line(step, c).c_str(), stdout);
+  }
+}
+
+void Session::write_results() {
+  const Results results(target_, names_);
+  if (!options_.out.empty()) {
+    const std::filesystem::path out = options_.out;
+    results.write_outputs(options_.out, ran_);
+    at_.leaves = results.leaves(ran_);
+    for (const auto& [leaf, data] : at_.leaves) must(io::save_array((out / (leaf + ".npy")).string(), data));
+    write_text((out / "log.jsonl").string(), at_.log);
+    save_checkpoint(options_.out, at_);
+  }
+  for (const auto& [file, what] : options_.meshes) results.write_mesh(file, what, ran_);
+}
+
+}  // namespace dr::drun

@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+// One run of drun on a target: bind, run the steps, write what comes out.
+#pragma once
+
+#include <map>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "runtime/drun/checkpoint.h"
+#include "runtime/drun/options.h"
+#include "runtime/drun/target.h"
+
+namespace dr::drun {
+
+// From now on Ctrl-C lets the step that runs finish, and what there is be written; a second one ends the program.
+void catch_interrupts();
+
+class Session {
+ public:
+  Session(const Options& options, const Target& target, const runtime::Program& names)
+      : options_(options), target_(target), names_(names) {}
+  // Throws Mistake.
+  void process();
+
+ private:
+  void choose_steps();
+  void bind();
+  void resume();
+  // From the runs that are `done` to `times`.
+  void run_step(const std::string& step, int& done, int times);
+  void timed_run(const std::string& step);
+  // Reads the scalar outputs for the log and the progress line.
+  std::string log_scalars(const std::string& step, int done);
+  bool maybe_scalar(const std::string& step, const std::string& name);
+  void print_counters() const;
+  void write_results();
+
+  const Options& options_;
+  const Target& target_;
+  const runtime::Program& names_;
+  std::vector<std::pair<std::string, int>> steps_;  // and how often
+  Checkpoint at_;                                   // where it is
+  std::set<std::string> ran_;
+  std::map<std::string, std::string> last_values_;
+  std::map<std::string, bool> scalar_;
+};
+
+}  // namespace dr::drun

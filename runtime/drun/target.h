@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+// The two kinds of device, Vulkan and the float64 evaluator, behind one set of calls.
+#pragma once
+
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "runtime/io/decisions.h"
+#include "runtime/jit/reference_program.h"
+#include "runtime/runtime.h"
+
+namespace dr::drun {
+
+// The user's or the device's mistake, in a sentence; empty when it is told already.
+struct Mistake {
+  std::string message;
+};
+
+template <class T>
+T must(io::Result<T> result) {
+  if (!result) throw Mistake{result.error()};
+  if constexpr (!std::is_void_v<T>) return std::move(result).value();
+}
+
+struct Target {
+  std::function<io::Result<void>(const std::string&, const io::Array&)> bind;
+  std::function<io::Result<void>(const std::string&, int64_t)> bind_symbol;
+  std::function<io::Result<void>(const std::string&, int)> run;
+  std::function<io::Result<void>(const std::string&, int64_t)> set_runs;
+  std::function<io::Result<io::Array>(const std::string&, const std::string&)> output;
+  std::function<io::Result<io::Array>(const std::string&)> leaf;
+  std::function<io::Result<io::Decisions>(const std::string&)> decisions;
+  // What only a Vulkan device can tell.
+  std::function<io::Result<std::vector<runtime::CommandTime>>(const std::string&)> timed_run;
+  std::function<runtime::StepCounters(const std::string&)> counters;
+};
+
+// The program must outlive it.
+Target target_of(runtime::Program& program);
+Target target_of(jit::ReferenceProgram& program);
+
+}  // namespace dr::drun

@@ -1,0 +1,18 @@
+// SPDX-License-Identifier: Apache-2.0
+// What commands took, as text.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "runtime/runtime.h"
+
+namespace dr::drun {
+
+// A line for each command, the slowest first: its time and share, its bytes a nanosecond, the lines of the program
+// behind it.
+std::string timing_table(const std::string& step, std::vector<runtime::CommandTime> times);
+// "fit: 200 runs; commands 5,400 run and 600 left out; ops ...; bytes ...".
+std::string counters_line(const std::string& step, const runtime::StepCounters& counters);
+
+}  // namespace dr::drun

@@ -1,0 +1,80 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# A run that stops and goes on gives the same bits as one that does not; Ctrl-C lets a run write what it has. Also what
+# --counters, --timing and --ablate=cache print. usage: resume_test.sh DRUN
+set -euo pipefail
+drun=$(readlink -f "$1")
+if [[ -z ${DR_LAVAPIPE_ICD-} ]]; then
+  echo "DR_LAVAPIPE_ICD is not set: resuming runs on lavapipe is left out"
+  [[ -z ${CI-} ]] || exit 1
+  exit 77
+fi
+export VK_ICD_FILENAMES=$DR_LAVAPIPE_ICD VK_DRIVER_FILES=$DR_LAVAPIPE_ICD
+folder=$(mktemp -d)
+trap 'rm -rf "$folder"' EXIT
+cd "$folder"
+cat > fit.dr << 'END'
+edition 1;
+param a : float[W, H] = 0.5;
+state momentum : float[W, H];
+param tone : float = 1.0;
+input photo : float[W, H];
+let blurred = 0.5 * shift(photo, 1, 0) + 0.5 * photo - mean(photo);
+let error = mean((a * tone - blurred) * (a * tone - blurred)) * (1.0 + 0.01 * float(step_index));
+step fit { momentum <- 0.9 * momentum + grad(error, a); a <- a - momentum; output error; }
+step tune { tone <- tone - 0.1 * grad(error, tone); output error; }
+END
+common=(fit.dr --bind 'photo==[[0.1, 0.7, 0.2], [0.9, 0.3, 0.5]]' --device)
+fail() { echo "FAILED: $*"; exit 1; }
+run() { "$drun" "${common[@]}" llvmpipe "$@"; }
+same() { for leaf in a momentum tone; do cmp "$1/$leaf.npy" "$2/$leaf.npy" || fail "$leaf of $1 and $2"; done; cmp "$1/log.jsonl" "$2/log.jsonl"; }
+
+# Stopped between steps and in the middle of one.
+run --log-every 1 --step fit=7 --step tune=3 --out straight > /dev/null
+run --log-every 1 --step fit=4 --out parts > /dev/null
+run --log-every 1 --step fit=7 --resume --out parts > /dev/null
+run --log-every 1 --step fit=7 --step tune=1 --resume --out parts > /dev/null
+run --log-every 1 --step fit=7 --step tune=3 --resume --out parts > /dev/null
+same straight parts
+run --step fit=7 --step tune=3 --resume --out parts 2>&1 | grep -q "nothing is left to run" || fail "a run that is over goes on"
+same straight parts
+
+# Ctrl-C in a run that would take hours.
+"$drun" "${common[@]}" llvmpipe --step fit=900000000 --out stopped > /dev/null 2> err.txt &
+sleep 4
+kill -INT $!
+wait $! || fail "an interrupted run: $(cat err.txt)"
+grep -q "interrupted" err.txt || fail "an interrupted run says nothing"
+done=$(sed -n 's/.*"done": \([0-9]*\).*/\1/p' stopped/checkpoint.json)
+((done > 0 && done < 900000000)) || fail "an interrupted run has done $done runs"
+[[ $(ls -d stopped/checkpoint-*) == stopped/checkpoint-0 ]] || fail "folders of checkpoints: $(ls stopped)"
+run --step fit=$((done + 5)) --resume --out stopped > /dev/null
+[[ $(ls -d stopped/checkpoint-*) == stopped/checkpoint-1 ]] || fail "folders of checkpoints: $(ls stopped)"
+run --step fit=$((done + 5)) --out again > /dev/null
+for leaf in a momentum; do cmp stopped/$leaf.npy again/$leaf.npy || fail "$leaf after an interrupted run"; done
+
+# The reference goes on too.
+"$drun" "${common[@]}" reference --step fit=5 --out reference > /dev/null
+"$drun" "${common[@]}" reference --step fit=2 --out reference-parts > /dev/null
+"$drun" "${common[@]}" reference --step fit=5 --resume --out reference-parts > /dev/null
+cmp reference/a.npy reference-parts/a.npy || fail "the reference goes on elsewhere"
+
+# What is no checkpoint.
+status=0; run --step fit=1 --resume --out nowhere > /dev/null 2> err.txt || status=$?
+[[ $status == 1 ]] && grep -q "no checkpoint to resume from" err.txt || fail "resuming from nothing: $(cat err.txt)"
+mkdir -p broken; echo '{"folder": "../a"}' > broken/checkpoint.json
+status=0; run --step fit=1 --resume --out broken > /dev/null 2> err.txt || status=$?
+[[ $status == 1 ]] && grep -q "is no checkpoint of drun" err.txt || fail "resuming from anything: $(cat err.txt)"
+status=0; run --step fit=1 --resume > /dev/null 2> err.txt || status=$?
+[[ $status == 2 ]] || fail "--resume without --out"
+
+# The mean of the photo is computed once; without the cache, each time.
+run --step fit=5 --counters > counters.txt
+grep -Eq "^fit: 5 runs  commands [0-9]+ run, [1-9][0-9]* left out" counters.txt || fail "counters: $(cat counters.txt)"
+run --step fit=5 --counters --ablate=cache > counters.txt
+grep -Eq "^fit: 5 runs  commands [0-9]+ run, 0 left out" counters.txt || fail "no cache: $(cat counters.txt)"
+run --step fit=5 --timing --out timed > timing.txt
+grep -Eq "^ +[0-9.]+ +[0-9.]+% .* fit.dr:[0-9]" timing.txt || fail "timing: $(cat timing.txt)"
+run --step fit=5 --out untimed > /dev/null
+cmp timed/a.npy untimed/a.npy || fail "a timed run gives other bits"
+echo "resume: all as expected"
