@@ -43,8 +43,10 @@ std::variant<CompileOptions, std::string> compile_options(const std::string& low
       out.stages = false;
     else if (part == "remat")
       out.recompute = false;
+    else if (part == "cache")
+      out.prologue = false;
     else
-      return "unknown part '" + part + "' to switch off; there are substages, stages and remat";
+      return "unknown part '" + part + "' to switch off; there are substages, stages, remat and cache";
   }
   return out;
 }
@@ -54,6 +56,7 @@ PackOptions pack_options(const target::Profile& profile, const CompileOptions& o
   out.fused = options.fused;
   out.recompute = options.recompute;
   out.stages = options.stages;
+  out.prologue = options.prologue;
   out.fragment = options.lower == Lower::Fragment || (options.lower == Lower::Auto && profile.lower == "fragment");
   out.hardware_raster =
       options.raster == RasterLower::Hardware || (options.raster == RasterLower::Auto && profile.raster == "hardware");

@@ -19,7 +19,7 @@ enum class Lower : uint8_t { Auto, Fragment, Compute };
 enum class RasterLower : uint8_t { Auto, Hardware, Compute };
 
 struct CompileOptions {
-  bool fused = true, recompute = true, stages = true;  // see PackOptions
+  bool fused = true, recompute = true, stages = true, prologue = true;  // see PackOptions
   Lower lower = Lower::Auto;
   RasterLower raster = RasterLower::Auto;
   const dsl::SourceManager* sources = nullptr;  // of the graph's spans: lines in the bundle; none without
@@ -27,7 +27,8 @@ struct CompileOptions {
 };
 
 // The options from the words of the command line: auto|fragment|compute, auto|hardware|compute, fused|naive, and what
-// is switched off: substages, stages, remat (all three is naive). The error names the word and those there are.
+// is switched off: substages, stages, remat (all three is naive), cache (no prologue). The error names the word and
+// those there are.
 std::variant<CompileOptions, std::string> compile_options(const std::string& lower, const std::string& raster,
                                                           const std::string& pack,
                                                           const std::vector<std::string>& ablate = {});

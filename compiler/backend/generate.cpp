@@ -258,7 +258,7 @@ bundle::CommandT& Generator::command(bundle::CommandKind kind, const std::string
   c.kind = kind;
   c.label = label;
   c.lines = lines_;
-  c.ops = static_cast<uint32_t>(std::exchange(ops_, 0));
+  if (kind != bundle::CommandKind::Fill) c.ops = static_cast<uint32_t>(std::exchange(ops_, 0));
   return c;
 }
 

@@ -106,6 +106,7 @@ class StagePacker {
       for (size_t k = 0; k < step_.passes.size(); ++k) {
         if (done_[k] || members.count(k) != 0 || !is_fragment(k) || pass(k).domain != domain || !is_ready(k, members))
           continue;
+        if (!stage.empty() && pass(k).steady != pass(stage[0]).steady) continue;  // one may be left out, the other not
         if (!may_join(k, members)) continue;
         if (stage.size() == kMaxSubpasses) return stage;
         stage.push_back(k);

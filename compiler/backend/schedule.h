@@ -40,6 +40,7 @@ struct Pass {
   std::string name;
   // Consecutive passes of one number are one stage: subpasses of a render pass, or a run of dispatches.
   uint32_t stage = 0;
+  bool steady = false;  // it depends on what its step changes; the others are the step's prologue
   ir::Extent domain;
   std::vector<ir::OpId> ops;
   std::vector<ir::ValueId> reads;   // stored values it loads, in id order
@@ -63,6 +64,7 @@ struct PackOptions {
   bool fused = true;             // substage packing; false: one op, one pass
   bool recompute = true;         // cheap values again where they are used, rather than stored
   bool stages = true;            // stage packing; false: each pass a stage
+  bool prologue = true;          // what a step does not change apart from what it does, so that it can be kept
   bool fragment = false;         // maps over 2D extents as fragment passes that write images
   bool hardware_raster = false;  // raster by draws
 };

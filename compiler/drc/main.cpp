@@ -75,7 +75,7 @@ int main(int argc, char** argv) {
   build_command->add_option("--ablate", build_options.ablate, "Parts of packing to switch off, with commas")
       ->delimiter(',')
       ->allow_extra_args(false)
-      ->check(CLI::IsMember({"substages", "stages", "remat"}));
+      ->check(CLI::IsMember({"substages", "stages", "remat", "cache"}));
   std::vector<std::string> passes;
   const CLI::Option* passes_option =
       build_command->add_option("--passes", passes, "Run just these passes")->delimiter(',')->allow_extra_args(false);

@@ -79,11 +79,10 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
       }
       options.steps.emplace_back(s.substr(0, at), times);
     }
-    for (const std::string& part : ablate)
-      if (part == "cache")
-        options.cache = false;
-      else
-        options.compile.ablate.push_back(part);
+    for (const std::string& part : ablate) {
+      if (part == "cache") options.cache = false;
+      options.compile.ablate.push_back(part);
+    }
     if (options.resume && options.out.empty())
       throw CLI::ValidationError("--resume", "needs --out, the folder of the run to go on with");
     if (options.file.empty() && !options.list_devices) throw CLI::RequiredError("FILE");

@@ -15,7 +15,7 @@ struct Options {
   std::string lower = "auto";       // auto, fragment, compute
   std::string raster = "auto";      // auto, hardware, compute
   std::string pack = "fused";       // fused, naive
-  std::vector<std::string> ablate;  // substages, stages, remat
+  std::vector<std::string> ablate;  // substages, stages, remat, cache
   std::vector<std::string> include_dirs;
   std::map<std::string, std::string, std::less<>> defines;
 };
