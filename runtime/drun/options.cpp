@@ -29,9 +29,9 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
   app.add_option("--step", steps,
                  "NAME[=TIMES]: step to run; several run one after another (default: the only one, once)");
   app.add_option("--out,-o", options.out, "folder for outputs, params and the log");
-  app.add_option(
-      "--mesh", meshes,
-      "FILE=POSITION:FACE[:UV[:UV_FACE]]: write leaves or outputs as a .obj, .gltf or .glb file after the run");
+  app.add_option("--mesh", meshes,
+                 "FILE=POSITION:FACE[:UV[:UV_FACE[:TEXTURE]]]: write leaves or outputs as a .obj, .gltf or .glb file "
+                 "after the run");
   app.add_option("--dump-raster", options.dump_raster,
                  "folder for the faces, tags and pinned values of every run, for drc eval --freeze");
   app.add_option("--device,-d", options.device,

@@ -68,27 +68,28 @@ void Results::write_mesh(const std::string& file, const std::string& what, const
   std::vector<std::string> parts;
   std::stringstream text(what);
   for (std::string part; std::getline(text, part, ':');) parts.push_back(part);
-  if (parts.size() < 2 || parts.size() > 4)
-    throw Mistake{"--mesh " + file + ": expected POSITION:FACE[:UV[:UV_FACE]], found '" + what + "'"};
-  const Array positions = named(parts[0], ran), faces = named(parts[1], ran);
-  if (positions.components != 3 || positions.kind != io::ElementKind::Float32)
-    throw Mistake{"--mesh " + file + ": '" + parts[0] + "' is not made of vec3"};
-  if (faces.components != 3 || faces.kind != io::ElementKind::Int32)
-    throw Mistake{"--mesh " + file + ": '" + parts[1] + "' is not made of ivec3"};
-  std::optional<Array> uv, uv_faces;
-  if (parts.size() == 4) {
-    uv_faces = named(parts[3], ran);
-    if (uv_faces->components != 3 || uv_faces->kind != io::ElementKind::Int32)
-      throw Mistake{"--mesh " + file + ": '" + parts[3] + "' is not made of ivec3"};
-  }
-  if (parts.size() >= 3) {
-    uv = named(parts[2], ran);
-    if (uv->components != 2 || uv->kind != io::ElementKind::Float32)
-      throw Mistake{"--mesh " + file + ": '" + parts[2] + "' is not made of vec2"};
-  }
-  io::MeshView view{.positions = positions.as<float>(), .indices = faces.as<int32_t>()};
-  if (uv) view.uv = uv->as<float>();
-  if (uv_faces) view.uv_indices = uv_faces->as<int32_t>();
+  if (parts.size() < 2 || parts.size() > 5)
+    throw Mistake{"--mesh " + file + ": expected POSITION:FACE[:UV[:UV_FACE[:TEXTURE]]], found '" + what + "'"};
+  std::vector<Array> arrays;
+  for (const std::string& part : parts) arrays.push_back(named(part));
+  auto expect = [&](size_t k, int components, io::ElementKind kind, const char* type) {
+    if (k >= arrays.size()) return;
+    // The reference computes in float64.
+    if (arrays[k].components == components && arrays[k].kind == io::ElementKind::Float64)
+      arrays[k] = must(arrays[k].converted(kind));
+    if (arrays[k].components != components || arrays[k].kind != kind)
+      throw Mistake{"--mesh " + file + ": '" + parts[k] + "' is not made of " + type};
+  };
+  using enum io::ElementKind;
+  expect(0, 3, Float32, "vec3");
+  expect(1, 3, Int32, "ivec3");
+  expect(2, 2, Float32, "vec2");
+  expect(3, 3, Int32, "ivec3");
+  expect(4, 3, Float32, "vec3");
+  io::MeshView view{.positions = arrays[0].as<float>(), .indices = arrays[1].as<int32_t>()};
+  if (arrays.size() > 2) view.uv = arrays[2].as<float>();
+  if (arrays.size() > 3) view.uv_indices = arrays[3].as<int32_t>();
+  if (arrays.size() > 4) view.texture = &arrays[4];
   must(io::save_mesh(file, view));
 }
 
