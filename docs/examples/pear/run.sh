@@ -25,7 +25,7 @@ echo "2/4 fit: shape from silhouettes, then colours"
 # shellcheck disable=SC2046
 run fit.dr --bind "position=$target/position.npy" "${mesh[@]}" $(pictures "$target") \
   --bind "true_position=$target/pear_position.npy" --bind "true_face=$target/pear_face.npy" \
-  --step fit_shape=150 --step fit_texture=60 --step measure_shape \
+  --step fit_shape=150 --step fit_texture=50 --step measure_shape \
   --out "$out/fit" --mesh "$out/pear.glb=position:face:uv:uv_face:albedo"
 
 echo "3/4 judge it by the other pictures"
