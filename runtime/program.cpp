@@ -51,9 +51,10 @@ Result<Program> Program::load(const Device& device, std::span<const uint8_t> byt
   s.device = device.state_;
   s.bundle = std::move(std::get<bundle::BundleT>(bundle));
   for (const std::string& feature : s.bundle.features) {
-    const bool known = feature == "shader_int64" || feature == "shader_buffer_int64_atomics";
+    const bool floats = feature == "shader_buffer_float32_atomic_add";
+    const bool known = floats || feature == "shader_int64" || feature == "shader_buffer_int64_atomics";
     if (!known) return io::Error{"the bundle needs the feature '" + feature + "', which this runtime does not know"};
-    if (!s.device->int64_atomics)
+    if (!(floats ? s.device->float_atomics : s.device->int64_atomics))
       return io::Error{"the bundle was built for profile '" + s.bundle.profile + "' and needs the feature '" + feature +
                        "', which the device lacks; build it for the device's own profile"};
   }

@@ -49,11 +49,19 @@ void Program::State::bind(const std::string& name, const io::Array& data) {
 }
 
 void Program::State::make_tables() {
-  for (const auto& [leaf, data] : std::exchange(new_faces, {})) {
-    const auto tables = topology_tables(bundle, leaf, data, sizes.symbols());
+  // A table may have tables of its own; those whose sizes are not known yet wait for them.
+  std::map<size_t, io::Array> waiting;
+  while (!new_faces.empty()) {
+    const auto faces = new_faces.extract(new_faces.begin());
+    const size_t leaf = faces.key();
+    const auto tables = topology_tables(bundle, leaf, faces.mapped(), sizes.symbols());
     if (!tables) throw Failure{tables.error()};
     for (const auto& [table, numbers] : *tables) assign(table, numbers);
+    for (size_t k = 0; k < bundle.leaves.size(); ++k)
+      if (bundle.leaves[k]->table_of == static_cast<int>(leaf) && !tables->contains(k))
+        waiting.emplace(leaf, faces.mapped());
   }
+  new_faces = std::move(waiting);
 }
 
 void Program::State::assign(size_t index, const io::Array& data) {

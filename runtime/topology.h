@@ -12,9 +12,9 @@
 
 namespace dr::runtime {
 
-// The tables of leaf `faces`, an ivec3 array of integers, by leaf; none where the program asks for none. `symbols` give
-// the number of vertices; where they do not, tables of vertices are left out. Errors: a face whose vertex is out of
-// range.
+// The tables of leaf `faces`, an array of integers, by leaf: of its topology, where it is one of ivec3, and rows
+// (compiler/topology/rows.h); none where the bundle asks for none. `symbols` give the number of vertices or targets;
+// where they do not, tables of them are left out. Errors: a face of a topology whose vertex is out of range.
 io::Result<std::map<size_t, io::Array>> topology_tables(const bundle::BundleT& bundle, size_t faces,
                                                         const io::Array& data, const ir::SymbolValues& symbols);
 

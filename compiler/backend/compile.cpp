@@ -18,7 +18,8 @@ namespace dr::backend {
 
 std::variant<CompileOptions, std::string> compile_options(const std::string& lower, const std::string& raster,
                                                           const std::string& pack,
-                                                          const std::vector<std::string>& ablate) {
+                                                          const std::vector<std::string>& ablate,
+                                                          const std::string& scatter) {
   CompileOptions out;
   if (lower == "fragment")
     out.lower = Lower::Fragment;
@@ -36,6 +37,14 @@ std::variant<CompileOptions, std::string> compile_options(const std::string& low
     out.fused = out.recompute = out.stages = false;
   else if (pack != "fused")
     return "unknown packing '" + pack + "'; there are fused and naive";
+  if (scatter == "exact")
+    out.scatter = ScatterLower::Exact;
+  else if (scatter == "rows")
+    out.scatter = ScatterLower::Rows;
+  else if (scatter == "atomic")
+    out.scatter = ScatterLower::Atomic;
+  else if (scatter != "auto")
+    return "unknown scatter lowering '" + scatter + "'; there are auto, exact, rows and atomic";
   for (const std::string& part : ablate) {
     if (part == "substages")
       out.fused = false;
@@ -105,6 +114,7 @@ std::variant<Compiled, std::string> compile(const ir::Graph& graph, const target
                                             const CompileOptions& options) {
   Compiled out;
   out.schedule = pack(graph, profile, pack_options(profile, options));
+  if (auto problem = legalize_scatter(graph, profile, options.scatter, options.stages, out.schedule)) return *problem;
   update_in_place(graph, out.schedule);
   if (const auto problems = check_schedule(graph, out.schedule, profile); !problems.empty()) {
     std::string all;
@@ -137,7 +147,7 @@ std::variant<Compiled, std::string> compile(const ir::Graph& graph, const target
   for (unsigned t = 1; t < std::max(1u, std::thread::hardware_concurrency()); ++t) threads.emplace_back(work);
   work();
   for (std::thread& t : threads) t.join();
-  bool wide = false;
+  bool wide = false, float_atomics = false;
   for (size_t k = 0; k < modules.size(); ++k) {
     if (const auto* problem = std::get_if<std::string>(&modules[k]))
       DR_ICE("generated shader '" + out.glsl[k].name + "' is refused: " + *problem + "\n" +
@@ -147,9 +157,12 @@ std::variant<Compiled, std::string> compile(const ir::Graph& graph, const target
     shader->stage = out.glsl[k].stage;
     shader->spirv = std::move(std::get<std::vector<uint32_t>>(modules[k]));
     bundle.shaders.push_back(std::move(shader));
-    wide = wide || out.glsl[k].source.find("GL_EXT_shader_atomic_int64") != std::string::npos;
+    const auto uses = [&](const char* extension) { return out.glsl[k].source.find(extension) != std::string::npos; };
+    wide = wide || uses("GL_EXT_shader_atomic_int64");
+    float_atomics = float_atomics || uses("GL_EXT_shader_atomic_float");
   }
   if (wide) bundle.features = {"shader_int64", "shader_buffer_int64_atomics"};
+  if (float_atomics) bundle.features.push_back("shader_buffer_float32_atomic_add");
   return out;
 }
 

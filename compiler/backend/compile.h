@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "compiler/backend/bundle/bundle.h"
+#include "compiler/backend/legalize_scatter.h"
 #include "compiler/backend/schedule.h"
 #include "compiler/ir/graph.h"
 #include "compiler/target/profile.h"
@@ -22,16 +23,18 @@ struct CompileOptions {
   bool fused = true, recompute = true, stages = true, prologue = true;  // see PackOptions
   Lower lower = Lower::Auto;
   RasterLower raster = RasterLower::Auto;
+  ScatterLower scatter = ScatterLower::Auto;
   const dsl::SourceManager* sources = nullptr;  // of the graph's spans: lines in the bundle; none without
   std::filesystem::path cache_folder;           // of assembled shaders; empty: none
 };
 
-// The options from the words of the command line: auto|fragment|compute, auto|hardware|compute, fused|naive, and what
-// is switched off: substages, stages, remat (all three is naive), cache (no prologue). The error names the word and
-// those there are.
+// The options from the words of the command line: auto|fragment|compute, auto|hardware|compute, fused|naive, what is
+// switched off: substages, stages, remat (all three is naive), cache (no prologue), and auto|exact|rows|atomic. The
+// error names the word and those there are.
 std::variant<CompileOptions, std::string> compile_options(const std::string& lower, const std::string& raster,
                                                           const std::string& pack,
-                                                          const std::vector<std::string>& ablate = {});
+                                                          const std::vector<std::string>& ablate = {},
+                                                          const std::string& scatter = "auto");
 
 struct GlslShader {
   std::string name;

@@ -88,6 +88,7 @@ void Generator::process(bundle::BundleT& bundle, std::vector<GlslShader>& shader
 
 void Generator::step(const StepSchedule& schedule) {
   step_ = &schedule;
+  step_tables_.clear();
   bundle_->steps.push_back(std::make_unique<bundle::StepT>());
   out_ = bundle_->steps.back().get();
   out_->name = schedule.name;
@@ -211,6 +212,7 @@ void Generator::list_needs(const StepSchedule& schedule) {
     }
   }
   for (const uint32_t leaf : leaves) add_extent(graph_.leaves[leaf].extent);
+  leaves.insert(step_tables_.begin(), step_tables_.end());
   out_->leaves.assign(leaves.begin(), leaves.end());
   out_->symbols.assign(symbols.begin(), symbols.end());
 }

@@ -4,6 +4,7 @@
 
 #include <map>
 #include <memory>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -32,7 +33,18 @@ class Generator {
   void fragment_pass(const Pass& pass, const std::vector<ir::ValueId>& inputs, bool joins);
   void reduce_pass(const Pass& pass);
   void scatter_pass(const Pass& pass);
-  void scatter_resolve(const Pass& pass, ir::ValueId value, const glsl::Accumulator& accumulator, uint32_t words);
+  void scatter_resolve(const Pass& pass, ir::ValueId value, const glsl::Accumulator& accumulator, uint32_t words,
+                       int most);
+  void rows_pass(const Pass& pass);
+  // The leaves of a table of rows: two, for where each row starts and for its items, each with its row.
+  struct Table {
+    uint32_t leaf = 0;  // the first; indices of the bundle
+    uint32_t starts = 0, items = 0;
+  };
+  Table rows_table(const RowsTable& rows);
+  ir::Dim row_items(const RowsTable& rows) const;
+  int contributions(ir::ValueId result) const;
+  std::vector<ir::OpId> element_ops(const Pass& pass) const;
   void raster_pass(const Pass& pass);
   void raster_hardware(const Pass& pass, const ir::Op& op);
   void raster_compute(const Pass& pass, const ir::Op& op);
@@ -42,6 +54,13 @@ class Generator {
   static std::string compute_layout() { return "layout(local_size_x = 64) in;\n"; }
   static void linear_index(glsl::Shader& shader, const std::string& elements);
   static void place_from_index(glsl::Shader& shader, const ir::Extent& extent);
+
+  // Whether shaders may use 64-bit integers and their atomics; those that do say so.
+  bool wide_atomics() const { return profile_.shader_int64 && profile_.shader_buffer_int64_atomics; }
+  static void wide_extensions(glsl::Shader& shader) {
+    shader.extension("GL_EXT_shader_explicit_arithmetic_types_int64");
+    shader.extension("GL_EXT_shader_atomic_int64");
+  }
 
   int add_shader(const std::string& name, bundle::Stage stage, std::string source);
   uint32_t add_scratch(const std::string& name, const std::string& words);
@@ -63,6 +82,8 @@ class Generator {
   std::vector<GlslShader>* shaders_ = nullptr;
   const StepSchedule* step_ = nullptr;
   bundle::StepT* out_ = nullptr;
+  std::map<std::string, Table> tables_;
+  std::set<uint32_t> step_tables_;  // leaves
 };
 
 // The number of elements of an extent, as an extent expression.

@@ -227,22 +227,17 @@ void Generator::raster_compute(const Pass& pass, const ir::Op& op) {
   const std::string w = dim_expression(parts.w), h = dim_expression(parts.h), faces = dim_expression(parts.faces);
   const Dim pixels = element_count(parts.extent());
   const Dim slots = pixels * Dim(static_cast<int64_t>(parts.count));
-  const bool wide = profile_.shader_int64 && profile_.shader_buffer_int64_atomics;
+  const bool wide = wide_atomics();
   const char* const word = wide ? "uint64_t" : "uint";
   const uint32_t keys = add_scratch(pass.name + (wide ? "_slots" : "_keys"), (wide ? slots * Dim(2) : slots).str());
   const uint32_t ids = wide ? keys : add_scratch(pass.name + "_faces", slots.str());
   fill("clear " + pass.name, keys, 0xffffffffu);
   if (!wide) fill("clear " + pass.name + " faces", ids, 0xffffffffu);
-  auto wide_extensions = [&](Shader& s) {
-    if (!wide) return;
-    s.extension("GL_EXT_shader_explicit_arithmetic_types_int64");
-    s.extension("GL_EXT_shader_atomic_int64");
-  };
   const std::string n = dim_expression(pixels);
 
   // One invocation a face and layer walks the box around the hull.
   Shader s = shader();
-  wide_extensions(s);
+  if (wide) wide_extensions(s);
   s.prelude(kIsNan);
   Closures closures(s, graph_, pass, op);
   linear_index(s, dim_expression(parts.faces * parts.l));
@@ -304,7 +299,7 @@ void Generator::raster_compute(const Pass& pass, const ir::Op& op) {
     }
 
   Shader r = shader();
-  wide_extensions(r);
+  if (wide) wide_extensions(r);
   linear_index(r, n);
   place_from_index(r, parts.extent());
   const std::string in_keys = r.bind_words(keys, wide ? "slots" : "keys", bundle::Access::Read, word);

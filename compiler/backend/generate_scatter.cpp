@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Scatter passes. Float sums are exact up to one rounding and independent of order: a first run finds the largest
-// contribution and how many there are, a second adds 64-bit fixed point numbers (two 32-bit words with carry, so no
-// 64-bit integers are needed) scaled so that the sum cannot overflow, and a last dispatch turns them into floats.
+// Scatter passes that add by atomics. Exact float sums are independent of order and correct up to one rounding: a first
+// run finds the largest contribution, a second adds 64-bit fixed point numbers scaled so that the sum cannot overflow
+// (one 64-bit word, or two 32-bit words with carry: the same bits), and a last dispatch turns them into floats.
 #include <algorithm>
+#include <set>
 
 #include "compiler/backend/generate.h"
+#include "compiler/backend/glsl/fixed_point.h"
 
 namespace dr::backend {
 
@@ -12,63 +14,85 @@ using glsl::Accumulator;
 using glsl::dim_expression;
 using glsl::Shader;
 using ir::OpKind;
-using ir::Scalar;
 using ir::ValueId;
 
 namespace {
 
-// Words 0 and 1 of an accumulator: bits of the largest finite magnitude, number of contributions; then for each
-// component (low, high, flags): flags 1 for a +Inf among the contributions, 2 for -Inf, 4 for NaN.
-constexpr const char* kFixedShift = R"(
-// Power of two that scales contributions below 2^(62 - log2(count)).
-int fixed_shift(uint largest, uint count) {
-  int exponent = int(largest >> 23) - 126;
-  int bits = count <= 1u ? 0 : findMSB(count - 1u) + 1;
-  return 62 - bits - exponent;
-}
+// Words of an accumulator, of 32 bits or of 64 where the profile has their atomics: 0 the largest finite magnitude,
+// 1 the number of contributions where it is counted, then two (one) for each component, then flags for each element,
+// four bits a component: see special_flag.
+constexpr int kHead = 2;
 
-uint finite_magnitude(float value) {
-  uint magnitude = floatBitsToUint(value) & 0x7fffffffu;
-  return magnitude < 0x7f800000u ? magnitude : 0u;
-}
-)";
-
-std::string fixed_add(const std::string& name, const std::string& words) {
-  return "void fixed_add_" + name + "(int word, float value, int shift) {\n" +
-         "  uint bits = floatBitsToUint(value);\n"
-         "  uint magnitude = bits & 0x7fffffffu;\n"
-         "  if (magnitude == 0u) return;\n"
-         "  if (magnitude >= 0x7f800000u) {\n"
-         "    atomicOr(" +
-         words +
-         ".d[word + 2], magnitude > 0x7f800000u ? 4u : (bits >> 31) != 0u ? 2u : 1u);\n"
-         "    return;\n"
-         "  }\n"
-         "  uint mantissa = (magnitude & 0x7fffffu) | (magnitude >= 0x800000u ? 0x800000u : 0u);\n"
-         "  int by = max(int(magnitude >> 23), 1) - 150 + shift;\n"
-         "  uint low = 0u, high = 0u;\n"
-         "  if (by >= 32) { high = mantissa << (by - 32); }\n"
-         "  else if (by > 0) { low = mantissa << by; high = mantissa >> (32 - by); }\n"
-         "  else if (by == 0) { low = mantissa; }\n"
-         "  else if (by >= -24) { low = (mantissa + (1u << (-by - 1))) >> -by; }\n"
-         "  if ((bits >> 31) != 0u) { low = ~low + 1u; high = ~high + (low == 0u ? 1u : 0u); }\n"
-         "  uint old = atomicAdd(" +
-         words +
-         ".d[word], low);\n"
-         "  atomicAdd(" +
-         words +
-         ".d[word + 1], high + (old + low < old ? 1u : 0u));\n"
-         "}\n";
+ir::Dim word_count(const Accumulator& a, bool wide) {
+  return element_count(a.extent) * ir::Dim((wide ? 1 : 2) * a.type.components() + 1) + kHead;
 }
 
 std::string component(const ir::Type& type, const std::string& name, int c) {
   return type.is_scalar() ? name : name + "[" + std::to_string(c) + "]";
 }
 
+std::string word_of(const std::string& element, int components, int c) {
+  return std::to_string(kHead) + " + " + element + " * " + std::to_string(components) + " + " + std::to_string(c);
+}
+
+constexpr const char* kCountBits = R"(
+int bits_of_count(uint count) { return count <= 1u ? 0 : findMSB(count - 1u) + 1; }
+)";
+
+// An upper bound of the logarithm of how many contributions there are: `most` from an element, or, if that is
+// negative, as counted.
+std::string count_bits(int most, const ir::Extent& domain, const std::string& buffer) {
+  if (most < 0) return "bits_of_count(uint(" + buffer + ".d[1]))";
+  int bits = 1;
+  while ((1 << (bits - 1)) < most) ++bits;
+  return "findMSB(uint(" + dim_expression(element_count(domain)) + ")) + " + std::to_string(bits);
+}
+
 }  // namespace
 
+// How often an element of the domain adds to a Scatter result at most; -1 where a loop decides.
+int Generator::contributions(ValueId result) const {
+  const ir::Op& op = graph_.op(graph_.value(result).op);
+  if (op.regions.empty()) return 1;
+  if (op.kind == OpKind::Reduce) return -1;
+  int most = 0;
+  for (const ir::RegionId region : op.regions) {
+    const std::vector<ValueId>& yields = graph_.region(region).yields;
+    size_t next = 0;
+    for (uint32_t k = 0; k < op.results.size(); ++k) {
+      const bool scatter = op.attrs.yields[k] == ir::Yield::Scatter;
+      const bool forwarded = scatter && graph_.value(yields[next]).accumulation;
+      if (k == graph_.value(result).result_index) {
+        const int here = forwarded ? contributions(yields[next]) : 1;
+        if (here < 0) return -1;
+        most = std::max(most, here);
+      }
+      next += scatter && !forwarded ? 2 : 1;
+    }
+  }
+  return most;
+}
+
+// The ops of a pass without the additions of what it scatters.
+std::vector<ir::OpId> Generator::element_ops(const Pass& pass) const {
+  std::set<ValueId> sums;
+  for (const ScatterSum& sum : pass.sums) sums.insert(sum.terms.begin(), sum.terms.end());
+  std::vector<ir::OpId> out;
+  for (const ir::OpId id : pass.ops) {
+    const ir::Op& op = graph_.op(id);
+    const bool addition = op.kind == OpKind::Add && sums.count(op.operands[0]) != 0 && sums.count(op.operands[1]) != 0;
+    if (addition)
+      sums.insert(op.results[0]);
+    else
+      out.push_back(id);
+  }
+  return out;
+}
+
 void Generator::scatter_pass(const Pass& pass) {
-  const ir::Op& op = graph_.op(pass.ops.back());
+  if (pass.scatter == ScatterLowering::Rows) return rows_pass(pass);
+  const bool wide = wide_atomics();
+  const bool floats_by_atomics = pass.scatter == ScatterLowering::Atomic;
   Shader s = shader();
   linear_index(s, dim_expression(element_count(pass.domain)));
   place_from_index(s, pass.domain);
@@ -77,43 +101,74 @@ void Generator::scatter_pass(const Pass& pass) {
     ValueId value;
     Accumulator accumulator;
     uint32_t words;  // bundle resource
+    int most;        // contributions from an element, negative: unknown
   };
   std::vector<Target> targets;
   std::string finish;
-  for (size_t k = 0; k < op.results.size(); ++k) {
-    const ValueId value = op.results[k];
-    const bool scatters = op.regions.empty() || op.attrs.yields[k] == ir::Yield::Scatter;
-    if (!scatters || step_->stored.count(value) == 0) continue;
-    const Resource& r = resource(value);
-    Target t{value, {std::to_string(targets.size()), r.type, r.extent}, 0};
+  std::vector<ScatterSum> sums = pass.sums;
+  for (const ValueId v : pass.writes)
+    if (graph_.op(graph_.value(v).op).kind == OpKind::ScatterMax) sums.push_back({v, {v}});
+  for (const ScatterSum& sum : sums) {
+    const Resource& r = resource(sum.value);
+    Target t{sum.value, {std::to_string(targets.size()), r.type, r.extent}, 0, 0};
     const std::string& id = t.accumulator.name;
     const int n = r.type.components();
     std::string body;
-    if (r.type.is_float()) {
-      const ir::Dim words = element_count(r.extent) * ir::Dim(3 * n) + 2;
-      t.words = add_scratch(r.name + "_sums", words.str());
+    if (r.type.is_float() && !floats_by_atomics) {
+      for (const ValueId term : sum.terms) {
+        const int one = contributions(term);
+        t.most = t.most < 0 || one < 0 ? -1 : t.most + one;
+      }
+      const ir::Dim words = word_count(t.accumulator, wide);
+      t.words = add_scratch(r.name + "_sums", (wide ? words * ir::Dim(2) : words).str());
       fill("clear " + r.name, t.words, 0);
-      const std::string buffer = s.bind_words(t.words, "sums_" + id, bundle::Access::ReadWrite);
-      if (targets.empty()) s.prelude(kFixedShift);
-      s.declare("uint largest_" + id + " = 0u, count_" + id + " = 0u;\nint shift_" + id + " = 0;\n");
-      s.declare(fixed_add(id, buffer));
-      s.body().line("if (pc.a == 1) shift_" + id + " = fixed_shift(" + buffer + ".d[0], " + buffer + ".d[1]);");
-      body = "  if (pc.a == 0) {\n    ++count_" + id + ";\n";
+      const std::string buffer =
+          s.bind_words(t.words, "sums_" + id, bundle::Access::ReadWrite, wide ? "uint64_t" : "uint");
+      if (wide) wide_extensions(s);
+      s.prelude(glsl::kFixedShift);
+      s.prelude(glsl::kFixedFromFloat);
+      s.declare("uint largest_" + id + " = 0u" + (t.most < 0 ? ", count_" + id + " = 0u" : "") + ";\nint shift_" + id +
+                " = 0;\n");
+      s.prelude(t.most < 0 ? kCountBits : "");
+      s.body().line("if (pc.a == 1) shift_" + id + " = fixed_shift(uint(" + buffer + ".d[0]), " +
+                    count_bits(t.most, pass.domain, buffer) + ");");
+      const std::string flags = std::to_string(kHead) + " + " +
+                                dim_expression(element_count(r.extent) * ir::Dim((wide ? 1 : 2) * n)) + " + element";
+      body = "  if (pc.a == 0) {\n";
+      if (t.most < 0) body += "    ++count_" + id + ";\n";
       for (int c = 0; c < n; ++c)
         body += "    largest_" + id + " = max(largest_" + id + ", finite_magnitude(" + component(r.type, "value", c) +
                 "));\n";
-      body += "    return;\n  }\n";
-      for (int c = 0; c < n; ++c)
-        body += "  fixed_add_" + id + "(2 + (element * " + std::to_string(n) + " + " + std::to_string(c) + ") * 3, " +
-                component(r.type, "value", c) + ", shift_" + id + ");\n";
-      finish += "  if (pc.a == 0 && count_" + id + " != 0u) { atomicMax(" + buffer + ".d[0], largest_" + id +
-                "); atomicAdd(" + buffer + ".d[1], count_" + id + "); }\n";
+      body += "    return;\n  }\n  uint flags = 0u;\n  uvec2 part;\n";
+      for (int c = 0; c < n; ++c) {
+        const std::string x = component(r.type, "value", c);
+        body += "  flags |= special_flag(" + x + ") << " + std::to_string(4 * c) + ";\n";
+        body += "  part = fixed_from_float(" + x + ", shift_" + id + ");\n";
+        if (wide) {
+          body += "  if (part != uvec2(0u)) atomicAdd(" + buffer + ".d[" + word_of("element", n, c) +
+                  "], packUint2x32(part));\n";
+        } else {
+          const std::string word = word_of("element", 2 * n, 2 * c);
+          body += "  if (part != uvec2(0u)) {\n    uint old = atomicAdd(" + buffer + ".d[" + word +
+                  "], part.x);\n    atomicAdd(" + buffer + ".d[" + word_of("element", 2 * n, 2 * c + 1) +
+                  "], part.y + (old + part.x < old ? 1u : 0u));\n  }\n";
+        }
+      }
+      body += "  if (flags != 0u) atomicOr(" + buffer + ".d[" + flags + "], " + (wide ? "uint64_t(flags)" : "flags") +
+              ");\n";
+      const std::string word = wide ? "uint64_t" : "uint";
+      finish += "  if (pc.a == 0 && largest_" + id + " != 0u) atomicMax(" + buffer + ".d[0], " + word + "(largest_" +
+                id + "));\n";
+      if (t.most < 0)
+        finish += "  if (pc.a == 0 && count_" + id + " != 0u) atomicAdd(" + buffer + ".d[1], " + word + "(count_" + id +
+                  "));\n";
     } else {
-      t.words = resource_index(value);
-      const bool maximum = op.kind == OpKind::ScatterMax;
+      t.words = resource_index(sum.value);
+      const bool maximum = graph_.op(graph_.value(sum.value).op).kind == OpKind::ScatterMax;
       fill("clear " + r.name, t.words, maximum ? 0x80000000u : 0u);
-      const std::string buffer = s.bind(step_->stored.at(value), bundle::Access::ReadWrite);
-      body = "  if (pc.a == 0) return;\n";  // integers need no first run
+      const std::string buffer = s.bind(step_->stored.at(sum.value), bundle::Access::ReadWrite);
+      if (r.type.is_float()) s.extension("GL_EXT_shader_atomic_float");
+      body = "  if (pc.a == 0) return;\n";  // needs no first run
       for (int c = 0; c < n; ++c)
         body += std::string("  ") + (maximum ? "atomicMax(" : "atomicAdd(") + buffer + ".d[element * " +
                 std::to_string(n) + " + " + std::to_string(c) + "], " + component(r.type, "value", c) + ");\n";
@@ -121,35 +176,37 @@ void Generator::scatter_pass(const Pass& pass) {
     s.declare("void scatter_" + id + "(ivec3 place, " + r.type.str() + " value) {\n  if (!(" +
               Shader::in_range(r.extent, "place") +
               ")) return;\n  int element = " + Shader::element_index(r.extent, "place") + ";\n" + body + "}\n");
-    s.accumulate_into(value, t.accumulator);
+    for (const ValueId term : sum.terms) s.accumulate_into(term, t.accumulator);
     targets.push_back(std::move(t));
   }
-  s.element_ops(pass.ops);
+  s.element_ops(element_ops(pass));
   for (ValueId v : pass.writes)
     if (std::none_of(targets.begin(), targets.end(), [&](const Target& t) { return t.value == v; }))
       s.store(v, "at", s.use(v));
-  s.body().line("finish();");
-  s.declare("void finish() {\n" + finish + "}\n");
-
-  const bool floats =
-      std::any_of(targets.begin(), targets.end(), [](const Target& t) { return t.accumulator.type.is_float(); });
-  auto& magnitudes = dispatch(pass, "", s, element_count(pass.domain).str(), {floats ? 0 : 1, 0, 0});
-  if (floats) {
-    auto& sums = command(bundle::CommandKind::Dispatch, pass.name + " add");
-    sums.compute = magnitudes.compute;
-    for (const auto& b : magnitudes.bindings) sums.bindings.push_back(std::make_unique<bundle::BindingT>(*b));
-    sums.elements = magnitudes.elements;
-    sums.push = {1, 0, 0};
+  if (!finish.empty()) {
+    s.body().line("finish();");
+    s.declare("void finish() {\n" + finish + "}\n");
   }
-  for (const Target& t : targets) scatter_resolve(pass, t.value, t.accumulator, t.words);
+
+  const bool two_runs = !finish.empty();
+  auto& magnitudes = dispatch(pass, "", s, element_count(pass.domain).str(), {two_runs ? 0 : 1, 0, 0});
+  if (two_runs) {
+    auto& sums_run = command(bundle::CommandKind::Dispatch, pass.name + " add");
+    sums_run.compute = magnitudes.compute;
+    for (const auto& b : magnitudes.bindings) sums_run.bindings.push_back(std::make_unique<bundle::BindingT>(*b));
+    sums_run.elements = magnitudes.elements;
+    sums_run.push = {1, 0, 0};
+  }
+  for (const Target& t : targets) scatter_resolve(pass, t.value, t.accumulator, t.words, t.most);
 }
 
-void Generator::scatter_resolve(const Pass& pass, ValueId value, const Accumulator& accumulator, uint32_t words) {
+void Generator::scatter_resolve(const Pass& pass, ValueId value, const Accumulator& accumulator, uint32_t words,
+                                int most) {
   const ir::Type& type = accumulator.type;
-  const ir::Dim count = element_count(accumulator.extent) * ir::Dim(type.components());
-  const ir::Op& op = graph_.op(graph_.value(value).op);
+  const int n = type.components();
   if (!type.is_float()) {
-    if (op.kind != OpKind::ScatterMax) return;
+    if (graph_.op(graph_.value(value).op).kind != OpKind::ScatterMax) return;
+    const ir::Dim count = element_count(accumulator.extent) * ir::Dim(n);
     Shader s = shader();
     linear_index(s, dim_expression(count));
     const std::string buffer = s.bind(step_->stored.at(value), bundle::Access::ReadWrite);
@@ -157,42 +214,27 @@ void Generator::scatter_resolve(const Pass& pass, ValueId value, const Accumulat
     dispatch(pass, "_resolve", s, count.str());
     return;
   }
+  if (pass.scatter == ScatterLowering::Atomic) return;
+  const bool wide = wide_atomics();
+  const ir::Dim count = element_count(accumulator.extent);
   Shader s = shader();
+  if (wide) wide_extensions(s);
   linear_index(s, dim_expression(count));
-  const std::string sums = s.bind_words(words, "sums", bundle::Access::Read);
+  const std::string sums = s.bind_words(words, "sums", bundle::Access::Read, wide ? "uint64_t" : "uint");
   const std::string out = s.bind(step_->stored.at(value), bundle::Access::Write);
-  s.prelude(kFixedShift);
-  s.prelude(R"(
-// 2^e for any e that a float can hold, without a rounding step of its own.
-float power_of_two(int e) { return uintBitsToFloat(uint(clamp(e, -126, 127) + 127) << 23); }
-
-// The nearest float of a fixed point number: its top 24 bits, the rest rounded half up.
-float fixed_to_float(uint low, uint high, int shift) {
-  bool negative = (high >> 31) != 0u;
-  if (negative) { low = ~low + 1u; high = ~high + (low == 0u ? 1u : 0u); }
-  if ((low | high) == 0u) return 0.0;
-  int top = high != 0u ? findMSB(high) + 32 : findMSB(low);
-  int drop = max(top - 23, 0);
-  uint mantissa;
-  if (drop == 0) mantissa = low;
-  else {
-    int cut = drop - 1;
-    uint kept = cut >= 32 ? high >> (cut - 32) : cut == 0 ? low : (low >> cut) | (high << (32 - cut));
-    mantissa = (kept + 1u) >> 1;
+  s.prelude(glsl::kFixedShift);
+  s.prelude(glsl::kFixedToFloat);
+  s.prelude(most < 0 ? kCountBits : "");
+  s.body().line("int shift = fixed_shift(uint(" + sums + ".d[0]), " + count_bits(most, pass.domain, sums) + ");");
+  s.body().line("uint flags = uint(" + sums + ".d[" + std::to_string(kHead) + " + " +
+                dim_expression(count * ir::Dim((wide ? 1 : 2) * n)) + " + index]);");
+  for (int c = 0; c < n; ++c) {
+    const std::string number = wide ? "unpackUint2x32(" + sums + ".d[" + word_of("index", n, c) + "])"
+                                    : "uvec2(" + sums + ".d[" + word_of("index", 2 * n, 2 * c) + "], " + sums + ".d[" +
+                                          word_of("index", 2 * n, 2 * c + 1) + "])";
+    s.body().line(out + ".d[index * " + std::to_string(n) + " + " + std::to_string(c) + "] = fixed_to_float(" + number +
+                  ", shift, (flags >> " + std::to_string(4 * c) + ") & 15u);");
   }
-  int e = drop - shift;
-  int half_e = e / 2;
-  float value = float(mantissa) * power_of_two(half_e) * power_of_two(e - half_e);
-  return negative ? -value : value;
-}
-)");
-  s.body().line("int word = 2 + 3 * index;");
-  s.body().line("uint flags = " + sums + ".d[word + 2];");
-  s.body().line("float value = fixed_to_float(" + sums + ".d[word], " + sums + ".d[word + 1], fixed_shift(" + sums +
-                ".d[0], " + sums + ".d[1]));");
-  s.body().line(
-      "if (flags != 0u) value = uintBitsToFloat(flags == 1u ? 0x7f800000u : flags == 2u ? 0xff800000u : 0x7fc00000u);");
-  s.body().line(out + ".d[index] = value;");
   dispatch(pass, "_resolve", s, count.str());
 }
 

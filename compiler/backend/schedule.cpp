@@ -35,7 +35,10 @@ const char* kind_name(const Pass& pass) {
   switch (pass.kind) {
     case Pass::Kind::Map: return pass.hardware ? "fragment" : "compute";
     case Pass::Kind::Reduce: return "reduce";
-    case Pass::Kind::Scatter: return "scatter";
+    case Pass::Kind::Scatter:
+      return pass.scatter == ScatterLowering::Rows     ? "scatter rows"
+             : pass.scatter == ScatterLowering::Atomic ? "scatter atomic"
+                                                       : "scatter exact";
     case Pass::Kind::Raster: return pass.hardware ? "raster hardware" : "raster compute";
   }
   return "";
@@ -179,6 +182,15 @@ std::string print(const Graph& graph, const Schedule& schedule) {
       out += "\n    writes";
       for (ValueId v : pass.writes) out += " " + resource_text(step, v);
       out += "\n";
+      for (const ScatterSum& sum : pass.sums)
+        if (sum.terms.size() > 1)
+          out += "    sum " + resource_text(step, sum.value) + " of " + std::to_string(sum.terms.size()) + "\n";
+      if (pass.scatter == ScatterLowering::Rows) {
+        out += "    rows " + schedule.resources[pass.rows.leaf].name + "[";
+        for (size_t c = 0; c < pass.rows.columns.size(); ++c)
+          out += (c ? ", " : "") + std::to_string(pass.rows.columns[c]);
+        out += "] of " + pass.rows.targets.str() + "\n";
+      }
     }
     for (const auto& [name, v] : step.outputs) out += "  output " + name + " = " + resource_text(step, v) + "\n";
     for (const auto& [leaf, v] : step.updates)

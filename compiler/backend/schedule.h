@@ -26,13 +26,30 @@ struct Resource {
   bool step_index = false;
 };
 
+// How the sums of a Scatter pass come about; see legalize_scatter.h.
+enum class ScatterLowering : uint8_t { Exact, Rows, Atomic };
+
+// A stored value that sums what ops of a Scatter pass scatter: one result, or several that the program adds up.
+struct ScatterSum {
+  ir::ValueId value;
+  std::vector<ir::ValueId> terms;
+};
+
+// The sources of each target in ascending order, a table that the host makes of an input: source s and column
+// columns[k] of the input name a target of source * columns.size() + k, if it is one of 0 .. targets - 1.
+struct RowsTable {
+  uint32_t leaf = 0;  // integers in one dimension
+  std::vector<int> columns;
+  ir::Dim targets;
+};
+
 // One pass. Its ops are root ops in graph order; what they need from outside is read from resources, what others
 // need of them is written to resources.
 struct Pass {
   enum class Kind : uint8_t {
     Map,      // element-wise over `domain`: ops, gathers, shifts, regions
     Reduce,   // one ReduceSum/Min/Max
-    Scatter,  // one ScatterAdd/ScatterMax, or one region op with Scatter results
+    Scatter,  // ScatterAdd/ScatterMax and region ops with Scatter results, and additions of what they sum
     Raster,   // one Raster
   };
   Kind kind = Kind::Map;
@@ -45,6 +62,10 @@ struct Pass {
   std::vector<ir::OpId> ops;
   std::vector<ir::ValueId> reads;   // stored values it loads, in id order
   std::vector<ir::ValueId> writes;  // values it stores, in id order
+  // Scatter: how, the sums among `writes`, and for Rows the table.
+  ScatterLowering scatter = ScatterLowering::Exact;
+  std::vector<ScatterSum> sums;
+  RowsTable rows;
 };
 
 struct StepSchedule {

@@ -29,6 +29,7 @@ struct BuildOptions {
   std::string output = "-";
   std::string profile = "lavapipe";                // a built-in name or a JSON file
   std::string lower = "auto";                      // auto, fragment, compute
+  std::string scatter = "auto";                    // auto, exact, rows, atomic
   std::string raster = "auto";                     // auto, hardware, compute
   std::string pack = "fused";                      // fused, naive
   std::vector<std::string> ablate;                 // substages, stages, remat, cache
@@ -57,7 +58,7 @@ struct EvalOptions {
   std::vector<std::string> saves;    // name=file: an output or leaf
   std::string check_finite;          // empty: no; all, results
   bool float32 = false;
-  bool check_vjp = false;            // compare gradients with those of --plain-gradients
+  bool check_vjp = false;  // compare gradients with those of --plain-gradients
   int threads = 0;
   std::string freeze, dump;  // folders of decisions, or empty
 };

@@ -69,6 +69,9 @@ int main(int argc, char** argv) {
   build_command->add_option("--raster", build_options.raster, "How raster runs")
       ->capture_default_str()
       ->check(CLI::IsMember({"auto", "hardware", "compute"}));
+  build_command->add_option("--scatter", build_options.scatter, "How scattered values are summed")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"auto", "exact", "rows", "atomic"}));
   build_command->add_option("--pack", build_options.pack, "How ops share passes")
       ->capture_default_str()
       ->check(CLI::IsMember({"fused", "naive"}));

@@ -46,6 +46,9 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
   app.add_option("--raster", options.compile.raster, "how raster runs")
       ->capture_default_str()
       ->check(CLI::IsMember({"auto", "hardware", "compute"}));
+  app.add_option("--scatter", options.compile.scatter, "how scattered values are summed")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"auto", "exact", "rows", "atomic"}));
   app.add_option("--pack", options.compile.pack, "how ops share passes")
       ->capture_default_str()
       ->check(CLI::IsMember({"fused", "naive"}));

@@ -19,7 +19,7 @@ std::variant<std::vector<uint8_t>, std::string> compile_file(const std::string& 
   if (!file) return "cannot read '" + path + "'\n";
   std::stringstream text;
   text << file.rdbuf();
-  auto compile = backend::compile_options(options.lower, options.raster, options.pack, options.ablate);
+  auto compile = backend::compile_options(options.lower, options.raster, options.pack, options.ablate, options.scatter);
   if (const auto* problem = std::get_if<std::string>(&compile)) return *problem + "\n";
   const auto profile = target::load_profile(options.profile);
   if (const auto* problem = std::get_if<std::string>(&profile)) return *problem + "\n";

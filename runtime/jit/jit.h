@@ -16,6 +16,7 @@ struct Options {
   std::string raster = "auto";      // auto, hardware, compute
   std::string pack = "fused";       // fused, naive
   std::vector<std::string> ablate;  // substages, stages, remat, cache
+  std::string scatter = "auto";     // auto, exact, rows, atomic
   std::vector<std::string> include_dirs;
   std::map<std::string, std::string, std::less<>> defines;
 };

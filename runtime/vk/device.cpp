@@ -136,11 +136,18 @@ std::shared_ptr<DeviceState> open_device(const DeviceOptions& options) {
   vk::PhysicalDeviceShaderAtomicInt64Features atomics;
   const bool atomics_known = has_extension(VK_KHR_SHADER_ATOMIC_INT64_EXTENSION_NAME);
   if (atomics_known) features.pNext = &atomics;
+  vk::PhysicalDeviceShaderAtomicFloatFeaturesEXT float_atomics;
+  const bool float_atomics_known = has_extension(VK_EXT_SHADER_ATOMIC_FLOAT_EXTENSION_NAME);
+  if (float_atomics_known) {
+    float_atomics.pNext = features.pNext;
+    features.pNext = &float_atomics;
+  }
   auto get =
       reinterpret_cast<PFN_vkGetPhysicalDeviceFeatures2>(state->instance.getProcAddr("vkGetPhysicalDeviceFeatures2"));
   get(*state->physical, reinterpret_cast<VkPhysicalDeviceFeatures2*>(&features));
   state->int64 = features.features.shaderInt64 != 0;
   state->int64_atomics = state->int64 && atomics_known && atomics.shaderBufferInt64Atomics != 0;
+  state->float_atomics = float_atomics_known && float_atomics.shaderBufferFloat32AtomicAdd != 0;
   vk::PhysicalDeviceFeatures enable;
   enable.robustBufferAccess = features.features.robustBufferAccess;
   enable.shaderInt64 = state->int64;
@@ -149,6 +156,9 @@ std::shared_ptr<DeviceState> open_device(const DeviceOptions& options) {
   vk::PhysicalDeviceShaderAtomicInt64Features enable_atomics;
   enable_atomics.shaderBufferInt64Atomics = VK_TRUE;
   if (state->int64_atomics) extensions.push_back(VK_KHR_SHADER_ATOMIC_INT64_EXTENSION_NAME);
+  vk::PhysicalDeviceShaderAtomicFloatFeaturesEXT enable_float_atomics;
+  enable_float_atomics.shaderBufferFloat32AtomicAdd = VK_TRUE;
+  if (state->float_atomics) extensions.push_back(VK_EXT_SHADER_ATOMIC_FLOAT_EXTENSION_NAME);
   const float priority = 1;
   vk::DeviceQueueCreateInfo queue({}, state->family, 1, &priority);
   vk::DeviceCreateInfo info;
@@ -156,6 +166,10 @@ std::shared_ptr<DeviceState> open_device(const DeviceOptions& options) {
   info.setPEnabledExtensionNames(extensions);
   info.pEnabledFeatures = &enable;
   if (state->int64_atomics) info.pNext = &enable_atomics;
+  if (state->float_atomics) {
+    enable_float_atomics.pNext = const_cast<void*>(info.pNext);
+    info.pNext = &enable_float_atomics;
+  }
   state->device = vk::raii::Device(state->physical, info);
   state->queue = state->device.getQueue(state->family, 0);
   return state;

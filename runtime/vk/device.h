@@ -28,7 +28,7 @@ struct DeviceState {
   uint32_t timestamp_bits = 0;  // 0: the queue has no timestamps
   vk::PhysicalDeviceProperties properties;
   vk::PhysicalDeviceMemoryProperties memory;
-  bool int64 = false, int64_atomics = false, debug_names = false;
+  bool int64 = false, int64_atomics = false, float_atomics = false, debug_names = false;
   std::mutex messages_lock;
   std::vector<std::string> messages;  // of the validation layer
 

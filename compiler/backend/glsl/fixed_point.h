@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: Apache-2.0
+// GLSL of sums that do not depend on order: 64-bit fixed point numbers in two 32-bit words, low and high.
+#pragma once
+
+namespace dr::backend::glsl {
+
+// A sum of at most 2^bits floats of magnitude `largest` and below cannot overflow when each is scaled by 2^shift.
+inline constexpr const char* kFixedShift = R"(
+int fixed_shift(uint largest, int bits) { return 62 - bits - (int(largest >> 23) - 126); }
+
+// Bits of the magnitude of a finite float, which order as the magnitudes do; 0 for others.
+uint finite_magnitude(float value) {
+  uint magnitude = floatBitsToUint(value) & 0x7fffffffu;
+  return magnitude < 0x7f800000u ? magnitude : 0u;
+}
+)";
+
+inline constexpr const char* kFixedFromFloat = R"(
+// A float times 2^shift, rounded; 0 for one that is not finite.
+uvec2 fixed_from_float(float value, int shift) {
+  uint bits = floatBitsToUint(value);
+  uint magnitude = finite_magnitude(value);
+  uint mantissa = (magnitude & 0x7fffffu) | (magnitude >= 0x800000u ? 0x800000u : 0u);
+  int by = max(int(magnitude >> 23), 1) - 150 + shift;
+  uint low = 0u, high = 0u;
+  if (by >= 32) { high = mantissa << (by - 32); }
+  else if (by > 0) { low = mantissa << by; high = mantissa >> (32 - by); }
+  else if (by == 0) { low = mantissa; }
+  else if (by >= -24) { low = (mantissa + (1u << (-by - 1))) >> -by; }
+  if ((bits >> 31) != 0u) { low = ~low + 1u; high = ~high + (low == 0u ? 1u : 0u); }
+  return uvec2(low, high);
+}
+
+// 1 for +Inf, 2 for -Inf, 4 for NaN, 0 for a finite float.
+uint special_flag(float value) {
+  uint bits = floatBitsToUint(value), magnitude = bits & 0x7fffffffu;
+  return magnitude < 0x7f800000u ? 0u : magnitude > 0x7f800000u ? 4u : (bits >> 31) != 0u ? 2u : 1u;
+}
+)";
+
+inline constexpr const char* kFixedAdd = R"(
+uvec2 fixed_add(uvec2 a, uvec2 b) {
+  uint low = a.x + b.x;
+  return uvec2(low, a.y + b.y + (low < a.x ? 1u : 0u));
+}
+
+// Divided by 2^by and rounded; `by` >= 0.
+uvec2 fixed_halved(uvec2 a, int by) {
+  if (by == 0) return a;
+  if (by > 63) return uvec2(0u);
+  a = fixed_add(a, by > 32 ? uvec2(0u, 1u << (by - 33)) : uvec2(1u << (by - 1), 0u));
+  uint fill = uint(int(a.y) >> 31);
+  if (by >= 32) return uvec2(uint(int(a.y) >> (by - 32)), fill);
+  return uvec2((a.x >> by) | (a.y << (32 - by)), uint(int(a.y) >> by));
+}
+)";
+
+inline constexpr const char* kFixedToFloat = R"(
+// 2^e for any e that a float can hold, without a rounding step of its own.
+float power_of_two(int e) { return uintBitsToFloat(uint(clamp(e, -126, 127) + 127) << 23); }
+
+// The nearest float of a fixed point number: its top 24 bits, the rest rounded half up. `flags` of what was not finite.
+float fixed_to_float(uvec2 number, int shift, uint flags) {
+  if (flags != 0u) return uintBitsToFloat(flags == 1u ? 0x7f800000u : flags == 2u ? 0xff800000u : 0x7fc00000u);
+  uint low = number.x, high = number.y;
+  bool negative = (high >> 31) != 0u;
+  if (negative) { low = ~low + 1u; high = ~high + (low == 0u ? 1u : 0u); }
+  if ((low | high) == 0u) return 0.0;
+  int top = high != 0u ? findMSB(high) + 32 : findMSB(low);
+  int drop = max(top - 23, 0);
+  uint mantissa;
+  if (drop == 0) mantissa = low;
+  else {
+    int cut = drop - 1;
+    uint kept = cut >= 32 ? high >> (cut - 32) : cut == 0 ? low : (low >> cut) | (high << (32 - cut));
+    mantissa = (kept + 1u) >> 1;
+  }
+  int e = drop - shift;
+  int half_e = e / 2;
+  float value = float(mantissa) * power_of_two(half_e) * power_of_two(e - half_e);
+  return negative ? -value : value;
+}
+)";
+
+}  // namespace dr::backend::glsl

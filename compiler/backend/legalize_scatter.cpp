@@ -1,0 +1,357 @@
+// SPDX-License-Identifier: Apache-2.0
+// Joining scatters into sums, and choosing how each pass of them runs.
+#include "compiler/backend/legalize_scatter.h"
+
+#include <algorithm>
+#include <set>
+
+#include "compiler/backend/pack_stages.h"
+#include "compiler/backend/uses.h"
+
+namespace dr::backend {
+
+using ir::Graph;
+using ir::Op;
+using ir::OpId;
+using ir::OpKind;
+using ir::ValueId;
+
+namespace {
+
+bool is_scatter_result(const Graph& graph, ValueId v) {
+  const ir::ValueInfo& info = graph.value(v);
+  if (!info.op.valid()) return false;
+  const Op& op = graph.op(info.op);
+  if (op.kind == OpKind::ScatterAdd) return true;
+  return !op.regions.empty() && info.result_index < op.attrs.yields.size() &&
+         op.attrs.yields[info.result_index] == ir::Yield::Scatter;
+}
+
+// The input and its column that an index is, if it is one.
+struct Column {
+  uint32_t leaf = 0;
+  int column = 0;
+};
+std::optional<Column> column_of(const Graph& graph, ValueId index) {
+  const Op* op = &graph.op(graph.value(index).op);
+  Column out;
+  while (op->kind == OpKind::Broadcast) op = &graph.op(graph.value(op->operands[0]).op);
+  if (op->kind == OpKind::Extract) {
+    out.column = static_cast<int>(op->attrs.ints[0]);
+    op = &graph.op(graph.value(op->operands[0]).op);
+    while (op->kind == OpKind::Broadcast) op = &graph.op(graph.value(op->operands[0]).op);
+  }
+  if (op->kind != OpKind::Leaf) return std::nullopt;
+  out.leaf = *graph.leaf_index(op->attrs.text);
+  const ir::Leaf& leaf = graph.leaves[out.leaf];
+  if (leaf.kind != ir::Leaf::Kind::Input || leaf.type.scalar != ir::Scalar::Int) return std::nullopt;
+  if (!leaf.extent.h.is_one() || !leaf.extent.l.is_one()) return std::nullopt;
+  return out;
+}
+
+class StepLegalizer {
+ public:
+  StepLegalizer(const Graph& graph, const target::Profile& profile, ScatterLower lower, Schedule& schedule,
+                StepSchedule& step, std::set<uint32_t>& unused)
+      : graph_(graph), profile_(profile), lower_(lower), schedule_(schedule), step_(step), unused_(unused) {
+    const std::vector<OpId>& order = graph.region(graph.root()).ops;
+    for (size_t k = 0; k < order.size(); ++k) position_[order[k]] = k;
+  }
+
+  // Whether passes were joined.
+  bool process() {
+    bool joined = false;
+    for (Pass& pass : step_.passes)
+      if (pass.kind == Pass::Kind::Scatter)
+        for (const ValueId v : pass.writes)
+          if (is_scatter_result(graph_, v)) pass.sums.push_back({v, {v}});
+    const bool any =
+        std::any_of(step_.passes.begin(), step_.passes.end(), [](const Pass& p) { return !p.sums.empty(); });
+    if (!any) return false;
+    index_passes();
+    for (const ScatterSum& sum : find_sums()) joined = join(sum) || joined;
+    std::erase_if(step_.passes, [](const Pass& pass) { return pass.writes.empty(); });
+    for (Pass& pass : step_.passes)
+      if (!pass.sums.empty()) choose(pass);
+    return joined;
+  }
+
+ private:
+  const Op& def(ValueId v) const { return graph_.op(graph_.value(v).op); }
+  const Resource& resource(ValueId v) const { return schedule_.resources[step_.stored.at(v).index]; }
+
+  void index_passes() {
+    for (size_t k = 0; k < step_.passes.size(); ++k) {
+      for (const ValueId v : step_.passes[k].writes) writer_[v] = k;
+      for (const OpId id : step_.passes[k].ops) {
+        holders_[id].insert(k);
+        const Uses uses = uses_of(graph_, graph_.op(id));
+        for (const auto* list : {&uses.at_element, &uses.elsewhere})
+          for (const ValueId v : *list) users_[v].insert(id);
+      }
+    }
+    for (const auto& [name, v] : step_.outputs) kept_.insert(v);
+    for (const auto& [leaf, v] : step_.updates) kept_.insert(v);
+  }
+
+  // The scatter results that `v` adds up, if nothing else wants them.
+  bool collect(ValueId v, std::vector<ValueId>& terms) const {
+    if (is_scatter_result(graph_, v)) {
+      terms.push_back(v);
+      return writer_.count(v) != 0;
+    }
+    const Op& op = def(v);
+    if (op.kind != OpKind::Add) return false;
+    return std::all_of(op.operands.begin(), op.operands.end(), [&](ValueId part) {
+      const auto users = users_.find(part);
+      return graph_.value(part).op.valid() && users != users_.end() && users->second.size() == 1 &&
+             kept_.count(part) == 0 && graph_.value(part).type == graph_.value(v).type &&
+             graph_.value(part).extent == graph_.value(v).extent && collect(part, terms);
+    });
+  }
+
+  // The largest sums of scatter results, in the graph's order.
+  std::vector<ScatterSum> find_sums() const {
+    std::vector<ScatterSum> sums;
+    std::set<ValueId> taken;
+    for (auto it = holders_.rbegin(); it != holders_.rend(); ++it) {
+      const Op& op = graph_.op(it->first);
+      if (op.kind != OpKind::Add || taken.count(op.results[0]) != 0) continue;
+      ScatterSum sum{op.results[0], {}};
+      if (!collect(sum.value, sum.terms)) continue;
+      if (std::set<ValueId>(sum.terms.begin(), sum.terms.end()).size() != sum.terms.size()) continue;  // x + x
+      for (const OpId id : additions(sum)) taken.insert(graph_.op(id).results[0]);
+      sums.push_back(std::move(sum));
+    }
+    std::sort(sums.begin(), sums.end(), [](const auto& a, const auto& b) { return a.value < b.value; });
+    return sums;
+  }
+
+  // The additions of a sum.
+  std::vector<OpId> additions(const ScatterSum& sum) const {
+    std::vector<OpId> out;
+    std::vector<ValueId> open{sum.value};
+    while (!open.empty()) {
+      const ValueId v = open.back();
+      open.pop_back();
+      if (is_scatter_result(graph_, v)) continue;
+      out.push_back(graph_.value(v).op);
+      for (const ValueId part : def(v).operands) open.push_back(part);
+    }
+    return out;
+  }
+
+  // Whether some pass of `group` waits for another one.
+  bool wait_for_each_other(const std::set<size_t>& group) const {
+    std::vector<size_t> open(group.begin(), group.end());
+    std::set<size_t> seen;
+    while (!open.empty()) {
+      const Pass& pass = step_.passes[open.back()];
+      open.pop_back();
+      for (const ValueId v : pass.reads) {
+        const auto from = writer_.find(v);
+        if (from == writer_.end() || !seen.insert(from->second).second) continue;
+        if (group.count(from->second) != 0) return true;
+        open.push_back(from->second);
+      }
+    }
+    return false;
+  }
+
+  size_t buffer_count(const std::set<ValueId>& values) const {
+    std::set<uint32_t> buffers;
+    for (const ValueId v : values)
+      if (resource(v).storage == Resource::Storage::Buffer) buffers.insert(step_.stored.at(v).index);
+    return buffers.size();
+  }
+
+  // Makes one pass of those that scatter the terms, which then stores their sum only.
+  bool join(const ScatterSum& sum) {
+    std::set<size_t> group;
+    for (const ValueId v : sum.terms) group.insert(writer_.at(v));
+    Pass& into = step_.passes[*group.begin()];
+    for (const size_t k : group)
+      if (step_.passes[k].domain != into.domain) return false;
+    if (wait_for_each_other(group)) return false;
+    std::set<ValueId> reads, writes;
+    for (const size_t k : group) {
+      reads.insert(step_.passes[k].reads.begin(), step_.passes[k].reads.end());
+      writes.insert(step_.passes[k].writes.begin(), step_.passes[k].writes.end());
+    }
+    for (const ValueId v : sum.terms) writes.erase(v);
+    const auto stored = step_.stored.find(sum.value);
+    const bool was_stored = stored != step_.stored.end();
+    if (buffer_count(reads) + writes.size() + 1 > profile_.max_per_stage_descriptor_storage_buffers) return false;
+    // What was an image would become a buffer of the shaders that read it.
+    if (was_stored && resource(sum.value).storage == Resource::Storage::Image) return false;
+
+    for (const ValueId v : sum.terms) {
+      writer_.erase(v);
+      if (was_stored || v != sum.terms.front()) unused_.insert(step_.stored.at(v).index);
+    }
+    if (!was_stored) step_.stored[sum.value] = step_.stored.at(sum.terms.front());
+    const std::vector<OpId> adds = additions(sum);
+    std::set<size_t> readers;
+    for (const OpId id : adds) readers.insert(holders_[id].begin(), holders_[id].end());
+    for (const size_t k : readers) replace_by_read(step_.passes[k], sum, adds);
+    for (const ValueId v : sum.terms) step_.stored.erase(v);
+    for (const OpId id : adds) {
+      const ValueId v = graph_.op(id).results[0];
+      const auto part = step_.stored.find(v);
+      if (v == sum.value || part == step_.stored.end()) continue;
+      unused_.insert(part->second.index);
+      step_.stored.erase(part);
+    }
+
+    std::set<OpId> ops(adds.begin(), adds.end());
+    std::vector<ScatterSum> sums{sum};
+    for (const size_t k : group) {
+      Pass& pass = step_.passes[k];
+      ops.insert(pass.ops.begin(), pass.ops.end());
+      for (ScatterSum& other : pass.sums)
+        if (std::find(sum.terms.begin(), sum.terms.end(), other.value) == sum.terms.end())
+          sums.push_back(std::move(other));
+      for (const OpId id : pass.ops) holders_[id].erase(k);
+      if (&pass != &into) pass = {};
+    }
+    writes.insert(sum.value);
+    into.ops.assign(ops.begin(), ops.end());
+    std::sort(into.ops.begin(), into.ops.end(), [&](OpId a, OpId b) { return position_.at(a) < position_.at(b); });
+    into.reads.assign(reads.begin(), reads.end());
+    into.writes.assign(writes.begin(), writes.end());
+    std::sort(sums.begin(), sums.end(), [](const auto& a, const auto& b) { return a.value < b.value; });
+    into.sums = std::move(sums);
+    into.name.clear();
+    for (const ValueId v : into.writes) into.name += (into.name.empty() ? "" : "_") + resource(v).name;
+    for (const OpId id : into.ops) holders_[id].insert(*group.begin());
+    for (const ValueId v : into.writes) writer_[v] = *group.begin();
+    return true;
+  }
+
+  // A pass that added the terms up, or some of them, reads their sum.
+  void replace_by_read(Pass& pass, const ScatterSum& sum, const std::vector<OpId>& adds) {
+    const std::set<OpId> gone(adds.begin(), adds.end());
+    std::erase_if(pass.writes, [&](ValueId v) { return gone.count(graph_.value(v).op) != 0; });
+    std::erase_if(pass.ops, [&](OpId id) { return gone.count(id) != 0; });
+    std::set<ValueId> used;
+    for (const OpId id : pass.ops) {
+      const Uses uses = uses_of(graph_, graph_.op(id));
+      used.insert(uses.at_element.begin(), uses.at_element.end());
+      used.insert(uses.elsewhere.begin(), uses.elsewhere.end());
+    }
+    std::set<ValueId> reads(pass.reads.begin(), pass.reads.end());
+    for (const ValueId v : sum.terms) reads.erase(v);
+    for (const OpId id : adds) reads.erase(graph_.op(id).results[0]);
+    if (used.count(sum.value) != 0) reads.insert(sum.value);
+    pass.reads.assign(reads.begin(), reads.end());
+  }
+
+  void choose(Pass& pass) {
+    switch (lower_) {
+      case ScatterLower::Exact: break;
+      case ScatterLower::Atomic: {
+        const auto is_float = [&](const ScatterSum& sum) { return graph_.value(sum.value).type.is_float(); };
+        if (std::any_of(pass.sums.begin(), pass.sums.end(), is_float)) pass.scatter = ScatterLowering::Atomic;
+        break;
+      }
+      case ScatterLower::Auto:
+      case ScatterLower::Rows:
+        if (auto rows = rows_of(pass); rows && (lower_ == ScatterLower::Rows || rows_pay(pass))) {
+          pass.scatter = ScatterLowering::Rows;
+          pass.rows = *rows;
+        }
+        break;
+    }
+  }
+
+  // The table by which a pass can gather what it scatters.
+  std::optional<RowsTable> rows_of(const Pass& pass) const {
+    RowsTable rows;
+    std::set<int> columns;
+    bool first = true;
+    size_t terms = 0;
+    for (const ScatterSum& sum : pass.sums) {
+      const ir::Extent& to = graph_.value(sum.value).extent;
+      for (const ValueId term : sum.terms) {
+        const Op& op = def(term);
+        if (op.kind != OpKind::ScatterAdd) return std::nullopt;
+        const auto column = column_of(graph_, op.operands[0]);
+        if (!column || graph_.value(op.operands[0]).type.rows != 1) return std::nullopt;
+        if (!first && (rows.leaf != column->leaf || rows.targets != to.w)) return std::nullopt;
+        rows.leaf = column->leaf;
+        rows.targets = to.w;
+        columns.insert(column->column);
+        first = false;
+        ++terms;
+      }
+      // Layers stay apart, or there is one.
+      if (!to.h.is_one() || to.l != pass.domain.l) return std::nullopt;
+    }
+    if (pass.writes.size() != pass.sums.size()) return std::nullopt;
+    if (!pass.domain.h.is_one() || pass.domain.w != graph_.leaves[rows.leaf].extent.w) return std::nullopt;
+    // The host fills the table when it binds the leaf: no step may change that.
+    for (const ir::Step& step : graph_.steps)
+      for (const ir::Update& update : step.updates)
+        if (update.leaf == rows.leaf) return std::nullopt;
+    rows.columns.assign(columns.begin(), columns.end());
+    const std::set<ValueId> reads(pass.reads.begin(), pass.reads.end());
+    constexpr size_t kTable = 3;  // starts, items, sums of blocks
+    if (buffer_count(reads) + pass.writes.size() + kTable > profile_.max_per_stage_descriptor_storage_buffers)
+      return std::nullopt;
+    return rows;
+  }
+
+  // A contribution costs a row its number and two loads, and an exact sum three words of atomics and their clearing.
+  bool rows_pay(const Pass& pass) const {
+    double row = 0, exact = 0;
+    const target::Costs& c = profile_.costs;
+    for (const ScatterSum& sum : pass.sums) {
+      const double n = graph_.value(sum.value).type.components() * static_cast<double>(sum.terms.size());
+      row += (8 * static_cast<double>(sum.terms.size()) + 2 * 4 * n) / c.compute_buffer_bytes_per_ns;
+      exact += 2 * 4 * n / c.compute_buffer_bytes_per_ns + 2 * n * c.atomic_add_ns;
+    }
+    return row <= exact;
+  }
+
+  const Graph& graph_;
+  const target::Profile& profile_;
+  ScatterLower lower_;
+  Schedule& schedule_;
+  StepSchedule& step_;
+  std::set<uint32_t>& unused_;  // resources
+  std::map<OpId, size_t> position_;
+  std::map<ValueId, size_t> writer_;
+  std::map<OpId, std::set<size_t>> holders_;  // passes that run an op
+  std::map<ValueId, std::set<OpId>> users_;
+  std::set<ValueId> kept_;
+};
+
+void remove_resources(Schedule& schedule, const std::set<uint32_t>& unused) {
+  if (unused.empty()) return;
+  std::vector<uint32_t> now(schedule.resources.size());
+  std::vector<Resource> resources;
+  for (uint32_t k = 0; k < now.size(); ++k) {
+    now[k] = static_cast<uint32_t>(resources.size());
+    if (unused.count(k) == 0) resources.push_back(std::move(schedule.resources[k]));
+  }
+  schedule.resources = std::move(resources);
+  for (StepSchedule& step : schedule.steps)
+    for (auto& [value, id] : step.stored) id.index = now[id.index];
+}
+
+}  // namespace
+
+std::optional<std::string> legalize_scatter(const Graph& graph, const target::Profile& profile, ScatterLower lower,
+                                            bool join_stages, Schedule& schedule) {
+  if (lower == ScatterLower::Atomic && !profile.shader_buffer_float32_atomic_add)
+    return "scatter by float atomics needs 'shader_buffer_float32_atomic_add', which profile '" + profile.name +
+           "' lacks; choose auto, exact or rows";
+  std::set<uint32_t> unused;
+  for (StepSchedule& step : schedule.steps)
+    if (StepLegalizer(graph, profile, lower, schedule, step, unused).process())
+      pack_stages(graph, step, profile, join_stages);
+  remove_resources(schedule, unused);
+  return std::nullopt;
+}
+
+}  // namespace dr::backend
