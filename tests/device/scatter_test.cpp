@@ -1,0 +1,215 @@
+// SPDX-License-Identifier: Apache-2.0
+// Every lowering of scatter_add on every device against the float64 evaluator, on what breaks sums: a target with most
+// of the sources, magnitudes far apart, terms that cancel, empty targets, indices out of range, NaN and Inf.
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <random>
+
+#include "runtime/jit/jit.h"
+#include "runtime/jit/reference_program.h"
+#include "runtime/runtime.h"
+#include "tests/catch.h"
+#include "tests/device/devices.h"
+
+using namespace dr;
+using io::Array;
+
+namespace {
+
+constexpr double kTolerance = 1e-6;  // relative L2
+constexpr int kTargets = 300;
+
+// `layers` sums each layer apart, `flat` all of them; `moving` has an index that no table can
+// hold, under a condition.
+const char* const kText = R"(edition 1;
+input index : ivec2[S];
+input x : vec2[S];
+let both = scatter_add(index.x, x, 300) + scatter_add(index.y, x.yx, 300);
+let one = scatter_add(index.y, 0.5 * x.x, 300);
+let count = scatter_add(index.x, 1, 300) + scatter_add(index.y, 2, 300);
+let wide = float(coord(S, 1, 3).z + 1) * x.x;
+let layers = scatter_add(index.x, wide, 300, 1, 3);
+let flat = scatter_add(index.x, wide, 300);
+fn pick(a: vec2[T], i: ivec2) -> float { if i.x > 2 { a.at(i.x).x } else { a.at(i.y).y + a.at(i.x).x } }
+param at : vec2[300] = vec2(1.0);
+let moving = sum(x.x * pick(at, index));
+step run { output both, one, count, layers, flat, moving = grad(moving, at); }
+)";
+const char* const kOutputs[] = {"both", "one", "count", "layers", "flat", "moving"};
+
+struct Data {
+  const char* name;
+  std::vector<int32_t> index;  // pairs
+  std::vector<float> x;        // pairs
+};
+
+std::vector<Data> data_sets() {
+  std::mt19937 random(7);
+  auto uniform = [&](double low, double high) { return std::uniform_real_distribution<double>(low, high)(random); };
+  auto target = [&](int low, int high) { return std::uniform_int_distribution<int>(low, high)(random); };
+  std::vector<Data> sets;
+  auto make = [&](const char* name, size_t sources, auto index, auto value) {
+    Data d{name, {}, {}};
+    for (size_t k = 0; k < 2 * sources; ++k) {
+      d.index.push_back(index(k));
+      d.x.push_back(static_cast<float>(value(k)));
+    }
+    sets.push_back(std::move(d));
+  };
+  make(
+      "a million sources of one target", 1000000, [&](size_t k) { return k % 1000 == 0 ? target(0, 299) : 137; },
+      [&](size_t) { return uniform(0, 1); });
+  make(
+      "magnitudes from 1e-30 to 1e30", 5000, [&](size_t) { return target(0, 299); },
+      [&](size_t k) { return (k % 3 == 0 ? -1 : 1) * std::pow(10.0, uniform(-30, 30)); });
+  // Four sources of a target: x, -x and twice a little.
+  make(
+      "sums that cancel", 4 * 280, [&](size_t k) { return static_cast<int>(k / 8); },
+      [&](size_t k) {
+        return k / 2 % 4 == 0   ? 1.0 + static_cast<double>(k % 2)
+               : k / 2 % 4 == 1 ? -1.0 - static_cast<double>(k % 2)
+                                : 1e-4 * std::sin(static_cast<double>(k / 8));
+      });
+  make(
+      "out of range and empty", 3000, [&](size_t) { return 7 * target(-20, 80); },
+      [&](size_t) { return uniform(-1, 1); });
+  make(
+      "not finite", 2000, [&](size_t) { return target(0, 299); },
+      [&](size_t k) {
+        return k % 97 == 0 ? INFINITY : k % 89 == 0 ? -INFINITY : k % 211 == 0 ? NAN : uniform(-1, 1);
+      });
+  make(
+      "one source", 1, [](size_t) { return 5; }, [](size_t) { return 1e-37; });
+  return sets;
+}
+
+template <class T>
+T must(io::Result<T> result) {
+  if (!result) FAIL(result.error());
+  if constexpr (!std::is_void_v<T>) return std::move(result).value();
+}
+
+std::vector<uint8_t> compile(const std::string& path, const std::string& profile, const std::string& scatter) {
+  jit::Options options;
+  options.profile = profile;
+  options.scatter = scatter;
+  auto result = jit::compile_file(path, options);
+  if (auto* messages = std::get_if<std::string>(&result)) FAIL(*messages);
+  return std::get<std::vector<uint8_t>>(result);
+}
+
+template <class P>
+std::vector<Array> run(P& program, const Data& data) {
+  must(program.bind("index", Array::from_ints(data.index, 2)));
+  must(program.bind("x", Array::from_floats(data.x, 2)));
+  must(program.run("run"));
+  std::vector<Array> out;
+  for (const char* name : kOutputs) out.push_back(must(program.output("run", name)));
+  return out;
+}
+
+// Relative L2 of the finite entries; infinite where one is NaN or Inf and the other is not the same.
+double distance(const Array& a, const Array& truth) {
+  const auto x = a.to_doubles(), y = truth.to_doubles();
+  REQUIRE(x.size() == y.size());
+  double difference = 0, size = 0;
+  for (size_t k = 0; k < x.size(); ++k) {
+    if (!std::isfinite(y[k])) {
+      if (std::isnan(y[k]) != std::isnan(x[k]) || (!std::isnan(y[k]) && x[k] != y[k])) return INFINITY;
+      continue;
+    }
+    difference += (x[k] - y[k]) * (x[k] - y[k]);
+    size += y[k] * y[k];
+  }
+  return difference == 0 ? 0 : std::sqrt(difference / size);
+}
+
+bool same_bits(const std::vector<Array>& a, const std::vector<Array>& b) {
+  for (size_t k = 0; k < a.size(); ++k)
+    if (a[k].bytes != b[k].bytes) return false;
+  return true;
+}
+
+}  // namespace
+
+TEST_CASE("every lowering of scatter_add sums what breaks sums") {
+  const auto path = (std::filesystem::path(DR_BUILD_DIR) / "scatter_test.dr").string();
+  std::ofstream(path) << kText;
+  const auto sets = data_sets();
+  std::vector<std::vector<Array>> truths;
+  for (const Data& data : sets) {
+    auto reference = must(jit::ReferenceProgram::load(compile(path, "lavapipe", "auto")));
+    truths.push_back(run(reference, data));
+  }
+  struct Lowering {
+    const char* profile;  // swiftshader's has no 64-bit integers
+    const char* scatter;
+  };
+  for (const auto& [name, device] : test::devices()) {
+    std::vector<Lowering> lowerings{{"swiftshader", "exact"}, {"swiftshader", "rows"}, {"swiftshader", "auto"}};
+    if (name == "lavapipe") lowerings.insert(lowerings.end(), {{"lavapipe", "exact"}, {"lavapipe", "rows"}});
+    std::vector<std::vector<Array>> exact;
+    for (const auto& [profile, scatter] : lowerings) {
+      const auto bundle = compile(path, profile, scatter);
+      for (size_t k = 0; k < sets.size(); ++k) {
+        INFO(name << ", profile " << profile << ", " << scatter << ": " << sets[k].name);
+        auto program = must(runtime::Program::load(device, bundle));
+        const auto first = run(program, sets[k]);
+        for (size_t o = 0; o < first.size(); ++o) {
+          INFO(kOutputs[o]);
+          CHECK(distance(first[o], truths[k][o]) <= kTolerance);
+        }
+        for (int again = 0; again < 3; ++again) {
+          must(program.run("run"));
+          for (size_t o = 0; o < first.size(); ++o)
+            CHECK(must(program.output("run", kOutputs[o])).bytes == first[o].bytes);
+        }
+        if (std::string_view(scatter) != "exact") continue;
+        if (exact.size() <= k) exact.push_back(first);
+        CHECK(same_bits(first, exact[k]));  // 64-bit words or two of 32 bits
+      }
+    }
+  }
+}
+
+TEST_CASE("rows follow an index that is bound anew") {
+  const auto path = (std::filesystem::path(DR_BUILD_DIR) / "scatter_test.dr").string();
+  const auto sets = data_sets();
+  for (const auto& [name, device] : test::devices()) {
+    INFO(name);
+    auto program = must(runtime::Program::load(device, compile(path, "swiftshader", "rows")));
+    Data data = sets[2];
+    run(program, data);
+    for (int32_t& i : data.index) i = 299 - i;
+    const auto moved = run(program, data);
+    auto reference = must(jit::ReferenceProgram::load(compile(path, "lavapipe", "auto")));
+    const auto truth = run(reference, data);
+    for (size_t o = 0; o < truth.size(); ++o) CHECK(distance(moved[o], truth[o]) <= kTolerance);
+  }
+}
+
+// Sums of small integers are exact in any order.
+TEST_CASE("float atomics add where the device has them") {
+  const auto path = (std::filesystem::path(DR_BUILD_DIR) / "scatter_test.dr").string();
+  std::mt19937 random(3);
+  Data data{"integers", {}, {}};
+  for (int k = 0; k < 4000; ++k) {
+    data.index.push_back(static_cast<int32_t>(random() % 310) - 5);
+    data.x.push_back(static_cast<float>(random() % 64) - 20.0f);
+  }
+  auto reference = must(jit::ReferenceProgram::load(compile(path, "lavapipe", "auto")));
+  const auto truth = run(reference, data);
+  for (const auto& [name, device] : test::devices()) {
+    INFO(name);
+    auto program = runtime::Program::load(device, compile(path, "lavapipe", "atomic"));
+    if (name != "lavapipe") {
+      REQUIRE(!program);
+      CHECK(program.error().find("which the device lacks") != std::string::npos);
+      continue;
+    }
+    auto loaded = must(std::move(program));
+    const auto sums = run(loaded, data);
+    for (size_t o = 0; o < truth.size(); ++o) CHECK(distance(sums[o], truth[o]) == 0);
+  }
+}
