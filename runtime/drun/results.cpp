@@ -71,7 +71,7 @@ void Results::write_mesh(const std::string& file, const std::string& what, const
   if (parts.size() < 2 || parts.size() > 5)
     throw Mistake{"--mesh " + file + ": expected POSITION:FACE[:UV[:UV_FACE[:TEXTURE]]], found '" + what + "'"};
   std::vector<Array> arrays;
-  for (const std::string& part : parts) arrays.push_back(named(part));
+  for (const std::string& part : parts) arrays.push_back(named(part, ran));
   auto expect = [&](size_t k, int components, io::ElementKind kind, const char* type) {
     if (k >= arrays.size()) return;
     // The reference computes in float64.
