@@ -286,10 +286,10 @@ void Generator::linear_index(Shader& s, const std::string& elements) {
   s.body().line("if (index >= " + elements + ") return;");
 }
 
-void Generator::place_from_index(Shader& s, const Extent& e) {
+void Generator::place_from_index(Shader& s, const Extent& e, const std::string& index) {
   const std::string w = dim_expression(e.w), h = dim_expression(e.h);
-  s.body().line("ivec3 at = ivec3(index % " + w + ", (index / " + w + ") % " + h + ", index / (" + w + " * " + h +
-                "));");
+  s.body().line("ivec3 at = ivec3(" + index + " % " + w + ", (" + index + " / " + w + ") % " + h + ", " + index +
+                " / (" + w + " * " + h + "));");
 }
 
 void Generator::map_pass(const Pass& pass) {

@@ -35,6 +35,8 @@ class Generator {
   void scatter_pass(const Pass& pass);
   void scatter_resolve(const Pass& pass, ir::ValueId value, const glsl::Accumulator& accumulator, uint32_t words,
                        int most);
+  // Lists the elements that add something: word 0 of the scratch buffer is their number.
+  uint32_t list_active(const Pass& pass);
   void rows_pass(const Pass& pass);
   // The leaves of a table of rows: two, for where each row starts and for its items, each with its row.
   struct Table {
@@ -53,7 +55,7 @@ class Generator {
   // Opens a compute shader's main: computes `index`, returns past `elements`.
   static std::string compute_layout() { return "layout(local_size_x = 64) in;\n"; }
   static void linear_index(glsl::Shader& shader, const std::string& elements);
-  static void place_from_index(glsl::Shader& shader, const ir::Extent& extent);
+  static void place_from_index(glsl::Shader& shader, const ir::Extent& extent, const std::string& index = "index");
 
   // Whether shaders may use 64-bit integers and their atomics; those that do say so.
   bool wide_atomics() const { return profile_.shader_int64 && profile_.shader_buffer_int64_atomics; }

@@ -89,13 +89,43 @@ std::vector<ir::OpId> Generator::element_ops(const Pass& pass) const {
   return out;
 }
 
+uint32_t Generator::list_active(const Pass& pass) {
+  const ir::Dim count = element_count(pass.domain);
+  const uint32_t list = add_scratch(pass.name + "_active", (count + ir::Dim(1)).str());
+  fill("clear " + pass.name + " active", list, 0);
+  Shader s = shader();
+  linear_index(s, dim_expression(count));
+  place_from_index(s, pass.domain);
+  std::string active;
+  for (const auto& clause : pass.active) {
+    std::string all;
+    for (const ValueId v : clause) {
+      const ir::Type& type = graph_.value(v).type;
+      const std::string x = s.use(v);
+      all += (all.empty() ? "" : " && ") + (type.is_bool()     ? x
+                                            : type.is_scalar() ? x + " != " + glsl::zero(type)
+                                                               : "any(notEqual(" + x + ", " + glsl::zero(type) + "))");
+    }
+    active += (active.empty() ? "" : " || ") + (pass.active.size() > 1 ? "(" + all + ")" : all);
+  }
+  const std::string words = s.bind_words(list, "active_elements", bundle::Access::ReadWrite);
+  s.body().line("if (" + active + ") " + words + ".d[1u + atomicAdd(" + words + ".d[0], 1u)] = uint(index);");
+  dispatch(pass, "_active", s, count.str());
+  return list;
+}
+
 void Generator::scatter_pass(const Pass& pass) {
   if (pass.scatter == ScatterLowering::Rows) return rows_pass(pass);
   const bool wide = wide_atomics();
   const bool floats_by_atomics = pass.scatter == ScatterLowering::Atomic;
+  const bool lists = !pass.active.empty();
+  const uint32_t list = lists ? list_active(pass) : 0;
   Shader s = shader();
-  linear_index(s, dim_expression(element_count(pass.domain)));
-  place_from_index(s, pass.domain);
+  const ir::Dim invocations =
+      lists ? element_count(pass.domain).divided_by(pass.active_stride) + ir::Dim(pass.active_stride > 1 ? 1 : 0)
+            : element_count(pass.domain);
+  linear_index(s, dim_expression(invocations));
+  if (!lists) place_from_index(s, pass.domain);
 
   struct Target {
     ValueId value;
@@ -179,7 +209,15 @@ void Generator::scatter_pass(const Pass& pass) {
     for (const ValueId term : sum.terms) s.accumulate_into(term, t.accumulator);
     targets.push_back(std::move(t));
   }
+  if (lists) {
+    const std::string words = s.bind_words(list, "active_elements", bundle::Access::Read);
+    s.body().line("int count = int(" + words + ".d[0]);");
+    s.body().line("for (int k = index; k < count; k += " + dim_expression(invocations) + ") {");
+    s.body().line("int element = int(" + words + ".d[1 + k]);");
+    place_from_index(s, pass.domain, "element");
+  }
   s.element_ops(element_ops(pass));
+  if (lists) s.body().line("}");
   for (ValueId v : pass.writes)
     if (std::none_of(targets.begin(), targets.end(), [&](const Target& t) { return t.value == v; }))
       s.store(v, "at", s.use(v));
@@ -189,7 +227,7 @@ void Generator::scatter_pass(const Pass& pass) {
   }
 
   const bool two_runs = !finish.empty();
-  auto& magnitudes = dispatch(pass, "", s, element_count(pass.domain).str(), {two_runs ? 0 : 1, 0, 0});
+  auto& magnitudes = dispatch(pass, "", s, invocations.str(), {two_runs ? 0 : 1, 0, 0});
   if (two_runs) {
     auto& sums_run = command(bundle::CommandKind::Dispatch, pass.name + " add");
     sums_run.compute = magnitudes.compute;

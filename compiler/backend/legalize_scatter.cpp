@@ -6,6 +6,7 @@
 #include <set>
 
 #include "compiler/backend/pack_stages.h"
+#include "compiler/backend/scatter_active.h"
 #include "compiler/backend/uses.h"
 
 namespace dr::backend {
@@ -72,7 +73,10 @@ class StepLegalizer {
     for (const ScatterSum& sum : find_sums()) joined = join(sum) || joined;
     std::erase_if(step_.passes, [](const Pass& pass) { return pass.writes.empty(); });
     for (Pass& pass : step_.passes)
-      if (!pass.sums.empty()) choose(pass);
+      if (!pass.sums.empty()) {
+        choose(pass);
+        choose_active(pass);
+      }
     return joined;
   }
 
@@ -244,6 +248,24 @@ class StepLegalizer {
     for (const OpId id : adds) reads.erase(graph_.op(id).results[0]);
     if (used.count(sum.value) != 0) reads.insert(sum.value);
     pass.reads.assign(reads.begin(), reads.end());
+  }
+
+  // Listing the elements that add something costs an element two loads and a store; running one costs its own loads,
+  // twice. A scatter of a region is worth it, since conditions of the program lie before it.
+  void choose_active(Pass& pass) const {
+    const bool regions = std::any_of(pass.ops.begin(), pass.ops.end(), [&](OpId id) {
+      const Op& op = graph_.op(id);
+      return !op.regions.empty() &&
+             std::any_of(op.results.begin(), op.results.end(), [&](ValueId v) { return is_scatter_result(graph_, v); });
+    });
+    if (!regions || pass.scatter == ScatterLowering::Rows) return;
+    constexpr size_t kList = 1;
+    const std::set<ValueId> reads(pass.reads.begin(), pass.reads.end());
+    if (buffer_count(reads) + pass.writes.size() + kList > profile_.max_per_stage_descriptor_storage_buffers) return;
+    pass.active = active_elements(graph_, pass);
+    // A processor starts few invocations at once, and runs those that have nothing to do as slowly as others.
+    constexpr double kProcessor = 64;  // operations per ns
+    pass.active_stride = profile_.costs.compute_operations_per_ns < kProcessor ? 64 : 1;
   }
 
   void choose(Pass& pass) {

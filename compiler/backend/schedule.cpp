@@ -185,6 +185,11 @@ std::string print(const Graph& graph, const Schedule& schedule) {
       for (const ScatterSum& sum : pass.sums)
         if (sum.terms.size() > 1)
           out += "    sum " + resource_text(step, sum.value) + " of " + std::to_string(sum.terms.size()) + "\n";
+      if (!pass.active.empty()) out += "    active";
+      for (size_t c = 0; c < pass.active.size(); ++c)
+        for (size_t i = 0; i < pass.active[c].size(); ++i)
+          out += (i > 0 ? " and " : c > 0 ? ", or " : " ") + resource_text(step, pass.active[c][i]);
+      if (!pass.active.empty()) out += ", each of a stride of " + std::to_string(pass.active_stride) + "\n";
       if (pass.scatter == ScatterLowering::Rows) {
         out += "    rows " + schedule.resources[pass.rows.leaf].name + "[";
         for (size_t c = 0; c < pass.rows.columns.size(); ++c)

@@ -66,6 +66,10 @@ struct Pass {
   ScatterLowering scatter = ScatterLowering::Exact;
   std::vector<ScatterSum> sums;
   RowsTable rows;
+  // Elements that add something are listed first and only they run: those for which all values of one of these are
+  // true or not zero. An invocation runs each `active_stride`-th of them. Empty: all elements run.
+  std::vector<std::vector<ir::ValueId>> active;
+  int active_stride = 1;
 };
 
 struct StepSchedule {

@@ -21,7 +21,7 @@ constexpr double kTolerance = 1e-6;  // relative L2
 constexpr int kTargets = 300;
 
 // `layers` sums each layer apart, `flat` all of them; `moving` has an index that no table can
-// hold, under a condition.
+// hold, under a condition; of `listed` only elements with a weight add something.
 const char* const kText = R"(edition 1;
 input index : ivec2[S];
 input x : vec2[S];
@@ -34,9 +34,11 @@ let flat = scatter_add(index.x, wide, 300);
 fn pick(a: vec2[T], i: ivec2) -> float { if i.x > 2 { a.at(i.x).x } else { a.at(i.y).y + a.at(i.x).x } }
 param at : vec2[300] = vec2(1.0);
 let moving = sum(x.x * pick(at, index));
-step run { output both, one, count, layers, flat, moving = grad(moving, at); }
+let weight = if x.y > 0.5 { x.x } else { 0.0 };
+let listed = sum(weight * pick(at, index));
+step run { output both, one, count, layers, flat, moving = grad(moving, at), listed = grad(listed, at); }
 )";
-const char* const kOutputs[] = {"both", "one", "count", "layers", "flat", "moving"};
+const char* const kOutputs[] = {"both", "one", "count", "layers", "flat", "moving", "listed"};
 
 struct Data {
   const char* name;

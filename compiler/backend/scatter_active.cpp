@@ -1,0 +1,148 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "compiler/backend/scatter_active.h"
+
+#include <algorithm>
+#include <optional>
+#include <set>
+
+namespace dr::backend {
+
+using ir::Graph;
+using ir::Op;
+using ir::OpKind;
+using ir::ValueId;
+
+namespace {
+
+// Root values that are zero only where the value in question is; nothing: the value is zero everywhere.
+using Zeros = std::optional<std::set<ValueId>>;
+
+Zeros both(const Zeros& a, const Zeros& b) {
+  if (!a) return b;
+  if (!b) return a;
+  std::set<ValueId> out;
+  std::set_intersection(a->begin(), a->end(), b->begin(), b->end(), std::inserter(out, out.end()));
+  return out;
+}
+
+class ActiveElements {
+ public:
+  ActiveElements(const Graph& graph, const Pass& pass) : graph_(graph), reads_(pass.reads.begin(), pass.reads.end()) {
+    for (const ScatterSum& sum : pass.sums) terms_.insert(sum.terms.begin(), sum.terms.end());
+  }
+
+  // The clause of an op that scatters.
+  std::vector<ValueId> clause(const Op& op) const {
+    Zeros zeros;
+    std::vector<ValueId> out;
+    if (op.kind == OpKind::ScatterAdd) {
+      zeros = zero_with(op.operands[1]);
+    } else {
+      for (const ValueId result : op.results)
+        if (terms_.count(result) != 0) zeros = both(zeros, scattered(op, graph_.value(result).result_index));
+      if (op.kind == OpKind::If && readable(op.operands[0]) && adds_nothing(op, 1)) out.push_back(op.operands[0]);
+    }
+    if (zeros)
+      for (const ValueId v : *zeros)
+        if (readable(v)) out.push_back(v);
+    return out;
+  }
+
+ private:
+  bool readable(ValueId v) const { return reads_.count(v) != 0 && graph_.value(v).region == graph_.root(); }
+
+  // Where result `k` of a region op gets nothing but zeros.
+  Zeros scattered(const Op& op, uint32_t k) const {
+    Zeros zeros;
+    for (const ir::RegionId region : op.regions) zeros = both(zeros, scattered(op, region, k));
+    return zeros;
+  }
+  Zeros scattered(const Op& op, ir::RegionId region, uint32_t k) const {
+    const std::vector<ValueId>& yields = graph_.region(region).yields;
+    size_t next = 0;
+    for (uint32_t r = 0;; ++r) {
+      const bool scatter = op.attrs.yields[r] == ir::Yield::Scatter;
+      const bool forwarded = scatter && graph_.value(yields[next]).accumulation;
+      if (r == k) {
+        if (!forwarded) return zero_with(yields[next + 1]);
+        const ir::ValueInfo& inner = graph_.value(yields[next]);
+        return scattered(graph_.op(inner.op), inner.result_index);
+      }
+      next += scatter && !forwarded ? 2 : 1;
+    }
+  }
+
+  bool adds_nothing(const Op& op, size_t branch) const {
+    for (uint32_t k = 0; k < op.results.size(); ++k)
+      if (terms_.count(op.results[k]) != 0 && scattered(op, op.regions[branch], k)) return false;
+    return true;
+  }
+
+  Zeros zero_with(ValueId v) const {
+    const ir::ValueInfo& info = graph_.value(v);
+    std::set<ValueId> self;
+    if (info.region == graph_.root()) self.insert(v);
+    if (!info.op.valid()) return self;
+    const Op& op = graph_.op(info.op);
+    const auto with_self = [&](Zeros zeros) {
+      if (zeros) zeros->insert(self.begin(), self.end());
+      return zeros;
+    };
+    switch (op.kind) {
+      case OpKind::Const:
+        if (std::ranges::all_of(op.attrs.floats, [](double x) { return x == 0; })) return std::nullopt;
+        return std::set<ValueId>{};
+      case OpKind::SMul:
+      case OpKind::Neg:
+      case OpKind::Splat:
+      case OpKind::Broadcast:
+      case OpKind::Extract:
+      case OpKind::Detach:
+      case OpKind::Pin: return with_self(zero_with(op.operands[0]));
+      case OpKind::Add:
+      case OpKind::Sub:
+      case OpKind::Compose: {
+        Zeros zeros;
+        for (const ValueId part : op.operands) zeros = both(zeros, zero_with(part));
+        return with_self(zeros);
+      }
+      case OpKind::Select: return with_self(both(zero_with(op.operands[1]), zero_with(op.operands[2])));
+      case OpKind::If: {
+        Zeros zeros;
+        if (op.attrs.yields[info.result_index] != ir::Yield::Element) return self;
+        for (const ir::RegionId region : op.regions) {
+          size_t next = 0;
+          for (uint32_t r = 0; r < info.result_index; ++r) {
+            const bool scatter = op.attrs.yields[r] == ir::Yield::Scatter;
+            next += scatter && !graph_.value(graph_.region(region).yields[next]).accumulation ? 2 : 1;
+          }
+          zeros = both(zeros, zero_with(graph_.region(region).yields[next]));
+        }
+        return with_self(zeros);
+      }
+      default: return self;
+    }
+  }
+
+  const Graph& graph_;
+  std::set<ValueId> reads_, terms_;
+};
+
+}  // namespace
+
+std::vector<std::vector<ValueId>> active_elements(const Graph& graph, const Pass& pass) {
+  if (pass.writes.size() != pass.sums.size()) return {};
+  const ActiveElements analysis(graph, pass);
+  std::set<ir::OpId> scatters;
+  for (const ScatterSum& sum : pass.sums)
+    for (const ValueId term : sum.terms) scatters.insert(graph.value(term).op);
+  std::vector<std::vector<ValueId>> out;
+  for (const ir::OpId id : scatters) {
+    std::vector<ValueId> clause = analysis.clause(graph.op(id));
+    if (clause.empty()) return {};
+    if (std::find(out.begin(), out.end(), clause) == out.end()) out.push_back(std::move(clause));
+  }
+  return out;
+}
+
+}  // namespace dr::backend
