@@ -58,6 +58,8 @@ int recompute_limit(const target::Profile& profile, bool fragment) {
 namespace {
 
 constexpr double kUnknownTrips = 8, kGroup = 64;
+// The share of a scatter's elements that add something, where only those run.
+constexpr double kActive = 0.125;
 
 struct Model {
   const ir::Graph& graph;
@@ -103,34 +105,43 @@ struct Model {
     const double count = elements(pass.domain);
     double cost = fragment ? (joins ? costs.subpass_ns : costs.pass_ns) : costs.dispatch_ns;
     const std::vector<ValueId> inputs = stage_inputs(step, index);
+    double loads = 0;
     for (ValueId v : pass.reads) {
       const bool input = std::find(inputs.begin(), inputs.end(), v) != inputs.end();
-      cost += bytes(v) / (input && fragment ? costs.fragment_input_bytes_per_ns : bandwidth(v, fragment));
+      loads += bytes(v) / (input && fragment ? costs.fragment_input_bytes_per_ns : bandwidth(v, fragment));
     }
+    cost += loads;
     for (ValueId v : pass.writes) cost += bytes(v) / bandwidth(v, fragment);
     double work = 0;
-    for (ir::OpId id : pass.ops) work += arithmetic(graph.op(id));
-    cost += work * count / (fragment ? costs.fragment_operations_per_ns : costs.compute_operations_per_ns);
+    for (ir::OpId id : pass.ops)
+      if (graph.op(id).kind != OpKind::Raster) work += arithmetic(graph.op(id));
+    work *= count / (fragment ? costs.fragment_operations_per_ns : costs.compute_operations_per_ns);
     switch (pass.kind) {
-      case Pass::Kind::Map: break;
+      case Pass::Kind::Map: return cost + work;
       case Pass::Kind::Reduce:
         for (double n = count; n > kGroup; n /= kGroup) cost += costs.dispatch_ns;
-        break;
-      case Pass::Kind::Scatter:
-        // Clearing, the largest contribution, the sums, their conversion; three words a contribution.
-        cost += 3 * costs.dispatch_ns + 3 * count * costs.atomic_add_ns;
-        break;
-      case Pass::Kind::Raster: {
-        const Op& op = graph.op(graph.value(pass.writes.front()).op);
-        const double faces = evaluate(op.attrs.dims[3]);
-        const double layers = evaluate(pass.domain.l), ranks = static_cast<double>(op.results.size()) / 2;
-        const double triangle = pass.hardware ? costs.hardware_triangle_ns : costs.compute_triangle_ns;
-        const double pixel = pass.hardware ? costs.hardware_pixel_ns : costs.compute_pixel_ns;
-        cost += ranks * (pass.hardware ? costs.pass_ns : costs.dispatch_ns);
-        cost += (pass.hardware ? ranks : 1) * faces * layers * (triangle + assumptions.faces_cover * pixel);
-        break;
+        return cost + work;
+      case Pass::Kind::Scatter: {
+        // A row's sources are read where the table says.
+        if (pass.scatter == ScatterLowering::Rows)
+          return cost + work + costs.dispatch_ns + 4 * count / costs.compute_buffer_bytes_per_ns;
+        // Clearing, the list of those that add something, the largest contribution, the sums, their conversion; two
+        // words a contribution. The shader runs twice.
+        const double active = pass.active.empty() ? 1 : kActive;
+        return cost + 3 * costs.dispatch_ns + (pass.active.empty() ? 0 : costs.dispatch_ns) + active * loads +
+               2 * active * work + 3 * active * count * costs.atomic_add_ns;
       }
+      case Pass::Kind::Raster: break;
     }
+    const Op& op = graph.op(graph.value(pass.writes.front()).op);
+    const double faces = evaluate(op.attrs.dims[3]);
+    const double layers = evaluate(pass.domain.l), ranks = static_cast<double>(op.results.size()) / 2;
+    const double triangle = pass.hardware ? costs.hardware_triangle_ns : costs.compute_triangle_ns;
+    double pixel = pass.hardware ? costs.hardware_pixel_ns : costs.compute_pixel_ns;
+    pixel += arithmetic(op) / (pass.hardware ? costs.fragment_operations_per_ns : costs.compute_operations_per_ns);
+    cost += ranks * (pass.hardware ? costs.pass_ns : costs.dispatch_ns);
+    // Draws find one rank after the other.
+    cost += (pass.hardware ? ranks : 1) * faces * layers * (triangle + assumptions.faces_cover * pixel);
     return cost;
   }
 };

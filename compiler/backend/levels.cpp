@@ -46,8 +46,8 @@ class LevelFinder {
   const Extent* gathered(OpId id) const {
     const Op& o = op(id);
     if (is_memory(o) || is_inline(o)) return nullptr;
-    const bool kept =
-        std::any_of(o.results.begin(), o.results.end(), [&](ValueId v) { return in_.stored(v) || !in_.recomputed(v); });
+    const bool kept = std::any_of(o.results.begin(), o.results.end(),
+                                  [&](ValueId v) { return in_.stored(v) || !in_.recomputed(v, OpId{}); });
     return kept ? in_.domain(o) : nullptr;
   }
 
@@ -55,7 +55,7 @@ class LevelFinder {
   template <class F>
   void for_each_wait(OpId id, const F& f) const {
     for (ValueId v : in_.uses[id.index].at_element)
-      if (!is_memory(op(maker(v))) && !in_.recomputed(v)) f(v, share(id, v) ? 0 : 1);
+      if (!is_memory(op(maker(v))) && !in_.recomputed(v, id)) f(v, share(id, v) ? 0 : 1);
     for (ValueId v : in_.uses[id.index].elsewhere)
       if (!is_memory(op(maker(v)))) f(v, 1);
   }

@@ -16,8 +16,8 @@ struct LevelInput {
   const std::vector<Uses>& uses;       // by OpId index
   // Elements over which an element-wise op runs; nullptr for an op that is a pass of its own.
   std::function<const ir::Extent*(const ir::Op&)> domain;
-  std::function<bool(ir::ValueId)> recomputed;  // again wherever it is used
-  std::function<bool(ir::ValueId)> stored;      // whatever its users do
+  std::function<bool(ir::ValueId, ir::OpId)> recomputed;  // again where this op uses it; for any op: an invalid one
+  std::function<bool(ir::ValueId)> stored;                // whatever its users do
 };
 
 // By OpId index. An op waits for values that it reads at other places, stretched, or from a pass of its own. Within

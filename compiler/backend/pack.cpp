@@ -97,8 +97,11 @@ StepSchedule StepPacker::process() {
   return std::move(out_);
 }
 
-bool StepPacker::recomputable(ValueId v) const {
-  return recompute_cost_[graph_.value(v).op.index] <= (options_.recompute ? recompute_limit_ : 0);
+bool StepPacker::recomputable(ValueId v, OpId user) const {
+  const int cost = recompute_cost_[graph_.value(v).op.index];
+  // A scatter's shader runs twice.
+  const int times = user.valid() && pass_kind(graph_.op(user)) == Pass::Kind::Scatter ? 2 : 1;
+  return cost == 0 || times * cost <= (options_.recompute ? recompute_limit_ : 0);
 }
 
 void StepPacker::find_recomputable() {
@@ -159,7 +162,7 @@ void StepPacker::find_levels() {
                                        const bool shares = options_.fused && pass_kind(op) == Pass::Kind::Map;
                                        return shares ? &graph_.value(op.results[0]).extent : nullptr;
                                      },
-                                 .recomputed = [&](ValueId v) { return recomputable(v); },
+                                 .recomputed = [&](ValueId v, OpId user) { return recomputable(v, user); },
                                  .stored = [&](ValueId v) { return roots_.count(v) != 0 || elsewhere[v.index]; }});
   };
   level_ = levels(prologue, uses_);
@@ -191,7 +194,7 @@ void StepPacker::find_stored() {
     for (ValueId v : uses_[it->index].elsewhere) stored_[v.index] = true;
     for (ValueId v : uses_[it->index].at_element) {
       if (is_memory(def(v))) continue;
-      if (recomputable(v) || in_same_pass(op, *it, v))
+      if (recomputable(v, *it) || in_same_pass(op, *it, v))
         computed[graph_.value(v).op.index] = true;
       else
         stored_[v.index] = true;

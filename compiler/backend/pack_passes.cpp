@@ -41,9 +41,9 @@ void StepPacker::begin_cone(int level) {
 }
 
 // A cheap value is computed again, unless it is there anyway and to load it is cheaper still, or done already.
-bool StepPacker::is_read(ValueId v) const {
+bool StepPacker::is_read(ValueId v, OpId user) const {
   const uint32_t from = graph_.value(v).op.index;
-  if (!recomputable(v)) return true;
+  if (!recomputable(v, user)) return true;
   if (!stored_[v.index] || level_[from] >= cone_level_) return false;
   return elsewhere_.has(v.index) || 2 * recompute_cost_[from] > recompute_limit_;
 }
@@ -62,12 +62,13 @@ void StepPacker::grow(ValueId target) {
   size_t next = cone_.ops.size();
   need(graph_.value(target).op);
   for (; next < cone_.ops.size(); ++next) {
-    const Uses& uses = uses_[cone_.ops[next].index];
+    const OpId id = cone_.ops[next];
+    const Uses& uses = uses_[id.index];
     for (ValueId v : uses.elsewhere) read(v);
     for (ValueId v : uses.at_element) {
       const OpId from = graph_.value(v).op;
-      const bool stored =
-          is_memory(graph_.op(from)) || (spilled_[v.index] && v != target) || (!group_.has(from.index) && is_read(v));
+      const bool stored = is_memory(graph_.op(from)) || (spilled_[v.index] && v != target) ||
+                          (!group_.has(from.index) && is_read(v, id));
       stored ? read(v) : need(from);
     }
   }

@@ -66,7 +66,7 @@ class StepPacker {
 
   // pack.cpp
   const Op& def(ValueId v) const { return graph_.op(graph_.value(v).op); }
-  bool recomputable(ValueId v) const;
+  bool recomputable(ValueId v, OpId user) const;  // where `user` uses it
   void find_recomputable();
   void find_steady();
   void find_levels();
@@ -88,7 +88,7 @@ class StepPacker {
   void begin_cone(int level);
   void grow(ValueId target);
   void shrink(size_t ops, size_t reads);
-  bool is_read(ValueId v) const;
+  bool is_read(ValueId v, OpId user) const;
   void close_over(Pass& pass, const std::vector<ValueId>& targets, int level);
   bool fits(uint32_t buffers, uint32_t images, uint32_t writes, bool hardware) const;
   bool within_limits(const Pass& pass) const;

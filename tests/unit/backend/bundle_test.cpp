@@ -2,6 +2,7 @@
 // Bundles: round trip, and refusal of whatever is cut, flipped or makes no sense.
 #include "compiler/backend/bundle/bundle.h"
 
+#include <cstdlib>
 #include <random>
 
 #include "tests/catch.h"
@@ -83,7 +84,10 @@ TEST_CASE("a bundle that is cut off anywhere is refused") {
 TEST_CASE("damaged bundles are refused or sound, never worse") {
   const auto bytes = write(sample());
   std::mt19937_64 random(7);
-  for (int k = 0; k < 20000; ++k) {
+  // DR_MUTATIONS=1000000 for a long run.
+  const char* wanted = std::getenv("DR_MUTATIONS");
+  const int count = wanted ? std::atoi(wanted) : 20000;
+  for (int k = 0; k < count; ++k) {
     auto damaged = bytes;
     for (uint64_t n = random() % 4 + 1; n > 0; --n) damaged[random() % damaged.size()] = static_cast<uint8_t>(random());
     const auto result = read(damaged);

@@ -1,0 +1,245 @@
+// SPDX-License-Identifier: Apache-2.0
+// Schedules of one program: how many passes and stages each profile takes, and whether the costs that a profile
+// predicts put schedules into the order in which a device runs them.
+//
+//   bench_schedules FILE tables PROGRAM NAME=NUMBER...            passes, stages and bytes by profile and ablation
+//   bench_schedules FILE order PROGRAM [DEVICE] NAME=NUMBER... LEAF=SOURCE...    predicted against measured times of 50
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <fstream>
+#include <numeric>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "compiler/backend/compile.h"
+#include "compiler/backend/report.h"
+#include "compiler/backend/shader_cache.h"
+#include "compiler/lower/lower.h"
+#include "compiler/passes/passes.h"
+#include "compiler/target/profile.h"
+#include "dsl/diagnostic.h"
+#include "runtime/io/array.h"
+#include "runtime/runtime.h"
+
+using namespace dr;
+
+namespace {
+
+[[noreturn]] void stop(const std::string& why) {
+  std::fprintf(stderr, "bench_schedules: %s\n", why.c_str());
+  std::exit(1);
+}
+
+template <class T>
+T must(io::Result<T> result) {
+  if (!result) stop(result.error());
+  if constexpr (!std::is_void_v<T>) return std::move(result).value();
+}
+template <class T>
+T must(std::variant<T, std::string> result) {
+  if (const auto* problem = std::get_if<std::string>(&result)) stop(*problem);
+  return std::get<T>(std::move(result));
+}
+
+std::pair<std::string, std::string> split(const std::string& argument) {
+  const size_t at = argument.find('=');
+  if (at == std::string::npos) stop("expected NAME=VALUE, found '" + argument + "'");
+  return {argument.substr(0, at), argument.substr(at + 1)};
+}
+
+ir::Graph graph_of(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  std::stringstream text;
+  text << file.rdbuf();
+  if (!file) stop("cannot read '" + path + "'");
+  dsl::SourceManager sources;
+  dsl::DiagnosticList diagnostics;
+  const auto graph = lower::lower(sources, sources.add(path, text.str()), {}, diagnostics);
+  if (!graph) stop(dsl::format(diagnostics, sources));
+  passes::PipelineOptions pipeline;
+  pipeline.verify_each = false;
+  return passes::run_passes(*graph, passes::default_passes(), pipeline);
+}
+
+// A way to compile: the words of drc's options.
+struct Way {
+  std::string lower = "auto", raster = "auto", pack = "fused";
+  std::vector<std::string> ablate = {};
+  std::string scatter = "auto";
+  std::string str() const {
+    std::string text = lower + " " + raster + " " + pack + " " + scatter;
+    for (const std::string& part : ablate) text += " -" + part;
+    return text;
+  }
+};
+
+backend::Compiled compile(const ir::Graph& graph, const target::Profile& profile, const Way& way) {
+  auto options = must(backend::compile_options(way.lower, way.raster, way.pack, way.ablate, way.scatter));
+  options.cache_folder = backend::default_cache_folder();
+  return must(backend::compile(graph, profile, options));
+}
+
+// ---- tables ----
+
+void tables(std::FILE* file, const std::string& program, const std::vector<std::string>& arguments) {
+  ir::SymbolValues symbols;
+  for (const std::string& argument : arguments) {
+    const auto [name, value] = split(argument);
+    symbols[name] = std::atoll(value.c_str());
+  }
+  const ir::Graph graph = graph_of(program);
+  const std::vector<std::pair<const char*, Way>> ways = {
+      {"full", {}},
+      {"-stages", {.ablate = {"stages"}}},
+      {"-cache", {.ablate = {"cache"}}},
+      {"-remat", {.ablate = {"remat"}}},
+      {"-substages", {.ablate = {"substages"}}},
+      {"naive", {.pack = "naive"}},
+  };
+  std::printf("%-18s %-16s %-10s %6s %9s %7s %9s %10s\n", "step", "profile", "packing", "ops", "substages", "stages",
+              "MB moved", "expected ms");
+  std::vector<std::string> profiles = target::builtin_profiles();
+  for (size_t s = 0; s < graph.steps.size(); ++s) {
+    for (const std::string& name : profiles) {
+      const auto profile = must(target::load_profile(name));
+      for (const auto& [title, way] : ways) {
+        const backend::Compiled compiled = compile(graph, profile, way);
+        const backend::Report report = must(backend::report(graph, compiled, profile, symbols));
+        const backend::StepReport& step = report.steps[s];
+        size_t passes = 0;
+        for (const auto& [kind, count] : step.passes) passes += count;
+        const double megabytes = 1e-6 * static_cast<double>(step.bytes_read + step.bytes_written);
+        std::printf("%-18s %-16s %-10s %6zu %9zu %7zu %9.1f %10.2f\n", step.name.c_str(), name.c_str(), title, step.ops,
+                    passes, step.stages, megabytes, 1e-6 * step.expected_ns);
+        std::fprintf(
+            file,
+            "{\"bench\": \"schedules\", \"step\": \"%s\", \"profile\": \"%s\", \"packing\": \"%s\", \"ops\": %zu, "
+            "\"substages\": %zu, \"stages\": %zu, \"megabytes\": %.3f, \"expected_ms\": %.4f}\n",
+            step.name.c_str(), name.c_str(), title, step.ops, passes, step.stages, megabytes, 1e-6 * step.expected_ns);
+      }
+    }
+  }
+}
+
+// ---- order ----
+
+// Ranks, ties sharing their mean.
+std::vector<double> ranks(const std::vector<double>& values) {
+  std::vector<size_t> order(values.size());
+  std::iota(order.begin(), order.end(), size_t{0});
+  std::sort(order.begin(), order.end(), [&](size_t a, size_t b) { return values[a] < values[b]; });
+  std::vector<double> rank(values.size());
+  for (size_t i = 0; i < order.size();) {
+    size_t j = i;
+    while (j < order.size() && values[order[j]] == values[order[i]]) ++j;
+    for (size_t k = i; k < j; ++k) rank[order[k]] = 0.5 * static_cast<double>(i + j - 1);
+    i = j;
+  }
+  return rank;
+}
+
+double correlation(const std::vector<double>& x, const std::vector<double>& y) {
+  const double n = static_cast<double>(x.size());
+  const double mx = std::accumulate(x.begin(), x.end(), 0.0) / n, my = std::accumulate(y.begin(), y.end(), 0.0) / n;
+  double xy = 0, xx = 0, yy = 0;
+  for (size_t k = 0; k < x.size(); ++k) {
+    xy += (x[k] - mx) * (y[k] - my);
+    xx += (x[k] - mx) * (x[k] - mx);
+    yy += (y[k] - my) * (y[k] - my);
+  }
+  return xy / std::sqrt(xx * yy);
+}
+
+std::vector<Way> fifty_ways() {
+  std::vector<Way> ways;
+  const std::vector<std::vector<std::string>> off = {{},
+                                                     {"stages"},
+                                                     {"cache"},
+                                                     {"remat"},
+                                                     {"substages"},
+                                                     {"substages", "stages"},
+                                                     {"substages", "remat"},
+                                                     {"stages", "remat"},
+                                                     {"stages", "remat", "substages"},
+                                                     {"stages", "cache"}};
+  for (const char* lower : {"compute", "fragment"})
+    for (const char* raster : {"compute", "hardware"})
+      for (const auto& ablate : off) ways.push_back({lower, raster, "fused", ablate, "auto"});
+  for (const char* lower : {"compute", "fragment"})
+    for (const auto& ablate : {off[0], off[2], off[3], off[4], off[6]})
+      ways.push_back({lower, "compute", "fused", ablate, "exact"});
+  return ways;
+}
+
+void order(std::FILE* file, const std::string& program, std::vector<std::string> arguments) {
+  std::string wanted;
+  if (!arguments.empty() && arguments[0].find('=') == std::string::npos) {
+    wanted = arguments[0];
+    arguments.erase(arguments.begin());
+  }
+  const auto device = must(runtime::Device::open({wanted, false}));
+  const std::string name = device.profile_name().empty() ? "lavapipe" : device.profile_name();
+  const auto profile = must(target::load_profile(name));
+  const ir::Graph graph = graph_of(program);
+  std::vector<double> predicted, measured;
+  std::printf("%s, profile %s\n%-52s %12s %12s\n", device.info().name.c_str(), name.c_str(), "schedule", "predicted ms",
+              "measured ms");
+  for (const Way& way : fifty_ways()) {
+    const backend::Compiled compiled = compile(graph, profile, way);
+    const std::vector<uint8_t> bytes = bundle::write(compiled.bundle);
+    auto loaded = must(runtime::Program::load(device, bytes));
+    ir::SymbolValues symbols;
+    for (const std::string& argument : arguments) {
+      const auto [leaf, source] = split(argument);
+      if (source.find_first_not_of("0123456789") == std::string::npos) {
+        symbols[leaf] = std::atoll(source.c_str());
+        continue;
+      }
+      int components = 0;
+      for (const auto& info : loaded.leaves())
+        if (info.name == leaf) components = info.components;
+      if (components == 0) stop("there is no leaf '" + leaf + "'");
+      must(loaded.bind(leaf, must(io::load_binding(source, components))));
+    }
+    const std::string step = graph.steps[0].name;
+    must(loaded.run(step, 2));
+    std::vector<double> times;
+    for (int run = 0; run < 7; ++run) {
+      double nanoseconds = 0;
+      for (const auto& command : must(loaded.timed_run(step, false))) nanoseconds += command.nanoseconds;
+      times.push_back(1e-6 * nanoseconds);
+    }
+    std::sort(times.begin(), times.end());
+    const backend::Report report = must(backend::report(graph, compiled, profile, symbols));
+    predicted.push_back(1e-6 * report.steps[0].expected_ns);
+    measured.push_back(times[times.size() / 2]);
+    std::printf("%-52s %12.3f %12.3f\n", way.str().c_str(), predicted.back(), measured.back());
+    std::fflush(stdout);
+    std::fprintf(file,
+                 "{\"bench\": \"schedules\", \"schedule\": \"%s\", \"predicted_ms\": %.4f, \"measured_ms\": %.4f}\n",
+                 way.str().c_str(), predicted.back(), measured.back());
+  }
+  const double rank = correlation(ranks(predicted), ranks(measured));
+  std::printf("rank correlation over %zu schedules: %.3f\n", predicted.size(), rank);
+  std::fprintf(file,
+               "{\"bench\": \"schedules\", \"what\": \"rank correlation\", \"schedules\": %zu, \"value\": %.4f}\n",
+               predicted.size(), rank);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  const std::string what = argc > 3 ? argv[2] : "";
+  std::FILE* file = what == "tables" || what == "order" ? std::fopen(argv[1], "w") : nullptr;
+  if (file == nullptr) {
+    std::fputs("usage: bench_schedules FILE tables|order PROGRAM ARGUMENT...\n", stderr);
+    return 2;
+  }
+  const std::vector<std::string> arguments(argv + 4, argv + argc);
+  what == "tables" ? tables(file, argv[3], arguments) : order(file, argv[3], arguments);
+  std::fclose(file);
+  return 0;
+}
