@@ -60,7 +60,7 @@ Result<Program> Program::load(const Device& device, std::span<const uint8_t> byt
   }
   s.pending.resize(s.bundle.leaves.size());
   s.versions.assign(s.bundle.leaves.size(), 1);
-  s.cache = options.cache;
+  s.options = options;
   return program;
 }
 

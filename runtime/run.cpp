@@ -70,7 +70,7 @@ void Program::State::run(const std::string& name, int times) {
   const size_t index = step_index(name);
   StepState& step = prepared_step(index);
   for (int k = 0; k < times; ++k) {
-    const std::vector<bool>& dirty = cache ? step.list->dirty(versions) : step.list->everything();
+    const std::vector<bool>& dirty = options.cache ? step.list->dirty(versions) : step.list->everything();
     const Variant& variant = recorded(step, dirty);
     on_device->queue.submit(variant.commands);
     count_run(index, dirty, variant.run, variant.skipped);

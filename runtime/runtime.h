@@ -63,6 +63,8 @@ struct LoadOptions {
   // The reactive cache: leaves out the commands of a step whose results are there already, since nothing that they
   // depend on changed. Results have the same bits without it.
   bool cache = true;
+  // Where the driver's pipelines are kept between runs; empty: nowhere. A damaged file there does no harm.
+  std::string pipeline_folder;
 };
 
 // What commands (dispatches, render passes, copies, fills) amount to.

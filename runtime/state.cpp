@@ -171,7 +171,7 @@ void Program::State::give_memory(const std::set<uint32_t>& wanted) {
 }
 OnDevice& Program::State::objects() {
   if (!device) throw Failure{"the program was loaded without a device"};
-  if (!on_device) on_device.emplace(device, bundle, sizes);
+  if (!on_device) on_device.emplace(device, bundle, sizes, options.pipeline_folder);
   return *on_device;
 }
 

@@ -31,11 +31,12 @@ struct StepState {
 
 // What a program has on the device. Members are destroyed in reverse order.
 struct OnDevice {
-  OnDevice(const std::shared_ptr<DeviceState>& device, const bundle::BundleT& bundle, const Sizes& sizes)
+  OnDevice(const std::shared_ptr<DeviceState>& device, const bundle::BundleT& bundle, const Sizes& sizes,
+           const std::string& cache_folder)
       : memory(device, bundle, sizes),
         queue(device),
         transfer(device, bundle, sizes, memory, queue),
-        pipelines(device, bundle, memory),
+        pipelines(device, bundle, memory, cache_folder),
         commands(device, bundle, sizes, memory, pipelines),
         steps(bundle.steps.size()) {}
   // What failed may have left something under way.
@@ -55,7 +56,7 @@ struct Program::State {
   std::vector<std::optional<io::Array>> pending;  // by leaf: bound, but without memory on the device yet
   std::map<size_t, io::Array> new_faces;          // by leaf: bound since tables were made of them
   std::vector<uint64_t> versions;                 // by leaf: counts its changes
-  bool cache = true;
+  LoadOptions options;
   std::optional<OnDevice> on_device;
 
   // state.cpp: leaves and memory

@@ -20,7 +20,7 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name, bool
   const size_t index = step_index(name);
   StepState& step = prepared_step(index);
   if (device->timestamp_bits == 0) throw Failure{"the device's queue takes no times"};
-  const std::vector<bool> dirty = cache ? step.list->dirty(versions) : step.list->everything();
+  const std::vector<bool> dirty = options.cache ? step.list->dirty(versions) : step.list->everything();
   const Variant& variant = recorded(step, dirty);
   std::vector<const Primitive*> chosen;
   for (const Primitive& p : step.primitives)

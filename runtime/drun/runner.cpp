@@ -58,7 +58,8 @@ int run(const Options& options) {
     }
     const runtime::Device device = must(runtime::Device::open({options.device, options.validate}));
     runtime::Program program =
-        must(runtime::Program::load(device, load_or_compile(options, device.profile_name()), {.cache = options.cache}));
+        must(runtime::Program::load(device, load_or_compile(options, device.profile_name()),
+                                    {.cache = options.cache, .pipeline_folder = jit::cache_folder()}));
     Session(options, target_of(program), program).process();
     if (const auto messages = device.validation_messages(); !messages.empty()) {
       for (const std::string& m : messages) std::fprintf(stderr, "validation: %s\n", m.c_str());

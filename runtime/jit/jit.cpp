@@ -40,4 +40,6 @@ std::variant<std::vector<uint8_t>, std::string> compile_file(const std::string& 
   return bundle::write(std::get<backend::Compiled>(compiled).bundle);
 }
 
+std::string cache_folder() { return backend::default_cache_folder().string(); }
+
 }  // namespace dr::jit

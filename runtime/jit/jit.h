@@ -24,4 +24,7 @@ struct Options {
 // The bundle, or the diagnostics as they are to be printed.
 std::variant<std::vector<uint8_t>, std::string> compile_file(const std::string& path, const Options& options);
 
+// Where compiled things are kept between runs: DRC_CACHE_DIR and so on (compiler/backend/shader_cache.h); may be empty.
+std::string cache_folder();
+
 }  // namespace dr::jit

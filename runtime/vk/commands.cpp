@@ -51,13 +51,13 @@ void Commands::dispatch(const bundle::CommandT& c, std::vector<Primitive>& out) 
     p.accesses.push_back({b->resource, compute_use(b->access)});
   }
   const Bound bound = pipelines_.bind(resources, vk::ShaderStageFlagBits::eCompute);
-  const vk::Pipeline pipeline = pipelines_.compute(c.compute, bound.layout);
+  const size_t pipeline = pipelines_.compute(c.compute, bound.layout);
   const int64_t elements = sizes_.evaluate(c.elements, "pass '" + c.label + "'");
   // Invocations are counted in an int, and the last row of workgroups may be partly idle.
   if (elements > kMaxElements - (int64_t{1} << 23))
     throw Failure{"pass '" + c.label + "' has " + std::to_string(elements) + " invocations, about 2^31 is the most"};
-  p.record = [=, push = push_of(c)](const vk::raii::CommandBuffer& commands) {
-    record_dispatch(commands, pipeline, bound, push, elements);
+  p.record = [=, this, push = push_of(c)](const vk::raii::CommandBuffer& commands) {
+    record_dispatch(commands, pipelines_[pipeline], bound, push, elements);
   };
   out.push_back(std::move(p));
 }
@@ -80,10 +80,10 @@ void Commands::reduce(const bundle::CommandT& c, std::vector<Primitive>& out) {
     resources.push_back(target);
     p.accesses.push_back({target, Use::ComputeWrite});
     const Bound bound = pipelines_.bind(resources, vk::ShaderStageFlagBits::eCompute);
-    const vk::Pipeline pipeline = pipelines_.compute(stage == 0 ? c.compute : c.next, bound.layout);
+    const size_t pipeline = pipelines_.compute(stage == 0 ? c.compute : c.next, bound.layout);
     const std::array<int32_t, 4> push{0, static_cast<int32_t>(n), static_cast<int32_t>(partials), 0};
-    p.record = [=](const vk::raii::CommandBuffer& commands) {
-      record_dispatch(commands, pipeline, bound, push, outs * partials);
+    p.record = [=, this](const vk::raii::CommandBuffer& commands) {
+      record_dispatch(commands, pipelines_[pipeline], bound, push, outs * partials);
     };
     out.push_back(std::move(p));
     if (partials == 1) return;
@@ -149,6 +149,7 @@ std::vector<Primitive> Commands::primitives(const bundle::StepT& step) {
     }
     for (size_t j = first; j <= k; ++j) primitives[begin].ops += step.commands[j]->ops;
   }
+  pipelines_.build();
   return primitives;
 }
 

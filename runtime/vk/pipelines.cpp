@@ -3,13 +3,19 @@
 #include "runtime/vk/pipelines.h"
 
 #include <algorithm>
+#include <atomic>
+#include <mutex>
+#include <thread>
+
+#include "runtime/pipeline_file.h"
 
 namespace dr::runtime {
 
 using bundle::Storage;
 
-Pipelines::Pipelines(std::shared_ptr<DeviceState> device, const bundle::BundleT& bundle, const Memory& memory)
-    : device_(std::move(device)), bundle_(bundle), memory_(memory) {
+Pipelines::Pipelines(std::shared_ptr<DeviceState> device, const bundle::BundleT& bundle, const Memory& memory,
+                     std::filesystem::path cache_folder)
+    : device_(std::move(device)), bundle_(bundle), memory_(memory), cache_folder_(std::move(cache_folder)) {
   for (const auto& s : bundle_.shaders) {
     vk::ShaderModuleCreateInfo info;
     info.setCode(s->spirv);
@@ -84,20 +90,79 @@ Bound Pipelines::bind(const std::vector<uint32_t>& resources, vk::ShaderStageFla
   return bound;
 }
 
-vk::Pipeline Pipelines::compute(int shader, vk::PipelineLayout layout) {
+size_t Pipelines::want(std::function<vk::raii::Pipeline(const Cache&)> make) {
+  wanted_.push_back(std::move(make));
+  pipelines_.emplace_back(nullptr);
+  return pipelines_.size() - 1;
+}
+
+size_t Pipelines::compute(int shader, vk::PipelineLayout layout) {
+  return want([=, this](const Cache& cache) { return make_compute(shader, layout, cache); });
+}
+
+size_t Pipelines::graphics(const bundle::CommandT& draw, vk::PipelineLayout layout, vk::RenderPass render_pass,
+                           uint32_t subpass, vk::Extent2D size) {
+  return want(
+      [=, this, &draw](const Cache& cache) { return make_graphics(draw, layout, render_pass, subpass, size, cache); });
+}
+
+// Device, driver, shaders and the values of symbols; the rest of a pipeline's state follows from the bundle's tables.
+std::string Pipelines::cache_key() const {
+  const auto& p = device_->properties;
+  std::string key(reinterpret_cast<const char*>(p.pipelineCacheUUID.data()), VK_UUID_SIZE);
+  uint64_t shaders = hash_bytes(nullptr, 0);
+  for (const auto& s : bundle_.shaders) shaders = hash_bytes(s->spirv.data(), s->spirv.size() * 4, shaders);
+  shaders = hash_bytes(values_.data(), values_.size() * 4, shaders);
+  for (const uint64_t number : {uint64_t{p.vendorID}, uint64_t{p.deviceID}, uint64_t{p.driverVersion}, shaders})
+    key += " " + std::to_string(number);
+  return key;
+}
+
+void Pipelines::build() {
+  if (wanted_.empty()) return;
+  const PipelineFile file(cache_folder_, cache_key());
+  const std::vector<uint8_t> known = file.read();
+  vk::PipelineCacheCreateInfo info;
+  info.initialDataSize = known.size();
+  info.pInitialData = known.data();
+  const Cache cache(device_->device, info);
+  const size_t first = pipelines_.size() - wanted_.size();
+  std::atomic<size_t> next{0};
+  std::mutex lock;
+  std::exception_ptr failure;
+  const auto work = [&] {
+    for (size_t k = next++; k < wanted_.size(); k = next++) try {
+        pipelines_[first + k] = wanted_[k](cache);
+      } catch (...) {
+        const std::lock_guard guard(lock);
+        failure = std::current_exception();
+      }
+  };
+  const size_t threads = std::min<size_t>(std::max(1u, std::thread::hardware_concurrency()), wanted_.size());
+  std::vector<std::jthread> others;
+  for (size_t t = 1; t < threads; ++t) others.emplace_back(work);
+  work();
+  others.clear();  // waits for them
+  wanted_.clear();
+  if (failure) std::rethrow_exception(failure);
+  if (const std::vector<uint8_t> data = cache.getData(); data != known) file.write(data);
+}
+
+vk::raii::Pipeline Pipelines::make_compute(int shader, vk::PipelineLayout layout, const Cache& cache) const {
   std::vector<vk::SpecializationMapEntry> entries;
   const auto specialize = specialization(entries);
   vk::ComputePipelineCreateInfo info;
   info.stage = vk::PipelineShaderStageCreateInfo({}, vk::ShaderStageFlagBits::eCompute,
                                                  *shaders_[static_cast<size_t>(shader)], "main", &specialize);
   info.layout = layout;
-  pipelines_.emplace_back(device_->device, nullptr, info);
-  device_->name(pipelines_.back(), bundle_.shaders[static_cast<size_t>(shader)]->name);
-  return *pipelines_.back();
+  vk::raii::Pipeline pipeline(device_->device, cache, info);
+  device_->name(pipeline, bundle_.shaders[static_cast<size_t>(shader)]->name);
+  return pipeline;
 }
 
-vk::Pipeline Pipelines::graphics(const bundle::CommandT& c, vk::PipelineLayout layout, vk::RenderPass render_pass,
-                                 uint32_t subpass, vk::Extent2D size) {
+vk::raii::Pipeline Pipelines::make_graphics(const bundle::CommandT& c, vk::PipelineLayout layout,
+                                            vk::RenderPass render_pass, uint32_t subpass, vk::Extent2D size,
+                                            const Cache& cache) const {
   std::vector<vk::SpecializationMapEntry> entries;
   const auto specialize = specialization(entries);
   const vk::PipelineShaderStageCreateInfo stage_infos[] = {
@@ -132,9 +197,9 @@ vk::Pipeline Pipelines::graphics(const bundle::CommandT& c, vk::PipelineLayout l
   info.layout = layout;
   info.renderPass = render_pass;
   info.subpass = subpass;
-  pipelines_.emplace_back(device_->device, nullptr, info);
-  device_->name(pipelines_.back(), c.label);
-  return *pipelines_.back();
+  vk::raii::Pipeline pipeline(device_->device, cache, info);
+  device_->name(pipeline, c.label);
+  return pipeline;
 }
 
 }  // namespace dr::runtime

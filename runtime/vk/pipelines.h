@@ -2,6 +2,8 @@
 // Descriptors and pipelines of a bundle's shaders.
 #pragma once
 
+#include <filesystem>
+#include <functional>
 #include <span>
 
 #include "runtime/vk/memory.h"
@@ -16,24 +18,38 @@ struct Bound {
 
 class Pipelines {
  public:
-  Pipelines(std::shared_ptr<DeviceState> device, const bundle::BundleT& bundle, const Memory& memory);
+  // `cache_folder` keeps what the driver wants kept; empty: nothing.
+  Pipelines(std::shared_ptr<DeviceState> device, const bundle::BundleT& bundle, const Memory& memory,
+            std::filesystem::path cache_folder);
   // Shaders that are used from now on see these values of the symbols. A symbol without a value stands in no shader
   // of the step in a way that matters; later steps are recorded later.
   void specialize(const ir::SymbolValues& symbols);
   // `inputs` of the resources are input attachments, of the layer; only fragment shaders can have those.
   Bound bind(const std::vector<uint32_t>& resources, vk::ShaderStageFlags stages, std::span<const uint32_t> inputs = {},
              size_t layer = 0);
-  vk::Pipeline compute(int shader, vk::PipelineLayout layout);
-  vk::Pipeline graphics(const bundle::CommandT& draw, vk::PipelineLayout layout, vk::RenderPass render_pass,
-                        uint32_t subpass, vk::Extent2D size);
+  // These give the number of a pipeline that is there after build().
+  size_t compute(int shader, vk::PipelineLayout layout);
+  size_t graphics(const bundle::CommandT& draw, vk::PipelineLayout layout, vk::RenderPass render_pass, uint32_t subpass,
+                  vk::Extent2D size);
+  // Makes the pipelines that were asked for, on all cores.
+  void build();
+  vk::Pipeline operator[](size_t number) const { return *pipelines_[number]; }
 
  private:
+  using Cache = vk::raii::PipelineCache;
   vk::SpecializationInfo specialization(std::vector<vk::SpecializationMapEntry>& entries) const;
+  vk::raii::Pipeline make_compute(int shader, vk::PipelineLayout layout, const Cache& cache) const;
+  vk::raii::Pipeline make_graphics(const bundle::CommandT& draw, vk::PipelineLayout layout, vk::RenderPass render_pass,
+                                   uint32_t subpass, vk::Extent2D size, const Cache& cache) const;
+  std::string cache_key() const;
+  size_t want(std::function<vk::raii::Pipeline(const Cache&)> make);
 
   std::shared_ptr<DeviceState> device_;
   const bundle::BundleT& bundle_;
   const Memory& memory_;
-  std::vector<int32_t> values_;  // of the symbols
+  std::filesystem::path cache_folder_;
+  std::vector<std::function<vk::raii::Pipeline(const Cache&)>> wanted_;  // the last of pipelines_
+  std::vector<int32_t> values_;                                          // of the symbols
   std::vector<vk::raii::ShaderModule> shaders_;
   std::vector<vk::raii::DescriptorSetLayout> set_layouts_;
   std::vector<vk::raii::PipelineLayout> layouts_;

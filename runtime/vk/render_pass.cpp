@@ -115,7 +115,7 @@ vk::raii::RenderPass make_render_pass(const vk::raii::Device& device, const Atta
 
 struct Subpass {
   std::vector<Bound> bound;  // one, or one a layer
-  vk::Pipeline pipeline;
+  size_t pipeline = 0;
   std::array<int32_t, 4> push{};
   uint32_t vertices = 0;
 };
@@ -178,7 +178,7 @@ void Commands::render_pass(Draws draws, std::vector<Primitive>& out) {
     subpass.vertices = static_cast<uint32_t>(sizes_.evaluate(c.elements, what));
     subpasses.push_back(std::move(subpass));
   }
-  p.record = [=, clears = attachments.clears](const vk::raii::CommandBuffer& commands) {
+  p.record = [=, this, clears = attachments.clears](const vk::raii::CommandBuffer& commands) {
     for (size_t l = 0; l < targets.size(); ++l) {
       vk::RenderPassBeginInfo begin(pass, targets[l], area);
       begin.setClearValues(clears);
@@ -189,7 +189,7 @@ void Commands::render_pass(Draws draws, std::vector<Primitive>& out) {
         std::array<int32_t, 4> push = subpass.push;
         push[0] = static_cast<int32_t>(l);
         if (s > 0) commands.nextSubpass(vk::SubpassContents::eInline);
-        commands.bindPipeline(vk::PipelineBindPoint::eGraphics, subpass.pipeline);
+        commands.bindPipeline(vk::PipelineBindPoint::eGraphics, pipelines_[subpass.pipeline]);
         commands.bindDescriptorSets(vk::PipelineBindPoint::eGraphics, bound.layout, 0, bound.set, {});
         commands.pushConstants<int32_t>(bound.layout, kGraphicsStages, 0, push);
         commands.draw(subpass.vertices, 1, 0, 0);

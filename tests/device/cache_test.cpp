@@ -118,7 +118,7 @@ void check_random_program(const test::NamedDevice& device, uint64_t seed, Totals
   if (seed % 5 == 0) options.fused = options.recompute = options.stages = false;
   const std::vector<uint8_t> bundle = compile(graph, device.name, options);
   Program with = must(Program::load(device.device, bundle)),
-          without = must(Program::load(device.device, bundle, {false}));
+          without = must(Program::load(device.device, bundle, {.cache = false, .pipeline_folder = {}}));
   const auto bind = [&](const ir::Leaf& leaf) {
     const Array data = random_data(leaf, random);
     must(with.bind(leaf.name, data));

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // One program on every road: the evaluator, and on each device fragment passes with hardware raster, and compute passes
-// with compute raster, fused and naive, and as many subpasses as ops. Lowerings on one device must agree bit for bit; the
-// device must agree with the evaluator that is given the device's faces and tags.
+// with compute raster, fused and naive, and as many subpasses as ops. Lowerings on one device must agree bit for bit;
+// the device must agree with the evaluator that is given the device's faces and tags.
 #include <cmath>
 #include <cstdio>
 #include <cstring>
