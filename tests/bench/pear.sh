@@ -1,0 +1,72 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# pear.sh BUILD_FOLDER [--fine]: how good the fit of docs/examples/pear is, and how long it takes. --fine also fits 2,562
+# vertices in 600 steps. Figures on stdout and in bench-out/pear/figures.json.
+set -euo pipefail
+build=$(cd "$1" && pwd)
+fine=${2-}
+root=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/../.." && pwd)
+pear=$root/docs/examples/pear
+out=$PWD/bench-out/pear
+mkdir -p "$out"
+
+begin=$(date +%s%N)
+bash "$pear/run.sh" "$build" "$out" > "$out/run.txt"
+seconds=$((($(date +%s%N) - begin) / 1000000))
+
+# The lavapipe device, as run.sh chooses it.
+on_lavapipe() {
+  if [[ -n ${DR_LAVAPIPE_ICD-} ]]; then VK_ICD_FILENAMES=$DR_LAVAPIPE_ICD VK_DRIVER_FILES=$DR_LAVAPIPE_ICD "$@"; else "$@"; fi
+}
+on_swiftshader() { VK_ICD_FILENAMES=$DR_SWIFTSHADER_ICD VK_DRIVER_FILES=$DR_SWIFTSHADER_ICD "$@"; }
+target=$out/target
+pictures=(--bind "view=$target/view.npy" --bind "mask=$target/mask.npy" --bind "image=$target/image.npy")
+truth=(--bind "true_position=$target/pear_position.npy" --bind "true_face=$target/pear_face.npy")
+shape() {  # shape MESH_FOLDER STEPS OUT: fits the shape alone
+  local mesh=$1 steps=$2 to=$3
+  "$build/bin/drun" "$pear/fit.dr" -D "steps=$steps" --bind "position=$mesh/position.npy" --bind "face=$mesh/face.npy" \
+    "${pictures[@]}" "${truth[@]}" --step "fit_shape=$steps" --step measure_shape --out "$to" > /dev/null
+}
+
+# With the pear's own vertices, only the texture is sought.
+exact=(--bind "position=$target/pear_position.npy" --bind "face=$target/pear_face.npy" --bind "uv=$target/pear_uv.npy"
+  --bind "uv_face=$target/pear_uv_face.npy")
+on_lavapipe "$build/bin/drun" "$pear/fit.dr" "${exact[@]}" "${pictures[@]}" --step fit_texture=150 --out "$out/exact" \
+  > "$out/exact.txt"
+on_lavapipe "$build/bin/drun" "$root/tests/bench/pear_texels.dr" -I "$pear" "${exact[@]}" --bind "view=$target/view.npy" \
+  --bind "mask=$target/mask.npy" --bind "albedo=$out/exact/albedo.npy" --out "$out/texels" > "$out/texels.txt"
+
+if [[ -n ${DR_SWIFTSHADER_ICD-} ]]; then on_swiftshader shape "$target" 150 "$out/swiftshader"; fi
+if [[ $fine == --fine ]]; then
+  on_lavapipe "$build/bin/drun" "$pear/target.dr" -D coarse=16 --step meshes --out "$out/mesh_16" > /dev/null
+  on_lavapipe shape "$out/mesh_16" 600 "$out/fine"
+fi
+
+/usr/bin/python3 - "$out" "$seconds" << 'END'
+import json, sys
+from pathlib import Path
+import numpy as np
+out, milliseconds = Path(sys.argv[1]), int(sys.argv[2])
+log = lambda folder: [json.loads(line) for line in (out / folder / "log.jsonl").read_text().splitlines()]
+last = lambda folder, step: [r for r in log(folder) if r["step"] == step][-1]
+overlap = np.concatenate([np.load(out / f"held_out_{k}/overlap.npy").ravel() for k in (1, 2)])
+noise = [10 ** (-last(f"held_out_{k}", "measure_pictures")["psnr"] / 10) for k in (1, 2)]
+figures = {
+    "mean distance after 150 steps, % of the radius": 100 * last("fit", "measure_shape")["distance"],
+    "least overlap with 12 other views": float(overlap.min()),
+    "PSNR of 12 other views, dB": float(-10 * np.log10(np.mean(noise))),
+    "PSNR of texels on the exact shape, dB": last("texels", "judge")["texel_psnr"],
+    "seconds of the demo": milliseconds / 1000,
+}
+if (out / "swiftshader").exists():
+    a, b = (np.load(out / f / "position.npy").astype(np.float64) for f in ("fit", "swiftshader"))
+    extent = np.linalg.norm(np.load(out / "target/pear_position.npy"), axis=1).max()
+    figures["SwiftShader's mean distance, % of the radius"] = 100 * last("swiftshader", "measure_shape")["distance"]
+    figures["SwiftShader and lavapipe apart, mean over vertices, % of the radius"] = float(
+        100 * np.linalg.norm(a - b, axis=1).mean() / extent)
+if (out / "fine").exists():
+    figures["mean distance of 2,562 vertices after 600 steps, %"] = 100 * last("fine", "measure_shape")["distance"]
+for name, value in figures.items():
+    print(f"{name:<72}{value:10.4f}")
+(out / "figures.json").write_text(json.dumps(figures, indent=1))
+END
