@@ -4,6 +4,7 @@
 
 #include <unistd.h>
 
+#include <algorithm>
 #include <atomic>
 #include <cstdlib>
 #include <cstring>
@@ -60,6 +61,8 @@ std::optional<std::vector<uint32_t>> ShaderCache::find(const std::string& key) c
   std::vector<uint32_t> words(static_cast<size_t>(header.words));
   std::memcpy(words.data(), bytes.data() + sizeof header + key.size(), words.size() * sizeof(uint32_t));
   if (checksum(key, words) != header.checksum) return std::nullopt;
+  std::error_code ignored;
+  fs::last_write_time(file_of(key), fs::file_time_type::clock::now(), ignored);
   return words;
 }
 
@@ -79,6 +82,32 @@ void ShaderCache::store(const std::string& key, const std::vector<uint32_t>& wor
   out.close();
   if (out) fs::rename(temporary, file, error);
   if (!out || error) fs::remove(temporary, error);
+}
+
+void ShaderCache::trim(std::uintmax_t most) const {
+  struct Entry {
+    fs::file_time_type used;
+    fs::path file;
+    std::uintmax_t bytes;
+  };
+  std::vector<Entry> entries;
+  std::uintmax_t total = 0;
+  std::error_code error;
+  for (fs::directory_iterator at(folder_, error), end; !error && at != end; at.increment(error)) {
+    std::error_code unreadable;
+    Entry entry{at->last_write_time(unreadable), at->path(), 0};
+    if (unreadable || entry.file.extension() != ".spv") continue;
+    entry.bytes = at->file_size(unreadable);
+    if (unreadable) continue;
+    total += entry.bytes;
+    entries.push_back(std::move(entry));
+  }
+  if (total <= most) return;
+  std::ranges::sort(entries, {}, &Entry::used);
+  for (const Entry& entry : entries) {
+    if (total <= most) return;
+    if (fs::remove(entry.file, error)) total -= entry.bytes;
+  }
 }
 
 fs::path default_cache_folder() {

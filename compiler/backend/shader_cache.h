@@ -22,6 +22,9 @@ class ShaderCache {
   // Whole or not at all, also when several processes write. May be called from several threads.
   void store(const std::string& key, const std::vector<uint32_t>& words) const;
 
+  // Removes the entries that were not stored or found for longest until the rest have at most so many bytes.
+  void trim(std::uintmax_t most = std::uintmax_t{256} << 20) const;
+
   // Where the entry of a key is kept; for tests.
   std::filesystem::path file_of(const std::string& key) const;
 

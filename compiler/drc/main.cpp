@@ -208,6 +208,9 @@ int main(int argc, char** argv) {
     }
     if (build_command->get_option("--emit")->count() == 0) build_options.emit.clear();
   }
+  // Nobody who names a bundle wants something else in it.
+  if (build_command->get_option("--emit")->count() == 0 && build_options.output.ends_with(".drb"))
+    build_options.emit = {"bundle"};
   if (dump_option->count() > 0) build_options.dump_ir = dump_ir;
   if (fmt_options.in_place && std::ranges::find(fmt_options.files, "-") != fmt_options.files.end()) {
     std::fprintf(stderr, "--in-place needs files, - is stdin\n");

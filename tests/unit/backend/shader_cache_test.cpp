@@ -57,6 +57,27 @@ TEST_CASE("an entry that is cut or changed anywhere is not found") {
   CHECK(cache.find("key"));
 }
 
+TEST_CASE("what was not used for longest goes when the cache is full") {
+  const Folder folder;
+  const ShaderCache cache(folder.path);
+  const auto ago = [&](const char* key, int hours) {
+    fs::last_write_time(cache.file_of(key), fs::file_time_type::clock::now() - std::chrono::hours(hours));
+  };
+  for (const char* key : {"a", "b", "c"}) cache.store(key, std::vector<uint32_t>(100));
+  ago("a", 3), ago("b", 2), ago("c", 1);
+  CHECK(cache.find("a"));  // used again
+  const auto bytes = fs::file_size(cache.file_of("a"));
+  cache.trim(3 * bytes);
+  CHECK(fs::exists(cache.file_of("b")));
+  cache.trim(2 * bytes);
+  CHECK_FALSE(fs::exists(cache.file_of("b")));
+  CHECK(cache.find("a"));
+  CHECK(cache.find("c"));
+  cache.trim(0);
+  CHECK(fs::is_empty(folder.path));
+  ShaderCache({}).trim(0);
+}
+
 TEST_CASE("no folder, or one that cannot be made, is no cache") {
   const ShaderCache none{fs::path()};
   none.store("a", {1});
