@@ -48,7 +48,7 @@ class Device {
   static Result<std::vector<DeviceInfo>> list();
   static Result<Device> open(const DeviceOptions& options);
   DeviceInfo info() const;
-  // The name of the built-in profile that fits the device: "lavapipe", "swiftshader", or empty.
+  // The name of the built-in profile that fits the device, by the device's name: "lavapipe", "nvidia-h200", or empty.
   std::string profile_name() const;
   // What the validation layer said so far; empty when all is well or it is not on.
   std::vector<std::string> validation_messages() const;

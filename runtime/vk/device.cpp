@@ -205,9 +205,19 @@ Result<Device> Device::open(const DeviceOptions& options) {
 DeviceInfo Device::info() const { return describe(state_->properties); }
 
 std::string Device::profile_name() const {
+  constexpr std::pair<std::string_view, std::string_view> kProfiles[] = {
+      {"llvmpipe", "lavapipe"},
+      {"swiftshader", "swiftshader"},
+      {"rtx 2080", "nvidia-rtx2080"},
+      {"h200", "nvidia-h200"},
+      {"h100", "nvidia-h200"},
+      {"r9 m360", "amd-r9m360"},
+      {"uhd graphics 620", "intel-uhd620"},
+      {"mali-g76", "arm-mali-g76"},
+  };
   const std::string name = lower_case(info().name);
-  if (name.find("llvmpipe") != std::string::npos) return "lavapipe";
-  if (name.find("swiftshader") != std::string::npos) return "swiftshader";
+  for (const auto& [part, profile] : kProfiles)
+    if (name.find(part) != std::string::npos) return std::string(profile);
   return {};
 }
 
