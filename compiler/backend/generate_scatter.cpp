@@ -31,6 +31,14 @@ std::string component(const ir::Type& type, const std::string& name, int c) {
   return type.is_scalar() ? name : name + "[" + std::to_string(c) + "]";
 }
 
+// Whether a value is anything but zeros; NaN is.
+std::string any_bits(const ir::Type& type, const std::string& value) {
+  std::string out;
+  for (int c = 0; c < type.components(); ++c)
+    out += (c > 0 ? " || " : "") + ("(floatBitsToUint(" + component(type, value, c)) + ") & 0x7fffffffu) != 0u";
+  return out;
+}
+
 std::string word_of(const std::string& element, int components, int c) {
   return std::to_string(kHead) + " + " + element + " * " + std::to_string(components) + " + " + std::to_string(c);
 }
@@ -118,11 +126,16 @@ void Generator::scatter_pass(const Pass& pass) {
   if (pass.scatter == ScatterLowering::Rows) return rows_pass(pass);
   const bool wide = wide_atomics();
   const bool floats_by_atomics = pass.scatter == ScatterLowering::Atomic;
-  const bool lists = !pass.active.empty();
-  const uint32_t list = lists ? list_active(pass) : 0;
+  const bool lists = pass.relist, listed = !pass.active.empty();
+  const uint32_t list = listed ? list_active(pass) : 0;
+  uint32_t adding = 0;
+  if (lists) {
+    adding = add_scratch(pass.name + "_adding", (element_count(pass.domain) + ir::Dim(1)).str());
+    fill("clear " + pass.name + " adding", adding, 0);
+  }
   Shader s = shader();
   const ir::Dim invocations =
-      lists ? element_count(pass.domain).divided_by(pass.active_stride) + ir::Dim(pass.active_stride > 1 ? 1 : 0)
+      lists ? element_count(pass.domain).divided_by(pass.stride) + ir::Dim(pass.stride > 1 ? 1 : 0)
             : element_count(pass.domain);
   linear_index(s, dim_expression(invocations));
   if (!lists) place_from_index(s, pass.domain);
@@ -135,6 +148,7 @@ void Generator::scatter_pass(const Pass& pass) {
   };
   std::vector<Target> targets;
   std::string finish;
+  if (lists) s.declare("bool adds = false;\n");
   std::vector<ScatterSum> sums = pass.sums;
   for (const ValueId v : pass.writes)
     if (graph_.op(graph_.value(v).op).kind == OpKind::ScatterMax) sums.push_back({v, {v}});
@@ -169,6 +183,7 @@ void Generator::scatter_pass(const Pass& pass) {
       for (int c = 0; c < n; ++c)
         body += "    largest_" + id + " = max(largest_" + id + ", finite_magnitude(" + component(r.type, "value", c) +
                 "));\n";
+      if (lists) body += "    adds = adds || " + any_bits(r.type, "value") + ";\n";
       body += "    return;\n  }\n  uint flags = 0u;\n  uvec2 part;\n";
       for (int c = 0; c < n; ++c) {
         const std::string x = component(r.type, "value", c);
@@ -210,14 +225,22 @@ void Generator::scatter_pass(const Pass& pass) {
     targets.push_back(std::move(t));
   }
   if (lists) {
-    const std::string words = s.bind_words(list, "active_elements", bundle::Access::Read);
-    s.body().line("int count = int(" + words + ".d[0]);");
+    const std::string again = s.bind_words(adding, "adding_elements", bundle::Access::ReadWrite);
+    const std::string first = listed ? s.bind_words(list, "active_elements", bundle::Access::Read) : std::string();
+    s.body().line("int count = pc.a == 0 ? " +
+                  (listed ? "int(" + first + ".d[0])" : dim_expression(element_count(pass.domain))) + " : int(" +
+                  again + ".d[0]);");
     s.body().line("for (int k = index; k < count; k += " + dim_expression(invocations) + ") {");
-    s.body().line("int element = int(" + words + ".d[1 + k]);");
+    s.body().line("int element = " + (listed ? "int(pc.a == 0 ? " + first + ".d[1 + k] : " + again + ".d[1 + k]);"
+                                             : "pc.a == 0 ? k : int(" + again + ".d[1 + k]);"));
     place_from_index(s, pass.domain, "element");
+    s.body().line("adds = false;");
+    s.element_ops(element_ops(pass));
+    s.body().line("if (pc.a == 0 && adds) " + again + ".d[1u + atomicAdd(" + again + ".d[0], 1u)] = uint(element);");
+    s.body().line("}");
+  } else {
+    s.element_ops(element_ops(pass));
   }
-  s.element_ops(element_ops(pass));
-  if (lists) s.body().line("}");
   for (ValueId v : pass.writes)
     if (std::none_of(targets.begin(), targets.end(), [&](const Target& t) { return t.value == v; }))
       s.store(v, "at", s.use(v));

@@ -250,22 +250,27 @@ class StepLegalizer {
     pass.reads.assign(reads.begin(), reads.end());
   }
 
-  // Listing the elements that add something costs an element two loads and a store; running one costs its own loads,
-  // twice. A scatter of a region is worth it, since conditions of the program lie before it.
+  // Listing the elements that may add something costs an element few loads; running one costs its own loads, twice. A
+  // scatter of a region is worth it, since conditions of the program lie before it. What it finds to add nothing in the
+  // first run is left out of the second.
   void choose_active(Pass& pass) const {
     const bool regions = std::any_of(pass.ops.begin(), pass.ops.end(), [&](OpId id) {
       const Op& op = graph_.op(id);
       return !op.regions.empty() &&
              std::any_of(op.results.begin(), op.results.end(), [&](ValueId v) { return is_scatter_result(graph_, v); });
     });
-    if (!regions || pass.scatter == ScatterLowering::Rows) return;
-    constexpr size_t kList = 1;
+    if (!regions) return;
+    constexpr size_t kLists = 2;
     const std::set<ValueId> reads(pass.reads.begin(), pass.reads.end());
-    if (buffer_count(reads) + pass.writes.size() + kList > profile_.max_per_stage_descriptor_storage_buffers) return;
+    if (buffer_count(reads) + pass.writes.size() + kLists > profile_.max_per_stage_descriptor_storage_buffers) return;
+    if (pass.scatter != ScatterLowering::Exact || pass.writes.size() != pass.sums.size()) return;
+    const auto is_float = [&](const ScatterSum& sum) { return graph_.value(sum.value).type.is_float(); };
+    if (!std::all_of(pass.sums.begin(), pass.sums.end(), is_float)) return;
     pass.active = active_elements(graph_, pass);
+    pass.relist = true;
     // A processor starts few invocations at once, and runs those that have nothing to do as slowly as others.
     constexpr double kProcessor = 64;  // operations per ns
-    pass.active_stride = profile_.costs.compute_operations_per_ns < kProcessor ? 64 : 1;
+    pass.stride = profile_.costs.compute_operations_per_ns < kProcessor ? 64 : 1;
   }
 
   void choose(Pass& pass) {

@@ -27,21 +27,16 @@ Zeros both(const Zeros& a, const Zeros& b) {
 
 class ActiveElements {
  public:
-  ActiveElements(const Graph& graph, const Pass& pass) : graph_(graph), reads_(pass.reads.begin(), pass.reads.end()) {
-    for (const ScatterSum& sum : pass.sums) terms_.insert(sum.terms.begin(), sum.terms.end());
-  }
+  ActiveElements(const Graph& graph, const Pass& pass) : graph_(graph), reads_(pass.reads.begin(), pass.reads.end()) {}
 
-  // The clause of an op that scatters.
-  std::vector<ValueId> clause(const Op& op) const {
-    Zeros zeros;
+  // The clause of a result: its op adds nothing to it unless all of these are true or not zero.
+  std::vector<ValueId> clause(ValueId result) const {
+    const Op& op = graph_.op(graph_.value(result).op);
+    const uint32_t k = graph_.value(result).result_index;
+    const Zeros zeros = op.kind == OpKind::ScatterAdd ? zero_with(op.operands[1]) : scattered(op, k);
     std::vector<ValueId> out;
-    if (op.kind == OpKind::ScatterAdd) {
-      zeros = zero_with(op.operands[1]);
-    } else {
-      for (const ValueId result : op.results)
-        if (terms_.count(result) != 0) zeros = both(zeros, scattered(op, graph_.value(result).result_index));
-      if (op.kind == OpKind::If && readable(op.operands[0]) && adds_nothing(op, 1)) out.push_back(op.operands[0]);
-    }
+    if (op.kind == OpKind::If && readable(op.operands[0]) && !scattered(op, op.regions[1], k))
+      out.push_back(op.operands[0]);
     if (zeros)
       for (const ValueId v : *zeros)
         if (readable(v)) out.push_back(v);
@@ -70,12 +65,6 @@ class ActiveElements {
       }
       next += scatter && !forwarded ? 2 : 1;
     }
-  }
-
-  bool adds_nothing(const Op& op, size_t branch) const {
-    for (uint32_t k = 0; k < op.results.size(); ++k)
-      if (terms_.count(op.results[k]) != 0 && scattered(op, op.regions[branch], k)) return false;
-    return true;
   }
 
   Zeros zero_with(ValueId v) const {
@@ -125,7 +114,7 @@ class ActiveElements {
   }
 
   const Graph& graph_;
-  std::set<ValueId> reads_, terms_;
+  std::set<ValueId> reads_;
 };
 
 }  // namespace
@@ -133,15 +122,13 @@ class ActiveElements {
 std::vector<std::vector<ValueId>> active_elements(const Graph& graph, const Pass& pass) {
   if (pass.writes.size() != pass.sums.size()) return {};
   const ActiveElements analysis(graph, pass);
-  std::set<ir::OpId> scatters;
-  for (const ScatterSum& sum : pass.sums)
-    for (const ValueId term : sum.terms) scatters.insert(graph.value(term).op);
   std::vector<std::vector<ValueId>> out;
-  for (const ir::OpId id : scatters) {
-    std::vector<ValueId> clause = analysis.clause(graph.op(id));
-    if (clause.empty()) return {};
-    if (std::find(out.begin(), out.end(), clause) == out.end()) out.push_back(std::move(clause));
-  }
+  for (const ScatterSum& sum : pass.sums)
+    for (const ValueId term : sum.terms) {
+      std::vector<ValueId> clause = analysis.clause(term);
+      if (clause.empty()) return {};
+      if (std::find(out.begin(), out.end(), clause) == out.end()) out.push_back(std::move(clause));
+    }
   return out;
 }
 

@@ -189,7 +189,8 @@ std::string print(const Graph& graph, const Schedule& schedule) {
       for (size_t c = 0; c < pass.active.size(); ++c)
         for (size_t i = 0; i < pass.active[c].size(); ++i)
           out += (i > 0 ? " and " : c > 0 ? ", or " : " ") + resource_text(step, pass.active[c][i]);
-      if (!pass.active.empty()) out += ", each of a stride of " + std::to_string(pass.active_stride) + "\n";
+      if (!pass.active.empty()) out += "\n";
+      if (pass.relist) out += "    relist, stride " + std::to_string(pass.stride) + "\n";
       if (pass.scatter == ScatterLowering::Rows) {
         out += "    rows " + schedule.resources[pass.rows.leaf].name + "[";
         for (size_t c = 0; c < pass.rows.columns.size(); ++c)

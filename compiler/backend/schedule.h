@@ -66,10 +66,11 @@ struct Pass {
   ScatterLowering scatter = ScatterLowering::Exact;
   std::vector<ScatterSum> sums;
   RowsTable rows;
-  // Elements that add something are listed first and only they run: those for which all values of one of these are
-  // true or not zero. An invocation runs each `active_stride`-th of them. Empty: all elements run.
+  // Elements that may add something are listed first and only they run: those for which all values of one of these are
+  // true or not zero. Empty: all elements run.
   std::vector<std::vector<ir::ValueId>> active;
-  int active_stride = 1;
+  bool relist = false;  // the first run of an exact pass lists what adds something for the second
+  int stride = 1;       // with lists: an invocation runs each so manieth element
 };
 
 struct StepSchedule {
