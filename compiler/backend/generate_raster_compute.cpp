@@ -1,0 +1,231 @@
+// SPDX-License-Identifier: Apache-2.0
+// Raster passes by compute shaders. An invocation walks the box around a face's hull; where subgroups are wide, faces
+// with a larger box go to one of two lists instead, whose faces are walked by a subgroup and by the whole device. Each
+// pixel keeps its least entries with atomic minima, so that the order of the faces does not matter.
+#include "compiler/backend/raster_closures.h"
+
+namespace dr::backend {
+
+using glsl::dim_expression;
+using glsl::Shader;
+using ir::Dim;
+using ir::ValueId;
+
+namespace {
+
+// Faces by the pixels of their boxes: up to the first for one invocation, up to the second for a subgroup.
+constexpr int kSmallBox = 64, kMiddleBox = 4096;
+// Invocations that share the faces of a list.
+constexpr int kMiddleInvocations = 1 << 17, kLargeInvocations = 1 << 16;
+// Narrower subgroups gain nothing: on CPUs they are the lanes that run faces side by side already.
+constexpr uint32_t kWideSubgroup = 16;
+
+enum class Bin : uint8_t { All, Small, Middle, Large };
+
+struct Walk {
+  const ir::Graph& graph;
+  const Pass& pass;
+  const ir::Op& op;
+  RasterParts parts;
+  bool wide;           // 64-bit entries
+  uint32_t keys, ids;  // wide: both the slots
+  uint32_t lists;      // [0], [1]: how many faces; those of the subgroups from [2]; those of all behind them
+  uint32_t subgroup_size;
+
+  std::string box(Shader& s, RasterClosures& closures, bool guarded) const {
+    std::string area = "int across = last.x - first.x, area = across * (last.y - first.y);";
+    if (guarded) s.body().line("if (" + closures.record(parts.cull, "at") + ") return;");
+    s.body().line("vec2 low = vec2(uintBitsToFloat(0x7f800000u)), high = -low, corner;");
+    for (const ValueId value : parts.corners) {
+      s.body().line("corner = " + closures.record(value, "at") + ";");
+      if (guarded) s.body().line("if (dr_no_number(corner)) return;");
+      s.body().line("low = min(low, corner);");
+      s.body().line("high = max(high, corner);");
+    }
+    s.body().line("vec2 size = vec2(" + dim_expression(parts.w) + ", " + dim_expression(parts.h) + ");");
+    s.body().line("ivec2 first = ivec2(clamp(floor(low) - 1.0, vec2(0.0), size));");
+    s.body().line("ivec2 last = ivec2(clamp(ceil(high) + 1.0, vec2(0.0), size));");
+    return area;
+  }
+
+  // What one pixel of a box takes: `at` is there.
+  void pixel(Shader& s, RasterClosures& closures) const {
+    const std::string w = dim_expression(parts.w), h = dim_expression(parts.h);
+    const std::string n = dim_expression(element_count(parts.extent()));
+    s.body().line("vec2 p = vec2(at.xy) + 0.5;");
+    closures.captured();
+    s.body().line("if (!" + closures.closure(kKeep) + ") continue;");
+    closures.key_from_depth();
+    s.body().line("if (no_depth) continue;");
+    s.body().line("int pixel = (at.z * " + h + " + at.y) * " + w + " + at.x;");
+    const std::string key_words =
+        s.bind_words(keys, wide ? "slots" : "keys", bundle::Access::ReadWrite, wide ? "uint64_t" : "uint");
+    if (wide) {
+      s.body().line("uint64_t entry = (uint64_t(key) << 36) | (uint64_t(uint(face)) << 4) | uint64_t(" +
+                    closures.closure(kTag) + " & 15);");
+      // Each slot keeps the smaller entry and hands the other on, so that the K smallest end up sorted whatever the
+      // order.
+      s.body().line("for (int k = 0; k < " + std::to_string(parts.count) + "; ++k) {");
+      s.body().line("uint64_t old = atomicMin(" + key_words + ".d[k * " + n + " + pixel], entry);");
+      s.body().line("entry = max(old, entry);");
+      s.body().line("}");
+      return;
+    }
+    // Peeling: pc.a is the rank; first the least key beyond the rank before, then the least face with it.
+    const std::string id_words = s.bind_words(ids, "faces", bundle::Access::ReadWrite);
+    s.body().line("int slot = pc.a * " + n + " + pixel;");
+    s.body().line("if (pc.a > 0) {");
+    s.body().line("uint before = " + key_words + ".d[slot - " + n + "];");
+    s.body().line("if (key < before || (key == before && uint(face) <= " + id_words + ".d[slot - " + n +
+                  "])) continue;");
+    s.body().line("}");
+    s.body().line("if (pc.b == 0) atomicMin(" + key_words + ".d[slot], key);");
+    s.body().line("else if (" + key_words + ".d[slot] == key) atomicMin(" + id_words + ".d[slot], uint(face));");
+  }
+
+  // Each invocation a face and layer.
+  void faces(Shader& s, Bin bin) const {
+    const std::string count = dim_expression(parts.faces);
+    RasterClosures closures(s, graph, pass, op);
+    s.body().line("int face = index % " + count + ";");
+    s.body().line("ivec3 at = ivec3(face, 0, index / " + count + ");");
+    const std::string area = box(s, closures, true);
+    if (bin == Bin::Small) {
+      const std::string list = s.bind_words(lists, "lists", bundle::Access::ReadWrite);
+      s.body().line(area);
+      s.body().line("if (area > " + std::to_string(kSmallBox) + ") {");
+      s.body().line("if (pc.a == 0 && pc.b == 0) {");
+      s.body().line("if (area <= " + std::to_string(kMiddleBox) + ") " + list + ".d[2u + atomicAdd(" + list +
+                    ".d[0], 1u)] = uint(index);");
+      s.body().line("else " + list + ".d[uint(2 + " + dim_expression(parts.faces * parts.l) + ") + atomicAdd(" + list +
+                    ".d[1], 1u)] = uint(index);");
+      s.body().line("}");
+      s.body().line("return;");
+      s.body().line("}");
+    }
+    closures.load_fields("at");
+    s.body().line("for (at.y = first.y; at.y < last.y; ++at.y)");
+    s.body().line("for (at.x = first.x; at.x < last.x; ++at.x) {");
+    s.push_scope();
+    pixel(s, closures);
+    s.pop_scope();
+    s.body().line("}");
+  }
+
+  // Lanes that share the faces of a list and the pixels of each.
+  void listed(Shader& s, Bin bin) const {
+    const std::string count = dim_expression(parts.faces);
+    const bool middle = bin == Bin::Middle;
+    const int lanes = middle ? static_cast<int>(subgroup_size) : kLargeInvocations;
+    const int teams = middle ? kMiddleInvocations / lanes : 1;
+    const std::string list = s.bind_words(lists, "lists", bundle::Access::Read);
+    const std::string begin = middle ? "2" : "2 + " + dim_expression(parts.faces * parts.l);
+    s.body().line("int count = int(" + list + (middle ? ".d[0]" : ".d[1]") + ");");
+    s.body().line("for (int item = index / " + std::to_string(lanes) +
+                  "; item < count; item += " + std::to_string(teams) + ") {");
+    s.push_scope();
+    RasterClosures closures(s, graph, pass, op);
+    s.body().line("int entry_index = int(" + list + ".d[" + begin + " + item]);");
+    s.body().line("int face = entry_index % " + count + ";");
+    s.body().line("ivec3 at = ivec3(face, 0, entry_index / " + count + ");");
+    s.body().line(box(s, closures, false));
+    closures.load_fields("at");
+    s.body().line("for (int i = index % " + std::to_string(lanes) + "; i < area; i += " + std::to_string(lanes) +
+                  ") {");
+    s.push_scope();
+    s.body().line("at.xy = first + ivec2(i % across, i / across);");
+    pixel(s, closures);
+    s.pop_scope();
+    s.body().line("}");
+    s.pop_scope();
+    s.body().line("}");
+  }
+};
+
+}  // namespace
+
+void Generator::raster_compute(const Pass& pass, const ir::Op& op) {
+  const RasterParts parts = raster_parts(op);
+  const Dim pixels = element_count(parts.extent());
+  const Dim slots = pixels * Dim(static_cast<int64_t>(parts.count));
+  const Dim faces = parts.faces * parts.l;
+  const bool wide = wide_atomics();
+  const bool binned = profile_.subgroup_size >= kWideSubgroup;
+  const uint32_t keys = add_scratch(pass.name + (wide ? "_slots" : "_keys"), (wide ? slots * Dim(2) : slots).str());
+  const uint32_t ids = wide ? keys : add_scratch(pass.name + "_faces", slots.str());
+  const uint32_t lists = binned ? add_scratch(pass.name + "_lists", (faces * Dim(2) + Dim(2)).str()) : keys;
+  fill("clear " + pass.name, keys, 0xffffffffu);
+  if (!wide) fill("clear " + pass.name + " faces", ids, 0xffffffffu);
+  if (binned) fill("clear " + pass.name + " lists", lists, 0);
+
+  const Walk walk{graph_, pass, op, parts, wide, keys, ids, lists, profile_.subgroup_size};
+  // Without wide words a rank takes two runs; see Walk::pixel.
+  std::vector<size_t> first_run;
+  const auto run_bin = [&](Bin bin, const char* suffix, const std::string& elements, const std::string& bound) {
+    Shader s = shader();
+    if (wide) wide_extensions(s);
+    s.prelude(kIsNan);
+    linear_index(s, bound);
+    if (bin == Bin::Middle || bin == Bin::Large)
+      walk.listed(s, bin);
+    else
+      walk.faces(s, bin);
+    dispatch(pass, suffix, s, elements);
+    first_run.push_back(out_->commands.size() - 1);
+  };
+  run_bin(binned ? Bin::Small : Bin::All, "_faces", faces.str(), dim_expression(faces));
+  if (binned) {
+    run_bin(Bin::Middle, "_middle_faces", std::to_string(kMiddleInvocations), std::to_string(kMiddleInvocations));
+    run_bin(Bin::Large, "_large_faces", std::to_string(kLargeInvocations), std::to_string(kLargeInvocations));
+  }
+  if (!wide)
+    for (int run = 1; run < 2 * static_cast<int>(parts.count); ++run)
+      for (const size_t index : first_run) {
+        const std::string label = out_->commands[index]->label;
+        auto& c = command(bundle::CommandKind::Dispatch, label);
+        const bundle::CommandT& again = *out_->commands[index];
+        c.compute = again.compute;
+        for (const auto& b : again.bindings) c.bindings.push_back(std::make_unique<bundle::BindingT>(*b));
+        c.elements = again.elements;
+        c.push = {run / 2, run % 2, 0};
+      }
+
+  Shader r = shader();
+  if (wide) wide_extensions(r);
+  const std::string n = dim_expression(pixels);
+  linear_index(r, n);
+  place_from_index(r, parts.extent());
+  const std::string in_keys =
+      r.bind_words(keys, wide ? "slots" : "keys", bundle::Access::Read, wide ? "uint64_t" : "uint");
+  if (wide) {
+    for (size_t k = 0; k < parts.count; ++k) {
+      const std::string rank = std::to_string(k);
+      r.body().line("uint64_t entry_" + rank + " = " + in_keys + ".d[" + rank + " * " + n + " + index];");
+      r.body().line("bool none_" + rank + " = entry_" + rank + " == 0xfffffffffffffffful;");
+      r.store(op.results[2 * k], "at",
+              "(none_" + rank + " ? -1 : int(uint((entry_" + rank + " >> 4) & 0xfffffffful)))");
+      r.store(op.results[2 * k + 1], "at", "(none_" + rank + " ? 0 : int(entry_" + rank + " & 15ul))");
+    }
+  } else {
+    const std::string in_ids = r.bind_words(ids, "faces", bundle::Access::Read);
+    r.body().line("vec2 p = vec2(at.xy) + 0.5;");
+    for (size_t k = 0; k < parts.count; ++k) {
+      const std::string rank = std::to_string(k);
+      r.body().line("int face_" + rank + " = int(" + in_ids + ".d[" + rank + " * " + n + " + index]);");
+      r.body().line("int tag_" + rank + " = 0;");
+      r.body().line("if (face_" + rank + " >= 0) {");
+      r.push_scope();
+      RasterClosures tags(r, graph_, pass, op);
+      tags.load_fields("ivec3(face_" + rank + ", 0, at.z)");
+      tags.captured();
+      r.body().line("tag_" + rank + " = " + tags.closure(kTag) + " & 15;");
+      r.pop_scope();
+      r.body().line("}");
+      r.store(op.results[2 * k], "at", "face_" + rank);
+      r.store(op.results[2 * k + 1], "at", "tag_" + rank);
+    }
+  }
+  dispatch(pass, "_resolve", r, pixels.str());
+}
+
+}  // namespace dr::backend
