@@ -126,8 +126,8 @@ Result<void> Program::run(const std::string& step, int times) {
   return guarded([&] { state_->run(step, times); });
 }
 
-Result<std::vector<CommandTime>> Program::timed_run(const std::string& step, bool each_command) {
-  return guarded([&] { return state_->timed_run(step, each_command); });
+Result<std::vector<CommandTime>> Program::timed_run(const std::string& step) {
+  return guarded([&] { return state_->timed_run(step); });
 }
 
 Result<void> Program::set_runs(const std::string& step, int64_t runs) {

@@ -41,6 +41,17 @@ struct DeviceInfo {
   std::string driver;
 };
 
+// What a device profile wants to know (compiler/target/profile.h has the same names).
+struct DeviceLimits {
+  uint32_t max_color_attachments, max_per_stage_descriptor_storage_buffers, max_per_stage_descriptor_sampled_images,
+      max_per_stage_descriptor_input_attachments, max_per_stage_resources, max_fragment_combined_output_resources,
+      max_push_constants_size, max_image_dimension_2d, max_compute_work_group_invocations,
+      max_compute_work_group_count_x, max_compute_shared_memory_size, max_multiview_view_count, subgroup_size;
+  uint64_t max_storage_buffer_range;
+  bool shader_int64, shader_buffer_int64_atomics, shader_buffer_float32_atomic_add, fragment_stores_and_atomics,
+      geometry_shader;
+};
+
 struct DeviceState;
 
 class Device {
@@ -48,6 +59,7 @@ class Device {
   static Result<std::vector<DeviceInfo>> list();
   static Result<Device> open(const DeviceOptions& options);
   DeviceInfo info() const;
+  DeviceLimits limits() const;
   // The name of the built-in profile that fits the device, by the device's name: "lavapipe", "nvidia-h200", or empty.
   std::string profile_name() const;
   // What the validation layer said so far; empty when all is well or it is not on.
@@ -121,9 +133,9 @@ class Program {
   Result<void> set_runs(const std::string& step, int64_t runs);
   // What its runs did and left out so far.
   StepCounters counters(const std::string& step) const;
-  // Runs the step once, and takes the time on the device of each command that runs, or of all of them as one. Waiting
-  // for each command to end takes time too: the sum is more than the whole.
-  Result<std::vector<CommandTime>> timed_run(const std::string& step, bool each_command = true);
+  // Runs the step once, and takes the time on the device of each command that runs. Waiting for each command to end
+  // takes time too: the sum is more than the whole.
+  Result<std::vector<CommandTime>> timed_run(const std::string& step);
   // Results of the step's last run.
   Result<io::Array> output(const std::string& step, const std::string& name);
   std::vector<std::string> outputs(const std::string& step) const;

@@ -79,7 +79,7 @@ struct Program::State {
   void run(const std::string& step, int times);
   // One run is on its way, and saw this state.
   void count_run(size_t index, const std::vector<bool>& dirty, const Work& run, const Work& skipped);
-  std::vector<CommandTime> timed_run(const std::string& step, bool each_command);
+  std::vector<CommandTime> timed_run(const std::string& step);
   void set_runs(const std::string& step, int64_t runs);
 
  private:

@@ -16,7 +16,7 @@ std::vector<std::string> lines_of(const bundle::BundleT& bundle, const bundle::S
 
 }  // namespace
 
-std::vector<CommandTime> Program::State::timed_run(const std::string& name, bool each_command) {
+std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
   const size_t index = step_index(name);
   StepState& step = prepared_step(index);
   if (device->timestamp_bits == 0) throw Failure{"the device's queue takes no times"};
@@ -26,16 +26,13 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name, bool
   for (const Primitive& p : step.primitives)
     if (dirty[step.list->group_of(p.first)]) chosen.push_back(&p);
 
-  const auto stamps = static_cast<uint32_t>(each_command ? chosen.size() + 1 : 2);
+  const auto stamps = static_cast<uint32_t>(chosen.size() + 1);
   const vk::raii::QueryPool pool(device->device, vk::QueryPoolCreateInfo({}, vk::QueryType::eTimestamp, stamps));
   on_device->queue.once([&](const vk::raii::CommandBuffer& commands) {
     const auto stamp = [&](uint32_t k) { commands.writeTimestamp(vk::PipelineStageFlagBits::eBottomOfPipe, *pool, k); };
     commands.resetQueryPool(*pool, 0, stamps);
     stamp(0);
-    on_device->commands.record(commands, chosen, [&](size_t k) {
-      if (each_command) stamp(static_cast<uint32_t>(k + 1));
-    });
-    if (!each_command) stamp(1);
+    on_device->commands.record(commands, chosen, [&](size_t k) { stamp(static_cast<uint32_t>(k + 1)); });
   });
   count_run(index, dirty, variant.run, variant.skipped);
 
@@ -47,7 +44,6 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name, bool
     return static_cast<double>((ticks[to] - ticks[from]) & mask) *
            static_cast<double>(device->properties.limits.timestampPeriod);
   };
-  if (!each_command) return {{name, nanoseconds(0, 1), variant.run.ops, variant.run.bytes, {}}};
   std::vector<CommandTime> out;
   for (uint32_t k = 0; k < chosen.size(); ++k)
     out.push_back({chosen[k]->label, nanoseconds(k, k + 1), chosen[k]->ops, chosen[k]->bytes,

@@ -98,26 +98,58 @@ class Fields {
   std::set<std::string> known_;
 };
 
+// Every field by its name in the file.
+template <class P, class F>
+void visit_fields(P& p, const F& f) {
+  f("name", p.name);
+  f("description", p.description);
+  f("max_color_attachments", p.max_color_attachments);
+  f("max_per_stage_descriptor_storage_buffers", p.max_per_stage_descriptor_storage_buffers);
+  f("max_per_stage_descriptor_sampled_images", p.max_per_stage_descriptor_sampled_images);
+  f("max_per_stage_descriptor_input_attachments", p.max_per_stage_descriptor_input_attachments);
+  f("max_per_stage_resources", p.max_per_stage_resources);
+  f("max_fragment_combined_output_resources", p.max_fragment_combined_output_resources);
+  f("max_push_constants_size", p.max_push_constants_size);
+  f("max_image_dimension_2d", p.max_image_dimension_2d);
+  f("max_compute_work_group_invocations", p.max_compute_work_group_invocations);
+  f("max_compute_work_group_count_x", p.max_compute_work_group_count_x);
+  f("max_compute_shared_memory_size", p.max_compute_shared_memory_size);
+  f("max_multiview_view_count", p.max_multiview_view_count);
+  f("subgroup_size", p.subgroup_size);
+  f("max_storage_buffer_range", p.max_storage_buffer_range);
+  f("shader_int64", p.shader_int64);
+  f("shader_buffer_int64_atomics", p.shader_buffer_int64_atomics);
+  f("shader_buffer_float32_atomic_add", p.shader_buffer_float32_atomic_add);
+  f("fragment_stores_and_atomics", p.fragment_stores_and_atomics);
+  f("geometry_shader", p.geometry_shader);
+  f("lower", p.lower);
+  f("raster", p.raster);
+}
+template <class C, class F>
+void visit_costs(C& c, const F& f) {
+  f("pass_ns", c.pass_ns);
+  f("subpass_ns", c.subpass_ns);
+  f("dispatch_ns", c.dispatch_ns);
+  f("fragment_image_bytes_per_ns", c.fragment_image_bytes_per_ns);
+  f("fragment_input_bytes_per_ns", c.fragment_input_bytes_per_ns);
+  f("fragment_buffer_bytes_per_ns", c.fragment_buffer_bytes_per_ns);
+  f("compute_image_bytes_per_ns", c.compute_image_bytes_per_ns);
+  f("compute_buffer_bytes_per_ns", c.compute_buffer_bytes_per_ns);
+  f("fragment_operations_per_ns", c.fragment_operations_per_ns);
+  f("compute_operations_per_ns", c.compute_operations_per_ns);
+  f("atomic_add_ns", c.atomic_add_ns);
+  f("hardware_triangle_ns", c.hardware_triangle_ns);
+  f("hardware_pixel_ns", c.hardware_pixel_ns);
+  f("compute_triangle_ns", c.compute_triangle_ns);
+  f("compute_pixel_ns", c.compute_pixel_ns);
+  f("fragment_compile_ms", c.fragment_compile_ms);
+  f("compute_compile_ms", c.compute_compile_ms);
+}
+
 std::string take_costs(const nlohmann::json& object, Costs& c) {
   if (!object.is_object()) return "field 'costs' should be an object";
   Fields f(object, "costs.");
-  f.take("pass_ns", c.pass_ns);
-  f.take("subpass_ns", c.subpass_ns);
-  f.take("dispatch_ns", c.dispatch_ns);
-  f.take("fragment_image_bytes_per_ns", c.fragment_image_bytes_per_ns);
-  f.take("fragment_input_bytes_per_ns", c.fragment_input_bytes_per_ns);
-  f.take("fragment_buffer_bytes_per_ns", c.fragment_buffer_bytes_per_ns);
-  f.take("compute_image_bytes_per_ns", c.compute_image_bytes_per_ns);
-  f.take("compute_buffer_bytes_per_ns", c.compute_buffer_bytes_per_ns);
-  f.take("fragment_operations_per_ns", c.fragment_operations_per_ns);
-  f.take("compute_operations_per_ns", c.compute_operations_per_ns);
-  f.take("atomic_add_ns", c.atomic_add_ns);
-  f.take("hardware_triangle_ns", c.hardware_triangle_ns);
-  f.take("hardware_pixel_ns", c.hardware_pixel_ns);
-  f.take("compute_triangle_ns", c.compute_triangle_ns);
-  f.take("compute_pixel_ns", c.compute_pixel_ns);
-  f.take("fragment_compile_ms", c.fragment_compile_ms);
-  f.take("compute_compile_ms", c.compute_compile_ms);
+  visit_costs(c, [&](const char* name, double& out) { f.take(name, out); });
   return f.problem();
 }
 
@@ -134,29 +166,7 @@ std::variant<Profile, std::string> parse_profile(std::string_view json, std::str
   }
   Profile p;
   Fields f(root, "");
-  f.take("name", p.name);
-  f.take("description", p.description);
-  f.take("max_color_attachments", p.max_color_attachments);
-  f.take("max_per_stage_descriptor_storage_buffers", p.max_per_stage_descriptor_storage_buffers);
-  f.take("max_per_stage_descriptor_sampled_images", p.max_per_stage_descriptor_sampled_images);
-  f.take("max_per_stage_descriptor_input_attachments", p.max_per_stage_descriptor_input_attachments);
-  f.take("max_per_stage_resources", p.max_per_stage_resources);
-  f.take("max_fragment_combined_output_resources", p.max_fragment_combined_output_resources);
-  f.take("max_push_constants_size", p.max_push_constants_size);
-  f.take("max_image_dimension_2d", p.max_image_dimension_2d);
-  f.take("max_compute_work_group_invocations", p.max_compute_work_group_invocations);
-  f.take("max_compute_work_group_count_x", p.max_compute_work_group_count_x);
-  f.take("max_compute_shared_memory_size", p.max_compute_shared_memory_size);
-  f.take("max_multiview_view_count", p.max_multiview_view_count);
-  f.take("subgroup_size", p.subgroup_size);
-  f.take("max_storage_buffer_range", p.max_storage_buffer_range);
-  f.take("shader_int64", p.shader_int64);
-  f.take("shader_buffer_int64_atomics", p.shader_buffer_int64_atomics);
-  f.take("shader_buffer_float32_atomic_add", p.shader_buffer_float32_atomic_add);
-  f.take("fragment_stores_and_atomics", p.fragment_stores_and_atomics);
-  f.take("geometry_shader", p.geometry_shader);
-  f.take("lower", p.lower);
-  f.take("raster", p.raster);
+  visit_fields(p, [&](const char* name, auto& out) { f.take(name, out); });
   const nlohmann::json* costs = f.find("costs");
   if (std::string problem = f.problem(); !problem.empty()) return where + problem;
   if (std::string problem = take_costs(*costs, p.costs); !problem.empty()) return where + problem;
@@ -165,6 +175,13 @@ std::variant<Profile, std::string> parse_profile(std::string_view json, std::str
   if (p.raster != "hardware" && p.raster != "compute")
     return where + "field 'raster' should be \"hardware\" or \"compute\", found \"" + p.raster + "\"";
   return p;
+}
+
+std::string write_profile(const Profile& p) {
+  nlohmann::ordered_json root;
+  visit_fields(p, [&](const char* name, const auto& value) { root[name] = value; });
+  visit_costs(p.costs, [&](const char* name, double value) { root["costs"][name] = value; });
+  return root.dump(2) + "\n";
 }
 
 }  // namespace dr::target

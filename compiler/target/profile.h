@@ -74,5 +74,7 @@ std::variant<Profile, std::string> load_profile(std::string_view name_or_path);
 // A profile of our own form, or what tools report of a device (see device_report.h). `origin` is named in errors.
 std::variant<Profile, std::string> parse_profile(std::string_view json, std::string_view origin);
 std::vector<std::string> builtin_profiles();
+// The profile in our own form: what parse_profile() reads.
+std::string write_profile(const Profile& profile);
 
 }  // namespace dr::target

@@ -62,6 +62,11 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
   app.add_flag("--counters", options.counters, "print how many commands ran and how many the reactive cache left out");
   app.add_flag("--validate", options.validate, "run under the Vulkan validation layer and fail on its messages");
   app.add_flag("--devices", options.list_devices, "list the Vulkan devices");
+  app.add_subcommand("devices", "list the Vulkan devices")->callback([&] { options.list_devices = true; });
+  CLI::App* profile = app.add_subcommand("profile", "measure a device and write its profile, for --profile");
+  profile->add_option("--device,-d", options.device, "part of a device's name, or its number");
+  profile->add_option("-o", options.profile_out, "file to write; - is stdout")->capture_default_str();
+  profile->callback([&] { options.measure = true; });
   try {
     app.parse(argc, argv);
     for (const std::string& b : bindings) options.bindings.push_back(split(b, "--bind"));
@@ -88,7 +93,7 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
     }
     if (options.resume && options.out.empty())
       throw CLI::ValidationError("--resume", "needs --out, the folder of the run to go on with");
-    if (options.file.empty() && !options.list_devices) throw CLI::RequiredError("FILE");
+    if (options.file.empty() && !options.list_devices && !options.measure) throw CLI::RequiredError("FILE");
   } catch (const CLI::ParseError& e) {
     exit_code = app.exit(e) == 0 ? 0 : 2;
     return false;

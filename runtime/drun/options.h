@@ -26,6 +26,8 @@ struct Options {
   bool counters = false;  // what the reactive cache left out
   bool cache = true;
   bool list_devices = false;
+  bool measure = false;  // the device's profile
+  std::string profile_out = "-";
   jit::Options compile;
 };
 

@@ -7,6 +7,7 @@
 #include <sstream>
 
 #include "runtime/drun/session.h"
+#include "runtime/jit/measure.h"
 
 namespace dr::drun {
 
@@ -29,6 +30,16 @@ int list_devices() {
   return 0;
 }
 
+int measure(const Options& options) {
+  const runtime::Device device = must(runtime::Device::open({options.device, false}));
+  const std::string profile = must(jit::measure_profile(device));
+  if (options.profile_out == "-")
+    std::fputs(profile.c_str(), stdout);
+  else
+    write_text(options.profile_out, profile);
+  return 0;
+}
+
 std::vector<uint8_t> load_or_compile(const Options& options, const std::string& device_profile) {
   if (options.file.size() > 4 && options.file.ends_with(".drb")) return read_file(options.file);
   jit::Options compile = options.compile;
@@ -47,6 +58,7 @@ std::vector<uint8_t> load_or_compile(const Options& options, const std::string& 
 int run(const Options& options) {
   try {
     if (options.list_devices) return list_devices();
+    if (options.measure) return measure(options);
     catch_interrupts();
     if (options.device == "reference") {
       // The bundle's tables name leaves, steps and outputs; its graph runs.

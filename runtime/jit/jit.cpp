@@ -9,35 +9,38 @@
 #include "compiler/backend/shader_cache.h"
 #include "compiler/lower/lower.h"
 #include "compiler/passes/passes.h"
-#include "compiler/target/profile.h"
 #include "dsl/diagnostic.h"
+#include "runtime/jit/compile_text.h"
 
 namespace dr::jit {
 
-std::variant<std::vector<uint8_t>, std::string> compile_file(const std::string& path, const Options& options) {
-  std::ifstream file(path, std::ios::binary);
-  if (!file) return "cannot read '" + path + "'\n";
-  std::stringstream text;
-  text << file.rdbuf();
+std::variant<std::vector<uint8_t>, std::string> compile_text(const std::string& name, const std::string& text,
+                                                             const target::Profile& profile, const Options& options) {
   auto compile = backend::compile_options(options.lower, options.raster, options.pack, options.ablate, options.scatter);
   if (const auto* problem = std::get_if<std::string>(&compile)) return *problem + "\n";
-  const auto profile = target::load_profile(options.profile);
-  if (const auto* problem = std::get_if<std::string>(&profile)) return *problem + "\n";
-
   dsl::SourceManager sources;
   dsl::DiagnosticList diagnostics;
   const auto graph =
-      lower::lower(sources, sources.add(path, text.str()), {options.include_dirs, options.defines}, diagnostics);
+      lower::lower(sources, sources.add(name, text), {options.include_dirs, options.defines}, diagnostics);
   if (!graph) return dsl::format(diagnostics, sources);
   passes::PipelineOptions pipeline;
   pipeline.verify_each = false;
   const ir::Graph ready = passes::run_passes(*graph, passes::default_passes(), pipeline);
   std::get<backend::CompileOptions>(compile).sources = &sources;
   std::get<backend::CompileOptions>(compile).cache_folder = backend::default_cache_folder();
-  auto compiled =
-      backend::compile(ready, std::get<target::Profile>(profile), std::get<backend::CompileOptions>(compile));
-  if (const auto* problem = std::get_if<std::string>(&compiled)) return path + ": error: " + *problem + "\n";
+  auto compiled = backend::compile(ready, profile, std::get<backend::CompileOptions>(compile));
+  if (const auto* problem = std::get_if<std::string>(&compiled)) return name + ": error: " + *problem + "\n";
   return bundle::write(std::get<backend::Compiled>(compiled).bundle);
+}
+
+std::variant<std::vector<uint8_t>, std::string> compile_file(const std::string& path, const Options& options) {
+  std::ifstream file(path, std::ios::binary);
+  if (!file) return "cannot read '" + path + "'\n";
+  std::stringstream text;
+  text << file.rdbuf();
+  const auto profile = target::load_profile(options.profile);
+  if (const auto* problem = std::get_if<std::string>(&profile)) return *problem + "\n";
+  return compile_text(path, text.str(), std::get<target::Profile>(profile), options);
 }
 
 std::string cache_folder() { return backend::default_cache_folder().string(); }

@@ -204,6 +204,42 @@ Result<Device> Device::open(const DeviceOptions& options) {
 
 DeviceInfo Device::info() const { return describe(state_->properties); }
 
+DeviceLimits Device::limits() const {
+  const auto& physical = state_->physical;
+  const auto properties = physical.getProperties2<vk::PhysicalDeviceProperties2, vk::PhysicalDeviceSubgroupProperties,
+                                                  vk::PhysicalDeviceMultiviewProperties>();
+  const vk::PhysicalDeviceLimits& l = state_->properties.limits;
+  const vk::PhysicalDeviceFeatures f = physical.getFeatures();
+  const auto offered = physical.enumerateDeviceExtensionProperties();
+  const bool float_atomics_known = std::any_of(offered.begin(), offered.end(), [](const auto& e) {
+    return std::string_view(e.extensionName.data()) == VK_EXT_SHADER_ATOMIC_FLOAT_EXTENSION_NAME;
+  });
+  bool float_atomics = false;
+  if (float_atomics_known)
+    float_atomics = physical.getFeatures2<vk::PhysicalDeviceFeatures2, vk::PhysicalDeviceShaderAtomicFloatFeaturesEXT>()
+                        .get<vk::PhysicalDeviceShaderAtomicFloatFeaturesEXT>()
+                        .shaderBufferFloat32AtomicAdd != 0;
+  return {.max_color_attachments = l.maxColorAttachments,
+          .max_per_stage_descriptor_storage_buffers = l.maxPerStageDescriptorStorageBuffers,
+          .max_per_stage_descriptor_sampled_images = l.maxPerStageDescriptorSampledImages,
+          .max_per_stage_descriptor_input_attachments = l.maxPerStageDescriptorInputAttachments,
+          .max_per_stage_resources = l.maxPerStageResources,
+          .max_fragment_combined_output_resources = l.maxFragmentCombinedOutputResources,
+          .max_push_constants_size = l.maxPushConstantsSize,
+          .max_image_dimension_2d = l.maxImageDimension2D,
+          .max_compute_work_group_invocations = l.maxComputeWorkGroupInvocations,
+          .max_compute_work_group_count_x = l.maxComputeWorkGroupCount[0],
+          .max_compute_shared_memory_size = l.maxComputeSharedMemorySize,
+          .max_multiview_view_count = properties.get<vk::PhysicalDeviceMultiviewProperties>().maxMultiviewViewCount,
+          .subgroup_size = properties.get<vk::PhysicalDeviceSubgroupProperties>().subgroupSize,
+          .max_storage_buffer_range = l.maxStorageBufferRange,
+          .shader_int64 = state_->int64,
+          .shader_buffer_int64_atomics = state_->int64_atomics,
+          .shader_buffer_float32_atomic_add = float_atomics,
+          .fragment_stores_and_atomics = f.fragmentStoresAndAtomics != 0,
+          .geometry_shader = f.geometryShader != 0};
+}
+
 std::string Device::profile_name() const {
   constexpr std::pair<std::string_view, std::string_view> kProfiles[] = {
       {"llvmpipe", "lavapipe"},

@@ -77,4 +77,11 @@ run --step fit=5 --timing --out timed > timing.txt
 grep -Eq "^ +[0-9.]+ +[0-9.]+% .* fit.dr:[0-9]" timing.txt || fail "timing: $(cat timing.txt)"
 run --step fit=5 --out untimed > /dev/null
 cmp timed/a.npy untimed/a.npy || fail "a timed run gives other bits"
+
+# A device's own profile compiles programs for it.
+"$drun" devices | grep -q llvmpipe || fail "drun devices"
+"$drun" profile --device llvmpipe -o profile.json
+grep -q '"compute_buffer_bytes_per_ns"' profile.json || fail "drun profile: $(cat profile.json)"
+run --profile ./profile.json --step fit=5 --out untimed-again > /dev/null
+cmp untimed/a.npy untimed-again/a.npy || fail "a measured profile gives other bits"
 echo "resume: all as expected"
