@@ -206,16 +206,18 @@ void order(std::FILE* file, const std::string& program, std::vector<std::string>
       must(loaded.bind(leaf, must(io::load_binding(source, components))));
     }
     const std::string step = graph.steps[0].name;
-    // Until a device that has slept through compilation is up to speed.
-    const auto begin = std::chrono::steady_clock::now();
-    do must(loaded.run(step, 2));
-    while (std::chrono::steady_clock::now() - begin < std::chrono::milliseconds(300));
+    using Clock = std::chrono::steady_clock;
+    const auto milliseconds = [&](int runs) {
+      const auto begin = Clock::now();
+      must(loaded.run(step, runs));
+      return std::chrono::duration<double, std::milli>(Clock::now() - begin).count() / runs;
+    };
+    // First until a device that has slept through compilation is up to speed.
+    double warm = milliseconds(2);
+    for (const auto begin = Clock::now(); Clock::now() - begin < std::chrono::milliseconds(300);)
+      warm = milliseconds(5);
     std::vector<double> times;
-    for (int run = 0; run < 7; ++run) {
-      double nanoseconds = 0;
-      for (const auto& command : must(loaded.timed_run(step, false))) nanoseconds += command.nanoseconds;
-      times.push_back(1e-6 * nanoseconds);
-    }
+    for (int round = 0; round < 7; ++round) times.push_back(milliseconds(std::max(2, static_cast<int>(20 / warm))));
     std::sort(times.begin(), times.end());
     const backend::Report report = must(backend::report(graph, compiled, profile, symbols));
     predicted.push_back(1e-6 * report.steps[0].expected_ns);
