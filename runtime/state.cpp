@@ -52,14 +52,17 @@ void Program::State::make_tables() {
   // A table may have tables of its own; those whose sizes are not known yet wait for them.
   std::map<size_t, io::Array> waiting;
   while (!new_faces.empty()) {
-    const auto faces = new_faces.extract(new_faces.begin());
-    const size_t leaf = faces.key();
-    const auto tables = topology_tables(bundle, leaf, faces.mapped(), sizes.symbols());
-    if (!tables) throw Failure{tables.error()};
+    const auto [leaf, faces] = *new_faces.begin();
+    const auto tables = topology_tables(bundle, leaf, faces, sizes.symbols());
+    if (!tables) {
+      // Faces without tables stay an error until others are bound.
+      new_faces.merge(waiting);
+      throw Failure{tables.error()};
+    }
     for (const auto& [table, numbers] : *tables) assign(table, numbers);
+    new_faces.erase(leaf);
     for (size_t k = 0; k < bundle.leaves.size(); ++k)
-      if (bundle.leaves[k]->table_of == static_cast<int>(leaf) && !tables->contains(k))
-        waiting.emplace(leaf, faces.mapped());
+      if (bundle.leaves[k]->table_of == static_cast<int>(leaf) && !tables->contains(k)) waiting.emplace(leaf, faces);
   }
   new_faces = std::move(waiting);
 }
@@ -75,14 +78,16 @@ void Program::State::assign(size_t index, const io::Array& data) {
   const std::pair<const std::string*, int64_t> axes[] = {
       {&leaf.extent->w, data.width}, {&leaf.extent->h, data.height}, {&leaf.extent->l, data.layers}};
   const char* const axis_names[] = {"width", "height", "number of layers"};
+  Sizes agreed = sizes;  // taken over when all axes agree
   for (size_t a = 0; a < 3; ++a) {
     const auto dim = ir::Dim::parse(*axes[a].first);
     if (const auto symbol = dim->as_symbol())
-      sizes.set(*symbol, axes[a].second, origin);
-    else if (const auto value = dim->evaluate(sizes.symbols()); value && *value != axes[a].second)
+      agreed.set(*symbol, axes[a].second, origin);
+    else if (const auto value = dim->evaluate(agreed.symbols()); value && *value != axes[a].second)
       throw Failure{origin + " has a " + axis_names[a] + " of " + std::to_string(axes[a].second) + ", expected " +
                     *axes[a].first + " = " + std::to_string(*value)};
   }
+  sizes = std::move(agreed);
   if (std::ranges::any_of(bundle.leaves, [&](const auto& l) { return l->table_of == static_cast<int>(index); }))
     new_faces.insert_or_assign(index, *converted);
   ++versions[index];

@@ -2,6 +2,9 @@
 // Raster passes by compute shaders. An invocation walks the box around a face's hull; where subgroups are wide, faces
 // with a larger box go to one of two lists instead, whose faces are walked by a subgroup and by the whole device. Each
 // pixel keeps its least entries with atomic minima, so that the order of the faces does not matter.
+#include <algorithm>
+#include <bit>
+
 #include "compiler/backend/raster_closures.h"
 
 namespace dr::backend {
@@ -158,7 +161,9 @@ void Generator::raster_compute(const Pass& pass, const ir::Op& op) {
   if (!wide) fill("clear " + pass.name + " faces", ids, 0xffffffffu);
   if (binned) fill("clear " + pass.name + " lists", lists, 0);
 
-  const Walk walk{graph_, pass, op, parts, wide, keys, ids, lists, profile_.subgroup_size};
+  // A power of two, so that teams share the invocations evenly whatever the profile says.
+  const uint32_t lanes = std::bit_floor(std::min(profile_.subgroup_size, 128u));
+  const Walk walk{graph_, pass, op, parts, wide, keys, ids, lists, lanes};
   // Without wide words a rank takes two runs; see Walk::pixel.
   std::vector<size_t> first_run;
   const auto run_bin = [&](Bin bin, const char* suffix, const std::string& elements, const std::string& bound) {

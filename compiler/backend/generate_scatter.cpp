@@ -31,12 +31,12 @@ std::string component(const ir::Type& type, const std::string& name, int c) {
   return type.is_scalar() ? name : name + "[" + std::to_string(c) + "]";
 }
 
-// Whether a value is anything but zeros; NaN is.
+// Not 0 where a value is anything but zeros; NaN is. Without branches, of which drivers compile many slowly.
 std::string any_bits(const ir::Type& type, const std::string& value) {
   std::string out;
   for (int c = 0; c < type.components(); ++c)
-    out += (c > 0 ? " || " : "") + ("(floatBitsToUint(" + component(type, value, c)) + ") & 0x7fffffffu) != 0u";
-  return out;
+    out += (c > 0 ? " | " : "") + ("floatBitsToUint(" + component(type, value, c)) + ")";
+  return "(" + out + ") & 0x7fffffffu";
 }
 
 std::string word_of(const std::string& element, int components, int c) {
@@ -148,7 +148,7 @@ void Generator::scatter_pass(const Pass& pass) {
   };
   std::vector<Target> targets;
   std::string finish;
-  if (lists) s.declare("bool adds = false;\n");
+  if (lists) s.declare("uint adds = 0u;\n");
   std::vector<ScatterSum> sums = pass.sums;
   for (const ValueId v : pass.writes)
     if (graph_.op(graph_.value(v).op).kind == OpKind::ScatterMax) sums.push_back({v, {v}});
@@ -183,7 +183,7 @@ void Generator::scatter_pass(const Pass& pass) {
       for (int c = 0; c < n; ++c)
         body += "    largest_" + id + " = max(largest_" + id + ", finite_magnitude(" + component(r.type, "value", c) +
                 "));\n";
-      if (lists) body += "    adds = adds || " + any_bits(r.type, "value") + ";\n";
+      if (lists) body += "    adds |= " + any_bits(r.type, "value") + ";\n";
       body += "    return;\n  }\n  uint flags = 0u;\n  uvec2 part;\n";
       for (int c = 0; c < n; ++c) {
         const std::string x = component(r.type, "value", c);
@@ -230,13 +230,17 @@ void Generator::scatter_pass(const Pass& pass) {
     s.body().line("int count = pc.a == 0 ? " +
                   (listed ? "int(" + first + ".d[0])" : dim_expression(element_count(pass.domain))) + " : int(" +
                   again + ".d[0]);");
-    s.body().line("for (int k = index; k < count; k += " + dim_expression(invocations) + ") {");
+    if (pass.stride > 1)
+      s.body().line("for (int k = index; k < count; k += " + dim_expression(invocations) + ") {");
+    else
+      s.body().line("int k = index;\n  if (k < count) {");
     s.body().line("int element = " + (listed ? "int(pc.a == 0 ? " + first + ".d[1 + k] : " + again + ".d[1 + k]);"
                                              : "pc.a == 0 ? k : int(" + again + ".d[1 + k]);"));
     place_from_index(s, pass.domain, "element");
-    s.body().line("adds = false;");
+    s.body().line("adds = 0u;");
     s.element_ops(element_ops(pass));
-    s.body().line("if (pc.a == 0 && adds) " + again + ".d[1u + atomicAdd(" + again + ".d[0], 1u)] = uint(element);");
+    s.body().line("if (pc.a == 0 && adds != 0u) " + again + ".d[1u + atomicAdd(" + again +
+                  ".d[0], 1u)] = uint(element);");
     s.body().line("}");
   } else {
     s.element_ops(element_ops(pass));

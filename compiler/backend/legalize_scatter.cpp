@@ -186,8 +186,18 @@ class StepLegalizer {
     const auto stored = step_.stored.find(sum.value);
     const bool was_stored = stored != step_.stored.end();
     if (buffer_count(reads) + writes.size() + 1 > profile_.max_per_stage_descriptor_storage_buffers) return false;
-    // What was an image would become a buffer of the shaders that read it.
-    if (was_stored && resource(sum.value).storage == Resource::Storage::Image) return false;
+    // What was an image becomes a buffer of the shaders that read it: where one joins sums, all packings have to.
+    if (was_stored && resource(sum.value).storage == Resource::Storage::Image) {
+      for (const Pass& pass : step_.passes) {
+        if (!std::binary_search(pass.reads.begin(), pass.reads.end(), sum.value)) continue;
+        const size_t buffers =
+            buffer_count({pass.reads.begin(), pass.reads.end()}) + 1 + (pass.hardware ? 0 : pass.writes.size());
+        if (buffers > profile_.max_per_stage_descriptor_storage_buffers ||
+            (pass.hardware && buffers + pass.writes.size() > profile_.max_fragment_combined_output_resources))
+          return false;
+      }
+      schedule_.resources[stored->second.index].storage = Resource::Storage::Buffer;
+    }
 
     for (const ValueId v : sum.terms) {
       writer_.erase(v);
@@ -253,6 +263,12 @@ class StepLegalizer {
   // Listing the elements that may add something costs an element few loads; running one costs its own loads, twice. A
   // scatter of a region is worth it, since conditions of the program lie before it. What it finds to add nothing in the
   // first run is left out of the second.
+  size_t op_count(const std::vector<OpId>& ops) const {
+    size_t count = ops.size();
+    for (OpId id : ops)
+      for (ir::RegionId region : graph_.op(id).regions) count += op_count(graph_.region(region).ops);
+    return count;
+  }
   void choose_active(Pass& pass) const {
     const bool regions = std::any_of(pass.ops.begin(), pass.ops.end(), [&](OpId id) {
       const Op& op = graph_.op(id);
@@ -268,9 +284,13 @@ class StepLegalizer {
     if (!std::all_of(pass.sums.begin(), pass.sums.end(), is_float)) return;
     pass.active = active_elements(graph_, pass);
     pass.relist = true;
-    // A processor starts few invocations at once, and runs those that have nothing to do as slowly as others.
+    // A processor starts few invocations at once, and runs those that have nothing to do as slowly as others: there
+    // each takes many elements, in a loop, unless the shader is so long that drivers compile a loop around it for
+    // minutes.
     constexpr double kProcessor = 64;  // operations per ns
-    pass.stride = profile_.costs.compute_operations_per_ns < kProcessor ? 64 : 1;
+    constexpr size_t kLongLoop = 256;  // ops
+    const bool loop = profile_.costs.compute_operations_per_ns < kProcessor && op_count(pass.ops) <= kLongLoop;
+    pass.stride = loop ? 64 : 1;
   }
 
   void choose(Pass& pass) {

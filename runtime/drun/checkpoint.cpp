@@ -2,6 +2,7 @@
 // Checkpoints as files.
 #include "runtime/drun/checkpoint.h"
 
+#include <algorithm>
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
@@ -44,11 +45,17 @@ void write_text(const std::string& path, const std::string& text) {
 
 void save_checkpoint(const std::string& out, const Checkpoint& c) {
   // A folder of another name than the one in use, which stays until the file names the new one.
+  std::string before;
+  if (fs::exists(fs::path(out) / kFile)) {
+    std::ifstream old(fs::path(out) / kFile, std::ios::binary);
+    const ordered_json json = ordered_json::parse(old, nullptr, false);
+    if (json.is_object() && json.contains("folder") && json["folder"].is_string()) before = json["folder"];
+  }
   int number = 0;
   while (fs::exists(fs::path(out) / (kPrefix + std::to_string(number)))) ++number;
   const std::string name = kPrefix + std::to_string(number);
   fs::create_directories(fs::path(out) / name);
-  ordered_json json{{"folder", name}, {"entry", c.entry}, {"done", c.done}, {"runs", c.runs}};
+  ordered_json json{{"folder", name}, {"steps", c.steps}, {"entry", c.entry}, {"done", c.done}, {"runs", c.runs}};
   json["leaves"] = ordered_json::array();
   for (const auto& [leaf, data] : c.leaves) {
     must(io::save_array((fs::path(out) / name / (leaf + ".npy")).string(), data));
@@ -56,10 +63,9 @@ void save_checkpoint(const std::string& out, const Checkpoint& c) {
   }
   write_text((fs::path(out) / name / "log.jsonl").string(), c.log);
   write_text((fs::path(out) / kFile).string(), json.dump(2) + "\n");
-  for (const auto& other : fs::directory_iterator(out)) {
-    const std::string file = other.path().filename().string();
-    if (other.is_directory() && file.starts_with(kPrefix) && file != name) fs::remove_all(other.path());
-  }
+  // Nothing but what the file pointed to.
+  if (before.starts_with(kPrefix) && before.find('/') == std::string::npos && before != name)
+    fs::remove_all(fs::path(out) / before);
 }
 
 Checkpoint load_checkpoint(const std::string& out) {
@@ -70,9 +76,13 @@ Checkpoint load_checkpoint(const std::string& out) {
     const std::string folder = json.at("folder");
     if (!folder.starts_with(kPrefix) || folder.find('/') != std::string::npos)
       throw Mistake{"'" + file.string() + "' is no checkpoint of drun"};
+    c.steps = json.at("steps").get<std::vector<std::pair<std::string, int>>>();
     c.entry = json.at("entry");
     c.done = json.at("done");
     c.runs = json.at("runs").get<std::map<std::string, int64_t>>();
+    const bool counts = std::ranges::all_of(c.runs, [](const auto& run) { return run.second >= 0; });
+    if (c.entry >= c.steps.size() || c.done < 0 || !counts)
+      throw Mistake{"'" + file.string() + "' is no checkpoint of drun"};
     for (const auto& leaf : json.at("leaves")) {
       const std::string name = leaf.at("name");
       c.leaves.emplace_back(

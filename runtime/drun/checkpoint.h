@@ -13,9 +13,10 @@
 namespace dr::drun {
 
 struct Checkpoint {
-  size_t entry = 0;                     // of the steps on the command line: those before it are done
-  int done = 0;                         // runs of that entry
-  std::map<std::string, int64_t> runs;  // of each step, in all
+  std::vector<std::pair<std::string, int>> steps;  // of the command line, and how often
+  size_t entry = 0;                                // of these: those before it are done
+  int done = 0;                                    // runs of that entry
+  std::map<std::string, int64_t> runs;             // of each step, in all
   std::vector<std::pair<std::string, io::Array>> leaves;
   std::string log;  // lines so far
 };

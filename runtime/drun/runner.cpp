@@ -2,6 +2,7 @@
 // Opens the device, loads or compiles the program, and hands both on.
 #include "runtime/drun/runner.h"
 
+#include <algorithm>
 #include <cstdio>
 #include <fstream>
 #include <sstream>
@@ -41,7 +42,17 @@ int measure(const Options& options) {
 }
 
 std::vector<uint8_t> load_or_compile(const Options& options, const std::string& device_profile) {
-  if (options.file.size() > 4 && options.file.ends_with(".drb")) return read_file(options.file);
+  if (options.file.size() > 4 && options.file.ends_with(".drb")) {
+    const jit::Options& c = options.compile;
+    const jit::Options plain;
+    if (!c.profile.empty() || c.lower != plain.lower || c.raster != plain.raster || c.pack != plain.pack ||
+        c.scatter != plain.scatter || !c.defines.empty() ||
+        std::ranges::any_of(c.ablate, [](const std::string& part) { return part != "cache"; }))
+      throw Mistake{"'" + options.file +
+                    "' is compiled already: --profile, --lower, --raster, --pack, --scatter, --ablate and -D are for "
+                    ".dr programs"};
+    return read_file(options.file);
+  }
   jit::Options compile = options.compile;
   if (compile.profile.empty()) compile.profile = device_profile;
   if (compile.profile.empty()) throw Mistake{"no built-in profile fits the device: give one with --profile"};

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <charconv>
+#include <chrono>
 #include <csignal>
 #include <cstdio>
 #include <filesystem>
@@ -36,10 +37,32 @@ void catch_interrupts() {
 }
 
 void Session::process() {
+  if (options_.timing && !target_.timed_run)
+    throw Mistake{"--timing takes the times of a Vulkan device; the reference has none"};
+  if (options_.counters && !target_.counters)
+    throw Mistake{"--counters are those of a Vulkan device; the reference has none"};
   choose_steps();
   bind();
   if (options_.resume) resume();
+  at_.steps = steps_;
   if (!options_.out.empty()) std::filesystem::create_directories(options_.out);
+  try {
+    run_steps();
+  } catch (const Mistake&) {
+    // What ran before is not lost.
+    if (!ran_.empty()) try {
+        write_results();
+      } catch (const Mistake&) {
+      }
+    throw;
+  }
+  if (ran_.empty() && !interrupted) std::fprintf(stderr, "nothing is left to run\n");
+  if (interrupted) std::fprintf(stderr, "interrupted: writing what there is\n");
+  if (options_.counters) print_counters();
+  write_results();
+}
+
+void Session::run_steps() {
   while (at_.entry < steps_.size() && !interrupted) {
     const auto& [step, times] = steps_[at_.entry];
     run_step(step, at_.done, times);
@@ -48,10 +71,6 @@ void Session::process() {
     ++at_.entry;
     at_.done = 0;
   }
-  if (ran_.empty() && !interrupted) std::fprintf(stderr, "nothing is left to run\n");
-  if (interrupted) std::fprintf(stderr, "interrupted: writing what there is\n");
-  if (options_.counters) print_counters();
-  write_results();
 }
 
 void Session::choose_steps() {
@@ -89,6 +108,17 @@ void Session::bind() {
 
 void Session::resume() {
   at_ = load_checkpoint(options_.out);
+  // The steps before the one that it stopped in are as they were, and that one is the same.
+  const bool same =
+      at_.entry < steps_.size() &&
+      std::equal(at_.steps.begin(), at_.steps.begin() + static_cast<ptrdiff_t>(at_.entry), steps_.begin()) &&
+      at_.steps[at_.entry].first == steps_[at_.entry].first;
+  if (!same) {
+    std::string before;
+    for (const auto& [step, times] : at_.steps) before += " --step " + step + "=" + std::to_string(times);
+    throw Mistake{"--resume goes on with the steps of the run before, which were" + before +
+                  "; the last one may run more often, and others may follow"};
+  }
   for (const auto& [leaf, data] : at_.leaves) must(target_.bind(leaf, data));
   for (const auto& [step, runs] : at_.runs) must(target_.set_runs(step, runs));
   at_.leaves.clear();
@@ -99,13 +129,15 @@ void Session::run_step(const std::string& step, int& done, int times) {
   while (done < times && !interrupted) {
     const int left = times - done;
     int now = std::min(options_.dump_raster.empty() ? options_.log_every : 1, left);
-    if (ran_.insert(step).second) now = 1;  // it compiles, and shows where the fit starts
+    const bool first = ran_.count(step) == 0;
+    if (first) now = 1;  // it compiles, and shows where the fit starts
     // The last run of all is the one that is timed.
     if (options_.timing && now == left && now > 1) --now;
     if (options_.timing && left == 1)
       timed_run(step);
     else
-      must(target_.run(step, now));
+      now = run_for(step, now);
+    ran_.insert(step);
     done += now;
     const int64_t before = at_.runs[step];
     at_.runs[step] += now;
@@ -117,8 +149,22 @@ void Session::run_step(const std::string& step, int& done, int times) {
   if (!last_values_[step].empty()) std::printf("%s: %s\n", step.c_str(), last_values_[step].c_str());
 }
 
+// Runs the step so often, or until somebody interrupts, which is looked at several times a second. Gives how often.
+int Session::run_for(const std::string& step, int times) {
+  using Clock = std::chrono::steady_clock;
+  int done = 0;
+  while (done < times && !(interrupted && done > 0)) {
+    const auto begin = Clock::now();
+    const int now = std::min(times - done, together_);
+    must(target_.run(step, now));
+    done += now;
+    const double seconds = std::chrono::duration<double>(Clock::now() - begin).count();
+    together_ = static_cast<int>(std::clamp(0.2 * now / std::max(seconds, 1e-6), 1.0, 1e6));
+  }
+  return done;
+}
+
 void Session::timed_run(const std::string& step) {
-  if (!target_.timed_run) throw Mistake{"--timing takes the times of a Vulkan device; the reference has none"};
   const auto times = must(target_.timed_run(step));
   std::fputs(timing_table(step, times).c_str(), stdout);
 }
@@ -143,7 +189,6 @@ bool Session::maybe_scalar(const std::string& step, const std::string& name) {
 }
 
 void Session::print_counters() const {
-  if (!target_.counters) throw Mistake{"--counters are those of a Vulkan device; the reference has none"};
   for (const std::string& step : ran_) {
     const runtime::StepCounters c = target_.counters(step);
     std::fputs(counters_line(step, c).c_str(), stdout);

@@ -24,11 +24,13 @@ class Session {
   void process();
 
  private:
+  void run_steps();
   void choose_steps();
   void bind();
   void resume();
   // From the runs that are `done` to `times`.
   void run_step(const std::string& step, int& done, int times);
+  int run_for(const std::string& step, int times);
   void timed_run(const std::string& step);
   // Reads the scalar outputs for the log and the progress line.
   std::string log_scalars(const std::string& step, int done);
@@ -44,6 +46,7 @@ class Session {
   std::set<std::string> ran_;
   std::map<std::string, std::string> last_values_;
   std::map<std::string, bool> scalar_;
+  int together_ = 1;  // runs of a step between two looks at whether somebody interrupts
 };
 
 }  // namespace dr::drun
