@@ -16,6 +16,15 @@ std::pair<std::string, std::string> split(const std::string& text, const char* o
   return {text.substr(0, at), text.substr(at + 1)};
 }
 
+// What is given twice would silently count once.
+void add_once(std::vector<std::pair<std::string, std::string>>& all, const std::string& text, const char* option) {
+  auto pair = split(text, option);
+  for (const auto& [name, value] : all)
+    if (name == pair.first)
+      throw CLI::ValidationError(option, "'" + name + "' is given twice, as '" + value + "' and '" + pair.second + "'");
+  all.push_back(std::move(pair));
+}
+
 }  // namespace
 
 bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
@@ -69,8 +78,8 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
   profile->callback([&] { options.measure = true; });
   try {
     app.parse(argc, argv);
-    for (const std::string& b : bindings) options.bindings.push_back(split(b, "--bind"));
-    for (const std::string& s : symbols) options.symbols.push_back(split(s, "--symbol"));
+    for (const std::string& b : bindings) add_once(options.bindings, b, "--bind");
+    for (const std::string& s : symbols) add_once(options.symbols, s, "--symbol");
     for (const std::string& m : meshes) options.meshes.push_back(split(m, "--mesh"));
     for (const std::string& d : defines) {
       const auto [name, value] = split(d, "-D");

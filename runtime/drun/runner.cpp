@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <filesystem>
 #include <fstream>
 #include <sstream>
 
@@ -15,6 +16,7 @@ namespace dr::drun {
 namespace {
 
 std::vector<uint8_t> read_file(const std::string& path) {
+  if (std::filesystem::is_directory(path)) throw Mistake{"cannot read '" + path + "': it is a folder"};
   std::ifstream file(path, std::ios::binary);
   if (!file) throw Mistake{"cannot read '" + path + "'"};
   std::stringstream text;

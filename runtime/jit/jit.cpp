@@ -2,6 +2,7 @@
 // The compiler as a library call.
 #include "runtime/jit/jit.h"
 
+#include <filesystem>
 #include <fstream>
 #include <sstream>
 
@@ -34,6 +35,8 @@ std::variant<std::vector<uint8_t>, std::string> compile_text(const std::string& 
 }
 
 std::variant<std::vector<uint8_t>, std::string> compile_file(const std::string& path, const Options& options) {
+  // A folder opens like an empty file.
+  if (std::filesystem::is_directory(path)) return "cannot read '" + path + "': it is a folder\n";
   std::ifstream file(path, std::ios::binary);
   if (!file) return "cannot read '" + path + "'\n";
   std::stringstream text;

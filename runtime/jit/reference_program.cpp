@@ -2,6 +2,8 @@
 // Between host arrays and the evaluator's images.
 #include "runtime/jit/reference_program.h"
 
+#include <algorithm>
+
 #include "compiler/backend/bundle/bundle.h"
 #include "compiler/ir/parse.h"
 #include "compiler/reference/evaluate.h"
@@ -30,8 +32,10 @@ io::Array to_array(const reference::Image& image) {
 }  // namespace
 
 struct ReferenceProgram::State {
-  explicit State(ir::Graph g) : graph(std::move(g)), session(graph) {}
+  State(ir::Graph g, std::vector<std::string> all_symbols)
+      : graph(std::move(g)), symbols(std::move(all_symbols)), session(graph) {}
   ir::Graph graph;
+  std::vector<std::string> symbols;
   reference::Session session;
   std::map<std::string, reference::StepResult> results;
   std::map<std::string, reference::Frozen> frozen, recorded;
@@ -49,7 +53,8 @@ io::Result<ReferenceProgram> ReferenceProgram::load(std::span<const uint8_t> byt
   if (const auto* error = std::get_if<ir::ParseError>(&graph))
     return io::Error{"the bundle's graph cannot be read: line " + std::to_string(error->line) + ": " + error->message};
   ReferenceProgram program;
-  program.state_ = std::make_unique<State>(std::move(std::get<ir::Graph>(graph)));
+  program.state_ =
+      std::make_unique<State>(std::move(std::get<ir::Graph>(graph)), std::get<bundle::BundleT>(bundle).symbols);
   return program;
 }
 
@@ -65,6 +70,12 @@ io::Result<void> ReferenceProgram::bind(const std::string& name, const io::Array
 }
 
 io::Result<void> ReferenceProgram::bind_symbol(const std::string& symbol, int64_t value) {
+  const std::vector<std::string>& all = state_->symbols;
+  if (std::find(all.begin(), all.end(), symbol) == all.end()) {
+    std::string names;
+    for (const std::string& s : all) names += (names.empty() ? "" : ", ") + s;
+    return io::Error{"there is no symbol '" + symbol + "'; there are: " + names};
+  }
   if (value < 1 || value >= int64_t{1} << 31)
     return io::Error{"symbol '" + symbol + "' is " + std::to_string(value) + ", which is not between 1 and 2^31"};
   if (auto problem = state_->session.bind_symbol(symbol, value)) return io::Error{*problem};

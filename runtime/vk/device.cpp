@@ -49,7 +49,12 @@ void make_instance(DeviceState& state, bool validation) {
   }
   info.setPEnabledLayerNames(layers);
   info.setPEnabledExtensionNames(extensions);
-  state.instance = vk::raii::Instance(state.context, info);
+  try {
+    state.instance = vk::raii::Instance(state.context, info);
+  } catch (const vk::IncompatibleDriverError&) {
+    throw Failure{
+        "there is no Vulkan driver (Debian: mesa-vulkan-drivers), or VK_DRIVER_FILES or VK_ICD_FILENAMES names none"};
+  }
   if (validation) {
     vk::DebugUtilsMessengerCreateInfoEXT messenger;
     messenger.messageSeverity =

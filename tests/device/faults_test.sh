@@ -1,0 +1,101 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# What may be wrong with a run of drun: each fault gives one line that names it and exit code 1 (bad usage: 2), and
+# leaves no file behind, on the reference and, where there is one, on lavapipe. usage: faults_test.sh DRUN
+set -euo pipefail
+drun=$(realpath "$1")
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+cd "$work"
+cat > fit.dr << 'END_OF_PROGRAM'
+edition 1;
+param x : float[W, H] = 0.0;
+input goal : float[W, H];
+let d = x - goal;
+let error = mean(d * d);
+step fit { x <- x - 0.5 * grad(error, x); output error, d; }
+END_OF_PROGRAM
+cat > mesh.dr << 'END_OF_PROGRAM'
+edition 1;
+input position : vec3[V];
+input face : ivec3[F];
+step look { output corner = position.at(face.x); }
+step beside { output edge = topology(face, 3).edge; }
+END_OF_PROGRAM
+printf 'v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 7\n' > bad.obj
+printf 'no array' > junk.npy
+printf 'no bundle' > junk.drb
+: > empty.drb
+printf '1,NaN\n' > nan.csv
+mkdir folder folder.drb folder.npy
+
+failed=0
+complain() {
+  printf 'FAILED: drun %s: %s\n' "$1" "$2"
+  sed 's/^/  out: /' out
+  sed 's/^/  err: /' err
+  failed=1
+}
+# expect STATUS TEXT ARGUMENTS...: drun ends so, and says TEXT in the first line on stderr, which is the only one unless
+# the status is 2 (where usage follows); nothing on stdout, no file.
+expect() {
+  local want=$1 text=$2 status=0 lines
+  shift 2
+  rm -rf result
+  timeout 60 "$drun" "$@" --out result > out 2> err || status=$?
+  lines=$(wc -l < err)
+  [[ $status == "$want" ]] || complain "$*" "exit code $status, expected $want"
+  head -n 1 err | grep -qF -- "$text" || complain "$*" "stderr does not start with: $text"
+  [[ $want == 2 || $lines == 1 ]] || complain "$*" "$lines lines on stderr"
+  [[ ! -s out ]] || complain "$*" "something on stdout"
+  [[ ! -d result || -z $(ls -A result) ]] || complain "$*" "files are left: $(ls -A result)"
+}
+
+goal='goal=[[1, 2], [3, 4]]'
+faults() { # DEVICE
+  local on=(--device "$1")
+  expect 1 "cannot read 'folder': it is a folder" folder "${on[@]}"
+  expect 1 "cannot read 'folder.drb': it is a folder" folder.drb "${on[@]}"
+  expect 1 "cannot read 'missing.dr'" missing.dr "${on[@]}"
+  expect 1 "cannot read 'missing.drb'" missing.drb "${on[@]}"
+  expect 1 'not a bundle' junk.drb "${on[@]}"
+  expect 1 'not a bundle' empty.drb "${on[@]}"
+  expect 1 "'goal'" fit.dr "${on[@]}"
+  expect 1 "'W' is 2 by" fit.dr "${on[@]}" --bind "$goal" --bind 'x=[[1, 2, 3]]'
+  expect 1 "'W' is 4 by" fit.dr "${on[@]}" --bind "$goal" --symbol W=4
+  expect 1 "symbol 'W'" fit.dr "${on[@]}" --bind "$goal" --symbol W=2x
+  expect 1 "there is no symbol 'Q'; there are: H, W" fit.dr "${on[@]}" --bind "$goal" --symbol Q=3
+  expect 1 "there is no leaf 'gaol'; there are x, goal" fit.dr "${on[@]}" --bind "gaol=1"
+  expect 1 "there is no step 'fti'; there are fit" fit.dr "${on[@]}" --bind "$goal" --step fti
+  expect 1 "cannot read 'missing.npy': no such file" fit.dr "${on[@]}" --bind goal=missing.npy
+  expect 1 "cannot read 'folder.npy': it is a folder" fit.dr "${on[@]}" --bind goal=folder.npy
+  expect 1 "cannot read 'junk.npy'" fit.dr "${on[@]}" --bind goal=junk.npy
+  expect 1 "0.5" mesh.dr "${on[@]}" --step look --bind 'position=[[0, 0, 0]]' --bind 'face=[[0.5, 1, 2]]'
+  expect 1 'vertex index 7 is out of range' mesh.dr "${on[@]}" --step look --bind position=bad.obj:position --bind face=bad.obj:indices
+  expect 1 'face 0 names the vertex 7 of 3 vertices' mesh.dr "${on[@]}" --step beside --bind 'face=[[0, 1, 7]]'
+  expect 1 'face 0 names the vertex -7 of 3 vertices' mesh.dr "${on[@]}" --step beside --bind 'face=[[0, 1, -7]]'
+  expect 2 "'goal' is given twice" fit.dr "${on[@]}" --bind "$goal" --bind 'goal=[[1]]'
+  expect 2 "'W' is given twice" fit.dr "${on[@]}" --bind "$goal" --symbol W=2 --symbol W=2
+  expect 2 "expected name=value, found 'W'" fit.dr "${on[@]}" --bind "$goal" --symbol W
+  expect 2 'expected a number of runs' fit.dr "${on[@]}" --bind "$goal" --step fit=99999999999
+
+  # NaN is data like any other: the run goes on, and what it spoils says so. `null` stands for it in the log.
+  rm -rf result
+  "$drun" fit.dr "${on[@]}" --bind goal=nan.csv --out result > out 2> err || complain 'with NaN' "exit code $?"
+  grep -q 'fit: error = nan' out && grep -q '"error": null' result/log.jsonl && [[ -s result/x.npy ]] ||
+    complain 'with NaN' 'the results do not say so'
+}
+
+faults reference
+# No driver, where the loader is told to look.
+VK_ICD_FILENAMES=/nowhere.json VK_DRIVER_FILES=/nowhere.json expect 1 'there is no Vulkan driver' fit.dr --bind "$goal"
+if [[ -n ${DR_LAVAPIPE_ICD-} ]]; then
+  export VK_ICD_FILENAMES=$DR_LAVAPIPE_ICD VK_DRIVER_FILES=$DR_LAVAPIPE_ICD
+  expect 1 "no Vulkan device matches 'nonsense'; there are: llvmpipe" fit.dr --bind "$goal" --device nonsense
+  expect 1 "no Vulkan device matches '7'" fit.dr --bind "$goal" --device 7
+  faults llvmpipe
+elif [[ -n ${CI-} ]]; then
+  echo "DR_LAVAPIPE_ICD is not set"
+  failed=1
+fi
+exit $failed
