@@ -285,11 +285,13 @@ class StepLegalizer {
     pass.active = active_elements(graph_, pass);
     pass.relist = true;
     // A processor starts few invocations at once, and runs those that have nothing to do as slowly as others: there
-    // each takes many elements, in a loop, unless the shader is so long that drivers compile a loop around it for
-    // minutes.
+    // each takes many elements, in a loop. Not where SwiftShader, with its four lanes, would compile a loop around many
+    // branches for minutes, and not around long shaders.
     constexpr double kProcessor = 64;  // operations per ns
+    constexpr uint32_t kLoopLanes = 8;
     constexpr size_t kLongLoop = 256;  // ops
-    const bool loop = profile_.costs.compute_operations_per_ns < kProcessor && op_count(pass.ops) <= kLongLoop;
+    const bool loop = profile_.costs.compute_operations_per_ns < kProcessor && profile_.subgroup_size >= kLoopLanes &&
+                      op_count(pass.ops) <= kLongLoop;
     pass.stride = loop ? 64 : 1;
   }
 
