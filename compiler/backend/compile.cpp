@@ -147,7 +147,7 @@ std::variant<Compiled, std::string> compile(const ir::Graph& graph, const target
   for (unsigned t = 1; t < std::max(1u, std::thread::hardware_concurrency()); ++t) threads.emplace_back(work);
   work();
   for (std::thread& t : threads) t.join();
-  cache.trim();
+  if (cache.has_stored()) cache.trim();  // a cache that has not grown is not too large
   bool wide = false, float_atomics = false;
   for (size_t k = 0; k < modules.size(); ++k) {
     if (const auto* problem = std::get_if<std::string>(&modules[k]))

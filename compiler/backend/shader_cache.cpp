@@ -81,7 +81,10 @@ void ShaderCache::store(const std::string& key, const std::vector<uint32_t>& wor
   out.write(reinterpret_cast<const char*>(words.data()), static_cast<std::streamsize>(words.size() * sizeof(uint32_t)));
   out.close();
   if (out) fs::rename(temporary, file, error);
-  if (!out || error) fs::remove(temporary, error);
+  if (!out || error)
+    fs::remove(temporary, error);
+  else
+    stored_ = true;
 }
 
 void ShaderCache::trim(std::uintmax_t most) const {

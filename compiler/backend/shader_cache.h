@@ -4,6 +4,7 @@
 // cache.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <filesystem>
 #include <optional>
@@ -22,7 +23,10 @@ class ShaderCache {
   // Whole or not at all, also when several processes write. May be called from several threads.
   void store(const std::string& key, const std::vector<uint32_t>& words) const;
 
-  // Removes the entries that were not stored or found for longest until the rest have at most so many bytes.
+  // Whether this object has stored something.
+  bool has_stored() const { return stored_; }
+  // Removes the entries that were not stored or found for longest until the rest have at most so many bytes. Looks at
+  // every file of the folder.
   void trim(std::uintmax_t most = std::uintmax_t{256} << 20) const;
 
   // Where the entry of a key is kept; for tests.
@@ -30,6 +34,7 @@ class ShaderCache {
 
  private:
   std::filesystem::path folder_;
+  mutable std::atomic<bool> stored_ = false;
 };
 
 // DRC_CACHE_DIR, or `dressi` in XDG_CACHE_HOME or ~/.cache; empty where the environment names none.
