@@ -7,6 +7,7 @@
 
 #include "compiler/backend/generate.h"
 #include "compiler/backend/glsl/fixed_point.h"
+#include "compiler/ir/yields.h"
 
 namespace dr::backend {
 
@@ -65,18 +66,10 @@ int Generator::contributions(ValueId result) const {
   if (op.kind == OpKind::Reduce) return -1;
   int most = 0;
   for (const ir::RegionId region : op.regions) {
-    const std::vector<ValueId>& yields = graph_.region(region).yields;
-    size_t next = 0;
-    for (uint32_t k = 0; k < op.results.size(); ++k) {
-      const bool scatter = op.attrs.yields[k] == ir::Yield::Scatter;
-      const bool forwarded = scatter && graph_.value(yields[next]).accumulation;
-      if (k == graph_.value(result).result_index) {
-        const int here = forwarded ? contributions(yields[next]) : 1;
-        if (here < 0) return -1;
-        most = std::max(most, here);
-      }
-      next += scatter && !forwarded ? 2 : 1;
-    }
+    const ir::Yielded yield = ir::yielded(graph_, op, region)[graph_.value(result).result_index];
+    const int here = yield.index.valid() ? 1 : contributions(yield.value);
+    if (here < 0) return -1;
+    most = std::max(most, here);
   }
   return most;
 }

@@ -5,6 +5,8 @@
 #include <optional>
 #include <set>
 
+#include "compiler/ir/yields.h"
+
 namespace dr::backend {
 
 using ir::Graph;
@@ -53,18 +55,10 @@ class ActiveElements {
     return zeros;
   }
   Zeros scattered(const Op& op, ir::RegionId region, uint32_t k) const {
-    const std::vector<ValueId>& yields = graph_.region(region).yields;
-    size_t next = 0;
-    for (uint32_t r = 0;; ++r) {
-      const bool scatter = op.attrs.yields[r] == ir::Yield::Scatter;
-      const bool forwarded = scatter && graph_.value(yields[next]).accumulation;
-      if (r == k) {
-        if (!forwarded) return zero_with(yields[next + 1]);
-        const ir::ValueInfo& inner = graph_.value(yields[next]);
-        return scattered(graph_.op(inner.op), inner.result_index);
-      }
-      next += scatter && !forwarded ? 2 : 1;
-    }
+    const ir::Yielded yield = ir::yielded(graph_, op, region)[k];
+    if (yield.index.valid()) return zero_with(yield.value);
+    const ir::ValueInfo& inner = graph_.value(yield.value);
+    return scattered(graph_.op(inner.op), inner.result_index);
   }
 
   Zeros zero_with(ValueId v) const {
@@ -99,14 +93,8 @@ class ActiveElements {
       case OpKind::If: {
         Zeros zeros;
         if (op.attrs.yields[info.result_index] != ir::Yield::Element) return self;
-        for (const ir::RegionId region : op.regions) {
-          size_t next = 0;
-          for (uint32_t r = 0; r < info.result_index; ++r) {
-            const bool scatter = op.attrs.yields[r] == ir::Yield::Scatter;
-            next += scatter && !graph_.value(graph_.region(region).yields[next]).accumulation ? 2 : 1;
-          }
-          zeros = both(zeros, zero_with(graph_.region(region).yields[next]));
-        }
+        for (const ir::RegionId region : op.regions)
+          zeros = both(zeros, zero_with(ir::yielded(graph_, op, region)[info.result_index].value));
         return with_self(zeros);
       }
       default: return self;

@@ -12,6 +12,7 @@
 #include <ranges>
 #include <utility>
 
+#include "compiler/ir/yields.h"
 #include "compiler/ops/emit.h"
 #include "compiler/ops/op.h"
 #include "compiler/passes/passes.h"
@@ -28,6 +29,7 @@ using ir::RegionId;
 using ir::ValueId;
 using ir::ValueInfo;
 using ir::ValueMap;
+using ir::yielded;
 
 namespace {
 

@@ -55,14 +55,6 @@ ir::Graph drop_vjps(const ir::Graph& graph);
 
 // --- shared by the structured constructs ---
 
-// What a region yields for one result. `index` is valid for a Scatter of (index, value) only.
-struct Yielded {
-  ir::ValueId index;
-  ir::ValueId value;
-};
-// One entry a result of the op that `region` belongs to.
-std::vector<Yielded> yielded(const ir::Graph& graph, const ir::Op& op, ir::RegionId region);
-
 // The adjoint of one result of a region op, in the builder.
 struct ResultAdjoint {
   ir::ValueId element;              // of a result that has one number an element; invalid: none

@@ -7,6 +7,7 @@
 // Of a minimum or maximum: only the trip that won has an adjoint, the first one on ties. A second Reduce finds it
 // (argmin), and the adjoint is that of a sum whose range is this one trip: it costs one trip, not all, and the trips
 // that lost cannot leak a NaN. An empty range has no winner and no adjoint.
+#include "compiler/ir/yields.h"
 #include "compiler/ops/emit.h"
 #include "compiler/passes/differentiate.h"
 
@@ -21,6 +22,8 @@ using ir::RegionId;
 using ir::Type;
 using ir::ValueId;
 using ir::Yield;
+using ir::Yielded;
+using ir::yielded;
 
 namespace {
 

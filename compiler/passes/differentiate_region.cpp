@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <set>
 
+#include "compiler/ir/yields.h"
 #include "compiler/ops/emit.h"
 #include "compiler/passes/differentiate.h"
 
@@ -16,19 +17,8 @@ using ir::OpId;
 using ir::RegionId;
 using ir::ValueId;
 using ir::Yield;
-
-std::vector<Yielded> yielded(const Graph& graph, const Op& op, RegionId region) {
-  const std::vector<ValueId>& values = graph.region(region).yields;
-  std::vector<Yielded> result;
-  size_t at = 0;
-  for (const Yield how : op.attrs.yields) {
-    const bool pair = how == Yield::Scatter && !graph.value(values[at]).accumulation;
-    const ValueId index = pair ? values[at++] : ValueId{};
-    result.push_back({.index = index, .value = values[at++]});
-  }
-  DR_ASSERT(at == values.size());
-  return result;
-}
+using ir::Yielded;
+using ir::yielded;
 
 std::vector<ResultAdjoint> result_adjoints(Sweep& sweep, const Frame& frame, const Op& op) {
   std::vector<ResultAdjoint> adjoints(op.results.size());

@@ -8,6 +8,7 @@
 #include <map>
 #include <set>
 
+#include "compiler/ir/yields.h"
 #include "compiler/ops/op.h"
 #include "compiler/passes/differentiate.h"
 
@@ -19,6 +20,8 @@ using ir::Op;
 using ir::OpId;
 using ir::OpKind;
 using ir::ValueId;
+using ir::Yielded;
+using ir::yielded;
 
 constexpr uint32_t kFar = UINT32_MAX;
 constexpr size_t kShownPaths = 3;

@@ -17,6 +17,7 @@
 #include <algorithm>
 #include <map>
 
+#include "compiler/ir/yields.h"
 #include "compiler/ops/op.h"
 #include "compiler/passes/passes.h"
 
@@ -29,23 +30,6 @@ namespace {
 bool combines_yields(OpKind kind) { return kind == OpKind::If || kind == OpKind::Reduce; }
 
 Extent domain_of(const Op& op) { return {op.attrs.dims[0], op.attrs.dims[1], op.attrs.dims[2]}; }
-
-// The values that one result of an If or Reduce takes from a region.
-struct Yielded {
-  size_t begin = 0;
-  size_t count = 1;
-};
-std::vector<Yielded> split_yields(const Graph& graph, const Op& op, RegionId region) {
-  const std::vector<ValueId>& yields = graph.region(region).yields;
-  std::vector<Yielded> out;
-  size_t at = 0;
-  for (Yield how : op.attrs.yields) {
-    const size_t count = how == Yield::Scatter && !graph.value(yields[at]).accumulation ? 2 : 1;
-    out.push_back({at, count});
-    at += count;
-  }
-  return out;
-}
 
 class Round {
  public:
@@ -95,15 +79,15 @@ class Round {
         for (size_t k = 2; k < op.operands.size(); ++k) target_[op.operands[k].index] = true;
       }
       for (RegionId inner : op.regions) {
-        const std::vector<ValueId>& yields = from_.region(inner).yields;
         if (combines_yields(op.kind)) {
-          const std::vector<Yielded> parts = split_yields(from_, op, inner);
+          const std::vector<Yielded> parts = yielded(from_, op, inner);
           for (size_t k = 0; k < parts.size(); ++k) {
             if (!needed_[op.results[k].index]) continue;
-            for (size_t i = 0; i < parts[k].count; ++i) need(yields[parts[k].begin + i]);
+            if (parts[k].index.valid()) need(parts[k].index);
+            need(parts[k].value);
           }
         } else {
-          for (ValueId yield : yields) need(yield);
+          for (ValueId yield : from_.region(inner).yields) need(yield);
         }
         find_needed(inner);
       }
@@ -221,9 +205,11 @@ class Round {
 
     std::vector<ValueId> yields;
     if (combines_yields(op.kind)) {
-      const std::vector<Yielded> parts = split_yields(from_, op, old);
+      const std::vector<Yielded> parts = yielded(from_, op, old);
       for (size_t k = 0; k < parts.size(); ++k) {
-        for (size_t i = 0; kept[k] && i < parts[k].count; ++i) append_yield(region.yields[parts[k].begin + i], yields);
+        if (!kept[k]) continue;
+        if (parts[k].index.valid()) append_yield(parts[k].index, yields);
+        append_yield(parts[k].value, yields);
       }
     } else {
       yields = mapped(region.yields);
@@ -251,16 +237,15 @@ class Round {
     const std::vector<double>* condition = emitter_.constant(map_[op.operands[0]]);
     if (!condition) return false;
     const RegionId branch = op.regions[condition->at(0) != 0 ? 0 : 1];
-    const std::vector<ValueId>& yields = from_.region(branch).yields;
-    const std::vector<Yielded> parts = split_yields(from_, op, branch);
+    const std::vector<Yielded> parts = yielded(from_, op, branch);
     for (size_t k = 0; k < parts.size(); ++k) {
       if (!needed_[op.results[k].index]) continue;
       // The result is the target, so there must be one.
       if (target_[op.results[k].index]) return false;
       // In the root an inner op runs over its own domain, not once for each element of the If's: it would scatter less
       // often.
-      const ValueInfo& yielded = from_.value(yields[parts[k].begin]);
-      if (emitter_.in_root() && yielded.accumulation && domain_of(from_.op(yielded.op)) != domain_of(op)) return false;
+      const ValueInfo& value = from_.value(parts[k].value);
+      if (emitter_.in_root() && value.accumulation && domain_of(from_.op(value.op)) != domain_of(op)) return false;
     }
 
     for (OpId inner : from_.region(branch).ops) rebuild(inner);
@@ -270,17 +255,15 @@ class Round {
       if (scatter) ++scatters;
       const ValueId result = op.results[k];
       if (!needed_[result.index]) continue;
-      const ValueId first = yields[parts[k].begin];
+      const auto& [index, value] = parts[k];
       if (!scatter) {
-        enter(result, emitter_.stretched(map_[first], from_.value(result).extent), false);
-      } else if (parts[k].count == 1) {
-        if (const auto pair = pairs_.find(first); pair != pairs_.end()) {
-          hand_on(op, scatters, result, pair->second);
-        } else {
-          enter(result, map_[first], false);
-        }
+        enter(result, emitter_.stretched(map_[value], from_.value(result).extent), false);
+      } else if (index.valid()) {
+        hand_on(op, scatters, result, {map_[index], map_[value]});
+      } else if (const auto pair = pairs_.find(value); pair != pairs_.end()) {
+        hand_on(op, scatters, result, pair->second);
       } else {
-        hand_on(op, scatters, result, {map_[first], map_[yields[parts[k].begin + 1]]});
+        enter(result, map_[value], false);
       }
     }
     return true;

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 
+#include "compiler/ir/yields.h"
 #include "compiler/ops/op.h"
 
 namespace dr::backend::glsl {
@@ -292,56 +293,51 @@ void Shader::op(const Op& op) {
 }
 
 void Shader::forward_accumulators(const Op& op, ir::RegionId region) {
-  const std::vector<ValueId>& yields = graph_.region(region).yields;
-  size_t next = 0;
+  const std::vector<ir::Yielded> parts = ir::yielded(graph_, op, region);
   for (size_t k = 0; k < op.results.size(); ++k) {
-    if (op.attrs.yields[k] == Yield::Scatter) {
-      const bool forwarded = graph_.value(yields[next]).accumulation;
-      if (auto it = accumulators_.find(op.results[k]); forwarded && it != accumulators_.end())
-        accumulators_[yields[next]] = it->second;
-      next += forwarded ? 1 : 2;
-    } else {
-      ++next;
-    }
+    if (op.attrs.yields[k] != Yield::Scatter || parts[k].index.valid()) continue;
+    if (auto it = accumulators_.find(op.results[k]); it != accumulators_.end())
+      accumulators_[parts[k].value] = it->second;
   }
 }
 
 // Combines what a region yields into the op's results; `trip` is the loop variable of a Reduce.
 void Shader::yields(const Op& op, ir::RegionId region, const std::vector<std::string>& names, const std::string& trip) {
-  const std::vector<ValueId>& values = graph_.region(region).yields;
-  const std::vector<std::string> y = this->region(region);
-  size_t next = 0;
+  element_ops(graph_.region(region).ops);
+  const std::vector<ir::Yielded> parts = ir::yielded(graph_, op, region);
+  struct Expressions {
+    std::string index, value;
+  };
+  std::vector<Expressions> all;
+  for (const ir::Yielded& part : parts) {
+    std::string index = part.index.valid() ? use(part.index) : "";
+    all.push_back({std::move(index), graph_.value(part.value).accumulation ? "" : use(part.value)});
+  }
   for (size_t k = 0; k < op.results.size(); ++k) {
     const Type& type = graph_.value(op.results[k]).type;
+    const std::string& y = all[k].value;
     switch (op.attrs.yields[k]) {
-      case Yield::Element: body_.line(names[k] + " = " + y[next++] + ";"); break;
-      case Yield::Sum: body_.line(names[k] + " = " + names[k] + " + " + y[next++] + ";"); break;
+      case Yield::Element: body_.line(names[k] + " = " + y + ";"); break;
+      case Yield::Sum: body_.line(names[k] + " = " + names[k] + " + " + y + ";"); break;
       case Yield::Min:
       case Yield::Max:
         for (int c = 0; c < type.components(); ++c)
-          body_.line("if (" + component(type, y[next], c) + (op.attrs.yields[k] == Yield::Min ? " < " : " > ") +
+          body_.line("if (" + component(type, y, c) + (op.attrs.yields[k] == Yield::Min ? " < " : " > ") +
                      component(type, names[k], c) + ") " + component(type, names[k], c) + " = " +
-                     component(type, y[next], c) + ";");
-        ++next;
+                     component(type, y, c) + ";");
         break;
       case Yield::ArgMin:
-        body_.line("if (" + y[next] + " < " + names[k] + "_best || (" + names[k] + "_none && " + y[next] +
-                   " == " + names[k] + "_best)) {");
-        body_.line(names[k] + "_best = " + y[next] + ";");
+        body_.line("if (" + y + " < " + names[k] + "_best || (" + names[k] + "_none && " + y + " == " + names[k] +
+                   "_best)) {");
+        body_.line(names[k] + "_best = " + y + ";");
         body_.line(names[k] + "_none = false;");
         body_.line(names[k] + " = " + trip + ";");
         body_.line("}");
-        ++next;
         break;
       case Yield::Scatter:
-        if (graph_.value(values[next]).accumulation) {
-          ++next;
-          break;
-        }
-        if (auto it = accumulators_.find(op.results[k]); it != accumulators_.end())
-          body_.line("scatter_" + it->second.name + "(" + place_of(values[next], y[next], it->second.extent) + ", " +
-                     y[next + 1] + ");");
-        next += 2;
+        if (auto it = accumulators_.find(op.results[k]); parts[k].index.valid() && it != accumulators_.end())
+          body_.line("scatter_" + it->second.name + "(" + place_of(parts[k].index, all[k].index, it->second.extent) +
+                     ", " + y + ");");
         break;
     }
   }
