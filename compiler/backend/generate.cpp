@@ -356,9 +356,9 @@ void Generator::reduce_pass(const Pass& pass) {
         return;
       }
       for (int c = 0; c < n; ++c) {
-        const std::string part = type.is_scalar() ? "" : "[" + std::to_string(c) + "]";
-        s.body().line("if (" + what + part + (op.kind == OpKind::ReduceMin ? " < " : " > ") + into + part + ") " +
-                      into + part + " = " + what + part + ";");
+        const std::string now = glsl::component(type, into, c), other = glsl::component(type, what, c);
+        s.body().line("if (" + other + (op.kind == OpKind::ReduceMin ? " < " : " > ") + now + ") " + now + " = " +
+                      other + ";");
       }
     };
     s.body().line(type.str() + " total = " + first + ";");
@@ -373,8 +373,8 @@ void Generator::reduce_pass(const Pass& pass) {
     combine("total", "part");
     s.body().line("}");
     for (int c = 0; c < n; ++c)
-      s.body().line(target_name + ".d[index * " + std::to_string(n) + " + " + std::to_string(c) + "] = total" +
-                    (type.is_scalar() ? "" : "[" + std::to_string(c) + "]") + ";");
+      s.body().line(target_name + ".d[index * " + std::to_string(n) + " + " + std::to_string(c) +
+                    "] = " + glsl::component(type, "total", c) + ";");
   };
   auto begin = [&](Shader& s) {
     linear_index(s, dim_expression(outs) + " * pc.b");

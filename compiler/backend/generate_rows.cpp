@@ -11,6 +11,7 @@
 
 namespace dr::backend {
 
+using glsl::component;
 using glsl::dim_expression;
 using glsl::Shader;
 using ir::Dim;
@@ -19,10 +20,6 @@ using ir::ValueId;
 namespace {
 
 constexpr int kBlock = 256;
-
-std::string component(const ir::Type& type, const std::string& name, int c) {
-  return type.is_scalar() ? name : name + "[" + std::to_string(c) + "]";
-}
 
 // A sum of floats leaves these words for a block: the largest magnitude, flags, and low and high of each component; one
 // of integers its components.

@@ -12,6 +12,7 @@
 namespace dr::backend {
 
 using glsl::Accumulator;
+using glsl::component;
 using glsl::dim_expression;
 using glsl::Shader;
 using ir::OpKind;
@@ -26,10 +27,6 @@ constexpr int kHead = 2;
 
 ir::Dim word_count(const Accumulator& a, bool wide) {
   return element_count(a.extent) * ir::Dim((wide ? 1 : 2) * a.type.components() + 1) + kHead;
-}
-
-std::string component(const ir::Type& type, const std::string& name, int c) {
-  return type.is_scalar() ? name : name + "[" + std::to_string(c) + "]";
 }
 
 // Not 0 where a value is anything but zeros; NaN is. Without branches, of which drivers compile many slowly.

@@ -30,12 +30,6 @@ std::string from_words(const Type& type, const std::string& buffer, const std::s
   return out + ")";
 }
 
-std::string component(const Type& type, const std::string& name, int c) {
-  if (type.is_scalar()) return name;
-  if (type.is_matrix()) return name + "[" + std::to_string(c / type.rows) + "][" + std::to_string(c % type.rows) + "]";
-  return name + "[" + std::to_string(c) + "]";
-}
-
 }  // namespace
 
 Shader::Shader(const ir::Graph& graph, const Schedule& schedule, const StepSchedule& step,

@@ -90,6 +90,12 @@ std::string limit(const ir::Type& type, bool least) {
   return type.is_scalar() ? one : type.str() + "(" + one + ")";
 }
 
+std::string component(const ir::Type& type, const std::string& name, int c) {
+  if (type.is_scalar()) return name;
+  if (type.is_matrix()) return name + "[" + std::to_string(c / type.rows) + "][" + std::to_string(c % type.rows) + "]";
+  return name + "[" + std::to_string(c) + "]";
+}
+
 std::string storage_scalar(ir::Scalar scalar) {
   switch (scalar) {
     case ir::Scalar::Float: return "float";

@@ -31,6 +31,8 @@ std::string literal(const ir::Type& type, std::span<const double> components);
 std::string zero(const ir::Type& type);
 // What every value is at most (`least`) or at least: where a minimum or a maximum starts.
 std::string limit(const ir::Type& type, bool least);
+// Component `c` of a variable, in the order of storage.
+std::string component(const ir::Type& type, const std::string& name, int c);
 // The type's scalar in a storage buffer (Bool is uint), and a buffer word <-> component.
 std::string storage_scalar(ir::Scalar scalar);
 // A user's name made fit for GLSL, without the number that makes it unique.
