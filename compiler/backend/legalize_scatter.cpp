@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <set>
 
+#include "compiler/backend/limits.h"
 #include "compiler/backend/pack_stages.h"
 #include "compiler/backend/scatter_active.h"
 #include "compiler/backend/uses.h"
@@ -162,11 +163,13 @@ class StepLegalizer {
     return false;
   }
 
-  size_t buffer_count(const std::set<ValueId>& values) const {
-    std::set<uint32_t> buffers;
-    for (const ValueId v : values)
-      if (resource(v).storage == Resource::Storage::Buffer) buffers.insert(step_.stored.at(v).index);
-    return buffers.size();
+  // What a shader binds that reads and writes these, and buffers besides.
+  Bindings bindings(std::span<const ValueId> reads, size_t writes, bool hardware, uint32_t more_buffers) const {
+    std::set<uint32_t> buffers, images;
+    for (const ValueId v : reads)
+      (resource(v).storage == Resource::Storage::Image ? images : buffers).insert(step_.stored.at(v).index);
+    return {static_cast<uint32_t>(buffers.size()) + more_buffers, static_cast<uint32_t>(images.size()),
+            static_cast<uint32_t>(writes), hardware};
   }
 
   // Makes one pass of those that scatter the terms, which then stores their sum only.
@@ -185,16 +188,13 @@ class StepLegalizer {
     for (const ValueId v : sum.terms) writes.erase(v);
     const auto stored = step_.stored.find(sum.value);
     const bool was_stored = stored != step_.stored.end();
-    if (buffer_count(reads) + writes.size() + 1 > profile_.max_per_stage_descriptor_storage_buffers) return false;
+    const std::vector<ValueId> read(reads.begin(), reads.end());
+    if (!fits(profile_, bindings(read, writes.size() + 1, false, 0))) return false;
     // What was an image becomes a buffer of the shaders that read it: where one joins sums, all packings have to.
     if (was_stored && resource(sum.value).storage == Resource::Storage::Image) {
       for (const Pass& pass : step_.passes) {
         if (!std::binary_search(pass.reads.begin(), pass.reads.end(), sum.value)) continue;
-        const size_t buffers =
-            buffer_count({pass.reads.begin(), pass.reads.end()}) + 1 + (pass.hardware ? 0 : pass.writes.size());
-        if (buffers > profile_.max_per_stage_descriptor_storage_buffers ||
-            (pass.hardware && buffers + pass.writes.size() > profile_.max_fragment_combined_output_resources))
-          return false;
+        if (!fits(profile_, bindings(pass.reads, pass.writes.size(), pass.hardware, 1))) return false;
       }
       schedule_.resources[stored->second.index].storage = Resource::Storage::Buffer;
     }
@@ -231,7 +231,7 @@ class StepLegalizer {
     writes.insert(sum.value);
     into.ops.assign(ops.begin(), ops.end());
     std::sort(into.ops.begin(), into.ops.end(), [&](OpId a, OpId b) { return position_.at(a) < position_.at(b); });
-    into.reads.assign(reads.begin(), reads.end());
+    into.reads = read;
     into.writes.assign(writes.begin(), writes.end());
     std::sort(sums.begin(), sums.end(), [](const auto& a, const auto& b) { return a.value < b.value; });
     into.sums = std::move(sums);
@@ -260,15 +260,16 @@ class StepLegalizer {
     pass.reads.assign(reads.begin(), reads.end());
   }
 
-  // Listing the elements that may add something costs an element few loads; running one costs its own loads, twice. A
-  // scatter of a region is worth it, since conditions of the program lie before it. What it finds to add nothing in the
-  // first run is left out of the second.
   size_t op_count(const std::vector<OpId>& ops) const {
     size_t count = ops.size();
     for (OpId id : ops)
       for (ir::RegionId region : graph_.op(id).regions) count += op_count(graph_.region(region).ops);
     return count;
   }
+
+  // Listing the elements that may add something costs an element few loads; running one costs its own loads, twice. A
+  // scatter of a region is worth it, since conditions of the program lie before it. What it finds to add nothing in the
+  // first run is left out of the second.
   void choose_active(Pass& pass) const {
     const bool regions = std::any_of(pass.ops.begin(), pass.ops.end(), [&](OpId id) {
       const Op& op = graph_.op(id);
@@ -276,9 +277,8 @@ class StepLegalizer {
              std::any_of(op.results.begin(), op.results.end(), [&](ValueId v) { return is_scatter_result(graph_, v); });
     });
     if (!regions) return;
-    constexpr size_t kLists = 2;
-    const std::set<ValueId> reads(pass.reads.begin(), pass.reads.end());
-    if (buffer_count(reads) + pass.writes.size() + kLists > profile_.max_per_stage_descriptor_storage_buffers) return;
+    constexpr uint32_t kLists = 2;
+    if (!fits(profile_, bindings(pass.reads, pass.writes.size(), false, kLists))) return;
     if (pass.scatter != ScatterLowering::Exact || pass.writes.size() != pass.sums.size()) return;
     const auto is_float = [&](const ScatterSum& sum) { return graph_.value(sum.value).type.is_float(); };
     if (!std::all_of(pass.sums.begin(), pass.sums.end(), is_float)) return;
@@ -343,10 +343,8 @@ class StepLegalizer {
       for (const ir::Update& update : step.updates)
         if (update.leaf == rows.leaf) return std::nullopt;
     rows.columns.assign(columns.begin(), columns.end());
-    const std::set<ValueId> reads(pass.reads.begin(), pass.reads.end());
-    constexpr size_t kTable = 3;  // starts, items, sums of blocks
-    if (buffer_count(reads) + pass.writes.size() + kTable > profile_.max_per_stage_descriptor_storage_buffers)
-      return std::nullopt;
+    constexpr uint32_t kTable = 3;  // starts, items, sums of blocks
+    if (!fits(profile_, bindings(pass.reads, pass.writes.size(), false, kTable))) return std::nullopt;
     return rows;
   }
 

@@ -5,6 +5,7 @@
 #include <climits>
 #include <tuple>
 
+#include "compiler/backend/limits.h"
 #include "compiler/backend/pass_order.h"
 #include "compiler/backend/step_packer.h"
 
@@ -48,13 +49,17 @@ bool StepPacker::is_read(ValueId v, OpId user) const {
   return elsewhere_.has(v.index) || 2 * recompute_cost_[from] > recompute_limit_;
 }
 
+void StepPacker::count_read(ValueId v) {
+  if (read_resource_.add(resource_index(v)))
+    ++(resource(v).storage == Resource::Storage::Image ? cone_.images : cone_.buffers);
+}
+
 // Adds what `target` takes to the cone.
 void StepPacker::grow(ValueId target) {
   const auto read = [&](ValueId v) {
     if (!read_.add(v.index)) return;
     cone_.reads.push_back(v);
-    if (read_resource_.add(resource_index(v)))
-      ++(resource(v).storage == Resource::Storage::Image ? cone_.images : cone_.buffers);
+    count_read(v);
   };
   const auto need = [&](OpId id) {
     if (in_cone_.add(id.index)) cone_.ops.push_back(id);
@@ -80,9 +85,7 @@ void StepPacker::shrink(size_t ops, size_t reads) {
   for (; cone_.reads.size() > reads; cone_.reads.pop_back()) read_.remove(cone_.reads.back().index);
   cone_.buffers = cone_.images = 0;
   read_resource_.clear();
-  for (ValueId v : cone_.reads)
-    if (read_resource_.add(resource_index(v)))
-      ++(resource(v).storage == Resource::Storage::Image ? cone_.images : cone_.buffers);
+  for (ValueId v : cone_.reads) count_read(v);
 }
 
 // The shader for `targets`, ops of the group among its own.
@@ -108,16 +111,6 @@ void StepPacker::close_over(Pass& pass, const std::vector<ValueId>& targets, int
 
 // ---- limits ----
 
-bool StepPacker::fits(uint32_t buffers, uint32_t images, uint32_t writes, bool hardware) const {
-  const uint32_t bound = buffers + (hardware ? 0 : writes);
-  if (bound > profile_.max_per_stage_descriptor_storage_buffers ||
-      images > profile_.max_per_stage_descriptor_sampled_images ||
-      buffers + images + writes > profile_.max_per_stage_resources)
-    return false;
-  if (!hardware) return true;
-  return writes <= profile_.max_color_attachments && bound + writes <= profile_.max_fragment_combined_output_resources;
-}
-
 bool StepPacker::within_limits(const Pass& pass) const {
   std::vector<uint32_t> buffers, images, written;
   for (ValueId v : pass.reads)
@@ -127,7 +120,7 @@ bool StepPacker::within_limits(const Pass& pass) const {
     std::sort(all.begin(), all.end());
     return static_cast<uint32_t>(std::unique(all.begin(), all.end()) - all.begin());
   };
-  return fits(count(buffers), count(images), count(written), pass.hardware);
+  return fits(profile_, {count(buffers), count(images), count(written), pass.hardware});
 }
 
 // Parts of a pass that reads more than one shader may are stored by passes of their own before. Walks its ops: where
@@ -157,7 +150,7 @@ void StepPacker::spill(const Pass& pass) {
       }
       uint32_t images = 0;
       for (uint32_t r : own) images += resources_[r].storage == Resource::Storage::Image ? 1 : 0;
-      if (fits(static_cast<uint32_t>(own.size()) - images, images, 1, pass.hardware) || !most.valid()) {
+      if (fits(profile_, {static_cast<uint32_t>(own.size()) - images, images, 1, pass.hardware}) || !most.valid()) {
         reads[id] = std::move(own);
         break;
       }
@@ -214,7 +207,7 @@ void StepPacker::add_map_passes(const Extent& domain, const std::vector<OpId>& g
         if (written_[targets[next].index]) continue;
         const size_t ops = cone_.ops.size(), reads = cone_.reads.size();
         grow(targets[next]);
-        fit = fits(cone_.buffers, cone_.images, static_cast<uint32_t>(chosen.size()) + 1, hardware);
+        fit = fits(profile_, {cone_.buffers, cone_.images, static_cast<uint32_t>(chosen.size()) + 1, hardware});
         if (!fit && !chosen.empty()) {
           shrink(ops, reads);
           fit = true;

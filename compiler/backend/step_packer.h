@@ -87,10 +87,10 @@ class StepPacker {
   void set_group(std::span<const OpId> ops);
   void begin_cone(int level);
   void grow(ValueId target);
+  void count_read(ValueId v);
   void shrink(size_t ops, size_t reads);
   bool is_read(ValueId v, OpId user) const;
   void close_over(Pass& pass, const std::vector<ValueId>& targets, int level);
-  bool fits(uint32_t buffers, uint32_t images, uint32_t writes, bool hardware) const;
   bool within_limits(const Pass& pass) const;
   void spill(const Pass& pass);
   void add_pass(Pass pass);
