@@ -55,9 +55,9 @@ class LevelFinder {
   template <class F>
   void for_each_wait(OpId id, const F& f) const {
     for (ValueId v : in_.uses[id.index].at_element)
-      if (!is_memory(op(maker(v))) && !in_.recomputed(v, id)) f(v, share(id, v) ? 0 : 1);
+      if (!in_.ready(v) && !in_.recomputed(v, id)) f(v, share(id, v) ? 0 : 1);
     for (ValueId v : in_.uses[id.index].elsewhere)
-      if (!is_memory(op(maker(v)))) f(v, 1);
+      if (!in_.ready(v)) f(v, 1);
   }
   int first_level(OpId id) const {
     int level = 0;

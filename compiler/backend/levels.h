@@ -18,6 +18,7 @@ struct LevelInput {
   std::function<const ir::Extent*(const ir::Op&)> domain;
   std::function<bool(ir::ValueId, ir::OpId)> recomputed;  // again where this op uses it; for any op: an invalid one
   std::function<bool(ir::ValueId)> stored;                // whatever its users do
+  std::function<bool(ir::ValueId)> ready;                 // before all levels: nothing waits for it
 };
 
 // By OpId index. An op waits for values that it reads at other places, stretched, or from a pass of its own. Within

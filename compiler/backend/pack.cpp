@@ -145,28 +145,24 @@ void StepPacker::find_levels() {
   for (OpId id : order_)
     for (ValueId v : uses_[id.index].elsewhere) elsewhere[v.index] = true;
   // All of the prologue comes before the rest, which need not wait for any of it.
-  const auto in_prologue = [&](ValueId v) { return !steady_[graph_.value(v).op.index]; };
   std::vector<OpId> prologue, rest;
   for (OpId id : order_) (steady_[id.index] ? rest : prologue).push_back(id);
-  std::vector<Uses> uses_of_rest = uses_;
-  for (OpId id : rest) {
-    std::erase_if(uses_of_rest[id.index].at_element, in_prologue);
-    std::erase_if(uses_of_rest[id.index].elsewhere, in_prologue);
-  }
-  const auto levels = [&](const std::vector<OpId>& order, const std::vector<Uses>& uses) {
-    return backend::find_levels({.graph = graph_,
-                                 .order = order,
-                                 .uses = uses,
-                                 .domain =
-                                     [&](const Op& op) {
-                                       const bool shares = options_.fused && pass_kind(op) == Pass::Kind::Map;
-                                       return shares ? &graph_.value(op.results[0]).extent : nullptr;
-                                     },
-                                 .recomputed = [&](ValueId v, OpId user) { return recomputable(v, user); },
-                                 .stored = [&](ValueId v) { return roots_.count(v) != 0 || elsewhere[v.index]; }});
+  const auto levels = [&](const std::vector<OpId>& order, bool steady) {
+    return backend::find_levels(
+        {.graph = graph_,
+         .order = order,
+         .uses = uses_,
+         .domain =
+             [&](const Op& op) {
+               const bool shares = options_.fused && pass_kind(op) == Pass::Kind::Map;
+               return shares ? &graph_.value(op.results[0]).extent : nullptr;
+             },
+         .recomputed = [&](ValueId v, OpId user) { return recomputable(v, user); },
+         .stored = [&](ValueId v) { return roots_.count(v) != 0 || elsewhere[v.index]; },
+         .ready = [&](ValueId v) { return is_memory(def(v)) || (steady && !steady_[graph_.value(v).op.index]); }});
   };
-  level_ = levels(prologue, uses_);
-  const std::vector<int> of_rest = levels(rest, uses_of_rest);
+  level_ = levels(prologue, false);
+  const std::vector<int> of_rest = levels(rest, true);
   int first = 0;
   for (OpId id : prologue)
     if (!is_memory(graph_.op(id))) first = std::max(first, level_[id.index] + 1);
