@@ -264,8 +264,9 @@ bundle::CommandT& Generator::command(bundle::CommandKind kind, const std::string
   return c;
 }
 
-void Generator::fill(const std::string& label, uint32_t target, uint32_t value) {
+void Generator::fill(const std::string& label, uint32_t target, uint32_t value, const std::string& words) {
   auto& c = command(bundle::CommandKind::Fill, label);
+  c.elements = words;
   c.target = static_cast<int>(target);
   c.value = value;
 }
@@ -282,7 +283,8 @@ bundle::CommandT& Generator::dispatch(const Pass& pass, const std::string& suffi
 
 void Generator::linear_index(Shader& s, const std::string& elements) {
   s.body().line(
-      "int index = int((gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x) * 64u + gl_LocalInvocationID.x);");
+      "int index = int((gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x) * gl_WorkGroupSize.x + "
+      "gl_LocalInvocationID.x);");
   s.body().line("if (index >= " + elements + ") return;");
 }
 

@@ -35,7 +35,8 @@ class Generator {
   void scatter_pass(const Pass& pass);
   void scatter_resolve(const Pass& pass, ir::ValueId value, const glsl::Accumulator& accumulator, uint32_t words,
                        int most);
-  // Lists the elements that add something: word 0 of the scratch buffer is their number.
+  // An empty list of elements of the pass, a scratch buffer; a dispatch can be as large as it is long.
+  uint32_t add_list(const Pass& pass, const std::string& name);
   uint32_t list_active(const Pass& pass);
   void rows_pass(const Pass& pass);
   // The leaves of a table of rows: two, for where each row starts and for its items, each with its row.
@@ -52,8 +53,11 @@ class Generator {
   void raster_compute(const Pass& pass, const ir::Op& op);
 
   glsl::Shader shader() const { return glsl::Shader(graph_, schedule_, *step_, bundle_->symbols); }
+  // 64 invocations in a workgroup, or as many as the host likes.
+  std::string compute_layout() const {
+    return "layout(local_size_x = 64, local_size_x_id = " + std::to_string(bundle_->symbols.size()) + ") in;\n";
+  }
   // Opens a compute shader's main: computes `index`, returns past `elements`.
-  static std::string compute_layout() { return "layout(local_size_x = 64) in;\n"; }
   static void linear_index(glsl::Shader& shader, const std::string& elements);
   static void place_from_index(glsl::Shader& shader, const ir::Extent& extent, const std::string& index = "index");
 
@@ -69,7 +73,7 @@ class Generator {
   bundle::CommandT& command(bundle::CommandKind kind, const std::string& label);
   bundle::CommandT& dispatch(const Pass& pass, const std::string& suffix, glsl::Shader& shader,
                              const std::string& elements, std::vector<int> push = {0, 0, 0});
-  void fill(const std::string& label, uint32_t target, uint32_t value);
+  void fill(const std::string& label, uint32_t target, uint32_t value, const std::string& words = "");
   uint32_t resource_index(ir::ValueId value) const { return step_->stored.at(value).index; }
   const Resource& resource(ir::ValueId value) const { return schedule_.resources[resource_index(value)]; }
 

@@ -41,6 +41,27 @@ std::string word_of(const std::string& element, int components, int c) {
   return std::to_string(kHead) + " + " + element + " * " + std::to_string(components) + " + " + std::to_string(c);
 }
 
+// Words of a list of elements: 0 to 2 the workgroups of 64 that take one each, then one more than there are, then the
+// elements.
+constexpr int kListEnd = 3, kListHead = 4;
+
+// A statement that adds an element to a list. Workgroups go on in the next row as those of other dispatches do.
+std::string append(Shader& s, const std::string& list, const std::string& element) {
+  s.declare(R"(void append_to_)" + list + R"((int element) {
+  uint place = atomicAdd()" +
+            list + ".d[" + std::to_string(kListEnd) + R"(], 1u) - 1u;
+  )" + list +
+            ".d[" + std::to_string(kListHead) + R"(u + place] = uint(element);
+  if (place % 64u != 0u) return;
+  atomicMax()" +
+            list + R"(.d[0], min(place / 64u + 1u, 65535u));
+  atomicMax()" +
+            list + R"(.d[1], place / 64u / 65535u + 1u);
+}
+)");
+  return "append_to_" + list + "(" + element + ");";
+}
+
 constexpr const char* kCountBits = R"(
 int bits_of_count(uint count) { return count <= 1u ? 0 : findMSB(count - 1u) + 1; }
 )";
@@ -87,10 +108,16 @@ std::vector<ir::OpId> Generator::element_ops(const Pass& pass) const {
   return out;
 }
 
+uint32_t Generator::add_list(const Pass& pass, const std::string& name) {
+  const uint32_t list = add_scratch(pass.name + "_" + name, (element_count(pass.domain) + ir::Dim(kListHead)).str());
+  fill("clear " + pass.name + " " + name, list, 1, std::to_string(kListHead));
+  return list;
+}
+
+// Lists the elements that add something.
 uint32_t Generator::list_active(const Pass& pass) {
   const ir::Dim count = element_count(pass.domain);
-  const uint32_t list = add_scratch(pass.name + "_active", (count + ir::Dim(1)).str());
-  fill("clear " + pass.name + " active", list, 0);
+  const uint32_t list = add_list(pass, "active");
   Shader s = shader();
   linear_index(s, dim_expression(count));
   place_from_index(s, pass.domain);
@@ -107,7 +134,7 @@ uint32_t Generator::list_active(const Pass& pass) {
     active += (active.empty() ? "" : " || ") + (pass.active.size() > 1 ? "(" + all + ")" : all);
   }
   const std::string words = s.bind_words(list, "active_elements", bundle::Access::ReadWrite);
-  s.body().line("if (" + active + ") " + words + ".d[1u + atomicAdd(" + words + ".d[0], 1u)] = uint(index);");
+  s.body().line("if (" + active + ") " + append(s, words, "index"));
   dispatch(pass, "_active", s, count.str());
   return list;
 }
@@ -119,15 +146,9 @@ void Generator::scatter_pass(const Pass& pass) {
   const bool lists = pass.relist, listed = !pass.active.empty();
   const uint32_t list = listed ? list_active(pass) : 0;
   uint32_t adding = 0;
-  if (lists) {
-    adding = add_scratch(pass.name + "_adding", (element_count(pass.domain) + ir::Dim(1)).str());
-    fill("clear " + pass.name + " adding", adding, 0);
-  }
+  if (lists) adding = add_list(pass, "adding");
   Shader s = shader();
-  const ir::Dim invocations =
-      lists ? element_count(pass.domain).divided_by(pass.stride) + ir::Dim(pass.stride > 1 ? 1 : 0)
-            : element_count(pass.domain);
-  linear_index(s, dim_expression(invocations));
+  linear_index(s, dim_expression(element_count(pass.domain)));
   if (!lists) place_from_index(s, pass.domain);
 
   struct Target {
@@ -217,21 +238,18 @@ void Generator::scatter_pass(const Pass& pass) {
   if (lists) {
     const std::string again = s.bind_words(adding, "adding_elements", bundle::Access::ReadWrite);
     const std::string first = listed ? s.bind_words(list, "active_elements", bundle::Access::Read) : std::string();
-    s.body().line("int count = pc.a == 0 ? " +
-                  (listed ? "int(" + first + ".d[0])" : dim_expression(element_count(pass.domain))) + " : int(" +
-                  again + ".d[0]);");
-    if (pass.stride > 1)
-      s.body().line("for (int k = index; k < count; k += " + dim_expression(invocations) + ") {");
-    else
-      s.body().line("int k = index;\n  if (k < count) {");
-    s.body().line("int element = " + (listed ? "int(pc.a == 0 ? " + first + ".d[1 + k] : " + again + ".d[1 + k]);"
-                                             : "pc.a == 0 ? k : int(" + again + ".d[1 + k]);"));
+    const auto item = [](const std::string& list) {
+      return "int(" + list + ".d[" + std::to_string(kListHead) + " + index])";
+    };
+    const auto end = [](const std::string& list) {
+      return "int(" + list + ".d[" + std::to_string(kListEnd) + "] - 1u)";
+    };
+    s.body().line("if (index >= (pc.a == 0 ? " + (listed ? end(first) : dim_expression(element_count(pass.domain))) +
+                  " : " + end(again) + ")) return;");
+    s.body().line("int element = pc.a == 0 ? " + (listed ? item(first) : "index") + " : " + item(again) + ";");
     place_from_index(s, pass.domain, "element");
-    s.body().line("adds = 0u;");
     s.element_ops(element_ops(pass));
-    s.body().line("if (pc.a == 0 && adds != 0u) " + again + ".d[1u + atomicAdd(" + again +
-                  ".d[0], 1u)] = uint(element);");
-    s.body().line("}");
+    s.body().line("if (pc.a == 0 && adds != 0u) " + append(s, again, "element"));
   } else {
     s.element_ops(element_ops(pass));
   }
@@ -244,12 +262,14 @@ void Generator::scatter_pass(const Pass& pass) {
   }
 
   const bool two_runs = !finish.empty();
-  auto& magnitudes = dispatch(pass, "", s, invocations.str(), {two_runs ? 0 : 1, 0, 0});
+  auto& magnitudes = dispatch(pass, "", s, element_count(pass.domain).str(), {two_runs ? 0 : 1, 0, 0});
+  if (listed) magnitudes.indirect = static_cast<int>(list);
   if (two_runs) {
     auto& sums_run = command(bundle::CommandKind::Dispatch, pass.name + " add");
     sums_run.compute = magnitudes.compute;
     for (const auto& b : magnitudes.bindings) sums_run.bindings.push_back(std::make_unique<bundle::BindingT>(*b));
     sums_run.elements = magnitudes.elements;
+    if (lists) sums_run.indirect = static_cast<int>(adding);
     sums_run.push = {1, 0, 0};
   }
   for (const Target& t : targets) scatter_resolve(pass, t.value, t.accumulator, t.words, t.most);

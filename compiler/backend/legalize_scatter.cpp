@@ -260,13 +260,6 @@ class StepLegalizer {
     pass.reads.assign(reads.begin(), reads.end());
   }
 
-  size_t op_count(const std::vector<OpId>& ops) const {
-    size_t count = ops.size();
-    for (OpId id : ops)
-      for (ir::RegionId region : graph_.op(id).regions) count += op_count(graph_.region(region).ops);
-    return count;
-  }
-
   // Listing the elements that may add something costs an element few loads; running one costs its own loads, twice. A
   // scatter of a region is worth it, since conditions of the program lie before it. What it finds to add nothing in the
   // first run is left out of the second.
@@ -284,15 +277,6 @@ class StepLegalizer {
     if (!std::all_of(pass.sums.begin(), pass.sums.end(), is_float)) return;
     pass.active = active_elements(graph_, pass);
     pass.relist = true;
-    // A processor starts few invocations at once, and runs those that have nothing to do as slowly as others: there
-    // each takes many elements, in a loop. Not where SwiftShader, with its four lanes, would compile a loop around many
-    // branches for minutes, and not around long shaders.
-    constexpr double kProcessor = 64;  // operations per ns
-    constexpr uint32_t kLoopLanes = 8;
-    constexpr size_t kLongLoop = 256;  // ops
-    const bool loop = profile_.costs.compute_operations_per_ns < kProcessor && profile_.subgroup_size >= kLoopLanes &&
-                      op_count(pass.ops) <= kLongLoop;
-    pass.stride = loop ? 64 : 1;
   }
 
   void choose(Pass& pass) {

@@ -190,7 +190,7 @@ std::string print(const Graph& graph, const Schedule& schedule) {
         for (size_t i = 0; i < pass.active[c].size(); ++i)
           out += (i > 0 ? " and " : c > 0 ? ", or " : " ") + resource_text(step, pass.active[c][i]);
       if (!pass.active.empty()) out += "\n";
-      if (pass.relist) out += "    relist, stride " + std::to_string(pass.stride) + "\n";
+      if (pass.relist) out += "    relist\n";
       if (pass.scatter == ScatterLowering::Rows) {
         out += "    rows " + schedule.resources[pass.rows.leaf].name + "[";
         for (size_t c = 0; c < pass.rows.columns.size(); ++c)

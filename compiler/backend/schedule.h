@@ -70,7 +70,6 @@ struct Pass {
   // true or not zero. Empty: all elements run.
   std::vector<std::vector<ir::ValueId>> active;
   bool relist = false;  // the first run of an exact pass lists what adds something for the second
-  int stride = 1;       // with lists: an invocation runs each so manieth element
 };
 
 struct StepSchedule {

@@ -47,6 +47,7 @@ class Session {
   std::map<std::string, std::string> last_values_;
   std::map<std::string, bool> scalar_;
   int together_ = 1;  // runs of a step between two looks at whether somebody interrupts
+  std::map<std::string, std::vector<double>> paces_;  // of each step: seconds a run, one for each batch
 };
 
 }  // namespace dr::drun

@@ -10,9 +10,9 @@ namespace {
 
 // Values of the Vulkan specification, so that this file needs no Vulkan.
 constexpr uint32_t kVertexStage = 0x8, kFragmentStage = 0x80, kEarlyTests = 0x100, kLateTests = 0x200,
-                   kColorStage = 0x400, kComputeStage = 0x800, kTransferStage = 0x1000;
+                   kColorStage = 0x400, kComputeStage = 0x800, kTransferStage = 0x1000, kIndirectStage = 0x2;
 constexpr uint32_t kShaderRead = 0x20, kShaderWrite = 0x40, kColorRead = 0x80, kColorWrite = 0x100, kDepthRead = 0x200,
-                   kDepthWrite = 0x400, kTransferRead = 0x800, kTransferWrite = 0x1000;
+                   kDepthWrite = 0x400, kTransferRead = 0x800, kTransferWrite = 0x1000, kIndirectRead = 0x1;
 // Whether `test` holds for each bit; all are visited while it does.
 template <class F>
 bool all_stages(uint32_t stages, F&& test) {
@@ -33,6 +33,7 @@ Scope scope_of(Use use) {
     case Use::GraphicsRead: return {kVertexStage | kFragmentStage, kShaderRead};
     case Use::ColorWrite: return {kColorStage, kColorRead | kColorWrite};
     case Use::DepthWrite: return {kEarlyTests | kLateTests, kDepthRead | kDepthWrite};
+    case Use::IndirectRead: return {kIndirectStage, kIndirectRead};
     case Use::TransferRead: return {kTransferStage, kTransferRead};
     case Use::TransferWrite: return {kTransferStage, kTransferWrite};
   }

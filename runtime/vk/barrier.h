@@ -16,6 +16,7 @@ enum class Use : uint8_t {
   GraphicsRead,  // by vertex and fragment shaders
   ColorWrite,    // colour attachment, cleared first
   DepthWrite,    // depth attachment, cleared first, tested and written
+  IndirectRead,  // numbers of workgroups
   TransferRead,
   TransferWrite,
 };

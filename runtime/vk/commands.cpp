@@ -23,15 +23,31 @@ Use compute_use(bundle::Access access) {
   return Use::ComputeReadWrite;
 }
 
+constexpr uint32_t kGroup = 64;
+
+// A workgroup of 64 spreads few elements over many processors; where there are enough anyway, starting so many
+// workgroups takes longer than their work.
+uint32_t group_size(const vk::PhysicalDeviceProperties& device, int64_t elements) {
+  constexpr uint32_t kLargeGroup = 256;
+  constexpr int64_t kMany = int64_t{1} << 18;
+  const bool large = elements >= kMany && device.deviceType != vk::PhysicalDeviceType::eCpu &&
+                     device.limits.maxComputeWorkGroupInvocations >= kLargeGroup &&
+                     device.limits.maxComputeWorkGroupSize[0] >= kLargeGroup;
+  return large ? kLargeGroup : kGroup;
+}
+
 void record_dispatch(const vk::raii::CommandBuffer& c, vk::Pipeline pipeline, const Bound& bound,
-                     std::array<int32_t, 4> push, int64_t elements) {
-  constexpr int64_t kGroup = 64, kMaxGroups = 65535;
-  const int64_t groups = (elements + kGroup - 1) / kGroup;
+                     std::array<int32_t, 4> push, int64_t elements, uint32_t group, vk::Buffer indirect = {}) {
+  constexpr int64_t kMaxGroups = 65535;
+  const int64_t groups = (elements + group - 1) / group;
   const int64_t x = std::min(groups, kMaxGroups), y = (groups + x - 1) / x;
   c.bindPipeline(vk::PipelineBindPoint::eCompute, pipeline);
   c.bindDescriptorSets(vk::PipelineBindPoint::eCompute, bound.layout, 0, bound.set, {});
   c.pushConstants<int32_t>(bound.layout, vk::ShaderStageFlagBits::eCompute, 0, push);
-  c.dispatch(static_cast<uint32_t>(x), static_cast<uint32_t>(y), 1);
+  if (indirect)
+    c.dispatchIndirect(indirect, 0);
+  else
+    c.dispatch(static_cast<uint32_t>(x), static_cast<uint32_t>(y), 1);
 }
 
 }  // namespace
@@ -51,13 +67,22 @@ void Commands::dispatch(const bundle::CommandT& c, std::vector<Primitive>& out) 
     p.accesses.push_back({b->resource, compute_use(b->access)});
   }
   const Bound bound = pipelines_.bind(resources, vk::ShaderStageFlagBits::eCompute);
-  const size_t pipeline = pipelines_.compute(c.compute, bound.layout);
   const int64_t elements = sizes_.evaluate(c.elements, "pass '" + c.label + "'");
   // Invocations are counted in an int, and the last row of workgroups may be partly idle.
   if (elements > kMaxElements - (int64_t{1} << 23))
     throw Failure{"pass '" + c.label + "' has " + std::to_string(elements) + " invocations, about 2^31 is the most"};
+  vk::Buffer indirect;
+  if (c.indirect >= 0) {
+    const BufferObject& sizes = memory_.buffer(static_cast<size_t>(c.indirect));
+    if (sizes.bytes < sizeof(vk::DispatchIndirectCommand))
+      throw Failure{"pass '" + c.label + "' is as large as a buffer says that is too small for it"};
+    indirect = *sizes.buffer;
+    p.accesses.push_back({static_cast<uint32_t>(c.indirect), Use::IndirectRead});
+  }
+  const uint32_t group = indirect ? kGroup : group_size(device_->properties, elements);
+  const size_t pipeline = pipelines_.compute(c.compute, bound.layout, group);
   p.record = [=, this, push = push_of(c)](const vk::raii::CommandBuffer& commands) {
-    record_dispatch(commands, pipelines_[pipeline], bound, push, elements);
+    record_dispatch(commands, pipelines_[pipeline], bound, push, elements, group, indirect);
   };
   out.push_back(std::move(p));
 }
@@ -80,10 +105,11 @@ void Commands::reduce(const bundle::CommandT& c, std::vector<Primitive>& out) {
     resources.push_back(target);
     p.accesses.push_back({target, Use::ComputeWrite});
     const Bound bound = pipelines_.bind(resources, vk::ShaderStageFlagBits::eCompute);
-    const size_t pipeline = pipelines_.compute(stage == 0 ? c.compute : c.next, bound.layout);
+    const uint32_t group = group_size(device_->properties, outs * partials);
+    const size_t pipeline = pipelines_.compute(stage == 0 ? c.compute : c.next, bound.layout, group);
     const std::array<int32_t, 4> push{0, static_cast<int32_t>(n), static_cast<int32_t>(partials), 0};
     p.record = [=, this](const vk::raii::CommandBuffer& commands) {
-      record_dispatch(commands, pipelines_[pipeline], bound, push, outs * partials);
+      record_dispatch(commands, pipelines_[pipeline], bound, push, outs * partials, group);
     };
     out.push_back(std::move(p));
     if (partials == 1) return;
@@ -96,8 +122,13 @@ void Commands::fill(const bundle::CommandT& c, std::vector<Primitive>& out) {
   p.label = c.label;
   p.accesses = {{static_cast<uint32_t>(c.target), Use::TransferWrite}};
   const vk::Buffer target = *memory_.buffer(static_cast<size_t>(c.target)).buffer;
-  p.record = [target, value = c.value](const vk::raii::CommandBuffer& commands) {
-    commands.fillBuffer(target, 0, VK_WHOLE_SIZE, value);
+  const vk::DeviceSize bytes =
+      c.elements.empty()
+          ? VK_WHOLE_SIZE
+          : std::min(4 * static_cast<vk::DeviceSize>(sizes_.evaluate(c.elements, "pass '" + c.label + "'")),
+                     memory_.buffer(static_cast<size_t>(c.target)).bytes);
+  p.record = [target, bytes, value = c.value](const vk::raii::CommandBuffer& commands) {
+    commands.fillBuffer(target, 0, bytes, value);
   };
   out.push_back(std::move(p));
 }

@@ -30,7 +30,7 @@ vk::MemoryRequirements Memory::create_buffer(uint32_t k) {
   vk::BufferCreateInfo info;
   info.size = bytes;
   info.usage = vk::BufferUsageFlagBits::eStorageBuffer | vk::BufferUsageFlagBits::eTransferSrc |
-               vk::BufferUsageFlagBits::eTransferDst;
+               vk::BufferUsageFlagBits::eTransferDst | vk::BufferUsageFlagBits::eIndirectBuffer;
   buffers_[k].buffer = vk::raii::Buffer(d, info);
   buffers_[k].bytes = bytes;
   device_->name(buffers_[k].buffer, r.name);

@@ -13,6 +13,21 @@ namespace dr::runtime {
 
 using bundle::Storage;
 
+namespace {
+
+// Constants 0, 1, ...; `entries` and `values` must outlive what points to them.
+vk::SpecializationInfo specialization(std::span<const int32_t> values,
+                                      std::vector<vk::SpecializationMapEntry>& entries) {
+  for (uint32_t k = 0; k < values.size(); ++k) entries.emplace_back(k, k * 4, 4);
+  vk::SpecializationInfo info;
+  info.setMapEntries(entries);
+  info.dataSize = values.size_bytes();
+  info.pData = values.data();
+  return info;
+}
+
+}  // namespace
+
 Pipelines::Pipelines(std::shared_ptr<DeviceState> device, const bundle::BundleT& bundle, const Memory& memory,
                      std::filesystem::path cache_folder)
     : device_(std::move(device)), bundle_(bundle), memory_(memory), cache_folder_(std::move(cache_folder)) {
@@ -32,15 +47,6 @@ void Pipelines::specialize(const ir::SymbolValues& symbols) {
     if (value < 1 || value >= kMaxElements) throw Failure{"symbol '" + s + "' is " + std::to_string(value)};
     values_.push_back(static_cast<int32_t>(value));
   }
-}
-
-vk::SpecializationInfo Pipelines::specialization(std::vector<vk::SpecializationMapEntry>& entries) const {
-  for (uint32_t k = 0; k < values_.size(); ++k) entries.emplace_back(k, k * 4, 4);
-  vk::SpecializationInfo info;
-  info.setMapEntries(entries);
-  info.dataSize = values_.size() * 4;
-  info.pData = values_.data();
-  return info;
 }
 
 Bound Pipelines::bind(const std::vector<uint32_t>& resources, vk::ShaderStageFlags stages,
@@ -96,8 +102,8 @@ size_t Pipelines::want(std::function<vk::raii::Pipeline(const Cache&)> make) {
   return pipelines_.size() - 1;
 }
 
-size_t Pipelines::compute(int shader, vk::PipelineLayout layout) {
-  return want([=, this](const Cache& cache) { return make_compute(shader, layout, cache); });
+size_t Pipelines::compute(int shader, vk::PipelineLayout layout, uint32_t group) {
+  return want([=, this](const Cache& cache) { return make_compute(shader, layout, group, cache); });
 }
 
 size_t Pipelines::graphics(const bundle::CommandT& draw, vk::PipelineLayout layout, vk::RenderPass render_pass,
@@ -148,9 +154,12 @@ void Pipelines::build() {
   if (const std::vector<uint8_t> data = cache.getData(); data != known) file.write(data);
 }
 
-vk::raii::Pipeline Pipelines::make_compute(int shader, vk::PipelineLayout layout, const Cache& cache) const {
+vk::raii::Pipeline Pipelines::make_compute(int shader, vk::PipelineLayout layout, uint32_t group,
+                                           const Cache& cache) const {
   std::vector<vk::SpecializationMapEntry> entries;
-  const auto specialize = specialization(entries);
+  std::vector<int32_t> values = values_;
+  values.push_back(static_cast<int32_t>(group));
+  const auto specialize = specialization(values, entries);
   vk::ComputePipelineCreateInfo info;
   info.stage = vk::PipelineShaderStageCreateInfo({}, vk::ShaderStageFlagBits::eCompute,
                                                  *shaders_[static_cast<size_t>(shader)], "main", &specialize);
@@ -164,7 +173,7 @@ vk::raii::Pipeline Pipelines::make_graphics(const bundle::CommandT& c, vk::Pipel
                                             vk::RenderPass render_pass, uint32_t subpass, vk::Extent2D size,
                                             const Cache& cache) const {
   std::vector<vk::SpecializationMapEntry> entries;
-  const auto specialize = specialization(entries);
+  const auto specialize = specialization(values_, entries);
   const vk::PipelineShaderStageCreateInfo stage_infos[] = {
       {{}, vk::ShaderStageFlagBits::eVertex, *shaders_[static_cast<size_t>(c.vertex)], "main", &specialize},
       {{}, vk::ShaderStageFlagBits::eFragment, *shaders_[static_cast<size_t>(c.fragment)], "main", &specialize}};

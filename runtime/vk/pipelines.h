@@ -28,7 +28,8 @@ class Pipelines {
   Bound bind(const std::vector<uint32_t>& resources, vk::ShaderStageFlags stages, std::span<const uint32_t> inputs = {},
              size_t layer = 0);
   // These give the number of a pipeline that is there after build().
-  size_t compute(int shader, vk::PipelineLayout layout);
+  // `group`: the invocations of a workgroup.
+  size_t compute(int shader, vk::PipelineLayout layout, uint32_t group);
   size_t graphics(const bundle::CommandT& draw, vk::PipelineLayout layout, vk::RenderPass render_pass, uint32_t subpass,
                   vk::Extent2D size);
   // Makes the pipelines that were asked for, on all cores.
@@ -37,8 +38,7 @@ class Pipelines {
 
  private:
   using Cache = vk::raii::PipelineCache;
-  vk::SpecializationInfo specialization(std::vector<vk::SpecializationMapEntry>& entries) const;
-  vk::raii::Pipeline make_compute(int shader, vk::PipelineLayout layout, const Cache& cache) const;
+  vk::raii::Pipeline make_compute(int shader, vk::PipelineLayout layout, uint32_t group, const Cache& cache) const;
   vk::raii::Pipeline make_graphics(const bundle::CommandT& draw, vk::PipelineLayout layout, vk::RenderPass render_pass,
                                    uint32_t subpass, vk::Extent2D size, const Cache& cache) const;
   std::string cache_key() const;

@@ -128,6 +128,14 @@ struct Checker {
     return true;
   }
 
+  // Numbers of workgroups come from scratch memory that the command binds, so that its use is known.
+  bool bound_scratch(const CommandT& c, const std::string& where) {
+    for (const auto& binding : c.bindings)
+      if (binding->resource == static_cast<uint32_t>(c.indirect))
+        return b.resources[binding->resource]->role == Role::Scratch || fail(where + " is as large as a value says");
+    return fail(where + " is as large as a resource says that it does not bind");
+  }
+
   bool command(const CommandT& c, const std::string& where) {
     if (!leaves(c.leaves, where)) return false;
     for (const auto& binding : c.bindings) {
@@ -143,7 +151,9 @@ struct Checker {
                     std::to_string(line.file()));
     if (c.push.size() > 3) return fail(where + " pushes more than three constants");
     switch (c.kind) {
-      case CommandKind::Dispatch: return shader(c.compute, Stage::Compute, where) && expression(c.elements, where);
+      case CommandKind::Dispatch:
+        return shader(c.compute, Stage::Compute, where) && expression(c.elements, where) &&
+               (c.indirect < 0 || bound_scratch(c, where));
       case CommandKind::Draw: {
         if (!shader(c.vertex, Stage::Vertex, where) || !shader(c.fragment, Stage::Fragment, where)) return false;
         if (!expression(c.elements, where) || !extent(c.extent, where)) return false;
@@ -153,7 +163,8 @@ struct Checker {
           if (!storage(color, Storage::Image, where)) return false;
         return c.depth < 0 || storage(c.depth, Storage::Depth, where);
       }
-      case CommandKind::Fill: return storage(c.target, Storage::Buffer, where);
+      case CommandKind::Fill:
+        return storage(c.target, Storage::Buffer, where) && (c.elements.empty() || expression(c.elements, where));
       case CommandKind::Copy: {
         if (!resource(c.source, where) || !storage(c.target, Storage::Buffer, where)) return false;
         const ResourceT &from = *b.resources[static_cast<size_t>(c.source)],
