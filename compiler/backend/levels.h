@@ -18,6 +18,7 @@ struct LevelInput {
   std::function<const ir::Extent*(const ir::Op&)> domain;
   std::function<bool(ir::ValueId, ir::OpId)> recomputed;  // again where this op uses it; for any op: an invalid one
   std::function<bool(ir::ValueId)> stored;                // whatever its users do
+  std::function<bool(ir::ValueId)> absorbed;              // computed by what uses it, at its level
   std::function<bool(ir::ValueId)> ready;                 // before all levels: nothing waits for it
 };
 

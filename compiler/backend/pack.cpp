@@ -58,6 +58,9 @@ StepPacker::StepPacker(const Graph& graph, const ir::Step& step, const target::P
       position_(graph.op_count()),
       uses_(graph.op_count()),
       recompute_cost_(graph.op_count(), kNotCheap),
+      absorbed_(graph.op_count()),
+      users_(graph.value_count()),
+      read_elsewhere_(graph.value_count()),
       stored_(graph.value_count()),
       resource_(graph.value_count()),
       written_(graph.value_count()),
@@ -89,6 +92,8 @@ StepSchedule StepPacker::process() {
   }
   find_recomputable();
   find_steady();
+  find_users();
+  if (options_.fused && options_.recompute) find_absorbed();
   find_levels();
   find_stored();
   make_passes();
@@ -100,7 +105,8 @@ StepSchedule StepPacker::process() {
 bool StepPacker::recomputable(ValueId v, OpId user) const {
   const int cost = recompute_cost_[graph_.value(v).op.index];
   // A scatter's shader runs twice.
-  const int times = user.valid() && pass_kind(graph_.op(user)) == Pass::Kind::Scatter ? 2 : 1;
+  const bool twice = user.valid() && (pass_kind(graph_.op(user)) == Pass::Kind::Scatter || absorbed_[user.index]);
+  const int times = twice ? 2 : 1;
   return cost == 0 || times * cost <= (options_.recompute ? recompute_limit_ : 0);
 }
 
@@ -140,13 +146,21 @@ void StepPacker::find_steady() {
   }
 }
 
+void StepPacker::find_users() {
+  for (OpId id : order_) {
+    for (ValueId v : uses_[id.index].at_element) users_[v.index].push_back(id);
+    for (ValueId v : uses_[id.index].elsewhere) {
+      users_[v.index].push_back(id);
+      read_elsewhere_[v.index] = true;
+    }
+  }
+}
+
 void StepPacker::find_levels() {
-  std::vector<bool> elsewhere(graph_.value_count());
-  for (OpId id : order_)
-    for (ValueId v : uses_[id.index].elsewhere) elsewhere[v.index] = true;
   // All of the prologue comes before the rest, which need not wait for any of it.
   std::vector<OpId> prologue, rest;
   for (OpId id : order_) (steady_[id.index] ? rest : prologue).push_back(id);
+  const auto absorbed = [&](ValueId v) { return absorbed_[graph_.value(v).op.index]; };
   const auto levels = [&](const std::vector<OpId>& order, bool steady) {
     return backend::find_levels(
         {.graph = graph_,
@@ -154,11 +168,13 @@ void StepPacker::find_levels() {
          .uses = uses_,
          .domain =
              [&](const Op& op) {
-               const bool shares = options_.fused && pass_kind(op) == Pass::Kind::Map;
-               return shares ? &graph_.value(op.results[0]).extent : nullptr;
+               const ValueId v = op.results[0];
+               const bool shares = options_.fused && pass_kind(op) == Pass::Kind::Map && !absorbed(v);
+               return shares ? &graph_.value(v).extent : nullptr;
              },
          .recomputed = [&](ValueId v, OpId user) { return recomputable(v, user); },
-         .stored = [&](ValueId v) { return roots_.count(v) != 0 || elsewhere[v.index]; },
+         .stored = [&](ValueId v) { return roots_.count(v) != 0 || read_elsewhere_[v.index]; },
+         .absorbed = absorbed,
          .ready = [&](ValueId v) { return is_memory(def(v)) || (steady && !steady_[graph_.value(v).op.index]); }});
   };
   level_ = levels(prologue, false);
@@ -172,8 +188,10 @@ void StepPacker::find_levels() {
 // Whether `user` finds `v` computed in its own pass.
 bool StepPacker::in_same_pass(const Op& user, OpId user_id, ValueId v) const {
   const OpId from = graph_.value(v).op;
-  return options_.fused && pass_kind(user) == Pass::Kind::Map && pass_kind(graph_.op(from)) == Pass::Kind::Map &&
-         level_[from.index] == level_[user_id.index] && graph_.value(v).extent == domain_of(graph_, user);
+  if (absorbed_[from.index]) return true;
+  return options_.fused && !absorbed_[user_id.index] && pass_kind(user) == Pass::Kind::Map &&
+         pass_kind(graph_.op(from)) == Pass::Kind::Map && level_[from.index] == level_[user_id.index] &&
+         graph_.value(v).extent == domain_of(graph_, user);
 }
 
 void StepPacker::find_stored() {
@@ -209,6 +227,14 @@ bool StepPacker::any_stored(const Op& op) const {
   return std::any_of(op.results.begin(), op.results.end(), [&](ValueId v) { return stored_[v.index]; });
 }
 
+bool StepPacker::is_image(ValueId v) const {
+  const ir::ValueInfo& info = graph_.value(v);
+  const Op& op = def(v);
+  const Pass::Kind kind = pass_kind(op);
+  if (is_memory(op) || kind != Pass::Kind::Map) return kind == Pass::Kind::Raster && options_.hardware_raster;
+  return options_.fragment && !info.extent.h.is_one() && !info.type.is_matrix() && updated_.count(v) == 0;
+}
+
 void StepPacker::add_resource(ValueId v, const Op& op) {
   const ir::ValueInfo& info = graph_.value(v);
   if (op.kind == OpKind::Leaf) {
@@ -222,11 +248,7 @@ void StepPacker::add_resource(ValueId v, const Op& op) {
   r.extent = info.extent;
   r.step_index = op.kind == OpKind::StepIndex;
   r.name = unique_name(r.step_index ? "step_index" : info.name.empty() ? std::string(ir::op_name(op.kind)) : info.name);
-  const bool image_like = !info.extent.h.is_one() && !info.type.is_matrix() && updated_.count(v) == 0;
-  const Pass::Kind kind = pass_kind(op);
-  if ((kind == Pass::Kind::Map && !r.step_index && image_like && options_.fragment) ||
-      (kind == Pass::Kind::Raster && options_.hardware_raster))
-    r.storage = Resource::Storage::Image;
+  if (is_image(v)) r.storage = Resource::Storage::Image;
   resources_.push_back(r);
   resource_[v.index] = static_cast<uint32_t>(resources_.size() - 1);
   out_.stored[v] = ResourceId{resource_[v.index]};

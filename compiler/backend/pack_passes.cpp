@@ -44,14 +44,10 @@ void StepPacker::begin_cone(int level) {
 // A cheap value is computed again, unless it is there anyway and to load it is cheaper still, or done already.
 bool StepPacker::is_read(ValueId v, OpId user) const {
   const uint32_t from = graph_.value(v).op.index;
+  if (absorbed_[from]) return false;
   if (!recomputable(v, user)) return true;
   if (!stored_[v.index] || level_[from] >= cone_level_) return false;
   return elsewhere_.has(v.index) || 2 * recompute_cost_[from] > recompute_limit_;
-}
-
-void StepPacker::count_read(ValueId v) {
-  if (read_resource_.add(resource_index(v)))
-    ++(resource(v).storage == Resource::Storage::Image ? cone_.images : cone_.buffers);
 }
 
 // Adds what `target` takes to the cone.
@@ -59,7 +55,8 @@ void StepPacker::grow(ValueId target) {
   const auto read = [&](ValueId v) {
     if (!read_.add(v.index)) return;
     cone_.reads.push_back(v);
-    count_read(v);
+    if (read_resource_.add(resource_index(v)))
+      ++(resource(v).storage == Resource::Storage::Image ? cone_.images : cone_.buffers);
   };
   const auto need = [&](OpId id) {
     if (in_cone_.add(id.index)) cone_.ops.push_back(id);
@@ -77,15 +74,6 @@ void StepPacker::grow(ValueId target) {
       stored ? read(v) : need(from);
     }
   }
-}
-
-// Takes back what came to the cone when it had so many ops and reads.
-void StepPacker::shrink(size_t ops, size_t reads) {
-  for (; cone_.ops.size() > ops; cone_.ops.pop_back()) in_cone_.remove(cone_.ops.back().index);
-  for (; cone_.reads.size() > reads; cone_.reads.pop_back()) read_.remove(cone_.reads.back().index);
-  cone_.buffers = cone_.images = 0;
-  read_resource_.clear();
-  for (ValueId v : cone_.reads) count_read(v);
 }
 
 // The shader for `targets`, ops of the group among its own.
@@ -197,45 +185,91 @@ void StepPacker::add_map_passes(const Extent& domain, const std::vector<OpId>& g
   set_group(group);
   for (const bool hardware : {true, false}) {
     const std::vector<ValueId>& targets = hardware ? images : buffers;
-    // As many of them into one shader as the limits allow; a cone that two of the shaders need is computed twice.
-    for (size_t next = 0; next < targets.size();) {
-      std::vector<ValueId> chosen;
-      elsewhere_.clear();
-      begin_cone(level);
-      bool fit = true;
-      for (; next < targets.size(); ++next) {
-        if (written_[targets[next].index]) continue;
-        const size_t ops = cone_.ops.size(), reads = cone_.reads.size();
-        grow(targets[next]);
-        fit = fits(profile_, {cone_.buffers, cone_.images, static_cast<uint32_t>(chosen.size()) + 1, hardware});
-        if (!fit && !chosen.empty()) {
-          shrink(ops, reads);
-          fit = true;
-          break;
-        }
-        chosen.push_back(targets[next]);
-        if (!fit) {
-          ++next;
-          break;
-        }
+    std::span<const ValueId> rest = targets;
+    const std::vector<ValueId> first = choose(rest, level, hardware);
+    if (rest.empty() && !first.empty()) {
+      add_map_pass(domain, first, level, hardware);
+      continue;
+    }
+    for (const std::vector<ValueId>& together : gathered(targets, std::max<size_t>(first.size(), 1), domain, level))
+      for (rest = together; !rest.empty();)
+        if (const auto chosen = choose(rest, level, hardware); !chosen.empty())
+          add_map_pass(domain, chosen, level, hardware);
+  }
+}
+
+// As many of the first of `targets` as the limits allow in one shader, or one that no shader can have; takes them
+// away. What two shaders need is computed twice.
+std::vector<ValueId> StepPacker::choose(std::span<const ValueId>& targets, int level, bool hardware) {
+  std::vector<ValueId> chosen;
+  elsewhere_.clear();
+  begin_cone(level);
+  for (; !targets.empty(); targets = targets.subspan(1)) {
+    const ValueId v = targets.front();
+    if (written_[v.index]) continue;
+    grow(v);
+    const auto count = static_cast<uint32_t>(chosen.size()) + 1;
+    if (fits(profile_, {cone_.buffers, cone_.images, count, hardware})) {
+      chosen.push_back(v);
+      continue;
+    }
+    if (!chosen.empty()) return chosen;
+    targets = targets.subspan(1);
+    return {v};
+  }
+  return chosen;
+}
+
+// Targets of which a shader can have about `most`, those that read the same beside each other; a list ends where what
+// follows would be torn apart, unless that takes a shader more.
+std::vector<std::vector<ValueId>> StepPacker::gathered(std::span<const ValueId> targets, size_t most,
+                                                       const Extent& domain, int level) {
+  std::vector<std::pair<std::vector<ValueId>, ValueId>> by_reads;
+  elsewhere_.clear();
+  for (ValueId v : targets) {
+    begin_cone(level);
+    grow(v);
+    std::erase_if(cone_.reads, [&](ValueId read) { return is_small(graph_.value(read).extent, domain); });
+    std::sort(cone_.reads.begin(), cone_.reads.end());
+    by_reads.emplace_back(cone_.reads, v);
+  }
+  std::sort(by_reads.begin(), by_reads.end());
+  std::vector<std::vector<ValueId>> out(1);
+  size_t spare = (most - targets.size() % most) % most;
+  for (size_t k = 0; k < by_reads.size(); ++k) {
+    const size_t room = most - out.back().size() % most;
+    const bool others = k > 0 && by_reads[k].first != by_reads[k - 1].first;
+    if (others && room < most && room <= spare) {
+      const auto alike = std::ranges::find_if(by_reads.begin() + static_cast<std::ptrdiff_t>(k), by_reads.end(),
+                                              [&](const auto& other) { return other.first != by_reads[k].first; });
+      const auto count = static_cast<size_t>(alike - by_reads.begin()) - k;
+      if (count > room && count <= most) {
+        spare -= room;
+        out.emplace_back();
       }
-      if (chosen.empty()) continue;
-      Pass pass;
-      pass.domain = domain;
-      pass.hardware = hardware;
-      if (!fit && hardware) {
-        // One value alone needs more than a fragment shader may have: compute shaders may have more.
-        pass.hardware = false;
-        resource(chosen[0]).storage = Resource::Storage::Buffer;
-      }
-      close_over(pass, chosen, level);
-      if (!fit && !within_limits(pass)) {
-        spill(pass);
-        close_over(pass, chosen, level);
-      }
-      add_pass(std::move(pass));
+    }
+    out.back().push_back(by_reads[k].second);
+  }
+  return out;
+}
+
+void StepPacker::add_map_pass(const Extent& domain, const std::vector<ValueId>& targets, int level, bool hardware) {
+  Pass pass;
+  pass.domain = domain;
+  pass.hardware = hardware;
+  close_over(pass, targets, level);
+  if (targets.size() == 1 && !within_limits(pass)) {
+    if (hardware) {
+      // One value alone needs more than a fragment shader may have: compute shaders may have more.
+      pass.hardware = false;
+      resource(targets[0]).storage = Resource::Storage::Buffer;
+    }
+    if (!within_limits(pass)) {
+      spill(pass);
+      close_over(pass, targets, level);
     }
   }
+  add_pass(std::move(pass));
 }
 
 void StepPacker::make_passes() {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Packing of one step, private to pack*.cpp: what is computed again and what is stored (pack.cpp), then which shader
-// computes what (pack_passes.cpp).
+// Packing of one step, private to pack*.cpp: what is computed again and what is stored (pack.cpp), what scatters
+// compute themselves (pack_absorb.cpp), then which shader computes what (pack_passes.cpp).
 #pragma once
 
 #include <algorithm>
@@ -28,6 +28,11 @@ Pass::Kind pass_kind(const Op& op);
 // Elements over which an op's shader runs.
 Extent domain_of(const Graph& graph, const Op& op);
 
+// Whether a value is small beside those of a domain: a number, or a list beside images.
+inline bool is_small(const Extent& extent, const Extent& domain) {
+  return extent.is_unit() || (extent.h.is_one() && !domain.h.is_one());
+}
+
 // How often a name was given, in all steps.
 using Names = std::map<std::string, int>;
 
@@ -43,7 +48,6 @@ class Marks {
     mark_[k] = now_;
     return true;
   }
-  void remove(size_t k) { mark_[k] = 0; }
 
  private:
   std::vector<uint32_t> mark_;
@@ -69,7 +73,9 @@ class StepPacker {
   bool recomputable(ValueId v, OpId user) const;  // where `user` uses it
   void find_recomputable();
   void find_steady();
+  void find_users();
   void find_levels();
+  bool is_image(ValueId v) const;  // how it is stored, if it is
   bool in_same_pass(const Op& user, OpId user_id, ValueId v) const;
   void find_stored();
   bool any_stored(const Op& op) const;
@@ -79,16 +85,23 @@ class StepPacker {
   Resource& resource(ValueId v) { return resources_[resource_[v.index]]; }
   const Resource& resource(ValueId v) const { return resources_[resource_[v.index]]; }
 
+  // pack_absorb.cpp
+  void find_absorbed();
+  void absorb_into(OpId scatter);
+  bool stored_anyway(ValueId v) const;
+
   // pack_passes.cpp
   void make_passes();
   void add_map_passes(const Extent& domain, const std::vector<OpId>& group, int level);
+  void add_map_pass(const Extent& domain, const std::vector<ValueId>& targets, int level, bool hardware);
+  std::vector<ValueId> choose(std::span<const ValueId>& targets, int level, bool hardware);
+  std::vector<std::vector<ValueId>> gathered(std::span<const ValueId> targets, size_t most, const Extent& domain,
+                                             int level);
   void merge_passes();
   std::optional<Pass> merged(const Pass& from, const Pass& into);
   void set_group(std::span<const OpId> ops);
   void begin_cone(int level);
   void grow(ValueId target);
-  void count_read(ValueId v);
-  void shrink(size_t ops, size_t reads);
   bool is_read(ValueId v, OpId user) const;
   void close_over(Pass& pass, const std::vector<ValueId>& targets, int level);
   bool within_limits(const Pass& pass) const;
@@ -109,10 +122,13 @@ class StepPacker {
   std::vector<Uses> uses_;
   std::vector<int> recompute_cost_;
   int recompute_limit_ = 0;
-  std::vector<bool> steady_;  // whether an op depends on what the step changes, by OpId index
+  std::vector<bool> steady_;    // whether an op depends on what the step changes, by OpId index
+  std::vector<bool> absorbed_;  // by OpId index: run by the one scatter that uses them
   std::vector<int> level_;
   std::set<ValueId> roots_, updated_;
   // By ValueId index.
+  std::vector<std::vector<OpId>> users_;
+  std::vector<bool> read_elsewhere_;
   std::vector<bool> stored_;
   std::vector<uint32_t> resource_;
   std::vector<bool> written_;  // by map passes so far
