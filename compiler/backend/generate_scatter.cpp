@@ -7,6 +7,7 @@
 
 #include "compiler/backend/generate.h"
 #include "compiler/backend/glsl/fixed_point.h"
+#include "compiler/backend/uses.h"
 #include "compiler/ir/yields.h"
 
 namespace dr::backend {
@@ -121,6 +122,18 @@ uint32_t Generator::list_active(const Pass& pass) {
   Shader s = shader();
   linear_index(s, dim_expression(count));
   place_from_index(s, pass.domain);
+  std::set<ValueId> needed;
+  for (const auto& clause : pass.active) needed.insert(clause.begin(), clause.end());
+  std::vector<ir::OpId> ops;
+  for (auto it = pass.ops.rbegin(); it != pass.ops.rend(); ++it) {
+    const ir::Op& op = graph_.op(*it);
+    if (std::ranges::none_of(op.results, [&](ValueId v) { return needed.count(v) != 0; })) continue;
+    ops.push_back(*it);
+    const Uses uses = uses_of(graph_, op);
+    needed.insert(uses.at_element.begin(), uses.at_element.end());
+  }
+  std::ranges::reverse(ops);
+  s.element_ops(ops);
   std::string active;
   for (const auto& clause : pass.active) {
     std::string all;
@@ -238,12 +251,10 @@ void Generator::scatter_pass(const Pass& pass) {
   if (lists) {
     const std::string again = s.bind_words(adding, "adding_elements", bundle::Access::ReadWrite);
     const std::string first = listed ? s.bind_words(list, "active_elements", bundle::Access::Read) : std::string();
-    const auto item = [](const std::string& list) {
-      return "int(" + list + ".d[" + std::to_string(kListHead) + " + index])";
+    const auto item = [](const std::string& of) {
+      return "int(" + of + ".d[" + std::to_string(kListHead) + " + index])";
     };
-    const auto end = [](const std::string& list) {
-      return "int(" + list + ".d[" + std::to_string(kListEnd) + "] - 1u)";
-    };
+    const auto end = [](const std::string& of) { return "int(" + of + ".d[" + std::to_string(kListEnd) + "] - 1u)"; };
     s.body().line("if (index >= (pc.a == 0 ? " + (listed ? end(first) : dim_expression(element_count(pass.domain))) +
                   " : " + end(again) + ")) return;");
     s.body().line("int element = pc.a == 0 ? " + (listed ? item(first) : "index") + " : " + item(again) + ";");

@@ -55,7 +55,7 @@ class LevelFinder {
   template <class F>
   void for_each_wait(OpId id, const F& f) const {
     for (ValueId v : in_.uses[id.index].at_element)
-      if (!in_.ready(v) && !in_.recomputed(v, id)) f(v, in_.absorbed(v) || share(id, v) ? 0 : 1);
+      if (!in_.ready(v)) f(v, in_.absorbed(v) || share(id, v) || (in_.recomputed(v, id) && !in_.loads(v)) ? 0 : 1);
     for (ValueId v : in_.uses[id.index].elsewhere)
       if (!in_.ready(v)) f(v, 1);
   }

@@ -17,6 +17,7 @@ struct LevelInput {
   // Elements over which an element-wise op runs; nullptr for an op that is a pass of its own.
   std::function<const ir::Extent*(const ir::Op&)> domain;
   std::function<bool(ir::ValueId, ir::OpId)> recomputed;  // again where this op uses it; for any op: an invalid one
+  std::function<bool(ir::ValueId)> loads;                 // to compute it again takes stored values
   std::function<bool(ir::ValueId)> stored;                // whatever its users do
   std::function<bool(ir::ValueId)> absorbed;              // computed by what uses it, at its level
   std::function<bool(ir::ValueId)> ready;                 // before all levels: nothing waits for it

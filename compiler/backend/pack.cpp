@@ -58,6 +58,8 @@ StepPacker::StepPacker(const Graph& graph, const ir::Step& step, const target::P
       position_(graph.op_count()),
       uses_(graph.op_count()),
       recompute_cost_(graph.op_count(), kNotCheap),
+      gathers_(graph.op_count()),
+      loads_(graph.op_count()),
       absorbed_(graph.op_count()),
       users_(graph.value_count()),
       read_elsewhere_(graph.value_count()),
@@ -90,9 +92,9 @@ StepSchedule StepPacker::process() {
     position_[order_[k].index] = k;
     uses_[order_[k].index] = uses_of(graph_, graph_.op(order_[k]));
   }
-  find_recomputable();
   find_steady();
   find_users();
+  find_recomputable();
   if (options_.fused && options_.recompute) find_absorbed();
   find_levels();
   find_stored();
@@ -103,14 +105,22 @@ StepSchedule StepPacker::process() {
 }
 
 bool StepPacker::recomputable(ValueId v, OpId user) const {
-  const int cost = recompute_cost_[graph_.value(v).op.index];
-  // A scatter's shader runs twice.
-  const bool twice = user.valid() && (pass_kind(graph_.op(user)) == Pass::Kind::Scatter || absorbed_[user.index]);
+  const uint32_t from = graph_.value(v).op.index;
+  const int cost = recompute_cost_[from];
+  // What the prologue stores for good is not read from other places again and again.
+  if ((gathers_[from] || loads_[from]) && user.valid() && steady_[user.index] != steady_[from]) return false;
+  // A scatter's shader runs twice; that of a region for few elements, see scatter_active.h.
+  const bool twice =
+      user.valid() &&
+      (absorbed_[user.index] || (pass_kind(graph_.op(user)) == Pass::Kind::Scatter && graph_.op(user).regions.empty()));
   const int times = twice ? 2 : 1;
   return cost == 0 || times * cost <= (options_.recompute ? recompute_limit_ : 0);
 }
 
 void StepPacker::find_recomputable() {
+  // The limit stands for a component stored and loaded. What is stored anyway and loaded once more is mostly in a
+  // cache.
+  const int load_cost = std::max(recompute_limit_ / 8, 1);
   for (OpId id : order_) {
     const Op& op = graph_.op(id);
     if (is_inline(op)) {
@@ -119,11 +129,21 @@ void StepPacker::find_recomputable() {
     }
     if (!options_.recompute || is_memory(op)) continue;
     const bool element_wise = ops::info(op.kind).shape == ops::Shape::Elementwise || op.kind == OpKind::Broadcast;
-    if (!element_wise) continue;
-    int cost = op_cost(op.kind);
-    for (ValueId v : op.operands) {
-      const Op& from = def(v);
-      if (!is_memory(from)) cost += recompute_cost_[graph_.value(v).op.index];
+    const bool gather = op.kind == OpKind::Gather || op.kind == OpKind::Shift;  // what it reads is stored anyway
+    if (!element_wise && !gather) continue;
+    gathers_[id.index] = gather;
+    int cost = gather ? load_cost * graph_.value(op.results[0]).type.components() : op_cost(op.kind);
+    for (ValueId v : uses_[id.index].at_element) {
+      const uint32_t from = graph_.value(v).op.index;
+      if (is_memory(def(v))) continue;
+      if (recompute_cost_[from] > recompute_limit_ && stored_anyway(v)) {
+        cost += load_cost * graph_.value(v).type.components();
+        loads_[id.index] = true;
+        continue;
+      }
+      cost += recompute_cost_[from];
+      if (gathers_[from]) gathers_[id.index] = true;
+      if (loads_[from]) loads_[id.index] = true;
       cost = std::min(cost, kNotCheap);
     }
     recompute_cost_[id.index] = cost;
@@ -173,6 +193,7 @@ void StepPacker::find_levels() {
                return shares ? &graph_.value(v).extent : nullptr;
              },
          .recomputed = [&](ValueId v, OpId user) { return recomputable(v, user); },
+         .loads = [&](ValueId v) { return loads_[graph_.value(v).op.index]; },
          .stored = [&](ValueId v) { return roots_.count(v) != 0 || read_elsewhere_[v.index]; },
          .absorbed = absorbed,
          .ready = [&](ValueId v) { return is_memory(def(v)) || (steady && !steady_[graph_.value(v).op.index]); }});

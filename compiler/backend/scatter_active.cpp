@@ -29,7 +29,13 @@ Zeros both(const Zeros& a, const Zeros& b) {
 
 class ActiveElements {
  public:
-  ActiveElements(const Graph& graph, const Pass& pass) : graph_(graph), reads_(pass.reads.begin(), pass.reads.end()) {}
+  ActiveElements(const Graph& graph, const Pass& pass)
+      : graph_(graph), readable_(pass.reads.begin(), pass.reads.end()) {
+    // Conditions that the pass computes itself are cheap.
+    for (const ir::OpId id : pass.ops)
+      for (const ValueId v : graph.op(id).results)
+        if (graph.value(v).type.is_bool()) readable_.insert(v);
+  }
 
   // The clause of a result: its op adds nothing to it unless all of these are true or not zero.
   std::vector<ValueId> clause(ValueId result) const {
@@ -46,7 +52,7 @@ class ActiveElements {
   }
 
  private:
-  bool readable(ValueId v) const { return reads_.count(v) != 0 && graph_.value(v).region == graph_.root(); }
+  bool readable(ValueId v) const { return readable_.count(v) != 0 && graph_.value(v).region == graph_.root(); }
 
   // Where result `k` of a region op gets nothing but zeros.
   Zeros scattered(const Op& op, uint32_t k) const {
@@ -102,7 +108,7 @@ class ActiveElements {
   }
 
   const Graph& graph_;
-  std::set<ValueId> reads_;
+  std::set<ValueId> readable_;
 };
 
 }  // namespace

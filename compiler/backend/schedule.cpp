@@ -156,6 +156,10 @@ std::string print(const Graph& graph, const Schedule& schedule) {
     const Resource& r = schedule.resources[step.stored.at(v).index];
     return r.name;
   };
+  auto value_text = [&](const StepSchedule& step, ValueId v) {
+    return step.stored.count(v) != 0 ? resource_text(step, v)
+                                     : "a " + std::string(ir::op_name(graph.op(graph.value(v).op).kind));
+  };
   for (const StepSchedule& step : schedule.steps) {
     out += "step " + step.name + " {\n";
     std::set<uint32_t> declared;
@@ -188,7 +192,7 @@ std::string print(const Graph& graph, const Schedule& schedule) {
       if (!pass.active.empty()) out += "    active";
       for (size_t c = 0; c < pass.active.size(); ++c)
         for (size_t i = 0; i < pass.active[c].size(); ++i)
-          out += (i > 0 ? " and " : c > 0 ? ", or " : " ") + resource_text(step, pass.active[c][i]);
+          out += (i > 0 ? " and " : c > 0 ? ", or " : " ") + value_text(step, pass.active[c][i]);
       if (!pass.active.empty()) out += "\n";
       if (pass.relist) out += "    relist\n";
       if (pass.scatter == ScatterLowering::Rows) {

@@ -121,6 +121,8 @@ class StepPacker {
   std::vector<uint32_t> position_;  // in order_, by OpId index
   std::vector<Uses> uses_;
   std::vector<int> recompute_cost_;
+  // By OpId index: to compute it again would read other places again, or values that are stored anyway.
+  std::vector<bool> gathers_, loads_;
   int recompute_limit_ = 0;
   std::vector<bool> steady_;    // whether an op depends on what the step changes, by OpId index
   std::vector<bool> absorbed_;  // by OpId index: run by the one scatter that uses them

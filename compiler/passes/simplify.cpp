@@ -121,7 +121,7 @@ class Round {
       rebuild_grad(op);
     } else if (op.regions.empty()) {
       rebuild_plain(op);
-    } else if (!inline_if(op)) {
+    } else if (!inline_if(op) && !select_if(op)) {
       rebuild_structured(op);
     }
   }
@@ -133,15 +133,19 @@ class Round {
     // Inside regions a rule may have left an operand with a smaller extent, which makes this one smaller.
     if (!emitter_.in_root() &&
         !std::equal(op.operands.begin(), op.operands.end(), candidate.operands.begin(),
-                    [&](ValueId x, ValueId y) { return from_.value(x).extent == to_.value(y).extent; })) {
-      const ops::InferResult inferred = ops::infer(to_.graph(), op.kind, candidate.operands, op.attrs, {});
-      if (const auto* message = std::get_if<std::string>(&inferred))
-        DR_ICE("simplify broke " + std::string(op_name(op.kind)) + ": " + *message);
-      candidate.extent = std::get<std::vector<ResultType>>(inferred)[0].extent;
-    }
+                    [&](ValueId x, ValueId y) { return from_.value(x).extent == to_.value(y).extent; }))
+      candidate.extent = extent_of(candidate);
     const size_t before = to_.graph().value_count();
     const ValueId now = emitter_.emit(std::move(candidate));
     enter(op.results[0], now, now.index >= before);
+  }
+
+  // As its operands have it.
+  Extent extent_of(const Candidate& candidate) {
+    const ops::InferResult inferred = ops::infer(to_.graph(), candidate.kind, candidate.operands, candidate.attrs, {});
+    if (const auto* message = std::get_if<std::string>(&inferred))
+      DR_ICE("simplify broke " + std::string(op_name(candidate.kind)) + ": " + *message);
+    return std::get<std::vector<ResultType>>(inferred)[0].extent;
   }
 
   void rebuild_grad(const Op& op) {
@@ -265,6 +269,30 @@ class Round {
       } else {
         enter(result, map_[value], false);
       }
+    }
+    return true;
+  }
+
+  // if (c) {a} {b} => select(c, a, b), where neither branch computes anything: no branch in the shader, and
+  // element-wise ops are free to share passes.
+  bool select_if(const Op& op) {
+    if (op.kind != OpKind::If) return false;
+    for (size_t k = 0; k < op.results.size(); ++k)
+      if (op.attrs.yields[k] != Yield::Element || target_[op.results[k].index] ||
+          from_.value(op.results[k]).type.is_matrix())
+        return false;
+    for (RegionId region : op.regions)
+      for (OpId inner : from_.region(region).ops)
+        if (from_.op(inner).kind != OpKind::Const) return false;
+    for (RegionId region : op.regions)
+      for (OpId inner : from_.region(region).ops) rebuild(inner);
+    for (size_t k = 0; k < op.results.size(); ++k) {
+      if (!needed_[op.results[k].index]) continue;
+      const ValueInfo& old = from_.value(op.results[k]);
+      Candidate candidate{OpKind::Select, {map_[op.operands[0]]}, {}, old.type, old.extent, op.span};
+      for (RegionId region : op.regions) candidate.operands.push_back(map_[yielded(from_, op, region)[k].value]);
+      candidate.extent = extent_of(candidate);
+      enter(op.results[k], emitter_.stretched(emitter_.emit(std::move(candidate)), old.extent), false);
     }
     return true;
   }
