@@ -42,7 +42,7 @@ class Round {
     find_needed(from.root());
   }
 
-  bool has_unused() const { return has_unused_; }
+  bool is_unfinished() const { return is_unfinished_; }
 
   Graph run() {
     to_.graph().leaves = from_.leaves;
@@ -72,7 +72,7 @@ class Round {
     for (auto it = ops.rbegin(); it != ops.rend(); ++it) {
       const Op& op = from_.op(*it);
       const size_t count = needed_results(op);
-      if (count < (combines_yields(op.kind) ? op.results.size() : 1)) has_unused_ = true;
+      if (count < (combines_yields(op.kind) ? op.results.size() : 1) || selects(op)) is_unfinished_ = true;
       if (count == 0) continue;
       for (ValueId operand : op.operands) need(operand);
       if (op.kind == OpKind::Grad) {
@@ -273,9 +273,7 @@ class Round {
     return true;
   }
 
-  // if (c) {a} {b} => select(c, a, b), where neither branch computes anything: no branch in the shader, and
-  // element-wise ops are free to share passes.
-  bool select_if(const Op& op) {
+  bool selects(const Op& op) const {
     if (op.kind != OpKind::If) return false;
     for (size_t k = 0; k < op.results.size(); ++k)
       if (op.attrs.yields[k] != Yield::Element || target_[op.results[k].index] ||
@@ -284,6 +282,13 @@ class Round {
     for (RegionId region : op.regions)
       for (OpId inner : from_.region(region).ops)
         if (from_.op(inner).kind != OpKind::Const) return false;
+    return true;
+  }
+
+  // if (c) {a} {b} => select(c, a, b), where neither branch computes anything: no branch in the shader, and
+  // element-wise ops are free to share passes.
+  bool select_if(const Op& op) {
+    if (!selects(op)) return false;
     for (RegionId region : op.regions)
       for (OpId inner : from_.region(region).ops) rebuild(inner);
     for (size_t k = 0; k < op.results.size(); ++k) {
@@ -328,19 +333,19 @@ class Round {
   ValueMap map_;
   std::vector<bool> needed_;
   std::vector<bool> target_;
-  bool has_unused_ = false;               // an op or a result that nobody needs
+  bool is_unfinished_ = false;            // an op or a result that nobody needs
   std::map<ValueId, ScatterPair> pairs_;  // accumulations of inlined Ifs, by old value
 };
 
 }  // namespace
 
 Graph simplify(const Graph& graph) {
-  // Each round but the first drops an op or a result.
+  // Each round but the first drops an op or a result, or makes an If a selection.
   size_t bound = 16 + graph.op_count() + graph.value_count();
   Graph current = Round(graph).run();
   for (;;) {
     Round next(current);
-    if (!next.has_unused()) return current;
+    if (!next.is_unfinished()) return current;
     if (bound-- == 0) DR_ICE("simplify does not end: two rules undo each other");
     current = next.run();
   }
