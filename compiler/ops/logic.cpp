@@ -90,16 +90,19 @@ std::string convert_glsl(const GlslInput& in) {
   const Type from = in.operand_types[0];
   const Type to = in.result_type;
   if (from == to) return in.operands[0];
+  if (from.scalar == Scalar::Uint && to.is_float()) return call("dr_to_float", in);
   if (!from.is_float()) return call(to.str(), in);
   return call(to.is_bool() ? "dr_to_bool" : to.scalar == Scalar::Int ? "dr_to_int" : "dr_to_uint", in);
 }
 
 std::vector<std::string_view> convert_prelude(const GlslInput& in) {
-  if (!in.operand_types[0].is_float() || in.result_type.is_float()) return {};
   const auto texts = [&](std::string_view scalar, std::string_view vectors) -> std::vector<std::string_view> {
     if (in.result_type.is_scalar()) return {scalar};
     return {scalar, vectors};
   };
+  if (in.operand_types[0].scalar == Scalar::Uint && in.result_type.is_float())
+    return texts(glsl::kUintToFloat, glsl::kUintToFloatVectors);
+  if (!in.operand_types[0].is_float() || in.result_type.is_float()) return {};
   if (in.result_type.is_bool()) return texts(glsl::kFloatToBool, glsl::kFloatToBoolVectors);
   if (in.result_type.scalar == Scalar::Int) return texts(glsl::kFloatToInt, glsl::kFloatToIntVectors);
   return texts(glsl::kFloatToUint, glsl::kFloatToUintVectors);

@@ -74,8 +74,14 @@ AdjointOutput pow_adjoint(const AdjointInput& in) {
   Builder& b = in.builder;
   const ValueId x = in.operands[0], y = in.operands[1];
   const ValueId zero = zero_like(b, x), one = like(b, x, 1.0);
-  // y x^(y - 1); at x = 0 that is Inf for 0 < y < 1, where the derivative is taken to be 0.
-  const ValueId in_x = smul(b, y, apply(b, OpKind::Pow, x, sub(b, y, one)));
+  // y x^y / x where that power neither vanishes nor is huge: y - 1 would be rounded, and its power may overflow where a
+  // small y makes the product finite. Elsewhere y x^(y - 1); at x = 0 that is Inf for 0 < y < 1, where the derivative
+  // is taken to be 0.
+  const ValueId size = apply(b, OpKind::Abs, in.result);
+  const ValueId moderate = apply(b, OpKind::LogicalAnd, apply(b, OpKind::LessEqual, like(b, x, 0x1p-126), size),
+                                 apply(b, OpKind::LessEqual, size, like(b, x, 0x1p120)));
+  const ValueId in_x =
+      select(b, moderate, div(b, smul(b, y, in.result), x), smul(b, y, apply(b, OpKind::Pow, x, sub(b, y, one))));
   const ValueId vertical =
       apply(b, OpKind::LogicalAnd, apply(b, OpKind::Equal, x, zero), apply(b, OpKind::Less, y, one));
   // x^y log(x), and 0 where the logarithm is not defined.

@@ -145,6 +145,16 @@ uvec3 dr_to_uint(vec3 x) { return uvec3(dr_to_uint(x.xy), dr_to_uint(x.z)); }
 uvec4 dr_to_uint(vec4 x) { return uvec4(dr_to_uint(x.xy), dr_to_uint(x.zw)); }
 )";
 
+inline constexpr std::string_view kUintToFloat = R"(
+// Both halves are exact and their sum is rounded once; what drivers make of float(x) may be off by more.
+float dr_to_float(uint x) { return float(x >> 16) * 65536.0 + float(x & 0xffffu); }
+)";
+inline constexpr std::string_view kUintToFloatVectors = R"(
+vec2 dr_to_float(uvec2 x) { return vec2(dr_to_float(x.x), dr_to_float(x.y)); }
+vec3 dr_to_float(uvec3 x) { return vec3(dr_to_float(x.xy), dr_to_float(x.z)); }
+vec4 dr_to_float(uvec4 x) { return vec4(dr_to_float(x.xy), dr_to_float(x.zw)); }
+)";
+
 inline constexpr std::string_view kFloatToBool = R"(
 // False for 0 and NaN.
 bool dr_to_bool(float x) { return x < 0.0 || x > 0.0; }
@@ -327,10 +337,10 @@ float dr_cos_part(float r) {
   return (1.0 - 0.5 * z) + z * z * (0.0416666456 + z * (-0.00138873013 + z * 2.44306666e-05));
 }
 float dr_quarter_turns(float x) { return roundEven(x * 0.636619772); }
-// x - n pi / 2, pi / 2 in three parts of which the first two times n are exact up to |x| = 8192. The remainder of larger x
-// means nothing; it is kept in range, so that sin and cos are.
+// x - n pi / 2, pi / 2 in four parts of which the first three times n are exact up to |x| = 8192: near the zeros of sin and
+// cos the remainder is what they are. That of larger x means nothing; it is kept in range, so that sin and cos are.
 float dr_turn_remainder(float x, float n) {
-  float r = ((x - n * 1.5703125) - n * 4.837512969970703e-4) - n * 7.549789948768648e-8;
+  float r = (((x - n * 1.5703125) - n * 4.837512969970703e-4) - n * 7.549533620476723e-8) - n * 2.563344151594519e-12;
   return r > 0.8 ? 0.8 : (r < -0.8 ? -0.8 : r);
 }
 // sin(x + quarter pi / 2)
