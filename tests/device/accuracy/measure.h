@@ -12,7 +12,7 @@ namespace dr::accuracy {
 
 // One function and direction on one device.
 struct Row {
-  std::string op, direction;  // "pow", "value" or "d/dx"
+  std::string op, direction;  // "pow", "value" or "d/dx2"
   std::string domain = {}, scale = {}, why = {};
   int64_t samples = 0;   // elements inside the domain whose error was taken
   double bound = 0;      // in last places

@@ -1,0 +1,185 @@
+// SPDX-License-Identifier: Apache-2.0
+// The accuracy table measured on devices, and docs/accuracy.md from it.
+//
+//   bench_accuracy measure FILE NAME [DEVICE] [SAMPLES]   one device, as NAME; its figures replace those in FILE
+//   bench_accuracy document FILE > docs/accuracy.md       all devices of FILE
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "compiler/ops/op.h"
+#include "tests/device/accuracy/measure.h"
+
+using namespace dr;
+using nlohmann::json;
+
+namespace {
+
+// Cases of one bundle: more of them take more memory than time.
+constexpr size_t kTogether = 24;
+
+[[noreturn]] void stop(const std::string& why) {
+  std::fprintf(stderr, "bench_accuracy: %s\n", why.c_str());
+  std::exit(1);
+}
+
+json read(const std::string& path) {
+  std::ifstream file(path);
+  if (!file) return {{"devices", json::object()}};
+  json data = json::parse(file, nullptr, false);
+  if (data.is_discarded() || !data.contains("devices")) stop("'" + path + "' is not what this program writes");
+  return data;
+}
+
+int measure(const std::string& path, const std::string& name, const std::string& wanted, int64_t samples) {
+  auto device = runtime::Device::open({wanted, false});
+  if (!device) stop(device.error());
+  const std::string known = device->profile_name();
+  const std::string profile = known.empty() ? "lavapipe" : known;
+  json rows = json::array();
+  const std::vector<accuracy::Case> cases = accuracy::cases();
+  int failed = 0;
+  for (size_t first = 0; first < cases.size(); first += kTogether) {
+    const auto some = std::span(cases).subspan(first, std::min(kTogether, cases.size() - first));
+    for (const accuracy::Row& row : accuracy::measure(*device, some, {.profile = profile, .random = samples})) {
+      // JSON has no infinity.
+      rows.push_back({{"op", row.op},
+                      {"direction", row.direction},
+                      {"domain", row.domain},
+                      {"scale", row.scale},
+                      {"why", row.why},
+                      {"samples", row.samples},
+                      {"special", row.special},
+                      {"not_finite", row.not_finite},
+                      {"bound", row.bound},
+                      {"max_ulp", std::min(row.worst, 1e30)},
+                      {"p999_ulp", std::min(row.p999, 1e30)},
+                      {"max_relative", std::min(row.relative, 1e30)},
+                      {"max_near_zero", row.near_zero},
+                      {"worst_input", row.worst_input},
+                      {"expected", row.expected},
+                      {"found", row.found},
+                      {"pass", row.passes()}});
+      if (row.passes()) continue;
+      ++failed;
+      std::printf("%s %s: %g last places, %g allowed, at %s\n", row.op.c_str(), row.direction.c_str(), row.worst,
+                  row.bound, row.worst_input.c_str());
+    }
+  }
+  std::printf("%s (%s): %zu rows, %d beyond their bound\n", name.c_str(), device->info().name.c_str(), rows.size(),
+              failed);
+  json data = read(path);
+  data["devices"][name] = {{"device", device->info().name},
+                           {"driver", device->info().driver},
+                           {"vulkan", device->info().api_version},
+                           {"rows", std::move(rows)}};
+  std::ofstream(path) << data.dump(1) << "\n";
+  return failed == 0 ? 0 : 1;
+}
+
+std::string number(double x) {
+  char text[32];
+  if (x == 0) return "0";
+  std::snprintf(text, sizeof text, x >= 1e29 ? "Inf" : x >= 100 || x < 0.01 ? "%.1e" : "%.2f", x);
+  return text;
+}
+
+// One row an op and direction, by operation in the order of the table, a column a device.
+int document(const std::string& path) {
+  const json data = read(path);
+  const json& devices = data["devices"];
+  if (devices.empty()) stop("'" + path + "' has no device");
+  std::printf(R"(# Accuracy
+
+How far the ops are off on devices, made by `./dr bench accuracy` from `bench-out/accuracy.json`; `tests/device/accuracy_test`
+holds a smaller sample to the same bounds. The judge is the float64 evaluator on the same graph, given the same float32
+operands.
+
+- Operands: half of the random ones have a uniform exponent over the whole domain, half are uniform in [-8, 8]; besides there are
+  zeros, subnormals, the ends of the range, powers of two, multiples of pi/2, thresholds of exp, and their combinations. Special
+  values outside the domain, Inf and NaN included, must give a finite result where the exact one is finite.
+- Errors are in last places of float32, of the larger of the exact result and the *scale*: none for functions with full relative
+  accuracy. Derivatives (`d/dx2`: by the second operand) are times a random adjoint.
+- Devices may flush subnormal numbers. So a result below the normal numbers counts as right when it is found there too, a derivative
+  within 2^7 of either end of the range, where one of its factors may have left it; where an operand or the result is subnormal,
+  derivatives must be finite and no more.
+- A bound of 0 means equal numbers. Bounds of values are those of [ops.md](ops.md), others say why in the list below; all are in
+  `tests/device/accuracy/cases*.cpp`.
+
+Each cell has the largest error, in parentheses that of 99.9%% of the samples, and the operands' bits (integers as numbers) where
+it is largest.
+
+| device | name | driver | Vulkan | verdict |
+| --- | --- | --- | --- | --- |
+)");
+  for (const auto& [name, device] : devices.items()) {
+    int64_t failed = 0, samples = 0, special = 0;
+    for (const json& row : device["rows"]) {
+      failed += row["pass"].get<bool>() ? 0 : 1;
+      samples += row["samples"].get<int64_t>();
+      special += row["special"].get<int64_t>();
+    }
+    std::printf("| %s | %s | %s | %s | %zu rows, %lld beyond their bound; %lld errors taken, %lld special values |\n",
+                name.c_str(), device["device"].get<std::string>().c_str(), device["driver"].get<std::string>().c_str(),
+                device["vulkan"].get<std::string>().c_str(), device["rows"].size(), static_cast<long long>(failed),
+                static_cast<long long>(samples), static_cast<long long>(special));
+  }
+  std::printf("\n## The table\n\n| op | direction | domain | samples | scale | bound |");
+  for (const auto& [name, device] : devices.items()) std::printf(" %s |", name.c_str());
+  std::printf("\n| --- | --- | --- | --- | --- | --- |");
+  for (size_t k = 0; k < devices.size(); ++k) std::printf(" --- |");
+  std::printf("\n");
+  const json& first = devices.begin().value()["rows"];
+  const auto same = [](const json& a, const json& b) {
+    return a["op"] == b["op"] && a["direction"] == b["direction"] && a["domain"] == b["domain"];
+  };
+  for (const json& row : first) {
+    std::printf("| `%s` | %s | %s | %lld | %s | %s |", row["op"].get<std::string>().c_str(),
+                row["direction"].get<std::string>().c_str(), row["domain"].get<std::string>().c_str(),
+                static_cast<long long>(row["samples"].get<int64_t>()), row["scale"].get<std::string>().c_str(),
+                number(row["bound"].get<double>()).c_str());
+    for (const auto& [name, device] : devices.items()) {
+      const json& rows = device["rows"];
+      const auto found = std::find_if(rows.begin(), rows.end(), [&](const json& r) { return same(r, row); });
+      if (found == rows.end()) {
+        std::printf(" |");
+        continue;
+      }
+      const double worst = (*found)["max_ulp"].get<double>();
+      std::printf(" %s%s", (*found)["pass"].get<bool>() ? "" : "**beyond** ", number(worst).c_str());
+      if (worst > 0)
+        std::printf(" (%s) at `%s`", number((*found)["p999_ulp"].get<double>()).c_str(),
+                    (*found)["worst_input"].get<std::string>().c_str());
+      std::printf(" |");
+    }
+    std::printf("\n");
+  }
+  std::printf("\n## Why the bounds are what they are\n\n");
+  std::vector<std::string> told;
+  for (const json& row : first) {
+    const std::string why = row["why"].get<std::string>() + " (" + number(row["bound"].get<double>()) + ")";
+    if (row["bound"].get<double>() == 0 || row["why"] == "op table") continue;
+    const std::string line = "`" + row["op"].get<std::string>() + "` " + row["direction"].get<std::string>();
+    std::printf("- %s: %s\n", line.c_str(), why.c_str());
+  }
+  std::printf("\n## Not in the table\n\n");
+  for (const accuracy::Elsewhere& other : accuracy::elsewhere())
+    std::printf("- `%s`: %s\n", std::string(ir::op_name(other.kind)).c_str(), other.where.c_str());
+  return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  const std::string what = argc > 1 ? argv[1] : "";
+  const int64_t samples = argc > 5 ? std::atoll(argv[5]) : int64_t{1} << 18;
+  if (what == "document" && argc == 3) return document(argv[2]);
+  if (what == "measure" && argc >= 4 && samples > 0) return measure(argv[2], argv[3], argc > 4 ? argv[4] : "", samples);
+  std::fputs("usage: bench_accuracy measure FILE NAME [DEVICE] [SAMPLES] | document FILE\n", stderr);
+  return 2;
+}
