@@ -6,8 +6,8 @@
 # A test that exits with 77 counts as skipped.
 function(dr_add_test name)
   cmake_parse_arguments(PARSE_ARGV 1 test "" "LABEL" "SOURCES;LINK")
-  if(test_UNPARSED_ARGUMENTS OR NOT test_SOURCES OR NOT test_LABEL MATCHES "^(unit|golden|gradient|device|fuzz)$")
-    message(FATAL_ERROR "dr_add_test(${name}): LABEL unit|golden|gradient|device|fuzz, SOURCES and LINK are expected")
+  if(test_UNPARSED_ARGUMENTS OR NOT test_SOURCES OR NOT test_LABEL MATCHES "^(unit|golden|gradient|device|stress|fuzz)$")
+    message(FATAL_ERROR "dr_add_test(${name}): LABEL unit|golden|gradient|device|stress|fuzz, SOURCES and LINK are expected")
   endif()
   foreach(library IN LISTS test_LINK)
     if(library MATCHES "^dr_" AND NOT TARGET ${library})
@@ -28,7 +28,7 @@ function(dr_add_test name)
   add_test(NAME ${test_LABEL}/${name} COMMAND ${name} WORKING_DIRECTORY ${PROJECT_BINARY_DIR})
   # Software devices compile shaders at their first draw, which two tests at a time on a cold machine make slow.
   set(timeout 300)
-  if(test_LABEL STREQUAL "device")
+  if(test_LABEL MATCHES "^(device|stress)$")
     set(timeout 1200)
   endif()
   set_tests_properties(${test_LABEL}/${name} PROPERTIES

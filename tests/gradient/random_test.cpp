@@ -12,267 +12,14 @@
 #include "tests/catch.h"
 #include "tests/gradient/check.h"
 #include "tests/gradient/dual.h"
+#include "tests/gradient/random_graph.h"
 
 using namespace dr::gradient_test;
-using dr::ir::kFloat;
-using dr::ir::kInt;
-using dr::ir::Scalar;
-using dr::ir::vec;
-namespace ops = dr::ops;
 
 namespace {
 
 constexpr int kGraphs = 1000;
-constexpr size_t kOps = 50;  // of the smallest graphs, before differentiation and without the leaves
-constexpr int kSteps = 22;   // of the generator, at least; each emits an op or a few, a region many
 constexpr double kTolerance = 1e-12;
-
-std::string leaf_name(size_t k) { return std::string("x").append(std::to_string(k)); }
-
-// Grows a graph from its leaves by random steps. Nothing grows without bound, and nothing is singular. All constants
-// are fractions of few binary digits: `simplify` folds as a device computes, in float32, and other numbers would change
-// by 1e-8 when it does.
-class Generator {
- public:
-  explicit Generator(uint64_t seed) : random_(seed) {
-    const int leaves = 3 + random_.integer(3);
-    for (int k = 0; k < leaves; ++k) {
-      const std::string name = leaf_name(static_cast<size_t>(k));
-      const Type type = any_type();
-      const Extent extent = any_extent();
-      params_.push_back(leaf(b_, name, type, extent));
-      data_.emplace(name, random_.image(type, extent, -1.5, 1.5));
-    }
-    pool_ = params_;
-    const size_t first = b_.graph().op_count();
-    for (int k = 0; k < kSteps || b_.graph().op_count() < first + kOps; ++k) step();
-    // The later values hang together; a few of them make the result.
-    y_ = as(pool_.back(), kFloat);
-    for (int k = 0; k < 5; ++k) {
-      const ValueId late = pool_[pool_.size() - 1 - static_cast<size_t>(random_.integer(10))];
-      y_ = ops::add(b_, y_, as(late, kFloat));
-    }
-  }
-
-  Builder& builder() { return b_; }
-  const std::vector<ValueId>& params() const { return params_; }
-  ValueId y() const { return y_; }
-  const Images& data() const { return data_; }
-  Random& random() { return random_; }
-
- private:
-  Type any_type() { return random_.chance(0.5) ? kFloat : vec(2 + random_.integer(3)); }
-  Extent any_extent() {
-    const auto axis = [&](int64_t size) { return Dim(random_.chance(0.5) ? size : 1); };
-    return {axis(4), axis(3), axis(2)};
-  }
-  ValueId any() { return pool_[static_cast<size_t>(random_.integer(static_cast<int>(pool_.size())))]; }
-  ValueId op(OpKind kind, std::vector<ValueId> operands) { return ops::emit(b_, kind, std::move(operands)); }
-  ValueId number(double x) { return ops::constant(b_, kFloat, x); }
-  ValueId integer(double x) { return ops::constant(b_, kInt, x); }
-  ValueId sin(ValueId x) { return op(OpKind::Sin, {x}); }
-  ValueId scaled(ValueId x, double s) { return ops::mul(b_, x, ops::constant(b_, b_.value(x).type, s)); }
-  ValueId square_plus_one(ValueId x) {
-    return ops::add(b_, ops::mul(b_, x, x), ops::constant(b_, b_.value(x).type, 1.0));
-  }
-  ValueId to_float(ValueId i) {
-    return ops::emit(b_, OpKind::Convert, {i}, ints({static_cast<int64_t>(Scalar::Float)}));
-  }
-
-  // x as another type.
-  ValueId as(ValueId x, Type type) {
-    const Type have = b_.value(x).type;
-    if (have == type) return x;
-    if (!have.is_scalar())
-      x = type.is_scalar() && random_.chance(0.5) ? op(OpKind::Dot, {x, scaled(x, 0.25)})
-                                                  : ops::extract(b_, x, random_.integer(have.rows));
-    return type.is_scalar() ? x : ops::splat(b_, x, type.rows);
-  }
-
-  // One element-wise step on values of a list; usable in the root and in regions.
-  ValueId elementwise(const std::vector<ValueId>& from) {
-    const auto pick = [&] { return from[static_cast<size_t>(random_.integer(static_cast<int>(from.size())))]; };
-    const ValueId x = pick();
-    const Type type = b_.value(x).type;
-    const ValueId y = as(pick(), type);
-    switch (random_.integer(22)) {
-      case 0: return ops::add(b_, x, y);
-      case 1: return ops::sub(b_, x, y);
-      case 2:
-      case 3: return sin(ops::mul(b_, x, y));
-      case 4: return ops::div(b_, x, square_plus_one(y));
-      case 5: return op(OpKind::Sqrt, {square_plus_one(x)});
-      case 6: return op(OpKind::Exp, {ops::neg(b_, ops::mul(b_, x, x))});
-      case 7: return op(OpKind::Tanh, {x});
-      case 8: return op(OpKind::Sigmoid, {x});
-      case 9: return op(OpKind::Log, {square_plus_one(x)});
-      case 10: return op(OpKind::Abs, {x});
-      case 11: return op(OpKind::Min, {x, y});
-      case 12: return op(OpKind::Max, {x, y});
-      case 13: return op(OpKind::Clamp, {x, ops::constant(b_, type, -0.75), ops::constant(b_, type, 0.75)});
-      case 14: return ops::select(b_, op(OpKind::Less, {as(x, kFloat), as(y, kFloat)}), scaled(y, 0.5), x);
-      case 15: return op(OpKind::Atan, {x});
-      case 16: return op(OpKind::InverseSqrt, {square_plus_one(y)});
-      case 17: {
-        const std::vector<ValueId> parts{as(x, kFloat), as(y, kFloat), sin(as(x, kFloat))};
-        return ops::compose(b_, parts, vec(3));
-      }
-      case 18:
-        if (type.is_scalar()) return op(OpKind::Softplus, {x});
-        return op(random_.chance(0.5) ? OpKind::Normalize : OpKind::Length,
-                  {ops::add(b_, sin(x), ops::constant(b_, type, 3.0))});
-      case 19: return ops::smul(b_, x, op(OpKind::Cos, {y}));
-      case 20: return random_.chance(0.3) ? op(OpKind::Detach, {x}) : op(OpKind::Pin, {x});
-      default: return op(OpKind::Tanh, {ops::mul(b_, x, y)});
-    }
-  }
-
-  std::vector<int64_t> any_axes() { return {random_.integer(2), random_.integer(2), random_.integer(2)}; }
-
-  // An index into x from integers that vary over `extent`, now and then outside. `here` are more integers to use.
-  ValueId any_index(ValueId x, const Extent& extent, const std::vector<ValueId>& here = {}) {
-    const Extent image = b_.value(x).extent;
-    const auto along = [&](int axis, const Dim& size) {
-      ValueId i = !here.empty() && random_.chance(0.6)
-                      ? here[static_cast<size_t>(random_.integer(static_cast<int>(here.size())))]
-                      : ops::coord(b_, axis, extent);
-      if (random_.chance(0.5)) i = ops::mul(b_, i, integer(2 + random_.integer(3)));
-      i = op(OpKind::Mod, {i, integer(static_cast<double>(size.constant() + 1))});
-      return random_.chance(0.5) ? ops::sub(b_, i, integer(1)) : i;
-    };
-    const bool layers_agree = image.l.is_one() || image.l == extent.l;
-    if (!layers_agree || random_.chance(0.3)) {
-      return ops::compose(b_, {along(0, image.w), along(1, image.h), along(2, image.l)}, vec(3, Scalar::Int));
-    }
-    if (image.h.is_one() && random_.chance(0.7)) return along(0, image.w);
-    return ops::compose(b_, {along(0, image.w), along(1, image.h)}, vec(2, Scalar::Int));
-  }
-
-  // The captured values of a region, with the domain they span. Values of other extents stay out.
-  Extent region_domain() {
-    Extent domain = any_extent();
-    for (int k = 0; k < 2; ++k) domain = *dr::ir::broadcast(domain, b_.value(any()).extent);
-    return domain;
-  }
-  std::vector<ValueId> within(const Extent& domain) {
-    std::vector<ValueId> fitting;
-    for (const ValueId x : pool_) {
-      if (dr::ir::broadcast(domain, b_.value(x).extent) == domain) fitting.push_back(x);
-    }
-    std::vector<ValueId> chosen;
-    for (int k = 0; k < 4; ++k)
-      chosen.push_back(fitting[static_cast<size_t>(random_.integer(static_cast<int>(fitting.size())))]);
-    return chosen;
-  }
-
-  // A region in a region may run on fewer elements, if there are values for it.
-  std::pair<Extent, std::vector<ValueId>> narrowed(const Extent& domain, const std::vector<ValueId>& values) {
-    Extent fewer = domain;
-    for (Dim* axis : {&fewer.w, &fewer.h, &fewer.l}) {
-      if (random_.chance(0.3)) *axis = Dim(1);
-    }
-    std::vector<ValueId> fitting;
-    for (const ValueId x : values) {
-      if (dr::ir::broadcast(fewer, b_.value(x).extent) == fewer) fitting.push_back(x);
-    }
-    if (fitting.size() < 2) return {domain, values};
-    return {fewer, fitting};
-  }
-
-  // Ops of a region: reads, element-wise steps, further regions. `trips` are the trip numbers around. Gives a value of
-  // the type asked for.
-  ValueId body(std::vector<ValueId> values, const std::vector<ValueId>& trips, const Extent& domain, Type type,
-               int depth) {
-    for (const ValueId i : trips) values.push_back(scaled(to_float(i), 0.25));
-    const int count = 2 + random_.integer(4);
-    for (int k = 0; k < count; ++k) {
-      const double choice = random_.real(0, 1);
-      if (choice < 0.35) {
-        const ValueId image = any();
-        values.push_back(op(OpKind::Gather, {image, any_index(image, domain, trips)}));
-      } else if (choice < 0.5 && depth < 2) {
-        const auto [fewer, fitting] = narrowed(domain, values);
-        for (const ValueId result : region(fitting, trips, fewer, depth + 1)) values.push_back(result);
-      } else {
-        values.push_back(elementwise(values));
-      }
-    }
-    const ValueId last = values.back();
-    const ValueId other = values[static_cast<size_t>(random_.integer(static_cast<int>(values.size())))];
-    return ops::add(b_, as(last, type), sin(as(other, type)));
-  }
-
-  std::vector<ValueId> region(const std::vector<ValueId>& values, const std::vector<ValueId>& trips,
-                              const Extent& domain, int depth) {
-    std::vector<ValueId> results;
-    if (random_.chance(0.5)) {
-      const Type first = any_type(), second = any_type();
-      const ValueId condition = op(OpKind::Less, {as(values[0], kFloat), as(values[1], kFloat)});
-      const auto branch = [&] {
-        return std::vector{body(values, trips, domain, first, depth), body(values, trips, domain, second, depth)};
-      };
-      results = make_if(b_, condition, domain, {Yield::Element, Yield::Element}, branch, branch);
-    } else {
-      const Type summed = any_type();
-      ValueId begin = integer(random_.integer(2));
-      ValueId end = integer(2 + random_.integer(3));
-      if (random_.chance(0.4)) end = op(OpKind::Mod, {ops::coord(b_, 0, domain), integer(4)});
-      const Yield extreme = random_.chance(0.5) ? Yield::Min : Yield::Max;
-      results = make_reduce(b_, begin, end, domain, {Yield::Sum, extreme}, [&](ValueId i) {
-        std::vector<ValueId> inner = trips;
-        inner.push_back(i);
-        return std::vector{body(values, inner, domain, summed, depth), body(values, inner, domain, kFloat, depth)};
-      });
-      // An empty range gives an infinity.
-      results[1] = op(OpKind::Clamp, {results[1], number(-5), number(5)});
-      results[0] = op(OpKind::Tanh, {results[0]});
-    }
-    return results;
-  }
-
-  void step() {
-    const ValueId x = any();
-    const Extent extent = b_.value(x).extent;
-    const double choice = random_.real(0, 1);
-    if (choice < 0.08) {
-      const OpKind kind =
-          std::array{OpKind::ReduceSum, OpKind::ReduceMin, OpKind::ReduceMax}[static_cast<size_t>(random_.integer(3))];
-      pool_.push_back(scaled(ops::emit(b_, kind, {x}, ints(any_axes())), 0.375));
-    } else if (choice < 0.13) {
-      pool_.push_back(ops::emit(b_, OpKind::Broadcast, {x}, dims(*dr::ir::broadcast(extent, any_extent()))));
-    } else if (choice < 0.18) {
-      pool_.push_back(ops::emit(b_, OpKind::Shift, {x}, ints({random_.integer(5) - 2, random_.integer(3) - 1})));
-    } else if (choice < 0.26) {
-      pool_.push_back(op(OpKind::Gather, {x, any_index(x, any_extent())}));
-    } else if (choice < 0.34) {
-      // Into an image of its own layers, or of one.
-      Extent image = any_extent();
-      if (!image.l.is_one()) image.l = extent.l;
-      const ValueId shaped = ops::constant(b_, kFloat, 0.0);
-      const ValueId target = ops::broadcast(b_, shaped, image);
-      pool_.push_back(ops::emit(b_, OpKind::ScatterAdd, {any_index(target, extent), x}, dims(image)));
-    } else if (choice < 0.48) {
-      const Extent domain = region_domain();
-      for (const ValueId result : region(within(domain), {}, domain, 0)) pool_.push_back(result);
-    } else if (choice < 0.54 && gradients_ < 2) {
-      // Large derivatives are tamed before they go on.
-      ++gradients_;
-      const ValueId y = any();
-      for (const ValueId g : grad(b_, y, ops::constant(b_, b_.value(y).type, 0.5), {x, any()}))
-        pool_.push_back(op(OpKind::Tanh, {scaled(g, 0.25)}));
-    } else {
-      pool_.push_back(elementwise(pool_));
-    }
-  }
-
-  Random random_;
-  Builder b_;
-  std::vector<ValueId> params_;
-  std::vector<ValueId> pool_;
-  Images data_;
-  ValueId y_;
-  int gradients_ = 0;
-};
 
 // Components of an image of numbers, in the order of Image::data.
 template <class Get>
@@ -294,25 +41,25 @@ Images run_backward(const Graph& differentiated, const Images& data) {
 Graph pipeline(const Graph& graph) { return dr::passes::run_passes(graph, dr::passes::default_passes()); }
 
 size_t check_graph(uint64_t seed) {
-  Generator generator(seed);
-  Builder& b = generator.builder();
+  RandomGraph generator = random_graph(seed);
+  Builder& b = generator.builder;
   const size_t ops = b.graph().op_count();
-  const dr::ir::ValueInfo info = b.value(generator.y());
-  const Extent seed_extent = generator.random().chance(0.5) ? Extent{} : info.extent;
+  const dr::ir::ValueInfo info = b.value(generator.y);
+  const Extent seed_extent = generator.random.chance(0.5) ? Extent{} : info.extent;
   const ValueId w = leaf(b, "w", info.type, seed_extent);
-  const std::vector<ValueId> adjoints = grad(b, generator.y(), w, generator.params());
-  std::vector<std::pair<std::string, ValueId>> outputs{{"y", generator.y()}};
+  const std::vector<ValueId> adjoints = grad(b, generator.y, w, generator.params);
+  std::vector<std::pair<std::string, ValueId>> outputs{{"y", generator.y}};
   for (size_t k = 0; k < adjoints.size(); ++k) outputs.emplace_back(leaf_name(k), adjoints[k]);
   Graph before = b.graph();
   add_step(before, "check", outputs);
   const Graph graph = differentiated(before);
 
-  Images data = generator.data();
-  data.emplace("w", generator.random().image(info.type, seed_extent, 0.5, 1.5));
+  Images data = generator.data;
+  data.emplace("w", generator.random.image(info.type, seed_extent, 0.5, 1.5));
   std::map<std::string, LeafData> leaves;
   for (const auto& [name, image] : data) {
     const Extent extent{image.width, image.height, image.layers};
-    leaves[name] = {image, name == "w" ? Image{} : generator.random().image(image.type, extent, -1, 1)};
+    leaves[name] = {image, name == "w" ? Image{} : generator.random.image(image.type, extent, -1, 1)};
   }
   const std::vector<DualImage> forward = evaluate_dual(graph, leaves);
   const DualImage& y = forward[graph.steps[0].outputs[0].value.index];
