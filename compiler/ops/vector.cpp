@@ -157,8 +157,12 @@ AdjointOutput normalize_adjoint(const AdjointInput& in) {
   const ValueId n = in.result;
   const ValueId along = emit(b, OpKind::Dot, {smul(b, in.adjoint, n), like(b, n, 1.0)});
   const ValueId across = sub(b, in.adjoint, smul(b, along, n));
-  const ValueId inverse = safe_reciprocal(b, apply(b, OpKind::Length, in.operands[0]));
-  return {smul(b, across, inverse)};
+  // Divided, not multiplied by 1 / |v|: that overflows for the shortest vectors, where `across` is as good as 0.
+  const ValueId length = apply(b, OpKind::Length, in.operands[0]);
+  const ValueId none = apply(b, OpKind::Equal, length, zero_like(b, length));
+  const ValueId divisor = splat(b, select(b, none, like(b, length, 1.0), length), b.value(n).type.rows);
+  const ValueId strong_zero = apply(b, OpKind::Equal, across, zero_like(b, across));
+  return {drop_where(b, none, drop_where(b, strong_zero, div(b, across, divisor)))};
 }
 
 }  // namespace
