@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: Apache-2.0
+// A fit that runs for long: the same bits whether its steps run one by one, in blocks or all at once, no growth of
+// memory, and no drift away from what it has reached. DR_STRESS_STEPS sets how many steps.
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+
+#include "runtime/jit/jit.h"
+#include "runtime/runtime.h"
+#include "tests/catch.h"
+#include "tests/device/devices.h"
+
+using namespace dr;
+
+namespace {
+
+template <class T>
+T must(io::Result<T> result) {
+  if (!result) FAIL(result.error());
+  if constexpr (!std::is_void_v<T>) return std::move(result).value();
+}
+
+// A blurred picture is made sharp, with a random pixel left out each step.
+constexpr const char* kProgram = R"(
+edition 1;
+import std.loss;
+import std.optim;
+import std.random;
+input photo : float[16, 16];
+param sharp : float[16, 16] = 0.5;
+fn blur(x: float[16, 16]) -> float[16, 16] { 0.5 * x + 0.25 * shift(x, 1, 0) + 0.25 * shift(x, 0, -1) }
+let p = coord(16, 16);
+let kept = if p.x == random.integer(ivec3(step_index, 0, 0), 3, 16) { 0.0 } else { 1.0 };
+let e = loss.masked_l2(blur(sharp), photo, kept);
+step fit { minimize e over sharp with optim.adam(rate = 0.002); output loss = e; }
+)";
+
+long resident_kilobytes() {
+  std::ifstream file("/proc/self/status");
+  for (std::string word; file >> word;)
+    if (word == "VmRSS:") {
+      long kilobytes = 0;
+      file >> kilobytes;
+      return kilobytes;
+    }
+  return 0;
+}
+
+runtime::Program load(const test::NamedDevice& device, const std::vector<uint8_t>& bundle) {
+  auto program = must(runtime::Program::load(device.device, bundle));
+  std::vector<float> photo(256);
+  for (size_t k = 0; k < photo.size(); ++k) photo[k] = 0.5f + 0.4f * std::sin(0.3f * static_cast<float>(k));
+  must(program.bind("photo", io::Array::from_floats(photo, 1, 16, 16)));
+  return program;
+}
+
+double loss(runtime::Program& program) { return must(program.output("fit", "loss")).to_doubles().at(0); }
+
+}  // namespace
+
+TEST_CASE("a long fit keeps its bits, its memory and what it has reached") {
+  const char* wanted = std::getenv("DR_STRESS_STEPS");
+  const int steps = wanted != nullptr ? std::atoi(wanted) : 1000;
+  REQUIRE(steps >= 100);
+  const auto path = std::filesystem::path(DR_BUILD_DIR) / "long_run.dr";
+  std::ofstream(path) << kProgram;
+  for (const test::NamedDevice& device : test::devices()) {
+    INFO(device.name);
+    jit::Options options;
+    options.profile = device.name;
+    auto compiled = jit::compile_file(path.string(), options);
+    if (const auto* messages = std::get_if<std::string>(&compiled)) FAIL(*messages);
+    const auto& bundle = std::get<std::vector<uint8_t>>(compiled);
+
+    auto blocks = load(device, bundle);
+    must(blocks.run("fit"));
+    const double first = loss(blocks);
+    must(blocks.run("fit", steps / 10 - 1));
+    const int64_t allocated = blocks.allocated_bytes();
+    const long resident = resident_kilobytes();
+    double early = 0, late = 0;
+    for (int block = 1; block < 10; ++block) {
+      must(blocks.run("fit", steps / 10));
+      (block == 1 ? early : late) = loss(blocks);
+      CHECK(std::isfinite(late));
+    }
+    const long growth = resident_kilobytes() - resident;
+    CHECK(blocks.allocated_bytes() == allocated);
+    CHECK(growth < 1024);
+    CHECK(late < 0.1 * first);
+    // Adam's steps keep their size; it hovers about the best, and does not leave it.
+    CHECK(late < std::max(2 * early, 1e-4));
+
+    auto whole = load(device, bundle), single = load(device, bundle);
+    must(whole.run("fit", steps / 10 * 10));
+    CHECK(must(whole.leaf("sharp")).bytes == must(blocks.leaf("sharp")).bytes);
+    for (int k = 0; k < steps / 10; ++k) must(single.run("fit"));
+    must(single.run("fit", steps / 10 * 9));
+    CHECK(must(single.leaf("sharp")).bytes == must(whole.leaf("sharp")).bytes);
+    for (const std::string& message : device.device.validation_messages()) FAIL("validation: " << message);
+    std::printf("%-12s %d steps: loss %.3e, %.3e, %.3e; memory grew by %ld KiB\n", device.name.c_str(), steps / 10 * 10,
+                first, early, late, growth);
+  }
+}
