@@ -22,9 +22,9 @@ on_swiftshader() { VK_ICD_FILENAMES=$DR_SWIFTSHADER_ICD VK_DRIVER_FILES=$DR_SWIF
 target=$out/target
 pictures=(--bind "view=$target/view.npy" --bind "mask=$target/mask.npy" --bind "image=$target/image.npy")
 truth=(--bind "true_position=$target/pear_position.npy" --bind "true_face=$target/pear_face.npy")
-shape() {  # shape MESH_FOLDER STEPS OUT: fits the shape alone
-  local mesh=$1 steps=$2 to=$3
-  "$build/bin/drun" "$pear/fit.dr" -D "steps=$steps" --bind "position=$mesh/position.npy" --bind "face=$mesh/face.npy" \
+shape() {  # shape MESH_FOLDER STEPS SMOOTHNESS OUT: fits the shape alone
+  local mesh=$1 steps=$2 smoothness=$3 to=$4
+  "$build/bin/drun" "$pear/fit.dr" -D "steps=$steps" -D "smoothness=$smoothness" --bind "position=$mesh/position.npy" --bind "face=$mesh/face.npy" \
     "${pictures[@]}" "${truth[@]}" --step "fit_shape=$steps" --step measure_shape --out "$to" > /dev/null
 }
 
@@ -36,10 +36,10 @@ on_lavapipe "$build/bin/drun" "$pear/fit.dr" "${exact[@]}" "${pictures[@]}" --st
 on_lavapipe "$build/bin/drun" "$root/tests/bench/pear_texels.dr" -I "$pear" "${exact[@]}" --bind "view=$target/view.npy" \
   --bind "mask=$target/mask.npy" --bind "albedo=$out/exact/albedo.npy" --out "$out/texels" > "$out/texels.txt"
 
-if [[ -n ${DR_SWIFTSHADER_ICD-} ]]; then on_swiftshader shape "$target" 150 "$out/swiftshader"; fi
+if [[ -n ${DR_SWIFTSHADER_ICD-} ]]; then on_swiftshader shape "$target" 150 30.0 "$out/swiftshader"; fi
 if [[ $fine == --fine ]]; then
   on_lavapipe "$build/bin/drun" "$pear/target.dr" -D coarse=16 --step meshes --out "$out/mesh_16" > /dev/null
-  on_lavapipe shape "$out/mesh_16" 600 "$out/fine"
+  on_lavapipe shape "$out/mesh_16" 600 480.0 "$out/fine"
 fi
 
 /usr/bin/python3 - "$out" "$seconds" << 'END'
