@@ -1,0 +1,37 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# HardSoftRas with and without leaving out soft work that does not show: the same bits on each device, by compute loops and by
+# draws. usage: soft_skip_test.sh DRUN
+set -euo pipefail
+drun=$(readlink -f "$1")
+here=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd)
+program=$here/../golden/programs/soft_skip.dr
+if [[ -z ${DR_LAVAPIPE_ICD-}${DR_SWIFTSHADER_ICD-} ]]; then
+  echo "neither DR_LAVAPIPE_ICD nor DR_SWIFTSHADER_ICD is set: devices are left out"
+  [[ -z ${CI-} ]] || exit 1
+  exit 77
+fi
+folder=$(mktemp -d)
+trap 'rm -rf "$folder"' EXIT
+face=$(sed -n '1s/.*--bind face=//p' "$program")
+failed=0
+# check ICD RASTER STEP...
+check() {
+  local icd=$1 raster=$2 out step
+  shift 2
+  out=$folder/$(basename "$icd").$raster
+  VK_ICD_FILENAMES=$icd VK_DRIVER_FILES=$icd "$drun" "$program" --bind "face==$face" --raster "$raster" "${@/#/--step=}" \
+    --out "$out" > /dev/null
+  for step; do
+    if ! grep -q "\"step\": \"$step\".*\"moved_by\": 1[45], \"differ\": 0}" "$out/log.jsonl"; then
+      echo "$(basename "$icd") $raster: $(grep "\"step\": \"$step\"" "$out/log.jsonl")"
+      failed=1
+    fi
+  done
+}
+if [[ -n ${DR_LAVAPIPE_ICD-} ]]; then
+  for raster in compute hardware; do check "$DR_LAVAPIPE_ICD" $raster outlines thin layers faces both_sides; done
+fi
+# Two steps are enough where compiling a shader takes seconds.
+if [[ -n ${DR_SWIFTSHADER_ICD-} ]]; then check "$DR_SWIFTSHADER_ICD" compute thin faces; fi
+exit $failed
