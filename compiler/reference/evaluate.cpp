@@ -13,6 +13,7 @@
 #include "compiler/reference/raster.h"
 #include "compiler/reference/region.h"
 #include "compiler/reference/workers.h"
+#include "compiler/topology/topology.h"
 
 namespace dr::reference {
 namespace {
@@ -140,6 +141,8 @@ class Evaluation {
     DR_ASSERT(leaf.has_value());
     const Image& data = *given_.leaves[*leaf];
     context_.images[op.results[0].index] = &data;
+    if (graph_.leaves[*leaf].table == "closed" && data.data[0] == 0)
+      warnings_.push_back({topology::not_closed(graph_.leaves[*leaf].table_of), op.span});
     if (options_.float32 && data.type.is_float()) {
       owned_[op.results[0].index] = data;
       round_to_float(owned_[op.results[0].index]->data.data(), data.data.size());

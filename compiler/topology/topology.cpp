@@ -97,4 +97,10 @@ std::variant<Tables, std::string> build(std::span<const int32_t> face, int64_t v
   return out;
 }
 
+std::string not_closed(std::string_view faces) {
+  return "the mesh '" + std::string(faces) +
+         "' is not closed: some edge does not have two faces that run along it in opposite directions. Its faces show "
+         "both sides";
+}
+
 }  // namespace dr::topology

@@ -39,4 +39,7 @@ struct Tables {
 // with -1 they are left out. The error names the face whose vertex is out of range.
 std::variant<Tables, std::string> build(std::span<const int32_t> face, int64_t vertices);
 
+// What hosts tell users whose program asks for `closed` of a mesh that is not; `faces` is the name of the leaf.
+std::string not_closed(std::string_view faces);
+
 }  // namespace dr::topology

@@ -9,6 +9,7 @@
 #include <cstdio>
 #include <filesystem>
 
+#include "compiler/topology/topology.h"
 #include "runtime/drun/progress.h"
 #include "runtime/drun/results.h"
 #include "runtime/drun/timing.h"
@@ -137,7 +138,7 @@ void Session::run_step(const std::string& step, int& done, int times) {
       timed_run(step);
     else
       now = run_for(step, now);
-    ran_.insert(step);
+    if (ran_.insert(step).second) warn_of_open_meshes(step);
     done += now;
     const int64_t before = at_.runs[step];
     at_.runs[step] += now;
@@ -147,6 +148,16 @@ void Session::run_step(const std::string& step, int& done, int times) {
     progress.show(done, last_values_[step]);
   }
   if (!last_values_[step].empty()) std::printf("%s: %s\n", step.c_str(), last_values_[step].c_str());
+}
+
+void Session::warn_of_open_meshes(const std::string& step) {
+  constexpr std::string_view kTable = ".closed";
+  for (const std::string& leaf : names_.needed_leaves(step)) {
+    if (!leaf.ends_with(kTable) || !names_.is_input(leaf) || !warned_.insert(leaf).second) continue;
+    if (must(target_.leaf(leaf)).as<int32_t>()[0] == 0)
+      std::fprintf(stderr, "drun: warning: %s\n",
+                   topology::not_closed(leaf.substr(0, leaf.size() - kTable.size())).c_str());
+  }
 }
 
 // Runs the step so often, or until somebody interrupts, which is looked at several times a second. Gives how often.

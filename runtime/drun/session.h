@@ -35,6 +35,8 @@ class Session {
   // Reads the scalar outputs for the log and the progress line.
   std::string log_scalars(const std::string& step, int done);
   bool maybe_scalar(const std::string& step, const std::string& name);
+  // Warns once of each mesh that the step expects to be closed and that is not.
+  void warn_of_open_meshes(const std::string& step);
   void print_counters() const;
   void write_results();
 
@@ -44,6 +46,7 @@ class Session {
   std::vector<std::pair<std::string, int>> steps_;  // and how often
   Checkpoint at_;                                   // where it is
   std::set<std::string> ran_;
+  std::set<std::string> warned_;  // leaves
   std::map<std::string, std::string> last_values_;
   std::map<std::string, bool> scalar_;
   int together_ = 1;  // runs of a step between two looks at whether somebody interrupts

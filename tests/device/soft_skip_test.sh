@@ -21,7 +21,12 @@ check() {
   shift 2
   out=$folder/$(basename "$icd").$raster
   VK_ICD_FILENAMES=$icd VK_DRIVER_FILES=$icd "$drun" "$program" --bind "face==$face" --raster "$raster" "${@/#/--step=}" \
-    --out "$out" > /dev/null
+    --out "$out" > /dev/null 2> "$out.said"
+  # The splinter makes the mesh an open one, which is told once.
+  if (($(grep -c "warning: the mesh 'face' is not closed" "$out.said") != 1)); then
+    echo "$(basename "$icd") $raster: expected one warning, found: $(cat "$out.said")"
+    failed=1
+  fi
   for step; do
     if ! grep -q "\"step\": \"$step\".*\"moved_by\": 1[45], \"differ\": 0}" "$out/log.jsonl"; then
       echo "$(basename "$icd") $raster: $(grep "\"step\": \"$step\"" "$out/log.jsonl")"
@@ -30,8 +35,9 @@ check() {
   done
 }
 if [[ -n ${DR_LAVAPIPE_ICD-} ]]; then
-  for raster in compute hardware; do check "$DR_LAVAPIPE_ICD" $raster outlines thin layers faces both_sides; done
+  check "$DR_LAVAPIPE_ICD" compute outlines thin layers faces both_sides
+  check "$DR_LAVAPIPE_ICD" hardware thin faces
 fi
-# Two steps are enough where compiling a shader takes seconds.
-if [[ -n ${DR_SWIFTSHADER_ICD-} ]]; then check "$DR_SWIFTSHADER_ICD" compute thin faces; fi
+# One step is enough where compiling a shader takes seconds.
+if [[ -n ${DR_SWIFTSHADER_ICD-} ]]; then check "$DR_SWIFTSHADER_ICD" compute thin; fi
 exit $failed
