@@ -1,0 +1,60 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# skip.sh BUILD_FOLDER: what HardSoftRas leaves out where nothing soft shows (skip.dr), for a sphere of 5,120 faces and a crowd of
+# small ones whose outlines lie in front of others: the part of the picture that is blended, candidate pixels, and times on the
+# device in us, the least of three runs: `hard` of the commands that draw the first layer, `soft` of all others.
+set -euo pipefail
+build=$(cd "$1" && pwd)
+here=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd)
+out=$PWD/bench-out/skip
+mkdir -p "$out"
+if [[ -z ${DR_DEVICE-} && -n ${DR_LAVAPIPE_ICD-} ]]; then export VK_ICD_FILENAMES=$DR_LAVAPIPE_ICD VK_DRIVER_FILES=$DR_LAVAPIPE_ICD; fi
+awk -v levels=4 -f "$here/icosphere.awk" > "$out/sphere.obj"
+# Sixty spheres of 320 faces on a large one.
+{
+  cat "$out/sphere.obj"
+  awk -v levels=2 -f "$here/icosphere.awk" | awk '
+    $1 == "v" { x[++n] = $2; y[n] = $3; z[n] = $4 }
+    $1 == "f" { a[++m] = $2; b[m] = $3; c[m] = $4 }
+    END {
+      for (s = 0; s < 60; ++s) {
+        h = 1 - (2 * s + 1) / 60; r = sqrt(1 - h * h); t = 2.39996 * s
+        for (i = 1; i <= n; ++i) print "v", 0.95 * r * cos(t) + 0.06 * x[i], 0.95 * h + 0.06 * y[i], 0.95 * r * sin(t) + 0.06 * z[i]
+      }
+      for (s = 0; s < 60; ++s)
+        for (i = 1; i <= m; ++i) { o = 2562 + s * n; print "f", o + a[i], o + b[i], o + c[i] }
+    }'
+} > "$out/crowd.obj"
+run() { "$build/bin/drun" "$here/skip.dr" -D outlines="$outlines" -D skip="$skip" --device "${DR_DEVICE-}" --bind "position=$out/$mesh.obj:position" \
+  --bind "face=$out/$mesh.obj:indices" "$@"; }
+printf '%7s %9s %5s  %6s %9s %9s %9s  %8s %8s\n' mesh edges skip band all proposed measured hard soft
+for mesh in sphere crowd; do
+  for outlines in 0 1; do
+    skip=1
+    run --step count --out "$out/count" > /dev/null
+    for skip in 0 1; do
+      for _ in 1 2 3; do run --step draw=3 --timing --ablate=cache; done > "$out/timing.txt"
+      /usr/bin/python3 - "$out" $mesh $outlines $skip << 'END'
+import json, re, sys
+out, mesh, outlines, skip = sys.argv[1:]
+counts = json.loads(open(out + "/count/log.jsonl").readlines()[-1])
+runs, now = [], None
+for line in open(out + "/timing.txt"):
+    if re.match(r"draw: \d+ commands", line):
+        now = {"hard": 0.0, "soft": 0.0}
+        runs.append(now)
+    row = re.match(r"\s*([\d.]+)\s+[\d.]+%\s+\d+\s+\d+  (.*)", line)
+    if row and now is not None:
+        first = re.match(r"(clear )?(covering|hard|raster)", row[2])
+        now["hard" if first else "soft"] += float(row[1])
+hard, soft = (min(r[k] for r in runs) for k in ("hard", "soft"))
+proposed, measured = (counts["proposed"], counts["measured"]) if skip == "1" else (counts["all"], counts["all"])
+print(f"{mesh:>7} {['all', 'outlines'][int(outlines)]:>9} {['no', 'yes'][int(skip)]:>5}  {counts['band']:6.3f} {counts['all']:9.0f} {proposed:9.0f} {measured:9.0f}"
+      f"  {hard:8.0f} {soft:8.0f}")
+with open(out + "/skip.jsonl", "a") as log:
+    json.dump({"mesh": mesh, "outlines": int(outlines), "skip": int(skip), **counts, "hard_us": hard, "soft_us": soft}, log)
+    log.write("\n")
+END
+    done
+  done
+done
