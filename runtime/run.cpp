@@ -19,10 +19,7 @@ StepState& Program::State::prepared_step(size_t index) {
   if (step.list) return step;
   const bundle::StepT& table = *bundle.steps[index];
   prepare(table);
-  if (table.step_index >= 0) {
-    const auto runs = static_cast<int32_t>(step.counters.runs);
-    o.transfer.upload(static_cast<uint32_t>(table.step_index), io::Array::from_ints(std::span(&runs, 1)));
-  }
+  upload_counter(index);
   step.primitives = o.commands.primitives(table);
   step.list.emplace(table);
   return step;
@@ -82,10 +79,14 @@ void Program::State::set_runs(const std::string& name, int64_t runs) {
   const size_t index = step_index(name);
   if (runs < 0 || runs > INT32_MAX) throw Failure{"a step cannot have run " + std::to_string(runs) + " times"};
   objects().steps[index].counters.runs = runs;
+  upload_counter(index);
+}
+
+void Program::State::upload_counter(size_t index) {
   const int counter = bundle.steps[index]->step_index;
   if (counter < 0 || !has_memory(static_cast<size_t>(counter))) return;
-  const auto value = static_cast<int32_t>(runs);
-  on_device->transfer.upload(static_cast<uint32_t>(counter), io::Array::from_ints(std::span(&value, 1)));
+  const auto runs = static_cast<int32_t>(on_device->steps[index].counters.runs);
+  on_device->transfer.upload(static_cast<uint32_t>(counter), io::Array::from_ints(std::span(&runs, 1)));
 }
 
 }  // namespace dr::runtime

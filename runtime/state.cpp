@@ -21,23 +21,20 @@ void collect(const bundle::CommandT& c, std::set<uint32_t>& out) {
     if (index >= 0) out.insert(static_cast<uint32_t>(index));
 }
 
+template <class Tables>
+size_t index_of(const Tables& tables, const std::string& name, const char* what) {
+  std::string all;
+  for (size_t k = 0; k < tables.size(); ++k) {
+    if (tables[k]->name == name) return k;
+    all += (all.empty() ? "" : ", ") + tables[k]->name;
+  }
+  throw Failure{std::string("there is no ") + what + " '" + name + "'; there are: " + all};
+}
+
 }  // namespace
 
-size_t Program::State::leaf_index(const std::string& name) const {
-  for (size_t k = 0; k < bundle.leaves.size(); ++k)
-    if (bundle.leaves[k]->name == name) return k;
-  std::string all;
-  for (const auto& l : bundle.leaves) all += (all.empty() ? "" : ", ") + l->name;
-  throw Failure{"there is no leaf '" + name + "'; there are: " + all};
-}
-
-size_t Program::State::step_index(const std::string& name) const {
-  for (size_t k = 0; k < bundle.steps.size(); ++k)
-    if (bundle.steps[k]->name == name) return k;
-  std::string all;
-  for (const auto& s : bundle.steps) all += (all.empty() ? "" : ", ") + s->name;
-  throw Failure{"there is no step '" + name + "'; there are: " + all};
-}
+size_t Program::State::leaf_index(const std::string& name) const { return index_of(bundle.leaves, name, "leaf"); }
+size_t Program::State::step_index(const std::string& name) const { return index_of(bundle.steps, name, "step"); }
 
 void Program::State::bind(const std::string& name, const io::Array& data) {
   const auto index = leaf_index(name);
@@ -49,22 +46,22 @@ void Program::State::bind(const std::string& name, const io::Array& data) {
 }
 
 void Program::State::make_tables() {
-  // A table may have tables of its own; those whose sizes are not known yet wait for them.
-  std::map<size_t, io::Array> waiting;
+  // What waits for sizes waits until another symbol has a value; symbols keep theirs.
+  if (const size_t known = sizes.symbols().size(); known != symbols_of_tables) {
+    new_faces.merge(waiting_faces);
+    symbols_of_tables = known;
+  }
+  // A table may have tables of its own.
   while (!new_faces.empty()) {
     const auto [leaf, faces] = *new_faces.begin();
     const auto tables = topology_tables(bundle, leaf, faces, sizes.symbols());
-    if (!tables) {
-      // Faces without tables stay an error until others are bound.
-      new_faces.merge(waiting);
-      throw Failure{tables.error()};
-    }
+    if (!tables) throw Failure{tables.error()};  // and again, until others are bound
     for (const auto& [table, numbers] : *tables) assign(table, numbers);
     new_faces.erase(leaf);
     for (size_t k = 0; k < bundle.leaves.size(); ++k)
-      if (bundle.leaves[k]->table_of == static_cast<int>(leaf) && !tables->contains(k)) waiting.emplace(leaf, faces);
+      if (bundle.leaves[k]->table_of == static_cast<int>(leaf) && !tables->contains(k))
+        waiting_faces.emplace(leaf, faces);
   }
-  new_faces = std::move(waiting);
 }
 
 void Program::State::assign(size_t index, const io::Array& data) {
@@ -88,8 +85,10 @@ void Program::State::assign(size_t index, const io::Array& data) {
                     *axes[a].first + " = " + std::to_string(*value)};
   }
   sizes = std::move(agreed);
-  if (std::ranges::any_of(bundle.leaves, [&](const auto& l) { return l->table_of == static_cast<int>(index); }))
+  if (std::ranges::any_of(bundle.leaves, [&](const auto& l) { return l->table_of == static_cast<int>(index); })) {
     new_faces.insert_or_assign(index, *converted);
+    waiting_faces.erase(index);
+  }
   ++versions[index];
   if (has_memory(leaf.resource))
     on_device->transfer.upload(leaf.resource, *converted);
@@ -174,6 +173,7 @@ void Program::State::give_memory(const std::set<uint32_t>& wanted) {
     on_device->transfer.upload(leaf.resource, *array);
   }
 }
+
 OnDevice& Program::State::objects() {
   if (!device) throw Failure{"the program was loaded without a device"};
   if (!on_device) on_device.emplace(device, bundle, sizes, options.pipeline_folder);

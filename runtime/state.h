@@ -55,6 +55,8 @@ struct Program::State {
   Sizes sizes;
   std::vector<std::optional<io::Array>> pending;  // by leaf: bound, but without memory on the device yet
   std::map<size_t, io::Array> new_faces;          // by leaf: bound since tables were made of them
+  std::map<size_t, io::Array> waiting_faces;      // some of whose tables have sizes that are not known yet
+  size_t symbols_of_tables = 0;                   // how many symbols had values when tables were made
   std::vector<uint64_t> versions;                 // by leaf: counts its changes
   LoadOptions options;
   std::optional<OnDevice> on_device;
@@ -83,6 +85,8 @@ struct Program::State {
   void set_runs(const std::string& step, int64_t runs);
 
  private:
+  // The program's step_index on the device, from the counters.
+  void upload_counter(size_t step);
   void assign(size_t leaf, const io::Array& data);
   bool is_bound(size_t leaf) const;
   void give_memory(const std::set<uint32_t>& wanted);

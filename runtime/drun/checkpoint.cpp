@@ -28,6 +28,9 @@ ordered_json read_json(const fs::path& path) {
   return json;
 }
 
+// Whether it is the name of a folder that save_checkpoint() made: nothing else is read or removed.
+bool is_own_folder(const std::string& name) { return name.starts_with(kPrefix) && name.find('/') == std::string::npos; }
+
 }  // namespace
 
 void write_text(const std::string& path, const std::string& text) {
@@ -64,8 +67,7 @@ void save_checkpoint(const std::string& out, const Checkpoint& c) {
   write_text((fs::path(out) / name / "log.jsonl").string(), c.log);
   write_text((fs::path(out) / kFile).string(), json.dump(2) + "\n");
   // Nothing but what the file pointed to.
-  if (before.starts_with(kPrefix) && before.find('/') == std::string::npos && before != name)
-    fs::remove_all(fs::path(out) / before);
+  if (is_own_folder(before) && before != name) fs::remove_all(fs::path(out) / before);
 }
 
 Checkpoint load_checkpoint(const std::string& out) {
@@ -74,8 +76,7 @@ Checkpoint load_checkpoint(const std::string& out) {
   Checkpoint c;
   try {
     const std::string folder = json.at("folder");
-    if (!folder.starts_with(kPrefix) || folder.find('/') != std::string::npos)
-      throw Mistake{"'" + file.string() + "' is no checkpoint of drun"};
+    if (!is_own_folder(folder)) throw Mistake{"'" + file.string() + "' is no checkpoint of drun"};
     c.steps = json.at("steps").get<std::vector<std::pair<std::string, int>>>();
     c.entry = json.at("entry");
     c.done = json.at("done");

@@ -19,6 +19,7 @@ struct Options {
   std::string scatter = "auto";     // auto, exact, rows, atomic
   std::vector<std::string> include_dirs;
   std::map<std::string, std::string, std::less<>> defines;
+  friend bool operator==(const Options&, const Options&) = default;
 };
 
 // The bundle, or the diagnostics as they are to be printed.

@@ -4,15 +4,7 @@
 # nearly the same losses. Also: steps that do not run need no data. usage: replay_test.sh DRC DRUN
 set -euo pipefail
 drc=$(readlink -f "$1") drun=$(readlink -f "$2")
-if [[ -z ${DR_LAVAPIPE_ICD-} ]]; then
-  echo "DR_LAVAPIPE_ICD is not set: replaying decisions of lavapipe is left out"
-  [[ -z ${CI-} ]] || exit 1
-  exit 77
-fi
-export VK_ICD_FILENAMES=$DR_LAVAPIPE_ICD VK_DRIVER_FILES=$DR_LAVAPIPE_ICD
-folder=$(mktemp -d)
-trap 'rm -rf "$folder"' EXIT
-cd "$folder"
+source "$(dirname "${BASH_SOURCE[0]}")/on_lavapipe.sh" "replaying decisions of lavapipe"
 cat > fit.dr << 'END'
 edition 1;
 import std.mesh;

@@ -4,15 +4,7 @@
 # --counters, --timing and --ablate=cache print. usage: resume_test.sh DRUN
 set -euo pipefail
 drun=$(readlink -f "$1")
-if [[ -z ${DR_LAVAPIPE_ICD-} ]]; then
-  echo "DR_LAVAPIPE_ICD is not set: resuming runs on lavapipe is left out"
-  [[ -z ${CI-} ]] || exit 1
-  exit 77
-fi
-export VK_ICD_FILENAMES=$DR_LAVAPIPE_ICD VK_DRIVER_FILES=$DR_LAVAPIPE_ICD
-folder=$(mktemp -d)
-trap 'rm -rf "$folder"' EXIT
-cd "$folder"
+source "$(dirname "${BASH_SOURCE[0]}")/on_lavapipe.sh" "resuming runs on lavapipe"
 cat > fit.dr << 'END'
 edition 1;
 param a : float[W, H] = 0.5;
