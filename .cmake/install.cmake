@@ -22,7 +22,7 @@ install(TARGETS ${libraries} EXPORT dressi ARCHIVE DESTINATION ${CMAKE_INSTALL_L
 
 # Headers keep the paths that they include each other by.
 set(headers runtime/runtime.h runtime/io/array.h runtime/io/mesh.h runtime/io/result.h runtime/jit/jit.h
-  runtime/jit/measure.h runtime/jit/reference_program.h)
+  runtime/jit/measure.h runtime/jit/rebuild.h runtime/jit/reference_program.h)
 foreach(header IN LISTS headers)
   cmake_path(GET header PARENT_PATH folder)
   install(FILES ${PROJECT_SOURCE_DIR}/${header} DESTINATION include/dressi/${folder})

@@ -43,35 +43,43 @@ Program::Program(Program&&) noexcept = default;
 Program& Program::operator=(Program&&) noexcept = default;
 Program::~Program() = default;
 
-Result<Program> Program::load(const Device& device, std::span<const uint8_t> bytes, const LoadOptions& options) {
+std::unique_ptr<Program::State> Program::State::load(std::shared_ptr<DeviceState> device,
+                                                     std::span<const uint8_t> bytes, const LoadOptions& options) {
   auto bundle = bundle::read(bytes);
-  if (const auto* problem = std::get_if<std::string>(&bundle)) return io::Error{*problem};
-  Program program;
-  State& s = *program.state_;
-  s.device = device.state_;
-  s.bundle = std::move(std::get<bundle::BundleT>(bundle));
-  for (const std::string& feature : s.bundle.features) {
+  if (const auto* problem = std::get_if<std::string>(&bundle)) throw Failure{*problem};
+  auto state = std::make_unique<State>();
+  state->device = std::move(device);
+  state->bundle = std::move(std::get<bundle::BundleT>(bundle));
+  state->pending.resize(state->bundle.leaves.size());
+  state->versions.assign(state->bundle.leaves.size(), 1);
+  state->options = options;
+  if (!state->device) return state;
+  for (const std::string& feature : state->bundle.features) {
     const bool floats = feature == "shader_buffer_float32_atomic_add";
     const bool known = floats || feature == "shader_int64" || feature == "shader_buffer_int64_atomics";
-    if (!known) return io::Error{"the bundle needs the feature '" + feature + "', which this runtime does not know"};
-    if (!(floats ? s.device->float_atomics : s.device->int64_atomics))
-      return io::Error{"the bundle was built for profile '" + s.bundle.profile + "' and needs the feature '" + feature +
-                       "', which the device lacks; build it for the device's own profile"};
+    if (!known) throw Failure{"the bundle needs the feature '" + feature + "', which this runtime does not know"};
+    if (!(floats ? state->device->float_atomics : state->device->int64_atomics))
+      throw Failure{"the bundle was built for profile '" + state->bundle.profile + "' and needs the feature '" +
+                    feature + "', which the device lacks; build it for the device's own profile"};
   }
-  s.pending.resize(s.bundle.leaves.size());
-  s.versions.assign(s.bundle.leaves.size(), 1);
-  s.options = options;
-  return program;
+  return state;
+}
+
+Result<Program> Program::load(const Device& device, std::span<const uint8_t> bytes, const LoadOptions& options) {
+  return guarded([&] {
+    Program program;
+    program.state_ = State::load(device.state(), bytes, options);
+    if (options.cache && options.rebuild && options.memory_limit == 0) program.state_->rebuilder.emplace();
+    return program;
+  });
 }
 
 Result<Program> Program::describe(std::span<const uint8_t> bytes) {
-  auto bundle = bundle::read(bytes);
-  if (const auto* problem = std::get_if<std::string>(&bundle)) return io::Error{*problem};
-  Program program;
-  program.state_->bundle = std::move(std::get<bundle::BundleT>(bundle));
-  program.state_->pending.resize(program.state_->bundle.leaves.size());
-  program.state_->versions.assign(program.state_->bundle.leaves.size(), 1);
-  return program;
+  return guarded([&] {
+    Program program;
+    program.state_ = State::load(nullptr, bytes, {});
+    return program;
+  });
 }
 
 bool Program::is_input(const std::string& leaf) const {
@@ -123,16 +131,32 @@ Result<void> Program::bind_symbol(const std::string& symbol, int64_t value) {
 }
 
 Result<void> Program::run(const std::string& step, int times) {
-  return guarded([&] { state_->run(step, times); });
+  return guarded([&] {
+    for (int done = 0; done < times;) {
+      if (state_->rebuilder && state_->rebuilder->ready()) {
+        auto next = state_->rebuilder->take();
+        next->take_over(*state_);
+        state_ = std::move(next);
+      }
+      done += state_->run(step, times - done);
+    }
+    if (times <= 0) state_->run(step, 0);
+  });
 }
 
 Result<std::vector<CommandTime>> Program::timed_run(const std::string& step) {
   return guarded([&] { return state_->timed_run(step); });
 }
 
+Result<std::optional<NotFinite>> Program::checked_run(const std::string& step) {
+  return guarded([&] { return state_->checked_run(step); });
+}
+
 Result<void> Program::set_runs(const std::string& step, int64_t runs) {
   return guarded([&] { state_->set_runs(step, runs); });
 }
+
+int Program::rebuilds() const { return state_->rebuilds; }
 
 StepCounters Program::counters(const std::string& step) const {
   if (!state_->on_device) return {};
@@ -152,9 +176,10 @@ std::vector<std::string> Program::outputs(const std::string& step) const {
 Result<io::Array> Program::output(const std::string& step, const std::string& name) {
   return guarded([&]() -> io::Array {
     State& s = *state_;
-    const auto& table = *s.bundle.steps[s.step_index(step)];
-    for (const auto& o : table.outputs)
+    const size_t index = s.step_index(step);
+    for (const auto& o : s.bundle.steps[index]->outputs)
       if (o->name == name) {
+        if (const auto kept = s.kept.find(index); kept != s.kept.end()) return kept->second.at(name);
         if (!s.has_memory(o->resource)) throw Failure{"step '" + step + "' has not run yet"};
         return s.on_device->transfer.download(o->resource);
       }
@@ -212,9 +237,17 @@ Result<io::Array> Program::resource(const std::string& name) {
   });
 }
 
-int64_t Program::allocated_bytes() const {
-  const auto& o = state_->on_device;
-  return o ? static_cast<int64_t>(o->memory.bytes() + o->transfer.bytes()) : 0;
+MemoryUse Program::memory_use() const {
+  const State& s = *state_;
+  MemoryUse use;
+  use.peak = s.tally->peak;
+  if (!s.on_device) return use;
+  const Memory& memory = s.on_device->memory;
+  use.device = static_cast<int64_t>(memory.bytes(false));
+  use.host = static_cast<int64_t>(memory.bytes(true) + s.on_device->transfer.bytes());
+  for (const auto& leaf : s.bundle.leaves)
+    if (std::ranges::count(memory.on_host(), leaf->resource) != 0) use.host_leaves.push_back(leaf->name);
+  return use;
 }
 
 Result<int> Program::command_count(const std::string& step) {

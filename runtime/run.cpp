@@ -12,6 +12,13 @@ OnDevice::~OnDevice() {
   }
 }
 
+std::vector<const Primitive*> StepState::chosen(const std::vector<bool>& dirty) const {
+  std::vector<const Primitive*> out;
+  for (const Primitive& p : primitives)
+    if (dirty[list->group_of(p.first)]) out.push_back(&p);
+  return out;
+}
+
 StepState& Program::State::prepared_step(size_t index) {
   OnDevice& o = objects();
   make_tables();
@@ -19,10 +26,21 @@ StepState& Program::State::prepared_step(size_t index) {
   if (step.list) return step;
   const bundle::StepT& table = *bundle.steps[index];
   prepare(table);
+  make_ready(index);
   upload_counter(index);
+  return step;
+}
+
+void Program::State::make_ready(size_t index) {
+  const bundle::StepT& table = *bundle.steps[index];
+  OnDevice& o = objects();
+  const std::set<uint32_t> resources = resources_of(table);
+  o.memory.allocate({resources.begin(), resources.end()});  // what has none yet
+  o.pipelines.specialize(sizes.symbols());
+  StepState& step = o.steps[index];
   step.primitives = o.commands.primitives(table);
   step.list.emplace(table);
-  return step;
+  if (rebuilder) step.moving.emplace(table.leaves);
 }
 
 const Variant& Program::State::recorded(StepState& step, const std::vector<bool>& dirty) {
@@ -34,17 +52,14 @@ const Variant& Program::State::recorded(StepState& step, const std::vector<bool>
     step.variants.clear();
   }
   Variant variant;
-  std::vector<const Primitive*> chosen;
   for (const Primitive& p : step.primitives) {
-    const bool runs = dirty[step.list->group_of(p.first)];
-    if (runs) chosen.push_back(&p);
-    Work& work = runs ? variant.run : variant.skipped;
+    Work& work = dirty[step.list->group_of(p.first)] ? variant.run : variant.skipped;
     work += {1, p.ops, p.bytes};
   }
   variant.commands = on_device->queue.command_buffer();
   variant.commands.begin(vk::CommandBufferBeginInfo(vk::CommandBufferUsageFlagBits::eSimultaneousUse));
   Queue::everything_before(variant.commands);
-  on_device->commands.record(variant.commands, chosen);
+  on_device->commands.record(variant.commands, step.chosen(dirty));
   variant.commands.end();
   return step.variants.emplace(dirty, std::move(variant)).first->second;
 }
@@ -56,23 +71,31 @@ void Program::State::require_run(const std::string& step) const {
 
 void Program::State::count_run(size_t index, const std::vector<bool>& dirty, const Work& run, const Work& skipped) {
   StepState& step = on_device->steps[index];
+  if (step.moving) step.moving->begin_run(versions);
   step.list->ran(dirty, versions);
   for (const uint32_t leaf : bundle.steps[index]->changes) ++versions[leaf];
   step.counters.run += run;
   step.counters.skipped += skipped;
   ++step.counters.runs;
+  kept.erase(index);
+  if (!step.moving) return;
+  step.moving->end_run(versions);
+  rebuilder->watch(*this, index, *step.moving);
 }
 
-void Program::State::run(const std::string& name, int times) {
+int Program::State::run(const std::string& name, int times) {
   const size_t index = step_index(name);
   StepState& step = prepared_step(index);
-  for (int k = 0; k < times; ++k) {
+  int done = 0;
+  while (done < times && !(rebuilder && rebuilder->ready())) {
     const std::vector<bool>& dirty = options.cache ? step.list->dirty(versions) : step.list->everything();
     const Variant& variant = recorded(step, dirty);
     on_device->queue.submit(variant.commands);
     count_run(index, dirty, variant.run, variant.skipped);
+    ++done;
   }
   on_device->queue.finish();
+  return done;
 }
 
 void Program::State::set_runs(const std::string& name, int64_t runs) {

@@ -12,8 +12,11 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <memory>
+#include <optional>
+#include <set>
 #include <span>
 #include <string>
 #include <utility>
@@ -52,10 +55,11 @@ struct DeviceLimits {
       geometry_shader;
 };
 
-struct DeviceState;
+struct DeviceState;  // the runtime's own
 
 class Device {
  public:
+  const std::shared_ptr<DeviceState>& state() const { return state_; }
   static Result<std::vector<DeviceInfo>> list();
   static Result<Device> open(const DeviceOptions& options);
   DeviceInfo info() const;
@@ -67,16 +71,30 @@ class Device {
   bool validating() const;
 
  private:
-  friend class Program;
   std::shared_ptr<DeviceState> state_;
 };
+
+// Compiles a program anew: the bundle of the same leaves, steps and results, in which what depends on the leaves
+// `moving`, by step, stands apart from what does not. Called from another thread; an error means: stay as you are.
+using Moving = std::map<std::string, std::set<std::string>>;
+using Rebuild = std::function<Result<std::vector<uint8_t>>(const Moving& moving)>;
 
 struct LoadOptions {
   // The reactive cache: leaves out the commands of a step whose results are there already, since nothing that they
   // depend on changed. Results have the same bits without it.
   bool cache = true;
+  // Makes more of the cache, where there is a compiler (jit::rebuilder): when the same leaves changed before each of
+  // the last `rebuild_after` runs of a step, and so commands run that others' leaves have a part in, the program is
+  // built anew beside the runs, and takes over between two of them. Results have the same bits.
+  Rebuild rebuild = {};
+  int rebuild_after = 8;
+  bool rebuild_beside = true;  // false: the run waits for it
   // Where the driver's pipelines are kept between runs; empty: nowhere. A damaged file there does no harm.
-  std::string pipeline_folder;
+  std::string pipeline_folder = {};
+  // Bytes of device memory that may be taken; 0: what the device has. Leaves beyond that stay in memory of the host,
+  // which the device reads directly, inputs with layers first; that is decided when a step that needs them first runs.
+  // With a limit no program is built anew, since two would stand side by side.
+  int64_t memory_limit = 0;
 };
 
 // What commands (dispatches, render passes, copies, fills) amount to.
@@ -92,11 +110,26 @@ struct StepCounters {
   Work run, skipped;  // in all runs together
 };
 
+// Bytes that a program holds: all that it allocated of Vulkan.
+struct MemoryUse {
+  int64_t device = 0;
+  int64_t host = 0;                      // leaves that the device reads there, and what data passes through
+  int64_t peak = 0;                      // the most of both together so far
+  std::vector<std::string> host_leaves;  // those that the device had no room for
+};
+
 // Time on the device of one command, in one run of its step.
 struct CommandTime {
   std::string label;
   double nanoseconds = 0;
   int64_t ops = 0, bytes = 0;      // as in Work
+  std::vector<std::string> lines;  // of the program: "fit.dr:3"
+};
+
+// A NaN or Inf that a run stored.
+struct NotFinite {
+  std::string label, value;        // of the command that wrote it, and of what it wrote
+  io::Place place;                 // its first element that is not finite
   std::vector<std::string> lines;  // of the program: "fit.dr:3"
 };
 
@@ -106,6 +139,8 @@ class Program {
   static Result<Program> load(const Device& device, std::span<const uint8_t> bundle, const LoadOptions& options = {});
   // The tables alone, without a device: leaves(), steps(), outputs() answer, nothing runs.
   static Result<Program> describe(std::span<const uint8_t> bundle);
+  struct State;  // the runtime's own
+  State& state() { return *state_; }
   Program(Program&&) noexcept;
   Program& operator=(Program&&) noexcept;
   ~Program();
@@ -133,9 +168,14 @@ class Program {
   Result<void> set_runs(const std::string& step, int64_t runs);
   // What its runs did and left out so far.
   StepCounters counters(const std::string& step) const;
+  // How often it was built anew.
+  int rebuilds() const;
   // Runs the step once, and takes the time on the device of each command that runs. Waiting for each command to end
   // takes time too: the sum is more than the whole.
   Result<std::vector<CommandTime>> timed_run(const std::string& step);
+  // Runs the step once, command by command, and reads back every float that it stores: the first that is NaN or Inf, if
+  // there is one. The step runs to its end either way. For debugging: slow.
+  Result<std::optional<NotFinite>> checked_run(const std::string& step);
   // Results of the step's last run.
   Result<io::Array> output(const std::string& step, const std::string& name);
   std::vector<std::string> outputs(const std::string& step) const;
@@ -150,14 +190,12 @@ class Program {
   // others: for tests and debugging.
   Result<io::Array> resource(const std::string& name);
   std::vector<std::string> resources() const;
-  // Bytes of device memory held.
-  int64_t allocated_bytes() const;
+  MemoryUse memory_use() const;
   // How many commands (dispatches, render passes, copies, fills) one run of the whole step submits.
   Result<int> command_count(const std::string& step);
 
  private:
   Program();
-  struct State;
   std::unique_ptr<State> state_;
 };
 

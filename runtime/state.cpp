@@ -85,7 +85,7 @@ void Program::State::assign(size_t index, const io::Array& data) {
                     *axes[a].first + " = " + std::to_string(*value)};
   }
   sizes = std::move(agreed);
-  if (std::ranges::any_of(bundle.leaves, [&](const auto& l) { return l->table_of == static_cast<int>(index); })) {
+  if (has_tables(index)) {
     new_faces.insert_or_assign(index, *converted);
     waiting_faces.erase(index);
   }
@@ -94,6 +94,10 @@ void Program::State::assign(size_t index, const io::Array& data) {
     on_device->transfer.upload(leaf.resource, *converted);
   else
     pending[index] = std::move(converted).value();
+}
+
+bool Program::State::has_tables(size_t leaf) const {
+  return std::ranges::any_of(bundle.leaves, [&](const auto& l) { return l->table_of == static_cast<int>(leaf); });
 }
 
 bool Program::State::is_bound(size_t leaf) const {
@@ -119,7 +123,10 @@ void Program::State::prepare(const bundle::StepT& step) {
   for (const std::string& symbol : step.symbols)
     if (sizes.symbols().count(symbol) == 0)
       throw Failure{"symbol '" + symbol + "' has no value: bind a leaf that has it, or the symbol itself"};
-  on_device->pipelines.specialize(sizes.symbols());
+  give_memory(resources_of(step));
+}
+
+std::set<uint32_t> Program::State::resources_of(const bundle::StepT& step) const {
   std::set<uint32_t> resources;
   for (const auto& c : step.commands) collect(*c, resources);
   for (const auto& o : step.outputs) resources.insert(o->resource);
@@ -127,7 +134,7 @@ void Program::State::prepare(const bundle::StepT& step) {
   for (const auto& r : step.rasters) resources.insert(r->resources.begin(), r->resources.end());
   for (const uint32_t k : step.leaves) resources.insert(bundle.leaves[k]->resource);
   if (step.step_index >= 0) resources.insert(static_cast<uint32_t>(step.step_index));
-  give_memory(resources);
+  return resources;
 }
 
 void Program::State::prepare_leaf(size_t leaf) {
@@ -176,7 +183,7 @@ void Program::State::give_memory(const std::set<uint32_t>& wanted) {
 
 OnDevice& Program::State::objects() {
   if (!device) throw Failure{"the program was loaded without a device"};
-  if (!on_device) on_device.emplace(device, bundle, sizes, options.pipeline_folder);
+  if (!on_device) on_device.emplace(device, bundle, sizes, options, tally);
   return *on_device;
 }
 

@@ -8,6 +8,8 @@
 #include <string>
 #include <vector>
 
+#include "runtime/moving_leaves.h"
+#include "runtime/rebuild.h"
 #include "runtime/run_list.h"
 #include "runtime/runtime.h"
 #include "runtime/vk/commands.h"
@@ -25,18 +27,25 @@ struct Variant {
 struct StepState {
   std::vector<Primitive> primitives;  // none: not prepared yet
   std::optional<RunList> list;
+  std::optional<MovingLeaves> moving;             // where the program may be built anew
   std::map<std::vector<bool>, Variant> variants;  // by RunList::dirty()
   StepCounters counters;
+
+  // The primitives of the groups that must run, in order.
+  std::vector<const Primitive*> chosen(const std::vector<bool>& dirty) const;
 };
+
+// Lines of the program behind a primitive of the step: "fit.dr:3".
+std::vector<std::string> lines_of(const bundle::BundleT& bundle, const bundle::StepT& step, const Primitive& primitive);
 
 // What a program has on the device. Members are destroyed in reverse order.
 struct OnDevice {
   OnDevice(const std::shared_ptr<DeviceState>& device, const bundle::BundleT& bundle, const Sizes& sizes,
-           const std::string& cache_folder)
-      : memory(device, bundle, sizes),
+           const LoadOptions& options, const std::shared_ptr<Tally>& tally)
+      : memory(device, bundle, sizes, options.memory_limit, tally),
         queue(device),
         transfer(device, bundle, sizes, memory, queue),
-        pipelines(device, bundle, memory, cache_folder),
+        pipelines(device, bundle, memory, options.pipeline_folder),
         commands(device, bundle, sizes, memory, pipelines),
         steps(bundle.steps.size()) {}
   // What failed may have left something under way.
@@ -59,7 +68,17 @@ struct Program::State {
   size_t symbols_of_tables = 0;                   // how many symbols had values when tables were made
   std::vector<uint64_t> versions;                 // by leaf: counts its changes
   LoadOptions options;
+  std::shared_ptr<Tally> tally = std::make_shared<Tally>();
   std::optional<OnDevice> on_device;
+  std::map<size_t, std::map<std::string, io::Array>> kept;  // outputs of steps that ran before the program was rebuilt
+  int rebuilds = 0;
+  std::optional<Rebuilder> rebuilder;  // destroyed first: it waits
+
+  // program.cpp: with its tables alone. Throws Failure.
+  static std::unique_ptr<State> load(std::shared_ptr<DeviceState> device, std::span<const uint8_t> bytes,
+                                     const LoadOptions& options);
+  // rebuild.cpp: goes on where `old` is.
+  void take_over(State& old);
 
   // state.cpp: leaves and memory
   size_t leaf_index(const std::string& name) const;
@@ -68,6 +87,8 @@ struct Program::State {
   void prepare_leaf(size_t leaf);
   // Memory and contents for a step: what only other steps need may stay unbound.
   void prepare(const bundle::StepT& step);
+  // Memory without contents, pipelines and commands for a step, whose symbols have values.
+  void make_ready(size_t step);
   bool has_memory(size_t resource) const { return on_device && on_device->memory.has(resource); }
   // What does not wait for sizes.
   OnDevice& objects();
@@ -78,16 +99,21 @@ struct Program::State {
   StepState& prepared_step(size_t index);
   const Variant& recorded(StepState& step, const std::vector<bool>& dirty);
   void require_run(const std::string& step) const;
-  void run(const std::string& step, int times);
+  // Says how often: less than asked for when the program was built anew meanwhile.
+  int run(const std::string& step, int times);
   // One run is on its way, and saw this state.
   void count_run(size_t index, const std::vector<bool>& dirty, const Work& run, const Work& skipped);
   std::vector<CommandTime> timed_run(const std::string& step);
+  std::optional<NotFinite> checked_run(const std::string& step);
   void set_runs(const std::string& step, int64_t runs);
 
  private:
   // The program's step_index on the device, from the counters.
   void upload_counter(size_t step);
   void assign(size_t leaf, const io::Array& data);
+  bool has_tables(size_t leaf) const;
+  // What a step's commands, results and leaves live in.
+  std::set<uint32_t> resources_of(const bundle::StepT& step) const;
   bool is_bound(size_t leaf) const;
   void give_memory(const std::set<uint32_t>& wanted);
 };

@@ -4,8 +4,6 @@
 
 namespace dr::runtime {
 
-namespace {
-
 std::vector<std::string> lines_of(const bundle::BundleT& bundle, const bundle::StepT& step, const Primitive& p) {
   std::vector<std::string> out;
   for (size_t c = p.first; c < p.first + p.count; ++c)
@@ -14,18 +12,13 @@ std::vector<std::string> lines_of(const bundle::BundleT& bundle, const bundle::S
   return out;
 }
 
-}  // namespace
-
 std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
   const size_t index = step_index(name);
   StepState& step = prepared_step(index);
   if (device->timestamp_bits == 0) throw Failure{"the device's queue takes no times"};
   const std::vector<bool> dirty = options.cache ? step.list->dirty(versions) : step.list->everything();
   const Variant& variant = recorded(step, dirty);
-  std::vector<const Primitive*> chosen;
-  for (const Primitive& p : step.primitives)
-    if (dirty[step.list->group_of(p.first)]) chosen.push_back(&p);
-
+  const std::vector<const Primitive*> chosen = step.chosen(dirty);
   const auto stamps = static_cast<uint32_t>(chosen.size() + 1);
   const vk::raii::QueryPool pool(device->device, vk::QueryPoolCreateInfo({}, vk::QueryType::eTimestamp, stamps));
   on_device->queue.once([&](const vk::raii::CommandBuffer& commands) {

@@ -66,6 +66,7 @@ PackOptions pack_options(const target::Profile& profile, const CompileOptions& o
   out.recompute = options.recompute;
   out.stages = options.stages;
   out.prologue = options.prologue;
+  out.moving = options.moving;
   out.fragment = options.lower == Lower::Fragment || (options.lower == Lower::Auto && profile.lower == "fragment");
   out.hardware_raster =
       options.raster == RasterLower::Hardware || (options.raster == RasterLower::Auto && profile.raster == "hardware");

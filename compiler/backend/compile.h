@@ -24,6 +24,7 @@ struct CompileOptions {
   Lower lower = Lower::Auto;
   RasterLower raster = RasterLower::Auto;
   ScatterLower scatter = ScatterLower::Auto;
+  Moving moving;                                // see PackOptions
   const dsl::SourceManager* sources = nullptr;  // of the graph's spans: lines in the bundle; none without
   std::filesystem::path cache_folder;           // of assembled shaders; empty: none
 };

@@ -150,10 +150,12 @@ void StepPacker::find_recomputable() {
   }
 }
 
-// Ops that depend on a leaf which the step updates, or on its counter. The others are its prologue.
+// Ops that depend on a leaf which the step updates, or others before each run, or on its counter. The others are its
+// prologue.
 void StepPacker::find_steady() {
   steady_.assign(graph_.op_count(), !options_.prologue);
   std::set<std::string> updated;
+  if (const auto moving = options_.moving.find(step_.name); moving != options_.moving.end()) updated = moving->second;
   for (const ir::Update& u : step_.updates) updated.insert(graph_.leaves[u.leaf].name);
   for (OpId id : order_) {
     const Op& op = graph_.op(id);

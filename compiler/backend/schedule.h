@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <map>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -85,6 +86,10 @@ struct Schedule {
   std::vector<StepSchedule> steps;
 };
 
+// Leaves, by step, that others change before each of its runs. What depends on them stands apart from the prologue too,
+// so that the rest of it can be kept.
+using Moving = std::map<std::string, std::set<std::string>>;
+
 struct PackOptions {
   bool fused = true;             // substage packing; false: one op, one pass
   bool recompute = true;         // cheap values again where they are used, rather than stored
@@ -92,6 +97,7 @@ struct PackOptions {
   bool prologue = true;          // what a step does not change apart from what it does, so that it can be kept
   bool fragment = false;         // maps over 2D extents as fragment passes that write images
   bool hardware_raster = false;  // raster by draws
+  Moving moving;
 };
 
 Schedule pack(const ir::Graph& graph, const target::Profile& profile, const PackOptions& options);

@@ -64,11 +64,24 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
   app.add_option("-D", defines, "NAME=VALUE: replace a const of the program");
   app.add_option("-I", options.compile.include_dirs, "folder to look for imported modules in");
   std::vector<std::string> ablate;
-  app.add_option("--ablate", ablate, "parts to switch off, with commas: substages, stages, remat, cache")
+  app.add_option("--ablate", ablate, "parts to switch off, with commas: substages, stages, remat, cache, rebuild")
       ->delimiter(',');
+  app.add_option(
+         "--memory", options.memory,
+         "device memory to take at most, in bytes or as 512M; inputs beyond that are read from the host's (default: "
+         "all that the device has)")
+      ->transform(CLI::AsSizeValue(false))
+      ->check(CLI::PositiveNumber);
   app.add_flag("--resume", options.resume, "go on where the run that wrote to --out stopped");
   app.add_flag("--timing", options.timing, "print the device's time of each command in the last run of a step");
-  app.add_flag("--counters", options.counters, "print how many commands ran and how many the reactive cache left out");
+  app.add_flag(
+      "--check-finite", options.check_finite,
+      "run command by command and stop after the run that stores the first NaN or Inf: names pass, element and "
+      "lines (--pack naive: of one op). Slow");
+  app.add_flag("--unchecked", options.unchecked,
+               "take bound data as it is: with NaN, Inf, and indices of elements that are not there");
+  app.add_flag("--counters", options.counters,
+               "print how many commands ran, how many the reactive cache left out, and the memory taken");
   app.add_flag("--validate", options.validate, "run under the Vulkan validation layer and fail on its messages");
   app.add_flag("--devices", options.list_devices, "list the Vulkan devices");
   app.add_subcommand("devices", "list the Vulkan devices")->callback([&] { options.list_devices = true; });
@@ -98,7 +111,10 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
     }
     for (const std::string& part : ablate) {
       if (part == "cache") options.cache = false;
-      options.compile.ablate.push_back(part);
+      if (part == "rebuild")
+        options.rebuild = false;  // the runtime's part
+      else
+        options.compile.ablate.push_back(part);
     }
     if (options.resume && options.out.empty())
       throw CLI::ValidationError("--resume", "needs --out, the folder of the run to go on with");

@@ -21,10 +21,14 @@ struct Options {
   std::string device;
   int log_every = 10;
   bool validate = false;
-  bool resume = false;    // from the checkpoint in `out`
-  bool timing = false;    // times of the commands of each step's last run
-  bool counters = false;  // what the reactive cache left out
+  bool resume = false;        // from the checkpoint in `out`
+  bool timing = false;        // times of the commands of each step's last run
+  bool check_finite = false;  // stop at the first NaN or Inf that a run stores
+  bool unchecked = false;     // bound data may hold NaN and Inf
+  bool counters = false;      // what the reactive cache left out
   bool cache = true;
+  int64_t memory = 0;   // bytes of the device, 0: all that it has
+  bool rebuild = true;  // the program for the leaves that move
   bool list_devices = false;
   bool measure = false;  // the device's profile
   std::string profile_out = "-";

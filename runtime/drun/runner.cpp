@@ -9,6 +9,7 @@
 
 #include "runtime/drun/session.h"
 #include "runtime/jit/measure.h"
+#include "runtime/jit/rebuild.h"
 
 namespace dr::drun {
 
@@ -76,14 +77,16 @@ int run(const Options& options) {
       const std::vector<uint8_t> bundle = load_or_compile(options, "lavapipe");
       const runtime::Program names = must(runtime::Program::describe(bundle));
       jit::ReferenceProgram program = must(jit::ReferenceProgram::load(bundle));
-      Session(options, target_of(program), names).process();
+      Session(options, target_of(program), names, bundle).process();
       return 0;
     }
     const runtime::Device device = must(runtime::Device::open({options.device, options.validate}));
-    runtime::Program program =
-        must(runtime::Program::load(device, load_or_compile(options, device.profile_name()),
-                                    {.cache = options.cache, .pipeline_folder = jit::cache_folder()}));
-    Session(options, target_of(program), program).process();
+    const std::vector<uint8_t> bundle = load_or_compile(options, device.profile_name());
+    runtime::LoadOptions load{
+        .cache = options.cache, .pipeline_folder = jit::cache_folder(), .memory_limit = options.memory};
+    if (options.rebuild) load.rebuild = jit::rebuilder(bundle, options.compile);
+    runtime::Program program = must(runtime::Program::load(device, bundle, load));
+    Session(options, target_of(program), program, bundle).process();
     if (const auto messages = device.validation_messages(); !messages.empty()) {
       for (const std::string& m : messages) std::fprintf(stderr, "validation: %s\n", m.c_str());
       return 1;

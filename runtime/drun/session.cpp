@@ -13,6 +13,7 @@
 #include "runtime/drun/progress.h"
 #include "runtime/drun/results.h"
 #include "runtime/drun/timing.h"
+#include "runtime/jit/check_indices.h"
 
 namespace dr::drun {
 
@@ -42,6 +43,8 @@ void Session::process() {
     throw Mistake{"--timing takes the times of a Vulkan device; the reference has none"};
   if (options_.counters && !target_.counters)
     throw Mistake{"--counters are those of a Vulkan device; the reference has none"};
+  if (options_.check_finite && !target_.checked_run)
+    throw Mistake{"--check-finite looks at a Vulkan device; on the reference use drc eval --check-finite"};
   choose_steps();
   bind();
   if (options_.resume) resume();
@@ -59,6 +62,9 @@ void Session::process() {
   }
   if (ran_.empty() && !interrupted) std::fprintf(stderr, "nothing is left to run\n");
   if (interrupted) std::fprintf(stderr, "interrupted: writing what there is\n");
+  if (const auto use = target_.memory_use ? target_.memory_use() : runtime::MemoryUse{}; !use.host_leaves.empty())
+    std::fprintf(stderr, "drun: warning: the device's memory does not hold all: it reads %s from the host's\n",
+                 list(use.host_leaves).c_str());
   if (options_.counters) print_counters();
   write_results();
 }
@@ -88,23 +94,37 @@ void Session::choose_steps() {
 }
 
 void Session::bind() {
+  std::map<std::string, int64_t> symbols;
+  std::map<std::string, Array> bound;
   for (const auto& [name, value] : options_.symbols) {
     int64_t number = 0;
     const auto [end, error] = std::from_chars(value.data(), value.data() + value.size(), number);
     if (error != std::errc{} || end != value.data() + value.size())
       throw Mistake{"symbol '" + name + "': expected a whole number, found '" + value + "'"};
     must(target_.bind_symbol(name, number));
+    symbols[name] = number;
   }
   for (const auto& [name, source] : options_.bindings) {
     int components = 0;
+    auto kind = io::ElementKind::Float32;
     std::vector<std::string> all;
     for (const auto& leaf : names_.leaves()) {
       all.push_back(leaf.name);
-      if (leaf.name == name) components = leaf.components;
+      if (leaf.name == name) components = leaf.components, kind = leaf.kind;
     }
     if (components == 0) throw Mistake{"there is no leaf '" + name + "'; there are " + list(all)};
-    must(target_.bind(name, must(io::load_binding(source, components))));
+    Array data = must(io::load_binding(source, components));
+    if (const auto place = options_.unchecked ? std::nullopt : io::first_not_finite(data))
+      throw Mistake{"leaf '" + name + "': '" + source + "' has " + io::describe(*place) +
+                    "; if the program expects such, give --unchecked"};
+    must(target_.bind(name, data));
+    // Of floats the extent is enough.
+    if (kind == io::ElementKind::Float32) data.bytes.clear();
+    bound.emplace(name, std::move(data));
   }
+  if (options_.unchecked) return;
+  if (const auto problem = jit::check_indices(bundle_, bound, symbols))
+    throw Mistake{*problem + "; if reading 0 there is meant, give --unchecked"};
 }
 
 void Session::resume() {
@@ -129,12 +149,15 @@ void Session::run_step(const std::string& step, int& done, int times) {
   Progress progress(step, done, times);
   while (done < times && !interrupted) {
     const int left = times - done;
-    int now = std::min(options_.dump_raster.empty() ? options_.log_every : 1, left);
+    int now = std::min(options_.dump_raster.empty() && !options_.check_finite ? options_.log_every : 1, left);
     const bool first = ran_.count(step) == 0;
     if (first) now = 1;  // it compiles, and shows where the fit starts
     // The last run of all is the one that is timed.
     if (options_.timing && now == left && now > 1) --now;
-    if (options_.timing && left == 1)
+    std::string not_finite;
+    if (options_.check_finite)
+      not_finite = checked_run(step, done + 1);
+    else if (options_.timing && left == 1)
       timed_run(step);
     else
       now = run_for(step, now);
@@ -146,6 +169,7 @@ void Session::run_step(const std::string& step, int& done, int times) {
       must(io::save_decisions(options_.dump_raster, step, before, must(target_.decisions(step))));
     last_values_[step] = log_scalars(step, done);
     progress.show(done, last_values_[step]);
+    if (!not_finite.empty()) throw Mistake{not_finite};
   }
   if (!last_values_[step].empty()) std::printf("%s: %s\n", step.c_str(), last_values_[step].c_str());
 }
@@ -186,6 +210,14 @@ void Session::timed_run(const std::string& step) {
   }
 }
 
+std::string Session::checked_run(const std::string& step, int run) {
+  const auto found = must(target_.checked_run(step));
+  if (!found) return {};
+  const std::string lines = joined_lines(found->lines);
+  return "run " + std::to_string(run) + " of step '" + step + "': pass '" + found->label + "' stores " +
+         io::describe(found->place) + " of '" + found->value + "'" + (lines.empty() ? "" : "; lines " + lines);
+}
+
 std::string Session::log_scalars(const std::string& step, int done) {
   std::string values, json = "{\"step\": \"" + step + "\", \"run\": " + std::to_string(done);
   for (const std::string& name : names_.outputs(step)) {
@@ -194,7 +226,9 @@ std::string Session::log_scalars(const std::string& step, int done) {
     values += (values.empty() ? "" : "  ") + name + " = " + text;
     json += ", \"" + name + "\": " + (text.find_first_of("in") == std::string::npos ? text : "null");
   }
-  at_.log += json + "}\n";
+  json += "}\n";
+  log_.add(json, at_.log);
+  at_.log += json;
   return values;
 }
 
@@ -210,6 +244,7 @@ void Session::print_counters() const {
     const runtime::StepCounters c = target_.counters(step);
     std::fputs(counters_line(step, c).c_str(), stdout);
   }
+  std::fputs(memory_line(target_.memory_use()).c_str(), stdout);
 }
 
 void Session::write_results() {
@@ -219,7 +254,7 @@ void Session::write_results() {
     results.write_outputs(options_.out, ran_);
     at_.leaves = results.leaves(ran_);
     for (const auto& [leaf, data] : at_.leaves) must(io::save_array((out / (leaf + ".npy")).string(), data));
-    write_text((out / "log.jsonl").string(), at_.log);
+    log_.flush();
     save_checkpoint(options_.out, at_);
   }
   for (const auto& [file, what] : options_.meshes) results.write_mesh(file, what, ran_);

@@ -2,12 +2,15 @@
 // One run of drun on a target: bind, run the steps, write what comes out.
 #pragma once
 
+#include <filesystem>
 #include <map>
 #include <set>
+#include <span>
 #include <string>
 #include <vector>
 
 #include "runtime/drun/checkpoint.h"
+#include "runtime/drun/loss_log.h"
 #include "runtime/drun/options.h"
 #include "runtime/drun/target.h"
 
@@ -18,8 +21,13 @@ void catch_interrupts();
 
 class Session {
  public:
-  Session(const Options& options, const Target& target, const runtime::Program& names)
-      : options_(options), target_(target), names_(names) {}
+  // `names` has the tables of the program that `target` runs, which is `bundle`.
+  Session(const Options& options, const Target& target, const runtime::Program& names, std::span<const uint8_t> bundle)
+      : options_(options),
+        target_(target),
+        names_(names),
+        bundle_(bundle),
+        log_(options.out.empty() ? "" : (std::filesystem::path(options.out) / "log.jsonl").string()) {}
   // Throws Mistake.
   void process();
 
@@ -32,6 +40,8 @@ class Session {
   void run_step(const std::string& step, int& done, int times);
   int run_for(const std::string& step, int times);
   void timed_run(const std::string& step);
+  // The run that is number `run` of all; what it stored that is not finite, or nothing.
+  std::string checked_run(const std::string& step, int run);
   // Reads the scalar outputs for the log and the progress line.
   std::string log_scalars(const std::string& step, int done);
   bool maybe_scalar(const std::string& step, const std::string& name);
@@ -43,8 +53,10 @@ class Session {
   const Options& options_;
   const Target& target_;
   const runtime::Program& names_;
+  std::span<const uint8_t> bundle_;
   std::vector<std::pair<std::string, int>> steps_;  // and how often
   Checkpoint at_;                                   // where it is
+  LossLog log_;
   std::set<std::string> ran_;
   std::set<std::string> warned_;  // leaves
   std::map<std::string, std::string> last_values_;

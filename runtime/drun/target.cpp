@@ -43,6 +43,8 @@ Target common(P& program) {
 Target target_of(runtime::Program& program) {
   Target t = common(program);
   t.timed_run = [&](const std::string& step) { return program.timed_run(step); };
+  t.checked_run = [&](const std::string& step) { return program.checked_run(step); };
+  t.memory_use = [&] { return program.memory_use(); };
   t.counters = [&](const std::string& step) { return program.counters(step); };
   return t;
 }

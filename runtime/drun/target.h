@@ -33,7 +33,9 @@ struct Target {
   std::function<io::Result<io::Decisions>(const std::string&)> decisions;
   // What only a Vulkan device can tell.
   std::function<io::Result<std::vector<runtime::CommandTime>>(const std::string&)> timed_run;
+  std::function<io::Result<std::optional<runtime::NotFinite>>(const std::string&)> checked_run;
   std::function<runtime::StepCounters(const std::string&)> counters;
+  std::function<runtime::MemoryUse()> memory_use;
 };
 
 // The program must outlive it.

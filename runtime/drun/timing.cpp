@@ -16,8 +16,9 @@ std::string format(const char* pattern, Values... values) {
   return text;
 }
 
-// "fit.dr:3-5,9 std/loss.dr:12": neighbouring lines of a file together, a few of them.
-std::string joined(const std::vector<std::string>& lines) {
+}  // namespace
+
+std::string joined_lines(const std::vector<std::string>& lines) {
   constexpr size_t kMost = 4;
   std::string out;
   std::string file;
@@ -39,8 +40,6 @@ std::string joined(const std::vector<std::string>& lines) {
   return out;
 }
 
-}  // namespace
-
 std::string timing_table(const std::string& step, std::vector<runtime::CommandTime> times) {
   double all = 0;
   for (const auto& t : times) all += t.nanoseconds;
@@ -52,7 +51,7 @@ std::string timing_table(const std::string& step, std::vector<runtime::CommandTi
   for (const auto& t : times) {
     out += format("%10.1f %5.1f%% %9lld %6lld  ", t.nanoseconds * 1e-3, all > 0 ? 100 * t.nanoseconds / all : 0,
                   static_cast<long long>(t.bytes), static_cast<long long>(t.ops));
-    out += t.label + (t.lines.empty() ? "" : "  " + joined(t.lines)) + "\n";
+    out += t.label + (t.lines.empty() ? "" : "  " + joined_lines(t.lines)) + "\n";
   }
   return out;
 }
@@ -67,6 +66,14 @@ std::string counters_line(const std::string& step, const runtime::StepCounters& 
   return step + ": " + std::to_string(c.runs) + (c.runs == 1 ? " run" : " runs") +
          part("commands", c.run.commands, c.skipped.commands) + part("ops", c.run.ops, c.skipped.ops) +
          part("bytes", c.run.bytes, c.skipped.bytes) + "\n";
+}
+
+std::string memory_line(const runtime::MemoryUse& use) {
+  std::string out = "memory: " + std::to_string(use.device) + " bytes of the device and " + std::to_string(use.host) +
+                    " of the host, " + std::to_string(use.peak) + " at most";
+  for (size_t k = 0; k < use.host_leaves.size(); ++k)
+    out += (k == 0 ? "; the device reads from the host's: " : ", ") + use.host_leaves[k];
+  return out + "\n";
 }
 
 }  // namespace dr::drun

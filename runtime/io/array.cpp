@@ -116,6 +116,26 @@ std::vector<float> Array::to_floats() const {
   return values;
 }
 
+std::optional<Place> first_not_finite(const Array& array) {
+  if (array.kind != ElementKind::Float32 && array.kind != ElementKind::Float64) return std::nullopt;
+  std::optional<Place> first;
+  int64_t scalar = 0;
+  for_each_scalar(array, [&](double value) {
+    const int64_t element = scalar++ / array.components;
+    if (first || std::isfinite(value)) return;
+    const int64_t row = element / array.width;
+    first = Place{element % array.width, row % array.height, row / array.height, value};
+  });
+  return first;
+}
+
+std::string describe(const Place& p) {
+  return cat(std::isnan(p.value) ? "NaN"
+             : p.value > 0       ? "Inf"
+                                 : "-Inf",
+             " at element (", p.x, ", ", p.y, ", ", p.layer, ")");
+}
+
 Result<Array> Array::converted(ElementKind to) const {
   if (to == kind) return *this;
   return guarded(cat("cannot turn ", kind_name(kind), " into ", kind_name(to), ": "), [&] {

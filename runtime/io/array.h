@@ -6,6 +6,7 @@
 #include <cassert>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -91,6 +92,16 @@ struct Array {
   // number becomes an integer or a bool only when nothing is lost, so that 0.5 is never an index.
   Result<Array> converted(ElementKind to) const;
 };
+
+// Where an element stands that is not what it should be, and the number found there.
+struct Place {
+  int64_t x = 0, y = 0, layer = 0;
+  double value = 0;
+};
+// The first element with a component that is NaN or Inf, if there is one.
+std::optional<Place> first_not_finite(const Array& array);
+// "NaN at element (3, 1, 0)", or Inf or -Inf.
+std::string describe(const Place& not_finite);
 
 // The most that one array, whatever it is loaded from, may take.
 inline constexpr int64_t kMaxArrayBytes = int64_t{1} << 34;

@@ -102,6 +102,18 @@ uint32_t DeviceState::memory_type(uint32_t allowed, vk::MemoryPropertyFlags want
   throw Failure{"the device offers no memory of the kind " + vk::to_string(wanted)};
 }
 
+std::optional<uint32_t> DeviceState::host_memory_type(uint32_t allowed) const {
+  const auto wanted = vk::MemoryPropertyFlagBits::eHostVisible | vk::MemoryPropertyFlagBits::eHostCoherent;
+  std::optional<uint32_t> any;
+  for (uint32_t t = 0; t < memory.memoryTypeCount; ++t) {
+    const vk::MemoryPropertyFlags flags = memory.memoryTypes[t].propertyFlags;
+    if ((allowed & (1u << t)) == 0 || (flags & wanted) != wanted) continue;
+    if (!(flags & vk::MemoryPropertyFlagBits::eDeviceLocal)) return t;
+    if (!any) any = t;  // where host and device share it
+  }
+  return any;
+}
+
 std::shared_ptr<DeviceState> open_device(const DeviceOptions& options) {
   auto state = std::make_shared<DeviceState>();
   make_instance(*state, options.validation);
@@ -137,6 +149,7 @@ std::shared_ptr<DeviceState> open_device(const DeviceOptions& options) {
     return std::any_of(offered.begin(), offered.end(),
                        [&](const auto& e) { return std::string_view(e.extensionName.data()) == name; });
   };
+  state->memory_budget = has_extension(VK_EXT_MEMORY_BUDGET_EXTENSION_NAME);
   vk::PhysicalDeviceFeatures2 features;
   vk::PhysicalDeviceShaderAtomicInt64Features atomics;
   const bool atomics_known = has_extension(VK_KHR_SHADER_ATOMIC_INT64_EXTENSION_NAME);

@@ -4,6 +4,7 @@
 
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <vector>
 #include <vulkan/vulkan_raii.hpp>
@@ -28,11 +29,14 @@ struct DeviceState {
   uint32_t timestamp_bits = 0;  // 0: the queue has no timestamps
   vk::PhysicalDeviceProperties properties;
   vk::PhysicalDeviceMemoryProperties memory;
+  bool memory_budget = false;  // the device says how much memory is left
   bool int64 = false, int64_atomics = false, float_atomics = false, debug_names = false;
   std::mutex messages_lock;
   std::vector<std::string> messages;  // of the validation layer
 
   uint32_t memory_type(uint32_t allowed, vk::MemoryPropertyFlags wanted, vk::MemoryPropertyFlags preferred) const;
+  // Of the host, for what the device reads directly; nothing where there is none that is allowed.
+  std::optional<uint32_t> host_memory_type(uint32_t allowed) const;
   template <class Handle>
   void name(const Handle& handle, const std::string& text) {
     if (!debug_names) return;

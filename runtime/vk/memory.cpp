@@ -3,6 +3,7 @@
 #include "runtime/vk/memory.h"
 
 #include <algorithm>
+#include <tuple>
 
 namespace dr::runtime {
 
@@ -86,7 +87,6 @@ void Memory::allocate(const std::vector<uint32_t>& wanted) {
 
 // Gives each slot an offset in a block: those that are there already, or new ones.
 void Memory::place(std::map<uint32_t, Slot>& slots, const std::vector<uint32_t>& resources) {
-  std::map<uint32_t, vk::DeviceSize> sizes;  // by memory type
   std::vector<uint32_t> added;
   for (auto& [index, slot] : slots) {
     // What another step's values have may do for this step's too.
@@ -98,34 +98,92 @@ void Memory::place(std::map<uint32_t, Slot>& slots, const std::vector<uint32_t>&
       }
     }
     slot.type = device_->memory_type(slot.allowed, {}, vk::MemoryPropertyFlagBits::eDeviceLocal);
-    vk::DeviceSize& size = sizes[slot.type];
-    slot.offset = (size + slot.alignment - 1) / slot.alignment * slot.alignment;
-    size = slot.offset + slot.bytes;
     added.push_back(index);
   }
-  std::map<uint32_t, size_t> block_of;
-  for (const auto& [type, bytes] : sizes) {
-    Block block;
-    block.bytes = bytes;
+  make_room(slots, added, resources);
+  std::map<std::pair<uint32_t, bool>, vk::DeviceSize> sizes;  // by memory type, and whether the host's
+  for (const uint32_t index : added) {
+    Slot& slot = slots.at(index);
+    vk::DeviceSize& size = sizes[{slot.type, slot.of_host}];
+    slot.offset = (size + slot.alignment - 1) / slot.alignment * slot.alignment;
+    size = slot.offset + slot.bytes;
+  }
+  std::map<std::pair<uint32_t, bool>, size_t> block_of;
+  for (const auto& [where, bytes] : sizes) {
     try {
-      block.memory = vk::raii::DeviceMemory(device_->device, vk::MemoryAllocateInfo(bytes, type));
+      blocks_.emplace_back(*device_, bytes, where.first, tally_);
     } catch (const vk::SystemError&) {
       throw Failure{"the device has no memory for " + std::to_string(bytes) + " bytes; the largest values are " +
                     largest(resources)};
     }
-    block_of[type] = blocks_.size();
-    blocks_.push_back(std::move(block));
+    of_host_.push_back(where.second);
+    block_of[where] = blocks_.size() - 1;
   }
-  for (uint32_t index : added) {
-    slots[index].block = block_of[slots[index].type];
+  for (const uint32_t index : added) {
+    slots[index].block = block_of[{slots[index].type, slots[index].of_host}];
     placed_[index] = slots[index];
   }
+}
+
+int64_t Memory::room(uint32_t type) const {
+  if (limit_ > 0) return limit_ - static_cast<int64_t>(bytes(false));
+  const uint32_t heap = device_->memory.memoryTypes[type].heapIndex;
+  if (device_->memory_budget) {
+    const auto now =
+        device_->physical
+            .getMemoryProperties2<vk::PhysicalDeviceMemoryProperties2, vk::PhysicalDeviceMemoryBudgetPropertiesEXT>();
+    const auto& budget = now.get<vk::PhysicalDeviceMemoryBudgetPropertiesEXT>();
+    return static_cast<int64_t>(budget.heapBudget[heap]) - tally_->now;
+  }
+  return static_cast<int64_t>(device_->memory.memoryHeaps[heap].size) - static_cast<int64_t>(bytes(false));
+}
+
+void Memory::make_room(std::map<uint32_t, Slot>& slots, std::vector<uint32_t>& added,
+                       const std::vector<uint32_t>& resources) {
+  int64_t missing = 0;
+  for (const uint32_t index : added)
+    missing += static_cast<int64_t>(slots.at(index).bytes + slots.at(index).alignment - 1);
+  if (added.empty()) return;
+  missing -= room(slots.at(added.front()).type);
+  if (missing <= 0) return;
+  struct Candidate {
+    bool param, flat;
+    double bytes_a_use;
+    uint32_t resource;
+    auto order() const { return std::tuple(param, flat, -bytes_a_use, resource); }
+  };
+  std::vector<Candidate> candidates;
+  for (const auto& leaf : bundle_.leaves) {
+    const uint32_t index = bundle_.resources[leaf->resource]->slot;
+    if (std::find(added.begin(), added.end(), index) == added.end()) continue;
+    int uses = 1;
+    for (const auto& step : bundle_.steps)
+      for (const auto& c : step->commands)
+        uses += static_cast<int>(
+            std::ranges::count_if(c->bindings, [&](const auto& b) { return b->resource == leaf->resource; }));
+    candidates.push_back({leaf->kind != bundle::LeafKind::Input, sizes_.evaluate(leaf->extent->l, leaf->name) == 1,
+                          static_cast<double>(slots.at(index).bytes) / uses, leaf->resource});
+  }
+  std::ranges::sort(candidates, {}, &Candidate::order);
+  for (const Candidate& c : candidates) {
+    if (missing <= 0) break;
+    Slot& slot = slots.at(bundle_.resources[c.resource]->slot);
+    const auto type = device_->host_memory_type(slot.allowed);
+    if (!type) continue;
+    slot.type = *type;
+    slot.of_host = true;
+    on_host_.push_back(c.resource);
+    missing -= static_cast<int64_t>(slot.bytes + slot.alignment - 1);
+  }
+  if (missing > 0 && limit_ > 0)
+    throw Failure{"the program needs " + std::to_string(missing) + " bytes of device memory more than the limit of " +
+                  std::to_string(limit_) + "; the largest values are " + largest(resources)};
 }
 
 void Memory::bind(uint32_t k, const Slot& slot) {
   const auto& d = device_->device;
   const bundle::ResourceT& r = *bundle_.resources[k];
-  const vk::DeviceMemory memory = *blocks_[slot.block].memory;
+  const vk::DeviceMemory memory = *blocks_[slot.block].memory();
   if (r.storage == Storage::Buffer) {
     buffers_[k].buffer.bindMemory(memory, slot.offset);
     return;
@@ -168,10 +226,37 @@ int64_t Memory::content_bytes(size_t resource) const {
   return images_[resource].size.count() * words * 4;
 }
 
-vk::DeviceSize Memory::bytes() const {
+vk::DeviceSize Memory::bytes(bool of_host) const {
   vk::DeviceSize bytes = 0;
-  for (const Block& b : blocks_) bytes += b.bytes;
+  for (size_t k = 0; k < blocks_.size(); ++k)
+    if (of_host_[k] == of_host) bytes += blocks_[k].bytes();
   return bytes;
+}
+
+void Tally::add(int64_t bytes) {
+  const int64_t sum = now += bytes;
+  for (int64_t most = peak; most < sum && !peak.compare_exchange_weak(most, sum);) {
+  }
+}
+
+Block::Block(const DeviceState& device, vk::DeviceSize bytes, uint32_t type, std::shared_ptr<Tally> tally)
+    : memory_(device.device, vk::MemoryAllocateInfo(bytes, type)), bytes_(bytes), tally_(std::move(tally)) {
+  tally_->add(static_cast<int64_t>(bytes));
+}
+
+Block& Block::operator=(Block&& other) noexcept {
+  release();
+  memory_ = std::move(other.memory_);
+  bytes_ = other.bytes_;
+  tally_ = std::move(other.tally_);
+  return *this;
+}
+
+void Block::release() {
+  if (!tally_) return;
+  memory_ = nullptr;
+  tally_->add(-static_cast<int64_t>(bytes_));
+  tally_.reset();
 }
 
 }  // namespace dr::runtime

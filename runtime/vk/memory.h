@@ -2,7 +2,11 @@
 // Device memory of a bundle's resources: buffers and images, placed by the bundle's slots.
 #pragma once
 
+#include <atomic>
 #include <map>
+#include <memory>
+#include <string>
+#include <utility>
 #include <vector>
 
 #include "runtime/sizes.h"
@@ -10,10 +14,28 @@
 
 namespace dr::runtime {
 
-// Memory of one purpose: several objects in one allocation.
-struct Block {
-  vk::raii::DeviceMemory memory{nullptr};
-  vk::DeviceSize bytes = 0;
+// Bytes that a program has allocated, on the device and on the host for it, and the most that it ever had.
+struct Tally {
+  std::atomic<int64_t> now = 0, peak = 0;
+  void add(int64_t bytes);
+};
+
+// One allocation.
+class Block {
+ public:
+  Block() = default;
+  Block(const DeviceState& device, vk::DeviceSize bytes, uint32_t type, std::shared_ptr<Tally> tally);
+  Block(Block&&) noexcept = default;
+  Block& operator=(Block&& other) noexcept;
+  ~Block() { release(); }
+  const vk::raii::DeviceMemory& memory() const { return memory_; }
+  vk::DeviceSize bytes() const { return tally_ ? bytes_ : 0; }
+
+ private:
+  void release();
+  vk::raii::DeviceMemory memory_{nullptr};
+  vk::DeviceSize bytes_ = 0;
+  std::shared_ptr<Tally> tally_;  // none: nothing is allocated
 };
 
 struct BufferObject {
@@ -32,44 +54,62 @@ vk::Format format_of(const bundle::TypeT& type);
 
 class Memory {
  public:
-  Memory(std::shared_ptr<DeviceState> device, const bundle::BundleT& bundle, const Sizes& sizes)
+  // Of the device at most `limit` bytes; 0: as many as it has.
+  Memory(std::shared_ptr<DeviceState> device, const bundle::BundleT& bundle, const Sizes& sizes, int64_t limit,
+         std::shared_ptr<Tally> tally)
       : device_(std::move(device)),
         bundle_(bundle),
         sizes_(sizes),
+        limit_(limit),
+        tally_(std::move(tally)),
         allocated_(bundle.resources.size()),
         buffers_(bundle.resources.size()),
         images_(bundle.resources.size()) {}
 
-  // Creates those that are not there yet. Fails, by name, on what the device has no room for.
+  // Creates those that are not there yet. Leaves for which the device has no room stay in memory of the host, which it
+  // reads directly: inputs first, those with layers before others, large and seldom used ones before others. Fails, by
+  // name, when that is not enough.
   void allocate(const std::vector<uint32_t>& resources);
   bool has(size_t resource) const { return allocated_[resource]; }
   // Of a resource that has memory, as the bundle lays it out.
   int64_t content_bytes(size_t resource) const;
   const BufferObject& buffer(size_t resource) const { return buffers_[resource]; }
   const ImageObject& image(size_t resource) const { return images_[resource]; }
-  vk::DeviceSize bytes() const;
+  // What was allocated, on the device or of the host.
+  vk::DeviceSize bytes(bool of_host) const;
+  // Leaves in memory of the host, by resource.
+  const std::vector<uint32_t>& on_host() const { return on_host_; }
+  const std::shared_ptr<Tally>& tally() const { return tally_; }
 
  private:
   // The memory of a slot; the values of steps that are prepared later use it too if they fit.
   struct Slot {
     vk::DeviceSize bytes = 0, alignment = 1, offset = 0;
     uint32_t allowed = UINT32_MAX, type = 0;
+    bool of_host = false;
     size_t block = 0;
   };
   vk::MemoryRequirements create_buffer(uint32_t resource);
   vk::MemoryRequirements create_image(uint32_t resource);
   void place(std::map<uint32_t, Slot>& slots, const std::vector<uint32_t>& resources);
+  void make_room(std::map<uint32_t, Slot>& slots, std::vector<uint32_t>& added, const std::vector<uint32_t>& resources);
+  // Bytes of a heap that are left.
+  int64_t room(uint32_t type) const;
   void bind(uint32_t resource, const Slot& slot);
   std::string largest(const std::vector<uint32_t>& resources) const;
 
   std::shared_ptr<DeviceState> device_;
   const bundle::BundleT& bundle_;
   const Sizes& sizes_;
+  int64_t limit_;
+  std::shared_ptr<Tally> tally_;
   std::vector<bool> allocated_;  // by resource
   std::vector<BufferObject> buffers_;
   std::vector<ImageObject> images_;
   std::map<uint32_t, Slot> placed_;
   std::vector<Block> blocks_;
+  std::vector<bool> of_host_;  // by block
+  std::vector<uint32_t> on_host_;
 };
 
 }  // namespace dr::runtime

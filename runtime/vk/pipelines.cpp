@@ -53,14 +53,12 @@ Bound Pipelines::bind(const std::vector<uint32_t>& resources, vk::ShaderStageFla
                       std::span<const uint32_t> inputs, size_t layer) {
   const auto& d = device_->device;
   std::vector<vk::DescriptorSetLayoutBinding> bindings;
-  std::vector<vk::DescriptorPoolSize> sizes;
   for (uint32_t k = 0; k < resources.size(); ++k) {
     const bool input = std::find(inputs.begin(), inputs.end(), resources[k]) != inputs.end();
     const auto type = bundle_.resources[resources[k]]->storage == Storage::Buffer ? vk::DescriptorType::eStorageBuffer
                       : input                                                     ? vk::DescriptorType::eInputAttachment
                                                                                   : vk::DescriptorType::eSampledImage;
     bindings.emplace_back(k, type, 1, input ? vk::ShaderStageFlags(vk::ShaderStageFlagBits::eFragment) : stages);
-    sizes.emplace_back(type, 1);
   }
   vk::DescriptorSetLayoutCreateInfo layout_info;
   layout_info.setBindings(bindings);
@@ -72,11 +70,7 @@ Bound Pipelines::bind(const std::vector<uint32_t>& resources, vk::ShaderStageFla
   pipeline_layout.setPushConstantRanges(push);
   layouts_.emplace_back(d, pipeline_layout);
   Bound bound{*layouts_.back(), {}};
-  if (sizes.empty()) sizes.emplace_back(vk::DescriptorType::eStorageBuffer, 1);  // a pool must have a size
-  vk::DescriptorPoolCreateInfo pool(vk::DescriptorPoolCreateFlagBits::eFreeDescriptorSet, 1);
-  pool.setPoolSizes(sizes);
-  pools_.emplace_back(d, pool);
-  vk::DescriptorSetAllocateInfo allocate(*pools_.back());
+  vk::DescriptorSetAllocateInfo allocate(pool_for(bindings));
   allocate.setSetLayouts(set_layout);
   sets_.push_back(std::move(vk::raii::DescriptorSets(d, allocate).front()));
   bound.set = *sets_.back();
@@ -94,6 +88,30 @@ Bound Pipelines::bind(const std::vector<uint32_t>& resources, vk::ShaderStageFla
     d.updateDescriptorSets(write, {});
   }
   return bound;
+}
+
+// The last pool, while there is room for these; then a new one.
+vk::DescriptorPool Pipelines::pool_for(const std::vector<vk::DescriptorSetLayoutBinding>& bindings) {
+  constexpr uint32_t kSets = 64, kOfType = 4 * kSets;
+  std::map<vk::DescriptorType, uint32_t> need;
+  for (const auto& b : bindings) ++need[b.descriptorType];
+  const bool room =
+      sets_left_ > 0 && std::ranges::all_of(need, [&](const auto& n) { return left_[n.first] >= n.second; });
+  if (!room) {
+    sets_left_ = kSets;
+    std::vector<vk::DescriptorPoolSize> sizes;
+    for (const auto type : {vk::DescriptorType::eStorageBuffer, vk::DescriptorType::eSampledImage,
+                            vk::DescriptorType::eInputAttachment}) {
+      left_[type] = std::max(kOfType, need[type]);
+      sizes.emplace_back(type, static_cast<uint32_t>(left_[type]));
+    }
+    vk::DescriptorPoolCreateInfo info(vk::DescriptorPoolCreateFlagBits::eFreeDescriptorSet, kSets);
+    info.setPoolSizes(sizes);
+    pools_.emplace_back(device_->device, info);
+  }
+  --sets_left_;
+  for (const auto& [type, count] : need) left_[type] -= count;
+  return *pools_.back();
 }
 
 size_t Pipelines::want(std::function<vk::raii::Pipeline(const Cache&)> make) {

@@ -41,6 +41,7 @@ class Pipelines {
   vk::raii::Pipeline make_compute(int shader, vk::PipelineLayout layout, uint32_t group, const Cache& cache) const;
   vk::raii::Pipeline make_graphics(const bundle::CommandT& draw, vk::PipelineLayout layout, vk::RenderPass render_pass,
                                    uint32_t subpass, vk::Extent2D size, const Cache& cache) const;
+  vk::DescriptorPool pool_for(const std::vector<vk::DescriptorSetLayoutBinding>& bindings);
   std::string cache_key() const;
   size_t want(std::function<vk::raii::Pipeline(const Cache&)> make);
 
@@ -55,6 +56,8 @@ class Pipelines {
   std::vector<vk::raii::PipelineLayout> layouts_;
   std::vector<vk::raii::Pipeline> pipelines_;
   std::vector<vk::raii::DescriptorPool> pools_;
+  size_t sets_left_ = 0;  // in the last pool
+  std::map<vk::DescriptorType, size_t> left_;
   std::vector<vk::raii::DescriptorSet> sets_;
 };
 

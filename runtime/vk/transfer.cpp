@@ -13,20 +13,20 @@ void Transfer::need_staging(vk::DeviceSize bytes) {
   const auto& d = device_->device;
   staging_data_ = nullptr;
   staging_.buffer = vk::raii::Buffer(nullptr);
-  staging_memory_.memory = vk::raii::DeviceMemory(nullptr);
+  staging_memory_ = {};
+  staging_.bytes = 0;
   vk::BufferCreateInfo info;
   info.size = bytes;
   info.usage = vk::BufferUsageFlagBits::eTransferSrc | vk::BufferUsageFlagBits::eTransferDst;
   staging_.buffer = vk::raii::Buffer(d, info);
-  staging_.bytes = bytes;
   const auto need = staging_.buffer.getMemoryRequirements();
   const auto visible = vk::MemoryPropertyFlagBits::eHostVisible | vk::MemoryPropertyFlagBits::eHostCoherent;
   // Reading back from uncached memory is slow.
   const uint32_t type = device_->memory_type(need.memoryTypeBits, visible, vk::MemoryPropertyFlagBits::eHostCached);
-  staging_memory_.memory = vk::raii::DeviceMemory(d, vk::MemoryAllocateInfo(need.size, type));
-  staging_memory_.bytes = need.size;
-  staging_.buffer.bindMemory(*staging_memory_.memory, 0);
-  staging_data_ = staging_memory_.memory.mapMemory(0, VK_WHOLE_SIZE);
+  staging_memory_ = Block(*device_, need.size, type, memory_.tally());
+  staging_.buffer.bindMemory(*staging_memory_.memory(), 0);
+  staging_data_ = staging_memory_.memory().mapMemory(0, VK_WHOLE_SIZE);
+  staging_.bytes = bytes;
 }
 
 void Transfer::upload(uint32_t resource, const io::Array& array) {

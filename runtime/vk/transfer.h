@@ -16,7 +16,7 @@ class Transfer {
   void upload(uint32_t resource, const io::Array& array);
   io::Array download(uint32_t resource);
   // Bytes of host-visible memory held.
-  vk::DeviceSize bytes() const { return staging_memory_.bytes; }
+  vk::DeviceSize bytes() const { return staging_memory_.bytes(); }
 
  private:
   // Host-visible memory of at least that size, mapped.

@@ -1,17 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
 // The reactive cache changes nothing but the work: random programs under random sequences of bindings and steps give
-// the same bits with it and without it, and the counters add up. DR_CACHE_PROGRAMS sets how many programs run on each
-// device.
+// the same bits without it, with it, and with rebuilding for the leaves that move; and the counters add up.
+// DR_CACHE_PROGRAMS sets how many programs run on each device.
+#include <chrono>
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <random>
 #include <set>
+#include <thread>
 
 #include "compiler/backend/compile.h"
 #include "compiler/passes/passes.h"
 #include "runtime/jit/jit.h"
+#include "runtime/jit/rebuild.h"
 #include "runtime/runtime.h"
 #include "tests/catch.h"
 #include "tests/device/devices.h"
@@ -106,6 +109,7 @@ int64_t skipped(Program& program, const std::string& step, int times = 1) {
 
 struct Totals {
   runtime::Work run, skipped;
+  int rebuilds = 0;
 };
 
 void check_random_program(const test::NamedDevice& device, uint64_t seed, Totals& totals) {
@@ -115,29 +119,47 @@ void check_random_program(const test::NamedDevice& device, uint64_t seed, Totals
   if (seed % 2 == 0) graph = passes::run_passes(graph, passes::default_passes(), {});
   backend::CompileOptions options;
   options.lower = seed % 3 == 0 ? backend::Lower::Fragment : backend::Lower::Compute;
-  if (seed % 5 == 0) options.fused = options.recompute = options.stages = false;
+  jit::Options anew;
+  if (seed % 5 == 0) {
+    options.fused = options.recompute = options.stages = false;
+  } else if (seed % 2 == 1) {
+    options.recompute = false;
+    anew.ablate = {"remat"};
+  }
   const std::vector<uint8_t> bundle = compile(graph, device.name, options);
+  runtime::LoadOptions rebuilding{.rebuild = jit::rebuilder(bundle, anew), .rebuild_after = 2, .rebuild_beside = false};
   Program with = must(Program::load(device.device, bundle)),
-          without = must(Program::load(device.device, bundle, {.cache = false, .pipeline_folder = {}}));
+          rebuilt = must(Program::load(device.device, bundle, rebuilding)),
+          without = must(Program::load(device.device, bundle, {.cache = false}));
   const auto bind = [&](const ir::Leaf& leaf) {
     const Array data = random_data(leaf, random);
-    must(with.bind(leaf.name, data));
-    must(without.bind(leaf.name, data));
+    for (Program* p : {&with, &rebuilt, &without}) must(p->bind(leaf.name, data));
+  };
+  std::set<std::string> ran;
+  const auto run = [&](const std::string& step, int times) {
+    for (Program* p : {&with, &rebuilt, &without}) must(p->run(step, times));
+    ran.insert(step);
+    for (const std::string& any : ran) {
+      check_same(with, without, any);
+      check_same(rebuilt, without, any);
+    }
   };
   for (const ir::Leaf& leaf : graph.leaves) bind(leaf);
-  std::set<std::string> ran;
-  for (int action = 0; action < 16; ++action) {
-    if (random() % 3 == 0) {
-      bind(graph.leaves[random() % graph.leaves.size()]);
-      continue;
-    }
+  for (int action = 0; action < 12; ++action) {
     const std::string step = graph.steps[random() % graph.steps.size()].name;
-    const int times = 1 + static_cast<int>(random() % 3);
-    must(with.run(step, times));
-    must(without.run(step, times));
-    ran.insert(step);
-    for (const std::string& any : ran) check_same(with, without, any);
+    const ir::Leaf& leaf = graph.leaves[random() % graph.leaves.size()];
+    switch (random() % 4) {
+      case 0: bind(leaf); break;
+      case 1:  // what a rebuild waits for
+        for (int k = 0; k < 4; ++k) {
+          bind(leaf);
+          run(step, 1);
+        }
+        break;
+      default: run(step, 1 + static_cast<int>(random() % 3));
+    }
   }
+  totals.rebuilds += rebuilt.rebuilds();
   for (const std::string& step : ran) {
     const auto a = with.counters(step), b = without.counters(step);
     CHECK(a.runs == b.runs);
@@ -162,9 +184,10 @@ TEST_CASE("random programs give the same bits with and without the cache") {
     for (const std::string& message : device.device.validation_messages()) FAIL("validation: " << message);
     const double share = static_cast<double>(totals.skipped.commands) /
                          static_cast<double>(totals.run.commands + totals.skipped.commands);
-    std::printf("%-12s %llu programs, %.0f%% of %lld commands left out\n", device.name.c_str(),
+    std::printf("%-12s %llu programs, %.0f%% of %lld commands left out; %d rebuilds\n", device.name.c_str(),
                 static_cast<unsigned long long>(programs), 100 * share,
-                static_cast<long long>(totals.run.commands + totals.skipped.commands));
+                static_cast<long long>(totals.run.commands + totals.skipped.commands), totals.rebuilds);
+    if (programs >= 24) CHECK(totals.rebuilds > 0);
     CHECK(share > 0.2);
     CHECK(share < 0.9);
   }
@@ -214,6 +237,70 @@ TEST_CASE("what did not change is not computed again, and what did is at once") 
     must(p.run("carve"));
     CHECK(skipped(p, "look") > 0);
     CHECK(number(p, "look", "slow") == 30);
+    for (const std::string& message : device.validation_messages()) FAIL("validation: " << message);
+  }
+}
+
+TEST_CASE("a program is built anew for the leaves that move, and for others again") {
+  // `seen` takes `slow` and the view in one pass: a new view costs `slow` again, until they stand apart.
+  const char* const text = R"(
+    input photo : float[W, H];
+    input view : float;
+    param tone : float = 1.0;
+    let slow = sin(exp(sin(photo) * 0.5) + cos(photo)) * exp(cos(photo * 3.0));
+    let seen = sin(slow * view);
+    let error = mean(seen + shift(seen, 1, 0)) * tone;
+    step fit { tone <- tone - 0.1 * grad(error, tone); output error, index = step_index; }
+    step look { output sum = sum(slow) + tone; })";
+  for (const auto& [name, device] : test::devices()) {
+    INFO(name);
+    const std::vector<uint8_t> bundle = compile_text(text, name);
+    // In the background: as long as it takes. At once: after eight runs.
+    for (const bool beside : {true, false}) {
+      Program p = must(Program::load(device, bundle, {.rebuild = jit::rebuilder(bundle), .rebuild_beside = beside})),
+              plain = must(Program::load(device, bundle, {.cache = false}));
+      const auto photo = [](const std::vector<float>& values) { return Array::from_floats(values, 1, 3, 2); };
+      int view = 0;
+      const auto bind = [&](const char* leaf, const Array& data) {
+        must(p.bind(leaf, data));
+        must(plain.bind(leaf, data));
+      };
+      const auto run = [&](const std::string& step) {
+        must(p.run(step));
+        must(plain.run(step));
+        check_same(p, plain, "fit");
+        check_same(p, plain, "look");
+      };
+      const auto move = [&] {
+        bind("view", Array::from_floats(std::vector<float>{0.1f * static_cast<float>(++view)}, 1));
+        const int64_t before = p.counters("fit").run.ops;
+        run("fit");
+        return p.counters("fit").run.ops - before;
+      };
+      bind("photo", photo({0.1f, 0.7f, 0.2f, 0.9f, 0.3f, 0.5f}));
+      bind("view", Array::from_floats(std::vector<float>{0}, 1));
+      must(p.run("fit"));
+      must(plain.run("fit"));
+      must(p.run("look"));
+      must(plain.run("look"));
+      const int64_t ops = move();
+      for (int k = 0; k < (beside ? 2000 : 8) && p.rebuilds() == 0; ++k) {
+        CHECK(move() <= ops);
+        if (beside && k > 8) std::this_thread::sleep_for(std::chrono::milliseconds(20));
+      }
+      CHECK(p.rebuilds() == 1);
+      const int64_t less = move();
+      CHECK(less < ops);
+      // What stood still moves: all at once, and no longer.
+      bind("photo", photo({0.4f, 0.7f, 0.2f, 0.9f, 0.1f, 0.5f}));
+      CHECK(move() > less);
+      CHECK(move() == less);
+      run("look");
+      // Nothing moves any more.
+      for (int k = 0; k < 20; ++k) run("fit");
+      std::printf("%-12s ops of a run with a new view: %lld, apart %lld\n", name.c_str(), static_cast<long long>(ops),
+                  static_cast<long long>(less));
+    }
     for (const std::string& message : device.validation_messages()) FAIL("validation: " << message);
   }
 }

@@ -22,10 +22,21 @@ input face : ivec3[F];
 step look { output corner = position.at(face.x); }
 step beside { output edge = topology(face, 3).edge; }
 END_OF_PROGRAM
+grep -v topology mesh.dr > corner.dr
 printf 'v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 7\n' > bad.obj
 printf 'no array' > junk.npy
 printf 'no bundle' > junk.drb
 : > empty.drb
+cat > divide.dr << 'END_OF_PROGRAM'
+edition 1;
+input top    : float[W, H];
+input bottom : float[W, H];
+param scale  : float = 1.0;
+let blurred = 0.5 * shift(top, 1, 0) + 0.5 * top;
+let share = blurred / (bottom - scale);
+let near = shift(share, 1, 0) + share;
+step go { scale <- scale + 1.0; output near, total = sum(near); }
+END_OF_PROGRAM
 printf '1,NaN\n' > nan.csv
 mkdir folder folder.drb folder.npy
 
@@ -72,6 +83,12 @@ faults() { # DEVICE
   expect 1 "cannot read 'junk.npy'" fit.dr "${on[@]}" --bind goal=junk.npy
   expect 1 "0.5" mesh.dr "${on[@]}" --step look --bind 'position=[[0, 0, 0]]' --bind 'face=[[0.5, 1, 2]]'
   expect 1 'vertex index 7 is out of range' mesh.dr "${on[@]}" --step look --bind position=bad.obj:position --bind face=bad.obj:indices
+  expect 1 "leaf 'face': element 1 names 3, but 'position' has 3 elements; if reading 0 there is meant, give --unchecked" \
+    mesh.dr "${on[@]}" --step look --bind 'position=[[0, 0, 0], [1, 0, 0], [0, 1, 0]]' --bind 'face=[[0, 1, 2], [3, -1, 9]]'
+  expect 1 'names -2,' \
+    mesh.dr "${on[@]}" --step look --bind 'position=[[0, 0, 0], [1, 0, 0], [0, 1, 0]]' --bind 'face=[[-2, 1, 2]]'
+  "$drun" corner.dr "${on[@]}" --unchecked --bind 'position=[[0, 0, 0]]' --bind 'face=[[-2, 1, 2]]' > out 2> err ||
+    complain 'with --unchecked' "exit code $?"
   expect 1 'face 0 names the vertex 7 of 3 vertices' mesh.dr "${on[@]}" --step beside --bind 'face=[[0, 1, 7]]'
   expect 1 'face 0 names the vertex -7 of 3 vertices' mesh.dr "${on[@]}" --step beside --bind 'face=[[0, 1, -7]]'
   expect 2 "'goal' is given twice" fit.dr "${on[@]}" --bind "$goal" --bind 'goal=[[1]]'
@@ -79,13 +96,34 @@ faults() { # DEVICE
   expect 2 "expected name=value, found 'W'" fit.dr "${on[@]}" --bind "$goal" --symbol W
   expect 2 'expected a number of runs' fit.dr "${on[@]}" --bind "$goal" --step fit=99999999999
 
-  # NaN is data like any other: the run goes on, and what it spoils says so. `null` stands for it in the log.
+  # NaN in data is a mistake, unless the user says otherwise: then the run goes on, and what it spoils says so. `null`
+  # stands for it in the log.
+  expect 1 "leaf 'goal': 'nan.csv' has NaN at element (1, 0, 0); if the program expects such, give --unchecked" \
+    fit.dr "${on[@]}" --bind goal=nan.csv
   rm -rf result
-  "$drun" fit.dr "${on[@]}" --bind goal=nan.csv --out result > out 2> err || complain 'with NaN' "exit code $?"
+  "$drun" fit.dr "${on[@]}" --unchecked --bind goal=nan.csv --out result > out 2> err || complain 'with NaN' "exit code $?"
   grep -q 'fit: error = nan' out && grep -q '"error": null' result/log.jsonl && [[ -s result/x.npy ]] ||
     complain 'with NaN' 'the results do not say so'
 }
 
+# The first number that is not finite, and the line that makes it: 0/0 in the second run.
+finite() { # DEVICE
+  local data=(--device "$1" --bind 'top=[[1, 2, 3], [4, 5, 6], [0, 0, 0]]' --bind 'bottom=[[3, 4, 3], [9, 9, 9], [5, 2, 5]]')
+  "$drun" divide.dr "${data[@]}" --check-finite > out 2> err || complain 'with all finite' "exit code $?"
+  local status=0
+  for pack in fused naive; do
+    status=0
+    "$drun" divide.dr "${data[@]}" --step go=5 --pack $pack --check-finite --out result > out 2> err || status=$?
+    [[ $status == 1 ]] || complain 'with 0/0' "exit code $status"
+    grep -qE "drun: error: run 2 of step 'go': pass '[a-z_]*share[a-z_]*' stores NaN at element \(1, 2, 0\) of 'share'; lines divide.dr:" err ||
+      complain 'with 0/0' 'does not say where'
+    [[ $(sed -n 's/.*"done": \([0-9]*\).*/\1/p' result/checkpoint.json) == 2 ]] || complain 'with 0/0' 'the run is not counted'
+    rm -rf result
+  done
+  # In naive packing the line is that of the op.
+  grep -qE 'lines divide.dr:6$' err || complain 'with 0/0' 'does not name the line'
+}
+expect 1 'drc eval --check-finite' fit.dr --device reference --check-finite --bind "$goal"
 faults reference
 # No driver, where the loader is told to look.
 VK_ICD_FILENAMES=/nowhere.json VK_DRIVER_FILES=/nowhere.json expect 1 'there is no Vulkan driver' fit.dr --bind "$goal"
@@ -94,6 +132,7 @@ if [[ -n ${DR_LAVAPIPE_ICD-} ]]; then
   expect 1 "no Vulkan device matches 'nonsense'; there are: llvmpipe" fit.dr --bind "$goal" --device nonsense
   expect 1 "no Vulkan device matches '7'" fit.dr --bind "$goal" --device 7
   faults llvmpipe
+  finite llvmpipe
 elif [[ -n ${CI-} ]]; then
   echo "DR_LAVAPIPE_ICD is not set"
   failed=1

@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/jit/check_indices.h"
+
+#include "compiler/backend/bundle/bundle.h"
+#include "compiler/ir/parse.h"
+
+namespace dr::jit {
+
+namespace {
+
+using ir::OpKind;
+
+// The leaf and its component that an index is, unchanged.
+struct Column {
+  std::string leaf;
+  int64_t component = 0;
+};
+
+std::optional<Column> column_of(const ir::Graph& graph, ir::ValueId index) {
+  const ir::Op* op = &graph.op(graph.value(index).op);
+  Column out;
+  if (op->kind == OpKind::Extract) {
+    out.component = op->attrs.ints[0];
+    op = &graph.op(graph.value(op->operands[0]).op);
+  }
+  if (op->kind != OpKind::Leaf) return std::nullopt;
+  out.leaf = op->attrs.text;
+  return out;
+}
+
+}  // namespace
+
+std::optional<std::string> check_indices(std::span<const uint8_t> bytes, const std::map<std::string, io::Array>& data,
+                                         std::map<std::string, int64_t> given) {
+  const auto bundle = bundle::read(bytes);
+  if (std::holds_alternative<std::string>(bundle)) return std::nullopt;  // told by whoever runs it
+  const auto parsed = ir::parse(std::get<bundle::BundleT>(bundle).graph);
+  const auto* graph = std::get_if<ir::Graph>(&parsed);
+  if (graph == nullptr) return std::nullopt;
+  ir::SymbolValues symbols(given.begin(), given.end());
+  for (const ir::Leaf& leaf : graph->leaves) {
+    const auto bound = data.find(leaf.name);
+    if (bound == data.end()) continue;
+    const io::Array& a = bound->second;
+    const std::pair<const ir::Dim*, int64_t> axes[] = {
+        {&leaf.extent.w, a.width}, {&leaf.extent.h, a.height}, {&leaf.extent.l, a.layers}};
+    for (const auto& [dim, size] : axes)
+      if (const auto symbol = dim->as_symbol()) symbols.emplace(*symbol, size);
+  }
+  for (const ir::OpId id : graph->region(graph->root()).ops) {
+    const ir::Op& op = graph->op(id);
+    if (op.kind != OpKind::Gather || graph->value(op.operands[1]).type.rows != 1) continue;
+    const auto column = column_of(*graph, op.operands[1]);
+    const ir::ValueInfo& from = graph->value(op.operands[0]);
+    const auto count = from.extent.w.evaluate(symbols);
+    const auto bound = column ? data.find(column->leaf) : data.end();
+    if (bound == data.end() || !count || bound->second.bytes.empty()) continue;
+    const io::Array& a = bound->second;
+    const std::vector<double> numbers = a.to_doubles();
+    for (auto k = static_cast<size_t>(column->component); k < numbers.size(); k += static_cast<size_t>(a.components)) {
+      if (numbers[k] >= -1 && numbers[k] < static_cast<double>(*count)) continue;
+      return "leaf '" + column->leaf + "': element " + std::to_string(k / static_cast<size_t>(a.components)) +
+             " names " + std::to_string(static_cast<int64_t>(numbers[k])) + ", but " +
+             (from.name.empty() ? "what it indexes" : "'" + from.name + "'") + " has " + std::to_string(*count) +
+             " elements";
+    }
+  }
+  return std::nullopt;
+}
+
+}  // namespace dr::jit
