@@ -1,0 +1,190 @@
+// SPDX-License-Identifier: Apache-2.0
+// The same input gives the same bits on one device: every program of tests/golden/programs and the examples, started
+// again and again. DR_SAME_BITS_RUNS sets how often (2), and has each made twice. SwiftShader compiles long shaders for
+// minutes: without the variable it runs the small programs only.
+#include <algorithm>
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <map>
+#include <set>
+#include <sstream>
+
+#include "runtime/jit/jit.h"
+#include "runtime/runtime.h"
+#include "tests/catch.h"
+#include "tests/device/devices.h"
+
+using namespace dr;
+using io::Array;
+using runtime::Program;
+namespace fs = std::filesystem;
+
+namespace {
+
+using Values = std::map<std::string, Array>;
+
+template <class T>
+T must(io::Result<T> result) {
+  if (!result) FAIL(result.error());
+  if constexpr (!std::is_void_v<T>) return std::move(result).value();
+}
+
+struct Job {
+  fs::path file;
+  std::vector<std::string> steps;  // empty: all
+  int times = 1;
+  std::map<std::string, std::string> sources;  // by leaf
+  Values data;                                 // by leaf
+  std::map<std::string, std::string, std::less<>> defines = {};
+};
+
+// What the program's own //TEST lines bind.
+Job job_of(const fs::path& file) {
+  Job job{file, {}, 2, {}, {}};
+  std::ifstream text(file);
+  for (std::string line; std::getline(text, line) && line.starts_with("//TEST");) {
+    std::stringstream words(line);
+    for (std::string word; words >> word;)
+      if (word == "--bind" && words >> word)
+        job.sources[word.substr(0, word.find('='))] = word.substr(word.find('=') + 1);
+  }
+  return job;
+}
+
+std::vector<Job> golden_programs() {
+  std::vector<Job> jobs;
+  for (const auto& entry : fs::directory_iterator(fs::path(DR_SOURCE_DIR) / "tests/golden/programs"))
+    if (entry.path().extension() == ".dr") jobs.push_back(job_of(entry.path()));
+  std::sort(jobs.begin(), jobs.end(), [](const Job& a, const Job& b) { return a.file < b.file; });
+  REQUIRE(jobs.size() > 25);
+  return jobs;
+}
+
+std::vector<uint8_t> compile(const Job& job, const std::string& profile) {
+  jit::Options options;
+  options.profile = profile;
+  options.defines = job.defines;
+  auto bundle = jit::compile_file(job.file.string(), options);
+  if (const auto* messages = std::get_if<std::string>(&bundle)) FAIL(*messages);
+  return std::get<std::vector<uint8_t>>(bundle);
+}
+
+// From the start: everything is bound, each step runs `times` times. Outputs as STEP.NAME, then the leaves.
+Values results(Program& program, const Job& job, const Values& start) {
+  for (const auto& [leaf, data] : start) must(program.bind(leaf, data));
+  const std::vector<std::string> steps = job.steps.empty() ? program.steps() : job.steps;
+  Values out;
+  std::set<std::string> leaves;
+  for (const std::string& step : steps) {
+    must(program.set_runs(step, 0));
+    must(program.run(step, job.times));
+    for (const std::string& name : program.outputs(step)) out[step + "." + name] = must(program.output(step, name));
+    for (const std::string& leaf : program.needed_leaves(step)) leaves.insert(leaf);
+  }
+  for (const std::string& leaf : leaves) out[leaf] = must(program.leaf(leaf));
+  return out;
+}
+
+const char* wanted() { return std::getenv("DR_SAME_BITS_RUNS"); }
+
+// The values of the first run.
+Values check_job(const test::NamedDevice& device, const Job& job, int runs) {
+  INFO(job.file.filename().string() << " on " << device.name);
+  const std::vector<uint8_t> bundle = compile(job, device.name);
+  Values first, start = job.data;
+  for (int build = 0; build < (wanted() ? 2 : 1); ++build) {
+    // Without the cache all of it runs each time.
+    Program program = must(Program::load(device.device, bundle, {.cache = false}));
+    for (const auto& leaf : program.leaves())
+      if (const auto it = job.sources.find(leaf.name); it != job.sources.end())
+        start.insert_or_assign(leaf.name, must(io::load_binding(it->second, leaf.components)));
+    for (const auto& [leaf, data] : start) must(program.bind(leaf, data));
+    // What has a value without being bound starts from it again, too.
+    for (const auto& leaf : program.leaves())
+      if (auto value = start.count(leaf.name) == 0 && !program.is_input(leaf.name) ? program.leaf(leaf.name)
+                                                                                   : io::Result<Array>(io::Error{});
+          value)
+        start.insert_or_assign(leaf.name, *value);
+    for (int run = 0; run < runs; ++run) {
+      Values now = results(program, job, start);
+      if (first.empty()) first = now;
+      REQUIRE(now.size() == first.size());
+      for (const auto& [name, value] : now)
+        if (value.bytes != first.at(name).bytes) FAIL_CHECK(name << " differs in run " << run << " of build " << build);
+    }
+  }
+  return first;
+}
+
+int wanted_runs() { return wanted() ? std::max(1, std::atoi(wanted())) : 2; }
+
+bool is_small(const std::vector<uint8_t>& bundle) { return bundle.size() < 128 * 1024; }
+bool runs_large(const test::NamedDevice& device) { return wanted() || device.name != "swiftshader"; }
+
+void check_messages(const test::NamedDevice& device) {
+  for (const std::string& message : device.device.validation_messages()) FAIL("validation: " << message);
+}
+
+}  // namespace
+
+TEST_CASE("programs give the same bits each time") {
+  for (const test::NamedDevice& device : test::devices()) {
+    size_t programs = 0, values = 0;
+    for (const Job& job : golden_programs()) {
+      if (!runs_large(device) && !is_small(compile(job, device.name))) continue;
+      values += check_job(device, job, wanted_runs()).size();
+      ++programs;
+    }
+    CHECK(programs >= 8);
+    std::printf("%-12s %zu values of %zu programs\n", device.name.c_str(), values, programs);
+    check_messages(device);
+  }
+}
+
+TEST_CASE("examples give the same bits each time") {
+  const fs::path examples = fs::path(DR_SOURCE_DIR) / "docs/examples";
+  const auto file = [&](const char* name) { return (examples / name).string(); };
+  for (const test::NamedDevice& device : test::devices()) {
+    if (!runs_large(device)) continue;
+    Values target = check_job(
+        device,
+        {examples / "render_target.dr",
+         {},
+         1,
+         {{"position", file("pear.obj:position")}, {"face", file("pear.obj:indices")}, {"view", file("views.json")}},
+         {},
+         {{"samples", "2"}}},
+        wanted_runs());
+    const std::string step =
+        must(Program::describe(compile({examples / "render_target.dr", {}, 1, {}, {}}, device.name))).steps()[0];
+    check_job(device,
+              {examples / "fit_sphere.dr",
+               {},
+               2,
+               {{"position", file("sphere.obj:position")},
+                {"face", file("sphere.obj:indices")},
+                {"view", file("views.json")}},
+               {{"target", target.at(step + ".target")}, {"photo", target.at(step + ".photo")}}},
+              wanted_runs());
+    check_messages(device);
+  }
+}
+
+TEST_CASE("the pear's example gives the same bits each time") {
+  const fs::path pear = fs::path(DR_SOURCE_DIR) / "docs/examples/pear";
+  for (const test::NamedDevice& device : test::devices()) {
+    if (!runs_large(device)) continue;
+    const std::map<std::string, std::string, std::less<>> small{{"W", "48"},      {"H", "48"},   {"T", "32"},
+                                                                {"samples", "2"}, {"fine", "6"}, {"coarse", "4"}};
+    const Values target = check_job(device, {pear / "target.dr", {}, 1, {}, {}, small}, wanted_runs());
+    Values data;
+    for (const char* name : {"position", "face", "uv", "uv_face"})
+      data[name] = target.at(std::string("meshes.") + name);
+    for (const char* name : {"view", "mask", "image"}) data[name] = target.at(std::string("render.") + name);
+    check_job(device, {pear / "fit.dr", {"fit_shape", "fit_texture", "measure_pictures"}, 2, {}, data, {{"T", "32"}}},
+              wanted_runs());
+    check_messages(device);
+  }
+}
