@@ -92,7 +92,11 @@ StepSchedule StepPacker::process() {
     position_[order_[k].index] = k;
     uses_[order_[k].index] = uses_of(graph_, graph_.op(order_[k]));
   }
-  find_steady();
+  const auto moving = options_.moving.find(step_.name);
+  steady_ = options_.prologue
+                ? steady_ops(graph_, step_, order_, uses_,
+                             moving == options_.moving.end() ? std::set<std::string>{} : moving->second)
+                : std::vector<bool>(graph_.op_count(), true);
   find_users();
   find_recomputable();
   if (options_.fused && options_.recompute) find_absorbed();
@@ -147,24 +151,6 @@ void StepPacker::find_recomputable() {
       cost = std::min(cost, kNotCheap);
     }
     recompute_cost_[id.index] = cost;
-  }
-}
-
-// Ops that depend on a leaf which the step updates, or others before each run, or on its counter. The others are its
-// prologue.
-void StepPacker::find_steady() {
-  steady_.assign(graph_.op_count(), !options_.prologue);
-  std::set<std::string> updated;
-  if (const auto moving = options_.moving.find(step_.name); moving != options_.moving.end()) updated = moving->second;
-  for (const ir::Update& u : step_.updates) updated.insert(graph_.leaves[u.leaf].name);
-  for (OpId id : order_) {
-    const Op& op = graph_.op(id);
-    const auto steady = [&](ValueId v) { return steady_[graph_.value(v).op.index]; };
-    const Uses& uses = uses_[id.index];
-    if (op.kind == OpKind::StepIndex || (op.kind == OpKind::Leaf && updated.count(op.attrs.text) != 0) ||
-        std::any_of(uses.at_element.begin(), uses.at_element.end(), steady) ||
-        std::any_of(uses.elsewhere.begin(), uses.elsewhere.end(), steady))
-      steady_[id.index] = true;
   }
 }
 

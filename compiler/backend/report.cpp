@@ -13,6 +13,32 @@
 
 namespace dr::backend {
 
+namespace {
+
+RunReport run_report(const ir::Graph& graph, const Compiled& compiled, size_t index, const target::Profile& profile,
+                     const ir::SymbolValues& symbols, bool steady) {
+  RunReport r;
+  StepSchedule step = compiled.schedule.steps[index];
+  if (steady) std::erase_if(step.passes, [](const Pass& pass) { return !pass.steady; });
+  std::set<uint32_t> stages;
+  for (const Pass& pass : step.passes) stages.insert(pass.stage);
+  r.passes = step.passes.size();
+  r.stages = stages.size();
+  r.expected_ns = step_cost(graph, compiled.schedule, step, profile, symbols).value_or(0);
+  for (const auto& command : compiled.bundle.steps[index]->commands) {
+    if (steady && !command->steady) continue;
+    for_each_access(*command, [&](uint32_t resource, bundle::Access access) {
+      const int64_t bytes = *resource_bytes(*compiled.bundle.resources[resource], symbols);
+      if (access != bundle::Access::Write) r.bytes_read += bytes;
+      if (access != bundle::Access::Read) r.bytes_written += bytes;
+    });
+  }
+  r.least = lower_bound(graph, graph.steps[index], symbols, steady).value_or(LowerBound{});
+  return r;
+}
+
+}  // namespace
+
 std::variant<Report, std::string> report(const ir::Graph& graph, const Compiled& compiled,
                                          const target::Profile& profile, const ir::SymbolValues& symbols) {
   const bundle::BundleT& bundle = compiled.bundle;
@@ -41,15 +67,9 @@ std::variant<Report, std::string> report(const ir::Graph& graph, const Compiled&
       }
     }
     r.ops = computed.size();
-    r.stages = step.passes.empty() ? 0 : step.passes.back().stage + 1;
-    r.expected_ns = step_cost(graph, compiled.schedule, step, profile, symbols).value_or(0);
     r.commands = bundle.steps[s]->commands.size();
-    for (const auto& command : bundle.steps[s]->commands)
-      for_each_access(*command, [&](uint32_t resource, bundle::Access access) {
-        const int64_t bytes = *resource_bytes(*bundle.resources[resource], symbols);
-        if (access != bundle::Access::Write) r.bytes_read += bytes;
-        if (access != bundle::Access::Read) r.bytes_written += bytes;
-      });
+    r.first = run_report(graph, compiled, s, profile, symbols, false);
+    r.steady = run_report(graph, compiled, s, profile, symbols, true);
     out.steps.push_back(std::move(r));
   }
   return out;
@@ -57,10 +77,19 @@ std::variant<Report, std::string> report(const ir::Graph& graph, const Compiled&
 
 namespace {
 
-size_t pass_count(const StepReport& step) {
-  size_t count = 0;
-  for (const auto& [kind, n] : step.passes) count += n;
-  return count;
+std::string bytes_text(const RunReport& run) {
+  return std::to_string(run.bytes_read + run.bytes_written) + " (" + std::to_string(run.bytes_read) + " read, " +
+         std::to_string(run.bytes_written) + " written)";
+}
+
+nlohmann::ordered_json run_json(const RunReport& run) {
+  return {{"passes", run.passes},
+          {"stages", run.stages},
+          {"expected_ns", run.expected_ns},
+          {"bytes_read", run.bytes_read},
+          {"bytes_written", run.bytes_written},
+          {"least_stages", run.least.stages},
+          {"least_bytes", run.least.bytes}};
 }
 
 }  // namespace
@@ -70,15 +99,21 @@ std::string print(const Report& report) {
   for (const StepReport& step : report.steps) {
     std::string kinds;
     for (const auto& [kind, n] : step.passes) kinds += (kinds.empty() ? "" : ", ") + std::to_string(n) + " " + kind;
-    out += "step " + step.name + ": " + std::to_string(step.ops) + " ops in " + std::to_string(pass_count(step)) +
-           " passes (" + kinds + ") in " + std::to_string(step.stages) + " stages, " + std::to_string(step.commands) +
-           " commands\n";
+    out += "step " + step.name + ": " + std::to_string(step.ops) + " ops in " + std::to_string(step.first.passes) +
+           " passes (" + kinds + ") in " + std::to_string(step.first.stages) + " stages, " +
+           std::to_string(step.commands) + " commands\n";
     char expected[64];
-    std::snprintf(expected, sizeof expected, "  expected time: %.3f ms\n", step.expected_ns * 1e-6);
+    std::snprintf(expected, sizeof expected, "  expected time: %.3f ms\n", step.first.expected_ns * 1e-6);
     out += expected;
     out += "  recomputed ops: " + std::to_string(step.recomputed) + "\n";
-    out += "  bytes moved: " + std::to_string(step.bytes_read + step.bytes_written) + " (" +
-           std::to_string(step.bytes_read) + " read, " + std::to_string(step.bytes_written) + " written)\n";
+    out += "  bytes moved: " + bytes_text(step.first) + "\n";
+    out += "  at least: " + std::to_string(step.first.least.stages) + " stages, " +
+           std::to_string(step.first.least.bytes) + " bytes\n";
+    std::snprintf(expected, sizeof expected, "%.3f ms", step.steady.expected_ns * 1e-6);
+    out += "  after the first run: " + std::to_string(step.steady.passes) + " passes in " +
+           std::to_string(step.steady.stages) + " stages, " + expected + ", bytes moved " + bytes_text(step.steady) +
+           ", at least " + std::to_string(step.steady.least.stages) + " stages, " +
+           std::to_string(step.steady.least.bytes) + " bytes\n";
   }
   const MemoryUse& m = report.memory;
   out += "memory: " + std::to_string(m.planned) + " bytes, " + std::to_string(m.lower_bound) + " needed at least, " +
@@ -95,12 +130,15 @@ std::string print_json(const Report& report) {
     root["steps"].push_back({{"name", step.name},
                              {"ops", step.ops},
                              {"passes", step.passes},
-                             {"stages", step.stages},
-                             {"expected_ns", step.expected_ns},
+                             {"stages", step.first.stages},
+                             {"expected_ns", step.first.expected_ns},
                              {"commands", step.commands},
                              {"recomputed_ops", step.recomputed},
-                             {"bytes_read", step.bytes_read},
-                             {"bytes_written", step.bytes_written}});
+                             {"bytes_read", step.first.bytes_read},
+                             {"bytes_written", step.first.bytes_written},
+                             {"least_stages", step.first.least.stages},
+                             {"least_bytes", step.first.least.bytes},
+                             {"after_the_first_run", run_json(step.steady)}});
   root["memory"] = {{"planned", report.memory.planned},
                     {"lower_bound", report.memory.lower_bound},
                     {"unshared", report.memory.unshared},

@@ -8,9 +8,19 @@
 #include <vector>
 
 #include "compiler/backend/compile.h"
+#include "compiler/backend/lower_bound.h"
 #include "compiler/backend/plan_memory.h"
 
 namespace dr::backend {
+
+// What a run takes.
+struct RunReport {
+  size_t passes = 0;
+  size_t stages = 0;
+  double expected_ns = 0;                     // by the profile's costs
+  int64_t bytes_read = 0, bytes_written = 0;  // every resource once a command
+  LowerBound least;
+};
 
 struct StepReport {
   std::string name;
@@ -18,9 +28,8 @@ struct StepReport {
   std::map<std::string, size_t> passes;  // by kind
   size_t commands = 0;                   // of the bundle
   size_t recomputed = 0;                 // ops that stand in a pass although another computes them too
-  size_t stages = 0;
-  double expected_ns = 0;                     // by the profile's costs
-  int64_t bytes_read = 0, bytes_written = 0;  // every resource once a command
+  RunReport first;                       // with the prologue
+  RunReport steady;                      // later runs, as long as the host binds nothing anew
 };
 
 struct Report {

@@ -72,7 +72,6 @@ class StepPacker {
   const Op& def(ValueId v) const { return graph_.op(graph_.value(v).op); }
   bool recomputable(ValueId v, OpId user) const;  // where `user` uses it
   void find_recomputable();
-  void find_steady();
   void find_users();
   void find_levels();
   bool is_image(ValueId v) const;  // how it is stored, if it is

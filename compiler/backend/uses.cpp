@@ -2,6 +2,10 @@
 // Uses of values, op by op.
 #include "compiler/backend/uses.h"
 
+#include <algorithm>
+#include <set>
+#include <string>
+
 namespace dr::backend {
 
 using ir::Graph;
@@ -53,6 +57,20 @@ Uses uses_of(const Graph& graph, const Op& op) {
   }
   for (ir::RegionId region : op.regions) add_region_uses(graph, region, uses);
   return uses;
+}
+
+std::vector<bool> steady_ops(const Graph& graph, const ir::Step& step, std::span<const OpId> order,
+                             std::span<const Uses> uses, std::set<std::string> moving) {
+  std::vector<bool> is_steady(graph.op_count(), false);
+  for (const ir::Update& u : step.updates) moving.insert(graph.leaves[u.leaf].name);
+  const auto steady = [&](ValueId v) { return is_steady[graph.value(v).op.index]; };
+  for (OpId id : order) {
+    const Op& op = graph.op(id);
+    if (op.kind == OpKind::StepIndex || (op.kind == OpKind::Leaf && moving.count(op.attrs.text) != 0) ||
+        std::ranges::any_of(uses[id.index].at_element, steady) || std::ranges::any_of(uses[id.index].elsewhere, steady))
+      is_steady[id.index] = true;
+  }
+  return is_steady;
 }
 
 }  // namespace dr::backend

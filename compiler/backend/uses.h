@@ -2,6 +2,9 @@
 // How ops of the root region use values, which is what decides where they can be computed.
 #pragma once
 
+#include <set>
+#include <span>
+#include <string>
 #include <vector>
 
 #include "compiler/ir/graph.h"
@@ -19,5 +22,11 @@ struct Uses {
   std::vector<ir::ValueId> elsewhere;
 };
 Uses uses_of(const ir::Graph& graph, const ir::Op& op);
+
+// Which ops depend on a leaf that the step updates or that is among the `moving` ones, or on its counter, by OpId index;
+// the others are its prologue.
+// `order`: root ops, operands before users; `uses` by OpId index.
+std::vector<bool> steady_ops(const ir::Graph& graph, const ir::Step& step, std::span<const ir::OpId> order,
+                             std::span<const Uses> uses, std::set<std::string> moving = {});
 
 }  // namespace dr::backend

@@ -2,7 +2,9 @@
 // Schedules of one program: how many passes and stages each profile takes, and whether the costs that a profile
 // predicts put schedules into the order in which a device runs them.
 //
-//   bench_schedules FILE tables PROGRAM NAME=NUMBER...            passes, stages and bytes by profile and ablation
+//   bench_schedules FILE tables PROGRAM NAME=NUMBER...            passes, stages and bytes by profile and ablation, of
+//   a
+//                                                                 first run and of later ones, beside lower bounds
 //   bench_schedules FILE order PROGRAM [DEVICE] NAME=NUMBER... LEAF=SOURCE...    predicted against measured times of 50
 #include <algorithm>
 #include <chrono>
@@ -100,29 +102,38 @@ void tables(std::FILE* file, const std::string& program, const std::vector<std::
       {"-substages", {.ablate = {"substages"}}},
       {"naive", {.pack = "naive"}},
   };
-  std::printf("%-18s %-16s %-10s %6s %9s %7s %9s %10s\n", "step", "profile", "packing", "ops", "substages", "stages",
-              "MB moved", "expected ms");
-  std::vector<std::string> profiles = target::builtin_profiles();
-  for (size_t s = 0; s < graph.steps.size(); ++s) {
-    for (const std::string& name : profiles) {
-      const auto profile = must(target::load_profile(name));
-      for (const auto& [title, way] : ways) {
-        const backend::Compiled compiled = compile(graph, profile, way);
-        const backend::Report report = must(backend::report(graph, compiled, profile, symbols));
+  // What a way gives of a step, by step, in the order of profiles and ways.
+  std::vector<std::vector<std::string>> lines(graph.steps.size());
+  for (const std::string& name : target::builtin_profiles()) {
+    const auto profile = must(target::load_profile(name));
+    for (const auto& [title, way] : ways) {
+      const backend::Report report = must(backend::report(graph, compile(graph, profile, way), profile, symbols));
+      for (size_t s = 0; s < report.steps.size(); ++s) {
         const backend::StepReport& step = report.steps[s];
-        size_t passes = 0;
-        for (const auto& [kind, count] : step.passes) passes += count;
-        const double megabytes = 1e-6 * static_cast<double>(step.bytes_read + step.bytes_written);
-        std::printf("%-18s %-16s %-10s %6zu %9zu %7zu %9.1f %10.2f\n", step.name.c_str(), name.c_str(), title, step.ops,
-                    passes, step.stages, megabytes, 1e-6 * step.expected_ns);
-        std::fprintf(
-            file,
-            "{\"bench\": \"schedules\", \"step\": \"%s\", \"profile\": \"%s\", \"packing\": \"%s\", \"ops\": %zu, "
-            "\"substages\": %zu, \"stages\": %zu, \"megabytes\": %.3f, \"expected_ms\": %.4f}\n",
-            step.name.c_str(), name.c_str(), title, step.ops, passes, step.stages, megabytes, 1e-6 * step.expected_ns);
+        const auto print = [&](const char* runs, const backend::RunReport& run) {
+          const double megabytes = 1e-6 * static_cast<double>(run.bytes_read + run.bytes_written);
+          const double least = 1e-6 * static_cast<double>(run.least.bytes);
+          char line[200];
+          std::snprintf(line, sizeof line, "%-17s %-15s %-11s %-6s %5zu %9zu %6zu (%2zu) %7.1f (%5.1f) %9.2f\n",
+                        step.name.c_str(), name.c_str(), title, runs, step.ops, run.passes, run.stages,
+                        run.least.stages, megabytes, least, 1e-6 * run.expected_ns);
+          lines[s].emplace_back(line);
+          std::fprintf(file,
+                       "{\"bench\": \"schedules\", \"step\": \"%s\", \"profile\": \"%s\", \"packing\": \"%s\", "
+                       "\"runs\": \"%s\", \"ops\": %zu, \"substages\": %zu, \"stages\": %zu, \"least_stages\": %zu, "
+                       "\"megabytes\": %.3f, \"least_megabytes\": %.3f, \"expected_ms\": %.4f}\n",
+                       step.name.c_str(), name.c_str(), title, runs, step.ops, run.passes, run.stages, run.least.stages,
+                       megabytes, least, 1e-6 * run.expected_ns);
+        };
+        print("first", step.first);
+        if (way.ablate.empty() && way.pack == "fused") print("later", step.steady);
       }
     }
   }
+  std::printf("In brackets: what no schedule can do without.\n%-17s %-15s %-11s %-6s %5s %9s %11s %15s %9s\n", "step",
+              "profile", "packing", "runs", "ops", "substages", "stages", "MB moved", "exp. ms");
+  for (const auto& of_step : lines)
+    for (const std::string& line : of_step) std::fputs(line.c_str(), stdout);
 }
 
 // ---- order ----
@@ -220,7 +231,7 @@ void order(std::FILE* file, const std::string& program, std::vector<std::string>
     for (int round = 0; round < 7; ++round) times.push_back(milliseconds(std::max(2, static_cast<int>(20 / warm))));
     std::sort(times.begin(), times.end());
     const backend::Report report = must(backend::report(graph, compiled, profile, symbols));
-    predicted.push_back(1e-6 * report.steps[0].expected_ns);
+    predicted.push_back(1e-6 * report.steps[0].first.expected_ns);
     measured.push_back(times[times.size() / 2]);
     std::printf("%-52s %12.3f %12.3f\n", way.str().c_str(), predicted.back(), measured.back());
     std::fflush(stdout);

@@ -6,6 +6,7 @@
 #include <random>
 
 #include "compiler/backend/cost.h"
+#include "compiler/backend/lower_bound.h"
 #include "compiler/ops/emit.h"
 #include "tests/catch.h"
 #include "tests/unit/backend/pack_exhaustive.h"
@@ -86,6 +87,34 @@ TEST_CASE("random graphs have sound schedules on every profile, whatever is swit
       }
     }
   }
+}
+
+TEST_CASE("no schedule does with less than the lower bound") {
+  const ir::SymbolValues symbols{{"W", 256}, {"H", 256}, {"V", 5000}};
+  size_t tight = 0;
+  for (uint64_t seed = 0; seed < 200; ++seed) {
+    const ir::Graph g = small_graph(seed);
+    const target::Profile p = profile("nvidia-h200");
+    const Schedule s = pack(g, p, {});
+    const StepSchedule& step = s.steps[0];
+    int64_t moved = 0;
+    for (const Pass& pass : step.passes)
+      for (const auto* values : {&pass.reads, &pass.writes})
+        for (ValueId v : *values) {
+          const ir::ValueInfo& info = g.value(v);
+          moved += 4 * info.type.components() * *(info.extent.w * info.extent.h * info.extent.l).evaluate(symbols);
+        }
+    INFO("seed " << seed);
+    const auto least = lower_bound(g, g.steps[0], symbols, false);
+    REQUIRE(least);
+    CHECK(stage_count(s) >= least->stages);
+    CHECK(moved >= least->bytes);
+    if (stage_count(s) == least->stages && moved == least->bytes) ++tight;
+    // Nothing changes, so nothing is left for later runs.
+    CHECK(lower_bound(g, g.steps[0], symbols, true)->bytes == 0);
+  }
+  CHECK(tight > 20);
+  CHECK_FALSE(lower_bound(small_graph(1), small_graph(1).steps[0], {}, false));
 }
 
 TEST_CASE("greedy packing stays near the best schedule of small graphs") {
