@@ -32,6 +32,12 @@ def picture(image):
     return (x * 255.0 + 0.5).astype(np.uint8)
 
 
+def cropped(pixels, shown, margin=10):
+    """Without the borders where nothing is `shown`."""
+    ys, xs = (np.flatnonzero(shown.any(axis=axis)) for axis in (1, 0))
+    return pixels[max(ys[0] - margin, 0):ys[-1] + margin + 1, max(xs[0] - margin, 0):xs[-1] + margin + 1]
+
+
 def png(pixels):
     memory = io.BytesIO()
     plt.imsave(memory, pixels, format="png")
@@ -113,6 +119,7 @@ def main():
 
     # Each camera: what was given, the start, the shape, and the result.
     mask, image = load("target/mask"), load("target/image")
+    shown = np.maximum(mask.max(axis=0), (load("start/shaded").min(axis=(0, 3)) < 1.0))
     rows = []
     for k in range(len(mask)):
         cells = []
@@ -122,7 +129,7 @@ def main():
             ("shape", load("shape/shaded")[k]),
             ("after", load("fit/picture")[k] + (load("fit/picture")[k].sum(-1) == 0)[..., None]),
         ):
-            data = png(picture(pixels))
+            data = png(picture(cropped(pixels, shown)))
             (out / f"view_{k}_{name}.png").write_bytes(data)
             cells.append(f'<img src="{inline(data)}" alt="view {k}, {name}">')
         rows.append("<tr><td>" + "</td><td>".join(cells) + "</td></tr>")
