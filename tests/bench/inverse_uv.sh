@@ -1,0 +1,74 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# inverse_uv.sh BUILD_FOLDER [STEPS]: the pear's texture by exact gradients of texels and by inverse UV, each with the best
+# of three rates: how far the texels that pictures show are from the truth, over iterations and over seconds. A table on
+# stdout, bench-out/inverse_uv/plot.png and figures.json. DR_DEVICE chooses the device; without it, lavapipe.
+set -euo pipefail
+build=$(cd "$1" && pwd)
+steps=${2:-200}
+root=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/../.." && pwd)
+out=$PWD/bench-out/inverse_uv
+mkdir -p "$out"
+if [[ -z ${DR_DEVICE-} && -n ${DR_LAVAPIPE_ICD-} ]]; then export VK_ICD_FILENAMES=$DR_LAVAPIPE_ICD VK_DRIVER_FILES=$DR_LAVAPIPE_ICD; fi
+run() { "$build/bin/drun" "$@" --device "${DR_DEVICE-}" > "$out/run.txt" || { cat "$out/run.txt"; exit 1; }; }
+target=$out/target
+run "$root/docs/examples/pear/target.dr" --step render --step meshes --out "$target"
+fit() {  # fit INVERSE RATE TRUTH STEPS OUT
+  run "$root/tests/bench/inverse_uv.dr" -I "$root/docs/examples/pear" -D "inverse=$1" -D "rate=$2" -D "truth_too=$3" \
+    --bind "position=$target/pear_position.npy" --bind "face=$target/pear_face.npy" --bind "uv=$target/pear_uv.npy" \
+    --bind "uv_face=$target/pear_uv_face.npy" --bind "view=$target/view.npy" --bind "mask=$target/mask.npy" \
+    --bind "image=$target/image.npy" --step "fit=$4" --log-every 5 --out "$5"
+}
+now() { date +%s%N; }
+for inverse in false true; do
+  for rate in 0.2 0.05 0.0125; do fit "$inverse" "$rate" true "$steps" "$out/${inverse}_$rate"; done
+  # Time of an iteration: the best of three runs of 21 less the best of three runs of one.
+  best_1='' best_21=''
+  for _ in 1 2 3; do
+    for count in 1 21; do
+      begin=$(now)
+      fit "$inverse" 0.05 false "$count" "$out/timed"
+      took=$(($(now) - begin))
+      declare -n best=best_$count
+      if [[ -z $best || $took -lt $best ]]; then best=$took; fi
+    done
+  done
+  echo "$(((best_21 - best_1) / 20))" > "$out/$inverse.ns"
+done
+
+/usr/bin/python3 - "$out" << 'END'
+import json, sys
+from pathlib import Path
+import matplotlib
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+out = Path(sys.argv[1])
+figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.4), dpi=120, sharey=True)
+figures = []
+for inverse, name, color in (("false", "exact scatter", "#7a9a2b"), ("true", "inverse UV", "#c8963c")):
+    runs = {}
+    for rate in ("0.2", "0.05", "0.0125"):
+        log = [json.loads(line) for line in (out / f"{inverse}_{rate}" / "log.jsonl").read_text().splitlines()]
+        runs[rate] = [(r["run"], r["texel_error"]) for r in log]
+    rate = min(runs, key=lambda r: runs[r][-1][1])
+    seconds = int((out / f"{inverse}.ns").read_text()) * 1e-9
+    runs_of, errors = zip(*runs[rate])
+    left.plot(runs_of, errors, color=color, label=f"{name}, rate {rate}")
+    right.plot([seconds * r for r in runs_of], errors, color=color, label=name)
+    # What each needs to come within 0.02 of the truth.
+    reached = next((r for r, e in runs[rate] if e <= 0.02), None)
+    figures.append({"gradients": name, "rate": float(rate), "iteration_ms": 1000 * seconds, "error": errors[-1],
+                    "iterations_to_0.02": reached, "seconds_to_0.02": None if reached is None else reached * seconds})
+    there = "not reached" if reached is None else f"{reached:4d} iterations, {reached * seconds:6.2f} s"
+    print(f"{name:<14} rate {rate:<7} {1000 * seconds:7.1f} ms an iteration; error {errors[-1]:.4f} at the end, 0.02 after {there}")
+left.set_xlabel("iterations")
+right.set_xlabel("seconds")
+left.set_ylabel("texel error (rms)")
+for axes in (left, right):
+    axes.set_yscale("log")
+    axes.grid(alpha=0.25, which="both")
+    axes.legend(frameon=False)
+figure.tight_layout()
+figure.savefig(out / "plot.png")
+(out / "figures.json").write_text(json.dumps(figures, indent=1))
+END
