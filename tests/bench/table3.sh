@@ -8,7 +8,7 @@ shift
 rounds=15 device=''
 while (($# > 0)); do
   case $1 in
-    --quick) rounds=3 ;;
+    --quick) rounds=5 ;;
     --device) device=${2-}; [[ -n $device ]] || { echo "table3.sh: --device takes a name" >&2; exit 2; }; shift ;;
     *) echo "table3.sh: unknown option $1 (--quick, --device NAME)" >&2; exit 2 ;;
   esac
