@@ -20,9 +20,11 @@ drun, program, mesh, frames, device = *sys.argv[1:4], int(sys.argv[4]), sys.argv
 def run(size, layers, frames):
     """Wall and processor time of a whole run, in ms."""
     before, begin = os.times(), time.monotonic()
-    subprocess.run([drun, program, "-D", f"S={size}", "-D", f"K={layers}", "--bind", f"position={mesh}:position", "--bind",
-                    f"face={mesh}:indices", "--step", f"frame={frames}", "--log-every", str(frames), "--device", device],
-                   check=True, stdout=subprocess.DEVNULL)
+    done = subprocess.run([drun, program, "-D", f"S={size}", "-D", f"K={layers}", "--bind", f"position={mesh}:position", "--bind",
+                           f"face={mesh}:indices", "--step", f"frame={frames}", "--log-every", str(frames), "--device",
+                           device], capture_output=True, text=True)
+    if done.returncode != 0:
+        sys.exit(done.stderr)
     wall, after = time.monotonic() - begin, os.times()
     used = after.children_user + after.children_system - before.children_user - before.children_system
     return 1000 * wall, 1000 * used

@@ -15,7 +15,7 @@ target=$out/target
 run "$root/docs/examples/pear/target.dr" --step render --step meshes --out "$target"
 fit() {  # fit INVERSE RATE TRUTH STEPS OUT
   run "$root/tests/bench/inverse_uv.dr" -I "$root/docs/examples/pear" -D "inverse=$1" -D "rate=$2" -D "truth_too=$3" \
-    --bind "position=$target/pear_position.npy" --bind "face=$target/pear_face.npy" --bind "uv=$target/pear_uv.npy" \
+    -D "steps=$steps" --bind "position=$target/pear_position.npy" --bind "face=$target/pear_face.npy" --bind "uv=$target/pear_uv.npy" \
     --bind "uv_face=$target/pear_uv_face.npy" --bind "view=$target/view.npy" --bind "mask=$target/mask.npy" \
     --bind "image=$target/image.npy" --step "fit=$4" --log-every 5 --out "$5"
 }
