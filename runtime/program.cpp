@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The public functions: there is no policy here, and exceptions stay inside.
 #include <algorithm>
+#include <map>
 
 #include "runtime/state.h"
 
@@ -55,10 +56,15 @@ std::unique_ptr<Program::State> Program::State::load(std::shared_ptr<DeviceState
   state->options = options;
   if (!state->device) return state;
   for (const std::string& feature : state->bundle.features) {
-    const bool floats = feature == "shader_buffer_float32_atomic_add";
-    const bool known = floats || feature == "shader_int64" || feature == "shader_buffer_int64_atomics";
-    if (!known) throw Failure{"the bundle needs the feature '" + feature + "', which this runtime does not know"};
-    if (!(floats ? state->device->float_atomics : state->device->int64_atomics))
+    const DeviceState& d = *state->device;
+    const std::map<std::string_view, bool> known = {{"shader_buffer_float32_atomic_add", d.float_atomics},
+                                                    {"shader_int64", d.int64_atomics},
+                                                    {"shader_buffer_int64_atomics", d.int64_atomics},
+                                                    {"subgroup_arithmetic", d.subgroup_arithmetic}};
+    const auto it = known.find(feature);
+    if (it == known.end())
+      throw Failure{"the bundle needs the feature '" + feature + "', which this runtime does not know"};
+    if (!it->second)
       throw Failure{"the bundle was built for profile '" + state->bundle.profile + "' and needs the feature '" +
                     feature + "', which the device lacks; build it for the device's own profile"};
   }

@@ -68,6 +68,12 @@ class Generator {
     shader.extension("GL_EXT_shader_atomic_int64");
   }
 
+  static void subgroup_extensions(glsl::Shader& shader) {
+    shader.extension("GL_KHR_shader_subgroup_basic");
+    shader.extension("GL_KHR_shader_subgroup_ballot");
+    shader.extension("GL_KHR_shader_subgroup_arithmetic");
+  }
+
   int add_shader(const std::string& name, bundle::Stage stage, std::string source);
   uint32_t add_scratch(const std::string& name, const std::string& words);
   bundle::CommandT& command(bundle::CommandKind kind, const std::string& label);

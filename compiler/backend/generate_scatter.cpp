@@ -7,6 +7,7 @@
 
 #include "compiler/backend/generate.h"
 #include "compiler/backend/glsl/fixed_point.h"
+#include "compiler/backend/legalize_scatter.h"
 #include "compiler/backend/uses.h"
 #include "compiler/ir/yields.h"
 
@@ -74,6 +75,20 @@ std::string count_bits(int most, const ir::Extent& domain, const std::string& bu
   int bits = 1;
   while ((1 << (bits - 1)) < most) ++bits;
   return "findMSB(uint(" + dim_expression(element_count(domain)) + ")) + " + std::to_string(bits);
+}
+
+// Lanes of a subgroup that add to the same element join their parts, and one of them goes on: for kJoinRounds elements,
+// those of its first lanes. Lanes left over go on alone.
+template <class Part>
+std::string join_lanes(int n, const Part& part) {
+  std::string out = "  for (int round = 0; round < " + std::to_string(kJoinRounds) +
+                    "; ++round) {\n    bool same = subgroupBroadcastFirst(element) == element;\n"
+                    "    uvec4 lanes = subgroupBallot(same);\n    if (same) {\n"
+                    "      if (subgroupBallotBitCount(lanes) > 1u) {\n";
+  for (int c = 0; c < n; ++c) out += "        " + part(c) + " = fixed_subgroup_add(" + part(c) + ");\n";
+  out +=
+      "        flags = subgroupOr(flags);\n        if (!subgroupElect()) return;\n      }\n      break;\n    }\n  }\n";
+  return out;
 }
 
 }  // namespace
@@ -193,8 +208,10 @@ void Generator::scatter_pass(const Pass& pass) {
       const std::string buffer =
           s.bind_words(t.words, "sums_" + id, bundle::Access::ReadWrite, wide ? "uint64_t" : "uint");
       if (wide) wide_extensions(s);
+      if (pass.join_lanes) subgroup_extensions(s);
       s.prelude(glsl::kFixedShift);
       s.prelude(glsl::kFixedFromFloat);
+      s.prelude(pass.join_lanes ? glsl::kFixedSubgroup : "");
       s.declare("uint largest_" + id + " = 0u" + (t.most < 0 ? ", count_" + id + " = 0u" : "") + ";\nint shift_" + id +
                 " = 0;\n");
       s.prelude(t.most < 0 ? kCountBits : "");
@@ -208,26 +225,32 @@ void Generator::scatter_pass(const Pass& pass) {
         body += "    largest_" + id + " = max(largest_" + id + ", finite_magnitude(" + component(r.type, "value", c) +
                 "));\n";
       if (lists) body += "    adds |= " + any_bits(r.type, "value") + ";\n";
-      body += "    return;\n  }\n  uint flags = 0u;\n  uvec2 part;\n";
+      body += "    return;\n  }\n  uint flags = 0u;\n";
+      const auto part = [](int c) { return "part_" + std::to_string(c); };
       for (int c = 0; c < n; ++c) {
         const std::string x = component(r.type, "value", c);
         body += "  flags |= special_flag(" + x + ") << " + std::to_string(4 * c) + ";\n";
-        body += "  part = fixed_from_float(" + x + ", shift_" + id + ");\n";
+        body += "  uvec2 " + part(c) + " = fixed_from_float(" + x + ", shift_" + id + ");\n";
+      }
+      if (pass.join_lanes) body += join_lanes(n, part);
+      for (int c = 0; c < n; ++c) {
         if (wide) {
-          body += "  if (part != uvec2(0u)) atomicAdd(" + buffer + ".d[" + word_of("element", n, c) +
-                  "], packUint2x32(part));\n";
+          body += "  if (" + part(c) + " != uvec2(0u)) atomicAdd(" + buffer + ".d[" + word_of("element", n, c) +
+                  "], packUint2x32(" + part(c) + "));\n";
         } else {
           const std::string word = word_of("element", 2 * n, 2 * c);
-          body += "  if (part != uvec2(0u)) {\n    uint old = atomicAdd(" + buffer + ".d[" + word +
-                  "], part.x);\n    atomicAdd(" + buffer + ".d[" + word_of("element", 2 * n, 2 * c + 1) +
-                  "], part.y + (old + part.x < old ? 1u : 0u));\n  }\n";
+          body += "  if (" + part(c) + " != uvec2(0u)) {\n    uint old = atomicAdd(" + buffer + ".d[" + word + "], " +
+                  part(c) + ".x);\n    atomicAdd(" + buffer + ".d[" + word_of("element", 2 * n, 2 * c + 1) + "], " +
+                  part(c) + ".y + (old + " + part(c) + ".x < old ? 1u : 0u));\n  }\n";
         }
       }
       body += "  if (flags != 0u) atomicOr(" + buffer + ".d[" + flags + "], " + (wide ? "uint64_t(flags)" : "flags") +
               ");\n";
       const std::string word = wide ? "uint64_t" : "uint";
-      finish += "  if (pc.a == 0 && largest_" + id + " != 0u) atomicMax(" + buffer + ".d[0], " + word + "(largest_" +
-                id + "));\n";
+      const std::string elect = pass.join_lanes ? " && subgroupElect()" : "";
+      if (pass.join_lanes) finish += "  largest_" + id + " = subgroupMax(largest_" + id + ");\n";
+      finish += "  if (pc.a == 0 && largest_" + id + " != 0u" + elect + ") atomicMax(" + buffer + ".d[0], " + word +
+                "(largest_" + id + "));\n";
       if (t.most < 0)
         finish += "  if (pc.a == 0 && count_" + id + " != 0u) atomicAdd(" + buffer + ".d[1], " + word + "(count_" + id +
                   "));\n";

@@ -3,6 +3,7 @@
 #include "compiler/backend/legalize_scatter.h"
 
 #include <algorithm>
+#include <cmath>
 #include <set>
 
 #include "compiler/backend/limits.h"
@@ -76,6 +77,7 @@ class StepLegalizer {
     for (Pass& pass : step_.passes)
       if (!pass.sums.empty()) {
         choose(pass);
+        pass.join_lanes = pass.scatter == ScatterLowering::Exact && joining_pays(pass);
         choose_active(pass);
       }
     return joined;
@@ -83,6 +85,7 @@ class StepLegalizer {
 
  private:
   const Op& def(ValueId v) const { return graph_.op(graph_.value(v).op); }
+  bool is_processor() const { return profile_.costs.compute_operations_per_ns < 64; }
   const Resource& resource(ValueId v) const { return schedule_.resources[step_.stored.at(v).index]; }
 
   void index_passes() {
@@ -330,6 +333,24 @@ class StepLegalizer {
     constexpr uint32_t kTable = 3;  // starts, items, sums of blocks
     if (!fits(profile_, bindings(pass.reads, pass.writes.size(), false, kTable))) return std::nullopt;
     return rows;
+  }
+
+  // Lanes beside each other often add to one element, and atomics of one element wait for each other. Where none do,
+  // joining is in vain: it has to cost little beside the atomics. On a processor, where a thread has all lanes of a
+  // subgroup, atomics do not wait, and sums over lanes go lane by lane.
+  bool joining_pays(const Pass& pass) const {
+    if (!profile_.subgroup_arithmetic || profile_.subgroup_size < 2 || profile_.subgroup_size > kMaxJoinedLanes ||
+        is_processor())
+      return false;
+    double joins = 0, words = 0;
+    for (const ScatterSum& sum : pass.sums) {
+      const ir::Type& type = graph_.value(sum.value).type;
+      if (!type.is_float()) continue;
+      joins += kJoinRounds * (6 + 6 * type.components() * std::log2(profile_.subgroup_size));  // operations
+      words += (profile_.shader_int64 && profile_.shader_buffer_int64_atomics ? 1 : 2) * type.components();
+    }
+    constexpr double kLittle = 0.25;
+    return joins / profile_.costs.compute_operations_per_ns < kLittle * words * profile_.costs.atomic_add_ns;
   }
 
   // A contribution costs a row its number and two loads, and an exact sum three words of atomics and their clearing.

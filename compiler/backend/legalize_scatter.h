@@ -7,6 +7,7 @@
 //
 // Exact  64-bit fixed point numbers whose exponent is that of the largest contribution, added by atomics: independent
 //        of order, correct to about 2^-38 of the largest contribution.
+//        Where atomics are dear, the lanes of a subgroup that add to one element join what they add first.
 // Rows   a gather: the host makes the inverse of an index that is a column of an input. The same numbers, summed in
 //        registers with an exponent of each row's own.
 // Atomic float atomics: the sum depends on order, and differs from run to run. Never chosen by itself.
@@ -18,6 +19,11 @@
 #include "compiler/backend/schedule.h"
 
 namespace dr::backend {
+
+// Lanes that join what they add to one element do so for so many elements of a subgroup, which has so many lanes at
+// most.
+inline constexpr int kJoinRounds = 2;
+inline constexpr uint32_t kMaxJoinedLanes = 128;
 
 enum class ScatterLower : uint8_t { Auto, Exact, Rows, Atomic };
 

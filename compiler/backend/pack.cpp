@@ -93,10 +93,9 @@ StepSchedule StepPacker::process() {
     uses_[order_[k].index] = uses_of(graph_, graph_.op(order_[k]));
   }
   const auto moving = options_.moving.find(step_.name);
-  steady_ = options_.prologue
-                ? steady_ops(graph_, step_, order_, uses_,
-                             moving == options_.moving.end() ? std::set<std::string>{} : moving->second)
-                : std::vector<bool>(graph_.op_count(), true);
+  steady_ = options_.prologue ? steady_ops(graph_, step_, order_, uses_,
+                                           moving == options_.moving.end() ? std::set<std::string>{} : moving->second)
+                              : std::vector<bool>(graph_.op_count(), true);
   find_users();
   find_recomputable();
   if (options_.fused && options_.recompute) find_absorbed();

@@ -194,6 +194,7 @@ std::string print(const Graph& graph, const Schedule& schedule) {
         for (size_t i = 0; i < pass.active[c].size(); ++i)
           out += (i > 0 ? " and " : c > 0 ? ", or " : " ") + value_text(step, pass.active[c][i]);
       if (!pass.active.empty()) out += "\n";
+      if (pass.join_lanes) out += "    join lanes\n";
       if (pass.relist) out += "    relist\n";
       if (pass.scatter == ScatterLowering::Rows) {
         out += "    rows " + schedule.resources[pass.rows.leaf].name + "[";

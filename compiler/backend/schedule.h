@@ -70,7 +70,8 @@ struct Pass {
   // Elements that may add something are listed first and only they run: those for which all values of one of these are
   // true or not zero. Empty: all elements run.
   std::vector<std::vector<ir::ValueId>> active;
-  bool relist = false;  // the first run of an exact pass lists what adds something for the second
+  bool join_lanes = false;  // Exact: lanes of a subgroup that add to the same element join what they add
+  bool relist = false;      // the first run of an exact pass lists what adds something for the second
 };
 
 struct StepSchedule {

@@ -23,9 +23,8 @@ struct Uses {
 };
 Uses uses_of(const ir::Graph& graph, const ir::Op& op);
 
-// Which ops depend on a leaf that the step updates or that is among the `moving` ones, or on its counter, by OpId index;
-// the others are its prologue.
-// `order`: root ops, operands before users; `uses` by OpId index.
+// Which ops depend on a leaf that the step updates or that is among the `moving` ones, or on its counter, by OpId
+// index; the others are its prologue. `order`: root ops, operands before users; `uses` by OpId index.
 std::vector<bool> steady_ops(const ir::Graph& graph, const ir::Step& step, std::span<const ir::OpId> order,
                              std::span<const Uses> uses, std::set<std::string> moving = {});
 

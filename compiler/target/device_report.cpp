@@ -2,6 +2,7 @@
 // Limits and features of a device as tools report them.
 #include "compiler/target/device_report.h"
 
+#include <algorithm>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <string_view>
@@ -83,6 +84,15 @@ class Reader {
     else
       fail(name, "should be true or false");
   }
+  // Flags are a list of names, or a number. False where the report does not have the field.
+  bool has_flag(const char* name, const char* flag, uint64_t bit) {
+    const json* value = report_.field(name);
+    if (value == nullptr) return false;
+    if (value->is_array()) return std::find(value->begin(), value->end(), flag) != value->end();
+    if (value->is_number_unsigned()) return (value->get<uint64_t>() & bit) != 0;
+    fail(name, "should be a list of flags");
+    return false;
+  }
   const json* required(const char* name) {
     const json* value = report_.field(name);
     if (value == nullptr) fail(name, "is missing");
@@ -147,9 +157,12 @@ std::variant<Profile, std::string> profile_from_report(const json& root) {
   r.limit("maxStorageBufferRange", p.max_storage_buffer_range);
   p.max_multiview_view_count = 0;
   p.subgroup_size = 1;
-  p.shader_buffer_int64_atomics = p.shader_buffer_float32_atomic_add = false;
+  p.subgroup_arithmetic = p.shader_buffer_int64_atomics = p.shader_buffer_float32_atomic_add = false;
   r.optional_limit("maxMultiviewViewCount", p.max_multiview_view_count);
   r.optional_limit("subgroupSize", p.subgroup_size);
+  for (const char* operations : {"subgroupSupportedOperations", "supportedOperations"})
+    p.subgroup_arithmetic = p.subgroup_arithmetic || (r.has_flag(operations, "VK_SUBGROUP_FEATURE_ARITHMETIC_BIT", 4) &&
+                                                      r.has_flag(operations, "VK_SUBGROUP_FEATURE_BALLOT_BIT", 8));
   r.feature("shaderInt64", p.shader_int64, true);
   r.feature("fragmentStoresAndAtomics", p.fragment_stores_and_atomics, true);
   r.feature("geometryShader", p.geometry_shader, true);

@@ -57,6 +57,7 @@ struct Profile {
   uint32_t subgroup_size = 1;
   uint64_t max_storage_buffer_range = 1u << 27;
   // Features.
+  bool subgroup_arithmetic = false;  // ballots and sums over the lanes of a subgroup, in compute shaders
   bool shader_int64 = false;
   bool shader_buffer_int64_atomics = false;
   bool shader_buffer_float32_atomic_add = false;

@@ -165,6 +165,12 @@ std::shared_ptr<DeviceState> open_device(const DeviceOptions& options) {
   get(*state->physical, reinterpret_cast<VkPhysicalDeviceFeatures2*>(&features));
   state->int64 = features.features.shaderInt64 != 0;
   state->int64_atomics = state->int64 && atomics_known && atomics.shaderBufferInt64Atomics != 0;
+  const auto subgroup =
+      state->physical.getProperties2<vk::PhysicalDeviceProperties2, vk::PhysicalDeviceSubgroupProperties>()
+          .get<vk::PhysicalDeviceSubgroupProperties>();
+  constexpr auto kSums = vk::SubgroupFeatureFlagBits::eBallot | vk::SubgroupFeatureFlagBits::eArithmetic;
+  state->subgroup_arithmetic =
+      (subgroup.supportedOperations & kSums) == kSums && (subgroup.supportedStages & vk::ShaderStageFlagBits::eCompute);
   state->float_atomics = float_atomics_known && float_atomics.shaderBufferFloat32AtomicAdd != 0;
   vk::PhysicalDeviceFeatures enable;
   enable.robustBufferAccess = features.features.robustBufferAccess;
@@ -251,6 +257,7 @@ DeviceLimits Device::limits() const {
           .max_multiview_view_count = properties.get<vk::PhysicalDeviceMultiviewProperties>().maxMultiviewViewCount,
           .subgroup_size = properties.get<vk::PhysicalDeviceSubgroupProperties>().subgroupSize,
           .max_storage_buffer_range = l.maxStorageBufferRange,
+          .subgroup_arithmetic = state_->subgroup_arithmetic,
           .shader_int64 = state_->int64,
           .shader_buffer_int64_atomics = state_->int64_atomics,
           .shader_buffer_float32_atomic_add = float_atomics,

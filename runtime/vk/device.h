@@ -30,7 +30,7 @@ struct DeviceState {
   vk::PhysicalDeviceProperties properties;
   vk::PhysicalDeviceMemoryProperties memory;
   bool memory_budget = false;  // the device says how much memory is left
-  bool int64 = false, int64_atomics = false, float_atomics = false, debug_names = false;
+  bool int64 = false, int64_atomics = false, float_atomics = false, subgroup_arithmetic = false, debug_names = false;
   std::mutex messages_lock;
   std::vector<std::string> messages;  // of the validation layer
 

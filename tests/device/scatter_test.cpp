@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // Every lowering of scatter_add on every device against the float64 evaluator, on what breaks sums: a target with most
 // of the sources, magnitudes far apart, terms that cancel, empty targets, indices out of range, NaN and Inf.
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <random>
 
+#include "compiler/backend/bundle/bundle.h"
+#include "compiler/target/profile.h"
 #include "runtime/jit/jit.h"
 #include "runtime/jit/reference_program.h"
 #include "runtime/runtime.h"
@@ -170,6 +173,48 @@ TEST_CASE("every lowering of scatter_add sums what breaks sums") {
         if (std::string_view(scatter) != "exact") continue;
         if (exact.size() <= k) exact.push_back(first);
         CHECK(same_bits(first, exact[k]));  // 64-bit words or two of 32 bits
+      }
+    }
+  }
+}
+
+// A built-in profile as of a GPU with dear atomics, on which lanes join what they add.
+std::string joining(const std::string& profile) {
+  auto p = std::get<target::Profile>(target::load_profile(profile));
+  p.subgroup_arithmetic = true;
+  p.costs.atomic_add_ns = 1000;
+  p.costs.compute_operations_per_ns = 1000;
+  const auto path = (std::filesystem::path(DR_BUILD_DIR) / ("joining_" + profile + ".json")).string();
+  std::ofstream(path) << target::write_profile(p);
+  return path;
+}
+
+TEST_CASE("lanes that join what they add give the same bits") {
+  const auto path = (std::filesystem::path(DR_BUILD_DIR) / "scatter_joined_test.dr").string();
+  std::ofstream(path) << kText;
+  auto sets = data_sets();
+  sets.erase(sets.begin() + 5);  // few are enough: most of the time goes to pipelines
+  sets.erase(sets.begin() + 2, sets.begin() + 4);
+  Data& crowd = sets[0];  // most lanes add to one element, then runs of lanes, then whoever
+  crowd.index.resize(2 * 20000);
+  crowd.x.resize(2 * 20000);
+  for (size_t k = 5000; k < crowd.index.size(); ++k)
+    crowd.index[k] = static_cast<int32_t>(k < 20000 ? k / 6 % 300 : k * 7919 % 300);
+  for (const auto& [name, device] : test::devices()) {
+    std::vector<std::string> profiles{"swiftshader"};
+    if (name == "lavapipe") profiles.emplace_back("lavapipe");
+    for (const std::string& profile : profiles) {
+      const auto apart = compile(path, profile, "exact"), joined = compile(path, joining(profile), "exact");
+      const auto needs = [](const std::vector<uint8_t>& bytes) {
+        const auto features = std::get<bundle::BundleT>(bundle::read(bytes)).features;
+        return std::find(features.begin(), features.end(), "subgroup_arithmetic") != features.end();
+      };
+      CHECK_FALSE(needs(apart));
+      CHECK(needs(joined));
+      for (const Data& data : sets) {
+        INFO(name << ", profile " << profile << ": " << data.name);
+        auto one = must(runtime::Program::load(device, apart)), other = must(runtime::Program::load(device, joined));
+        CHECK(same_bits(run(one, data), run(other, data)));
       }
     }
   }

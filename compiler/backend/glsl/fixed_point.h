@@ -55,6 +55,18 @@ uvec2 fixed_halved(uvec2 a, int by) {
 }
 )";
 
+inline constexpr const char* kFixedSubgroup = R"(
+// The sum over the lanes that are here, 128 at most: three parts that cannot overflow 32 bits, but for the last, whose
+// overflow is that of the whole.
+uvec2 fixed_subgroup_add(uvec2 a) {
+  uint low = subgroupAdd(a.x & 0xffffffu);
+  uint middle = subgroupAdd((a.x >> 24) | ((a.y & 0xffffu) << 8));
+  uint high = subgroupAdd(a.y >> 16);
+  middle += low >> 24;
+  return uvec2((low & 0xffffffu) | (middle << 24), (middle >> 8) + (high << 16));
+}
+)";
+
 inline constexpr const char* kFixedToFloat = R"(
 // 2^e for any e that a float can hold, without a rounding step of its own.
 float power_of_two(int e) { return uintBitsToFloat(uint(clamp(e, -126, 127) + 127) << 23); }
