@@ -79,7 +79,7 @@ TEST_CASE("a long fit keeps its bits, its memory and what it has reached") {
     must(blocks.run("fit"));
     const double first = loss(blocks);
     must(blocks.run("fit", steps / 10 - 1));
-    const int64_t allocated = blocks.allocated_bytes();
+    const int64_t allocated = blocks.memory_use().device;
     const long resident = resident_kilobytes();
     double early = 0, late = 0;
     for (int block = 1; block < 10; ++block) {
@@ -88,7 +88,7 @@ TEST_CASE("a long fit keeps its bits, its memory and what it has reached") {
       CHECK(std::isfinite(late));
     }
     const long growth = resident_kilobytes() - resident;
-    CHECK(blocks.allocated_bytes() == allocated);
+    CHECK(blocks.memory_use().device == allocated);
     CHECK(growth < 1024);
     CHECK(late < 0.1 * first);
     // Adam's steps keep their size; it hovers about the best, and does not leave it.
