@@ -146,7 +146,7 @@ END
 same 'threads change nothing' "$(cat one.txt)" "$(cat three.txt)"
 equal_folders 'threads change nothing' one three
 equal_folders 'threads change nothing' out_one out_three
-same 'three ranks, and the pinned value' 7 "$(find one/fit/2 -type f | wc -l)"
+same 'the faces that cover, three ranks, and the pinned value' 9 "$(find one/fit/2 -type f | wc -l)"
 [[ -s one/fit/0/pin.position.npy ]] || { echo "there is no pinned value"; failed=1; }
 "$drc" eval fit.dr --steps 3 --freeze one --dump-raster replayed --out out_replayed > replayed.txt
 same 'a replay gives the same' "$(cat one.txt)" "$(cat replayed.txt)"
