@@ -8,5 +8,6 @@ if [[ -z ${DR_LAVAPIPE_ICD-} ]]; then
 fi
 export VK_ICD_FILENAMES=$DR_LAVAPIPE_ICD VK_DRIVER_FILES=$DR_LAVAPIPE_ICD
 folder=$(mktemp -d)
-trap 'rm -rf "$folder"' EXIT
+# Nothing goes on running when a test fails.
+trap 'jobs -p | xargs -r kill -9; rm -rf "$folder"' EXIT
 cd "$folder"
