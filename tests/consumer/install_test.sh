@@ -12,7 +12,7 @@ cd "$work"
 "$cmake" --install "$build" --prefix "$work/prefix" > install.txt || { cat install.txt; exit 1; }
 mv prefix moved # a package may be moved
 cp -r "$here" source
-"$cmake" -S source -B consumer -DCMAKE_PREFIX_PATH="$work/moved" -DCMAKE_CXX_COMPILER="$cxx" -DCMAKE_BUILD_TYPE=Release \
+"$cmake" -G Ninja -S source -B consumer -DCMAKE_PREFIX_PATH="$work/moved" -DCMAKE_CXX_COMPILER="$cxx" -DCMAKE_BUILD_TYPE=Release \
   > configure.txt 2>&1 || { cat configure.txt; exit 1; }
 "$cmake" --build consumer > build.txt 2>&1 || { cat build.txt; exit 1; }
 # Nothing of the package points back to where it was built.
