@@ -21,16 +21,11 @@
 #include "tests/unit/passes/random_graph.h"
 
 using namespace dr;
+using test::must;
 using io::Array;
 using runtime::Program;
 
 namespace {
-
-template <class T>
-T must(io::Result<T> result) {
-  if (!result) FAIL(result.error());
-  if constexpr (!std::is_void_v<T>) return std::move(result).value();
-}
 
 // The graph with two or three steps, which update some of its leaves and output some of its values.
 ir::Graph with_steps(ir::Graph graph, std::mt19937_64& random) {

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "runtime/runtime.h"
+#include "tests/catch.h"
 
 namespace dr::test {
 
@@ -17,5 +18,12 @@ struct NamedDevice {
 // The devices that the environment names (DR_LAVAPIPE_ICD, DR_SWIFTSHADER_ICD), opened under validation. Where CI is
 // set in the environment both must be there; elsewhere a missing one is told on stdout.
 std::vector<NamedDevice> devices();
+
+// What a call gives; its error fails the test.
+template <class T>
+T must(io::Result<T> result) {
+  if (!result) FAIL(result.error());
+  if constexpr (!std::is_void_v<T>) return std::move(result).value();
+}
 
 }  // namespace dr::test

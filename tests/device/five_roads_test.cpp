@@ -17,6 +17,7 @@
 #include "tests/device/devices.h"
 
 using namespace dr;
+using test::must;
 using io::Array;
 
 namespace {
@@ -43,12 +44,6 @@ std::vector<uint8_t> compile(const std::string& path, const jit::Options& option
   auto result = jit::compile_file(path, options);
   if (auto* messages = std::get_if<std::string>(&result)) FAIL(*messages);
   return std::get<std::vector<uint8_t>>(result);
-}
-
-template <class T>
-T must(io::Result<T> result) {
-  if (!result) FAIL(result.error());
-  if constexpr (!std::is_void_v<T>) return std::move(result).value();
 }
 
 // A disc as target: any silhouette will do, as long as it is not the sphere's own.

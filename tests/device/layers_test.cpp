@@ -15,6 +15,7 @@
 #include "tests/device/devices.h"
 
 using namespace dr;
+using test::must;
 using io::Array;
 
 namespace {
@@ -68,12 +69,6 @@ step fit { moved <- moved - 0.1 * grad(loss, moved); corner <- corner - 0.01 * g
 )";
 
 constexpr int kWidth = 13, kHeight = 9;
-
-template <class T>
-T must(io::Result<T> result) {
-  if (!result) FAIL(result.error());
-  if constexpr (!std::is_void_v<T>) return std::move(result).value();
-}
 
 template <class P>
 void bind(P& program, int layers) {

@@ -15,16 +15,11 @@
 #include "tests/device/devices.h"
 
 using namespace dr;
+using test::must;
 using io::Array;
 using runtime::Program;
 
 namespace {
-
-template <class T>
-T must(io::Result<T> result) {
-  if (!result) FAIL(result.error());
-  if constexpr (!std::is_void_v<T>) return std::move(result).value();
-}
 
 // Stands between a device and its driver, and counts.
 class Driver {

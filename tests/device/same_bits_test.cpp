@@ -17,6 +17,7 @@
 #include "tests/device/devices.h"
 
 using namespace dr;
+using test::must;
 using io::Array;
 using runtime::Program;
 namespace fs = std::filesystem;
@@ -24,12 +25,6 @@ namespace fs = std::filesystem;
 namespace {
 
 using Values = std::map<std::string, Array>;
-
-template <class T>
-T must(io::Result<T> result) {
-  if (!result) FAIL(result.error());
-  if constexpr (!std::is_void_v<T>) return std::move(result).value();
-}
 
 struct Job {
   fs::path file;

@@ -16,6 +16,7 @@
 #include "tests/device/devices.h"
 
 using namespace dr;
+using test::must;
 using io::Array;
 
 namespace {
@@ -87,12 +88,6 @@ std::vector<Data> data_sets() {
   make(
       "one source", 1, [](size_t) { return 5; }, [](size_t) { return 1e-37; });
   return sets;
-}
-
-template <class T>
-T must(io::Result<T> result) {
-  if (!result) FAIL(result.error());
-  if constexpr (!std::is_void_v<T>) return std::move(result).value();
 }
 
 std::vector<uint8_t> compile(const std::string& path, const std::string& profile, const std::string& scatter) {

@@ -12,6 +12,7 @@
 #include "tests/device/devices.h"
 
 using namespace dr;
+using test::must;
 using io::Array;
 
 namespace {
@@ -188,12 +189,6 @@ Array input() {
   std::vector<float> values;
   for (int k = 0; k < kWidth * kHeight; ++k) values.push_back(0.5f + 0.5f * std::sin(static_cast<float>(k * k)));
   return Array::from_floats(values, 1, kWidth, kHeight, 1);
-}
-
-template <class T>
-T must(io::Result<T> result) {
-  if (!result) FAIL(result.error());
-  if constexpr (!std::is_void_v<T>) return std::move(result).value();
 }
 
 template <class P>

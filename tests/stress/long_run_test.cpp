@@ -14,14 +14,9 @@
 #include "tests/device/devices.h"
 
 using namespace dr;
+using test::must;
 
 namespace {
-
-template <class T>
-T must(io::Result<T> result) {
-  if (!result) FAIL(result.error());
-  if constexpr (!std::is_void_v<T>) return std::move(result).value();
-}
 
 // A blurred picture is made sharp, with a random pixel left out each step.
 constexpr const char* kProgram = R"(

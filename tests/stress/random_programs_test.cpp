@@ -17,6 +17,7 @@
 #include "tests/unit/passes/random_graph.h"
 
 using namespace dr;
+using test::must;
 using gradient_test::Images;
 using io::Array;
 using reference::Image;
@@ -139,12 +140,6 @@ Array array_of(const Image& image) {
   for (size_t c = 0; c < components; ++c)
     for (size_t i = 0; i < n; ++i) values[i * components + c] = image.data[c * n + i];
   return Array::from_doubles(values, image.type.components(), image.width, image.height, image.layers);
-}
-
-template <class T>
-T must(io::Result<T> result) {
-  if (!result) FAIL(result.error());
-  if constexpr (!std::is_void_v<T>) return std::move(result).value();
 }
 
 Images run_on(const runtime::Device& device, const Problem& p, const target::Profile& profile, const Images& like,

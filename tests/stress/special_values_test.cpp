@@ -21,6 +21,7 @@
 #include "tests/gradient/build.h"
 
 using namespace dr;
+using test::must;
 using gradient_test::Images;
 using reference::Image;
 
@@ -34,12 +35,6 @@ constexpr double kSpecial[] = {
     3.0, 90.0,  100.0, 1e4,  1e6};
 // Beyond this a float32 product on the way may have left the range.
 constexpr double kWellInside = 0x1p60;
-
-template <class T>
-T must(io::Result<T> result) {
-  if (!result) FAIL(result.error());
-  if constexpr (!std::is_void_v<T>) return std::move(result).value();
-}
 
 ir::Graph graph_of(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
