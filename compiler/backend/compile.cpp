@@ -79,10 +79,15 @@ namespace {
 std::optional<std::string> over_limit(const bundle::BundleT& bundle, const target::Profile& profile) {
   for (const auto& step : bundle.steps)
     for (const auto& c : step->commands) {
-      const auto buffers =
-          static_cast<uint32_t>(std::count_if(c->bindings.begin(), c->bindings.end(), [&](const auto& b) {
-            return bundle.resources[b->resource]->storage == bundle::Storage::Buffer;
-          }));
+      const auto count = [&](bool texels) {
+        return static_cast<uint32_t>(std::count_if(c->bindings.begin(), c->bindings.end(), [&](const auto& b) {
+          return bundle.resources[b->resource]->storage == bundle::Storage::Buffer && (b->texel != 0) == texels;
+        }));
+      };
+      const uint32_t buffers = count(false), texels = count(true);
+      if (texels > profile.max_per_stage_descriptor_sampled_images)
+        return "pass '" + c->label + "' reads " + std::to_string(texels) + " texel buffers, profile '" + profile.name +
+               "' allows " + std::to_string(profile.max_per_stage_descriptor_sampled_images) + " with sampled images";
       if (buffers > profile.max_per_stage_descriptor_storage_buffers)
         return "pass '" + c->label + "' binds " + std::to_string(buffers) + " storage buffers, profile '" +
                profile.name + "' allows " + std::to_string(profile.max_per_stage_descriptor_storage_buffers);

@@ -52,7 +52,9 @@ class Generator {
   void raster_hardware(const Pass& pass, const ir::Op& op);
   void raster_compute(const Pass& pass, const ir::Op& op);
 
-  glsl::Shader shader() const { return glsl::Shader(graph_, schedule_, *step_, bundle_->symbols); }
+  glsl::Shader shader() const {
+    return glsl::Shader(graph_, schedule_, *step_, bundle_->symbols, profile_.texel_reads);
+  }
   // 64 invocations in a workgroup, or as many as the host likes.
   std::string compute_layout() const {
     return "layout(local_size_x = 64, local_size_x_id = " + std::to_string(bundle_->symbols.size()) + ") in;\n";

@@ -121,14 +121,14 @@ struct Walk {
     const bool middle = bin == Bin::Middle;
     const int lanes = middle ? static_cast<int>(subgroup_size) : kLargeInvocations;
     const int teams = middle ? kMiddleInvocations / lanes : 1;
-    const std::string list = s.bind_words(lists, "lists", bundle::Access::Read);
+    const std::string list = s.read_words(lists, "lists");
     const std::string begin = middle ? "2" : "2 + " + dim_expression(parts.faces * parts.l);
-    s.body().line("int count = int(" + list + (middle ? ".d[0]" : ".d[1]") + ");");
+    s.body().line("int count = int(" + list + (middle ? "(0)" : "(1)") + ");");
     s.body().line("for (int item = index / " + std::to_string(lanes) +
                   "; item < count; item += " + std::to_string(teams) + ") {");
     s.push_scope();
     RasterClosures closures(s, graph, pass, op);
-    s.body().line("int entry_index = int(" + list + ".d[" + begin + " + item]);");
+    s.body().line("int entry_index = int(" + list + "(" + begin + " + item));");
     s.body().line("int face = entry_index % " + count + ";");
     s.body().line("ivec3 at = ivec3(face, 0, entry_index / " + count + ");");
     s.body().line(box(s, closures, false));
@@ -201,22 +201,22 @@ void Generator::raster_compute(const Pass& pass, const ir::Op& op) {
   linear_index(r, n);
   place_from_index(r, parts.extent());
   const std::string in_keys =
-      r.bind_words(keys, wide ? "slots" : "keys", bundle::Access::Read, wide ? "uint64_t" : "uint");
+      wide ? r.read_words(keys, "slots", "uint64_t") : std::string();
   if (wide) {
     for (size_t k = 0; k < parts.count; ++k) {
       const std::string rank = std::to_string(k);
-      r.body().line("uint64_t entry_" + rank + " = " + in_keys + ".d[" + rank + " * " + n + " + index];");
+      r.body().line("uint64_t entry_" + rank + " = " + in_keys + "(" + rank + " * " + n + " + index);");
       r.body().line("bool none_" + rank + " = entry_" + rank + " == 0xfffffffffffffffful;");
       r.store(op.results[2 * k], "at",
               "(none_" + rank + " ? -1 : int(uint((entry_" + rank + " >> 4) & 0xfffffffful)))");
       r.store(op.results[2 * k + 1], "at", "(none_" + rank + " ? 0 : int(entry_" + rank + " & 15ul))");
     }
   } else {
-    const std::string in_ids = r.bind_words(ids, "faces", bundle::Access::Read);
+    const std::string in_ids = r.read_words(ids, "faces");
     r.body().line("vec2 p = vec2(at.xy) + 0.5;");
     for (size_t k = 0; k < parts.count; ++k) {
       const std::string rank = std::to_string(k);
-      r.body().line("int face_" + rank + " = int(" + in_ids + ".d[" + rank + " * " + n + " + index]);");
+      r.body().line("int face_" + rank + " = int(" + in_ids + "(" + rank + " * " + n + " + index));");
       r.body().line("int tag_" + rank + " = 0;");
       r.body().line("if (face_" + rank + " >= 0) {");
       r.push_scope();

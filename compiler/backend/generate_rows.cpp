@@ -97,7 +97,7 @@ class RowsWriter {
 
   // Adds item `r`, or in run 0 looks at its magnitude.
   void add_item(const std::string& items) {
-    line("int item = " + items + ".d[2 * r];");
+    line("int item = " + items + "(2 * r);");
     const auto columns = static_cast<int>(pass_.rows.columns.size());
     line("int term = item % " + std::to_string(columns) + ";");
     line("ivec3 at = ivec3(item / " + std::to_string(columns) + ", 0, layer);");
@@ -189,13 +189,13 @@ void Generator::rows_pass(const Pass& pass) {
   {
     RowsWriter writer(graph_, pass, ops, b);
     linear_index(b, dim_expression(blocks * layers));
-    const std::string items = b.bind_words(table.items, "items", bundle::Access::Read, "int");
+    const std::string items = b.read_words(table.items, "items", "int");
     const std::string out = b.bind_words(sums, "blocks", bundle::Access::Write);
     b.body().line("int layer = index / " + dim_expression(blocks) + ";");
     b.body().line("int begin = (index % " + dim_expression(blocks) + ") * " + block + ", end = begin + " + block + ";");
     b.body().line("if (end > " + dim_expression(row_items(pass.rows)) + ") return;");
-    b.body().line("int row = " + items + ".d[2 * begin + 1];");
-    b.body().line("if (row < 0 || row != " + items + ".d[2 * end - 1]) return;");
+    b.body().line("int row = " + items + "(2 * begin + 1);");
+    b.body().line("if (row < 0 || row != " + items + "(2 * end - 1)) return;");
     writer.declare_totals();
     b.body().line("for (int run = " + std::string(writer.has_floats() ? "0" : "1") + "; run < 2; ++run) {");
     b.body().line("for (int r = begin; r < end; ++r) {");
@@ -228,12 +228,12 @@ void Generator::rows_pass(const Pass& pass) {
   RowsWriter writer(graph_, pass, ops, s);
   s.prelude(glsl::kFixedToFloat);
   linear_index(s, dim_expression(pass.rows.targets * layers));
-  const std::string starts = s.bind_words(table.starts, "starts", bundle::Access::Read, "int");
-  const std::string items = s.bind_words(table.items, "items", bundle::Access::Read, "int");
-  const std::string in = s.bind_words(sums, "blocks", bundle::Access::Read);
+  const std::string starts = s.read_words(table.starts, "starts", "int");
+  const std::string items = s.read_words(table.items, "items", "int");
+  const std::string in = s.read_words(sums, "blocks");
   s.body().line("int layer = index / " + dim_expression(pass.rows.targets) + ";");
   s.body().line("int row = index % " + dim_expression(pass.rows.targets) + ";");
-  s.body().line("int begin = " + starts + ".d[row], end = " + starts + ".d[row + 1];");
+  s.body().line("int begin = " + starts + "(row), end = " + starts + "(row + 1);");
   s.body().line("int bits = findMSB(uint(end - begin)) + 1;");
   writer.declare_totals();
   s.body().line("for (int run = " + std::string(writer.has_floats() ? "0" : "1") + "; run < 2; ++run) {");
@@ -241,7 +241,7 @@ void Generator::rows_pass(const Pass& pass) {
   s.body().line("if (r % " + block + " == 0 && end - r >= " + block + ") {");
   s.body().line("int word = (layer * " + dim_expression(blocks) + " + r / " + block + ") * " + per_block + ";");
   int word = 0;
-  const auto get = [&] { return in + ".d[word + " + std::to_string(word++) + "]"; };
+  const auto get = [&] { return in + "(word + " + std::to_string(word++) + ")"; };
   for (size_t k = 0; k < pass.sums.size(); ++k) {
     const std::string id = std::to_string(k);
     if (!writer.type(k).is_float()) {

@@ -70,8 +70,8 @@ int bits_of_count(uint count) { return count <= 1u ? 0 : findMSB(count - 1u) + 1
 
 // An upper bound of the logarithm of how many contributions there are: `most` from an element, or, if that is
 // negative, as counted.
-std::string count_bits(int most, const ir::Extent& domain, const std::string& buffer) {
-  if (most < 0) return "bits_of_count(uint(" + buffer + ".d[1]))";
+std::string count_bits(int most, const ir::Extent& domain, const std::string& counted) {
+  if (most < 0) return "bits_of_count(uint(" + counted + "))";
   int bits = 1;
   while ((1 << (bits - 1)) < most) ++bits;
   return "findMSB(uint(" + dim_expression(element_count(domain)) + ")) + " + std::to_string(bits);
@@ -216,7 +216,7 @@ void Generator::scatter_pass(const Pass& pass) {
                 " = 0;\n");
       s.prelude(t.most < 0 ? kCountBits : "");
       s.body().line("if (pc.a == 1) shift_" + id + " = fixed_shift(uint(" + buffer + ".d[0]), " +
-                    count_bits(t.most, pass.domain, buffer) + ");");
+                    count_bits(t.most, pass.domain, buffer + ".d[1]") + ");");
       const std::string flags = std::to_string(kHead) + " + " +
                                 dim_expression(element_count(r.extent) * ir::Dim((wide ? 1 : 2) * n)) + " + element";
       body = "  if (pc.a == 0) {\n";
@@ -273,14 +273,14 @@ void Generator::scatter_pass(const Pass& pass) {
   }
   if (lists) {
     const std::string again = s.bind_words(adding, "adding_elements", bundle::Access::ReadWrite);
-    const std::string first = listed ? s.bind_words(list, "active_elements", bundle::Access::Read) : std::string();
-    const auto item = [](const std::string& of) {
-      return "int(" + of + ".d[" + std::to_string(kListHead) + " + index])";
-    };
-    const auto end = [](const std::string& of) { return "int(" + of + ".d[" + std::to_string(kListEnd) + "] - 1u)"; };
-    s.body().line("if (index >= (pc.a == 0 ? " + (listed ? end(first) : dim_expression(element_count(pass.domain))) +
-                  " : " + end(again) + ")) return;");
-    s.body().line("int element = pc.a == 0 ? " + (listed ? item(first) : "index") + " : " + item(again) + ";");
+    const std::string first = listed ? s.read_words(list, "active_elements") : std::string();
+    const std::string item = std::to_string(kListHead) + " + index", end = std::to_string(kListEnd);
+    s.body().line("int end = pc.a == 0 ? " +
+                  (listed ? "int(" + first + "(" + end + ")) - 1" : dim_expression(element_count(pass.domain))) +
+                  " : int(" + again + ".d[" + end + "]) - 1;");
+    s.body().line("if (index >= end) return;");
+    s.body().line("int element = pc.a == 0 ? " + (listed ? "int(" + first + "(" + item + "))" : "index") + " : int(" +
+                  again + ".d[" + item + "]);");
     place_from_index(s, pass.domain, "element");
     s.element_ops(element_ops(pass));
     s.body().line("if (pc.a == 0 && adds != 0u) " + append(s, again, "element"));
@@ -329,18 +329,18 @@ void Generator::scatter_resolve(const Pass& pass, ValueId value, const Accumulat
   Shader s = shader();
   if (wide) wide_extensions(s);
   linear_index(s, dim_expression(count));
-  const std::string sums = s.bind_words(words, "sums", bundle::Access::Read, wide ? "uint64_t" : "uint");
+  const std::string sums = s.read_words(words, "sums", wide ? "uint64_t" : "uint");
   const std::string out = s.bind(step_->stored.at(value), bundle::Access::Write);
   s.prelude(glsl::kFixedShift);
   s.prelude(glsl::kFixedToFloat);
   s.prelude(most < 0 ? kCountBits : "");
-  s.body().line("int shift = fixed_shift(uint(" + sums + ".d[0]), " + count_bits(most, pass.domain, sums) + ");");
-  s.body().line("uint flags = uint(" + sums + ".d[" + std::to_string(kHead) + " + " +
-                dim_expression(count * ir::Dim((wide ? 1 : 2) * n)) + " + index]);");
+  s.body().line("int shift = fixed_shift(uint(" + sums + "(0)), " + count_bits(most, pass.domain, sums + "(1)") + ");");
+  s.body().line("uint flags = uint(" + sums + "(" + std::to_string(kHead) + " + " +
+                dim_expression(count * ir::Dim((wide ? 1 : 2) * n)) + " + index));");
   for (int c = 0; c < n; ++c) {
-    const std::string number = wide ? "unpackUint2x32(" + sums + ".d[" + word_of("index", n, c) + "])"
-                                    : "uvec2(" + sums + ".d[" + word_of("index", 2 * n, 2 * c) + "], " + sums + ".d[" +
-                                          word_of("index", 2 * n, 2 * c + 1) + "])";
+    const std::string number = wide ? "unpackUint2x32(" + sums + "(" + word_of("index", n, c) + "))"
+                                    : "uvec2(" + sums + "(" + word_of("index", 2 * n, 2 * c) + "), " + sums + "(" +
+                                          word_of("index", 2 * n, 2 * c + 1) + "))";
     s.body().line(out + ".d[index * " + std::to_string(n) + " + " + std::to_string(c) + "] = fixed_to_float(" + number +
                   ", shift, (flags >> " + std::to_string(4 * c) + ") & 15u);");
   }

@@ -101,6 +101,7 @@ std::vector<std::string> check_schedule(const Graph& graph, const Schedule& sche
         (schedule.resources[it->second.index].storage == Resource::Storage::Image ? images : buffers)
             .insert(it->second.index);
       }
+      const size_t sampled = images.size() + (profile.texel_reads ? buffers.size() : 0);
       uint32_t colors = 0;
       for (ValueId v : pass.writes) {
         if (here.count(v) == 0) report("stores a value that it does not compute");
@@ -127,8 +128,8 @@ std::vector<std::string> check_schedule(const Graph& graph, const Schedule& sche
       if (buffers.size() > profile.max_per_stage_descriptor_storage_buffers)
         report(std::to_string(buffers.size()) + " storage buffers, device allows " +
                std::to_string(profile.max_per_stage_descriptor_storage_buffers));
-      if (images.size() > profile.max_per_stage_descriptor_sampled_images)
-        report(std::to_string(images.size()) + " sampled images, device allows " +
+      if (sampled > profile.max_per_stage_descriptor_sampled_images)
+        report(std::to_string(sampled) + " sampled images, device allows " +
                std::to_string(profile.max_per_stage_descriptor_sampled_images));
       if (colors > profile.max_color_attachments)
         report(std::to_string(colors) + " colour attachments, device allows " +

@@ -58,6 +58,7 @@ struct Profile {
   uint64_t max_storage_buffer_range = 1u << 27;
   // Features.
   bool subgroup_arithmetic = false;  // ballots and sums over the lanes of a subgroup, in compute shaders
+  bool texel_reads = false;  // buffers are faster to read as uniform texel buffers where a shader does not write them
   bool shader_int64 = false;
   bool shader_buffer_int64_atomics = false;
   bool shader_buffer_float32_atomic_add = false;

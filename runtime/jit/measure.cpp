@@ -50,6 +50,7 @@ class Measurement {
     // Fixed costs from tiny images, traffic from large ones.
     constexpr int kTiny = 4, kLarge = 384;
     const double pixels = double{kLarge} * kLarge;
+    profile_.texel_reads = texels_are_faster(kLarge, compute);
     c.dispatch_ns = a_line(neighbours, kTiny, compute);
     c.pass_ns = a_line(neighbours, kTiny, fragment);
     c.subpass_ns = a_line(elementwise, kTiny, subpasses);
@@ -168,6 +169,17 @@ class Measurement {
   double a_line(const Chain& program, int size, const Options& options) {
     constexpr int kFew = 2, kMany = 14;
     return at_least((run(program(kMany), size, options) - run(program(kFew), size, options)) / (kMany - kFew));
+  }
+  bool texels_are_faster(int size, const Options& options) {
+    const auto with = [&](bool texels) {
+      profile_.texel_reads = texels;
+      return a_line(neighbours, size, options);
+    };
+    try {
+      return with(true) < with(false);
+    } catch (const Problem&) {  // more texels than the device allows
+      return false;
+    }
   }
   void raster(const Options& options, double& triangle_ns, double& pixel_ns) {
     const double base = run(triangles(1, 1.0), 1, options);

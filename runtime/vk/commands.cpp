@@ -29,9 +29,8 @@ constexpr uint32_t kGroup = 64;
 // workgroups takes longer than their work.
 uint32_t group_size(const vk::PhysicalDeviceProperties& device, int64_t elements) {
   constexpr uint32_t kLargeGroup = 256;
-  constexpr int64_t kMany = int64_t{1} << 18;
-  const bool large = elements >= kMany && device.deviceType != vk::PhysicalDeviceType::eCpu &&
-                     device.limits.maxComputeWorkGroupInvocations >= kLargeGroup &&
+  const int64_t many = int64_t{1} << (device.deviceType == vk::PhysicalDeviceType::eCpu ? 12 : 18);
+  const bool large = elements >= many && device.limits.maxComputeWorkGroupInvocations >= kLargeGroup &&
                      device.limits.maxComputeWorkGroupSize[0] >= kLargeGroup;
   return large ? kLargeGroup : kGroup;
 }
@@ -59,14 +58,14 @@ std::array<int32_t, 4> push_of(const bundle::CommandT& c) {
 }
 
 void Commands::dispatch(const bundle::CommandT& c, std::vector<Primitive>& out) {
-  std::vector<uint32_t> resources;
+  std::vector<Descriptor> descriptors;
   Primitive p;
   p.label = c.label;
   for (const auto& b : c.bindings) {
-    resources.push_back(b->resource);
+    descriptors.push_back({b->resource, b->texel});
     p.accesses.push_back({b->resource, compute_use(b->access)});
   }
-  const Bound bound = pipelines_.bind(resources, vk::ShaderStageFlagBits::eCompute);
+  const Bound bound = pipelines_.bind(descriptors, vk::ShaderStageFlagBits::eCompute);
   const int64_t elements = sizes_.evaluate(c.elements, "pass '" + c.label + "'");
   // Invocations are counted in an int, and the last row of workgroups may be partly idle.
   if (elements > kMaxElements - (int64_t{1} << 23))
@@ -96,15 +95,15 @@ void Commands::reduce(const bundle::CommandT& c, std::vector<Primitive>& out) {
     const uint32_t target = partials == 1 ? static_cast<uint32_t>(c.target) : scratch[stage % 2];
     Primitive p;
     p.label = c.label + " stage " + std::to_string(stage);
-    std::vector<uint32_t> resources;
+    std::vector<Descriptor> descriptors;
     if (stage == 0)
-      for (const auto& b : c.bindings) resources.push_back(b->resource);
+      for (const auto& b : c.bindings) descriptors.push_back({b->resource, b->texel});
     else
-      resources.push_back(scratch[(stage - 1) % 2]);
-    for (uint32_t r : resources) p.accesses.push_back({r, Use::ComputeRead});
-    resources.push_back(target);
+      descriptors.push_back({scratch[(stage - 1) % 2], 0});
+    for (const Descriptor& read : descriptors) p.accesses.push_back({read.resource, Use::ComputeRead});
+    descriptors.push_back({target, 0});
     p.accesses.push_back({target, Use::ComputeWrite});
-    const Bound bound = pipelines_.bind(resources, vk::ShaderStageFlagBits::eCompute);
+    const Bound bound = pipelines_.bind(descriptors, vk::ShaderStageFlagBits::eCompute);
     const uint32_t group = group_size(device_->properties, outs * partials);
     const size_t pipeline = pipelines_.compute(stage == 0 ? c.compute : c.next, bound.layout, group);
     const std::array<int32_t, 4> push{0, static_cast<int32_t>(n), static_cast<int32_t>(partials), 0};

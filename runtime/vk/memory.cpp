@@ -30,8 +30,9 @@ vk::MemoryRequirements Memory::create_buffer(uint32_t k) {
                   std::to_string(device_->properties.limits.maxStorageBufferRange) + " in one buffer"};
   vk::BufferCreateInfo info;
   info.size = bytes;
-  info.usage = vk::BufferUsageFlagBits::eStorageBuffer | vk::BufferUsageFlagBits::eTransferSrc |
-               vk::BufferUsageFlagBits::eTransferDst | vk::BufferUsageFlagBits::eIndirectBuffer;
+  info.usage = vk::BufferUsageFlagBits::eStorageBuffer | vk::BufferUsageFlagBits::eUniformTexelBuffer |
+               vk::BufferUsageFlagBits::eTransferSrc | vk::BufferUsageFlagBits::eTransferDst |
+               vk::BufferUsageFlagBits::eIndirectBuffer;
   buffers_[k].buffer = vk::raii::Buffer(d, info);
   buffers_[k].bytes = bytes;
   device_->name(buffers_[k].buffer, r.name);

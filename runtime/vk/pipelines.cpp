@@ -49,15 +49,35 @@ void Pipelines::specialize(const ir::SymbolValues& symbols) {
   }
 }
 
-Bound Pipelines::bind(const std::vector<uint32_t>& resources, vk::ShaderStageFlags stages,
+// All of a buffer as texels.
+vk::BufferView Pipelines::texels(const Descriptor& descriptor) {
+  const bundle::ResourceT& r = *bundle_.resources[descriptor.resource];
+  const vk::DeviceSize size = descriptor.texel * 4, count = memory_.buffer(descriptor.resource).bytes / size;
+  const uint32_t most = device_->properties.limits.maxTexelBufferElements;
+  if (count == 0 || count > most)
+    throw Failure{"'" + r.name + "' is read as " + std::to_string(count) + " texels, the device allows 1 to " +
+                  std::to_string(most) + "; compile it for this device (a profile with \"texel_reads\": false)"};
+  bundle::TypeT type;
+  type.scalar = r.type->scalar;
+  type.rows = static_cast<uint8_t>(descriptor.texel);
+  const vk::BufferViewCreateInfo info({}, *memory_.buffer(descriptor.resource).buffer, format_of(type), 0,
+                                      count * size);
+  views_.emplace_back(device_->device, info);
+  device_->name(views_.back(), r.name);
+  return *views_.back();
+}
+
+Bound Pipelines::bind(const std::vector<Descriptor>& descriptors, vk::ShaderStageFlags stages,
                       std::span<const uint32_t> inputs, size_t layer) {
   const auto& d = device_->device;
   std::vector<vk::DescriptorSetLayoutBinding> bindings;
-  for (uint32_t k = 0; k < resources.size(); ++k) {
-    const bool input = std::find(inputs.begin(), inputs.end(), resources[k]) != inputs.end();
-    const auto type = bundle_.resources[resources[k]]->storage == Storage::Buffer ? vk::DescriptorType::eStorageBuffer
-                      : input                                                     ? vk::DescriptorType::eInputAttachment
-                                                                                  : vk::DescriptorType::eSampledImage;
+  for (uint32_t k = 0; k < descriptors.size(); ++k) {
+    const auto [resource, texel] = descriptors[k];
+    const bool input = std::find(inputs.begin(), inputs.end(), resource) != inputs.end();
+    const auto type = texel != 0                                                ? vk::DescriptorType::eUniformTexelBuffer
+                      : bundle_.resources[resource]->storage == Storage::Buffer ? vk::DescriptorType::eStorageBuffer
+                      : input                                                   ? vk::DescriptorType::eInputAttachment
+                                                                                : vk::DescriptorType::eSampledImage;
     bindings.emplace_back(k, type, 1, input ? vk::ShaderStageFlags(vk::ShaderStageFlagBits::eFragment) : stages);
   }
   vk::DescriptorSetLayoutCreateInfo layout_info;
@@ -74,14 +94,17 @@ Bound Pipelines::bind(const std::vector<uint32_t>& resources, vk::ShaderStageFla
   allocate.setSetLayouts(set_layout);
   sets_.push_back(std::move(vk::raii::DescriptorSets(d, allocate).front()));
   bound.set = *sets_.back();
-  for (uint32_t k = 0; k < resources.size(); ++k) {
-    const uint32_t r = resources[k];
+  for (uint32_t k = 0; k < descriptors.size(); ++k) {
+    const uint32_t r = descriptors[k].resource;
     vk::WriteDescriptorSet write(bound.set, k, 0, 1, bindings[k].descriptorType);
     const vk::DescriptorBufferInfo buffer(*memory_.buffer(r).buffer, 0, VK_WHOLE_SIZE);
     const bool input = bindings[k].descriptorType == vk::DescriptorType::eInputAttachment;
     const vk::DescriptorImageInfo image({}, input ? *memory_.image(r).layers.at(layer) : *memory_.image(r).all,
                                         vk::ImageLayout::eShaderReadOnlyOptimal);
-    if (bindings[k].descriptorType == vk::DescriptorType::eStorageBuffer)
+    vk::BufferView view;
+    if (bindings[k].descriptorType == vk::DescriptorType::eUniformTexelBuffer)
+      write.setTexelBufferView(view = texels(descriptors[k]));
+    else if (bindings[k].descriptorType == vk::DescriptorType::eStorageBuffer)
       write.setBufferInfo(buffer);
     else
       write.setImageInfo(image);
@@ -100,8 +123,8 @@ vk::DescriptorPool Pipelines::pool_for(const std::vector<vk::DescriptorSetLayout
   if (!room) {
     sets_left_ = kSets;
     std::vector<vk::DescriptorPoolSize> sizes;
-    for (const auto type : {vk::DescriptorType::eStorageBuffer, vk::DescriptorType::eSampledImage,
-                            vk::DescriptorType::eInputAttachment}) {
+    for (const auto type : {vk::DescriptorType::eStorageBuffer, vk::DescriptorType::eUniformTexelBuffer,
+                            vk::DescriptorType::eSampledImage, vk::DescriptorType::eInputAttachment}) {
       left_[type] = std::max(kOfType, need[type]);
       sizes.emplace_back(type, static_cast<uint32_t>(left_[type]));
     }

@@ -16,6 +16,12 @@ struct Bound {
   vk::DescriptorSet set;
 };
 
+// A resource of the bundle; with `texel`, it is a uniform texel buffer of texels of so many words.
+struct Descriptor {
+  uint32_t resource = 0;
+  uint32_t texel = 0;
+};
+
 class Pipelines {
  public:
   // `cache_folder` keeps what the driver wants kept; empty: nothing.
@@ -25,8 +31,8 @@ class Pipelines {
   // of the step in a way that matters; later steps are recorded later.
   void specialize(const ir::SymbolValues& symbols);
   // `inputs` of the resources are input attachments, of the layer; only fragment shaders can have those.
-  Bound bind(const std::vector<uint32_t>& resources, vk::ShaderStageFlags stages, std::span<const uint32_t> inputs = {},
-             size_t layer = 0);
+  Bound bind(const std::vector<Descriptor>& descriptors, vk::ShaderStageFlags stages,
+             std::span<const uint32_t> inputs = {}, size_t layer = 0);
   // These give the number of a pipeline that is there after build().
   // `group`: the invocations of a workgroup.
   size_t compute(int shader, vk::PipelineLayout layout, uint32_t group);
@@ -42,6 +48,7 @@ class Pipelines {
   vk::raii::Pipeline make_graphics(const bundle::CommandT& draw, vk::PipelineLayout layout, vk::RenderPass render_pass,
                                    uint32_t subpass, vk::Extent2D size, const Cache& cache) const;
   vk::DescriptorPool pool_for(const std::vector<vk::DescriptorSetLayoutBinding>& bindings);
+  vk::BufferView texels(const Descriptor& descriptor);
   std::string cache_key() const;
   size_t want(std::function<vk::raii::Pipeline(const Cache&)> make);
 
@@ -59,6 +66,7 @@ class Pipelines {
   size_t sets_left_ = 0;  // in the last pool
   std::map<vk::DescriptorType, size_t> left_;
   std::vector<vk::raii::DescriptorSet> sets_;
+  std::vector<vk::raii::BufferView> views_;
 };
 
 }  // namespace dr::runtime

@@ -164,15 +164,15 @@ void Commands::render_pass(Draws draws, std::vector<Primitive>& out) {
     const bundle::CommandT& c = *draws[s];
     for (const uint32_t color : c.colors) p.accesses.push_back({color, Use::ColorWrite});
     if (c.depth >= 0) p.accesses.push_back({static_cast<uint32_t>(c.depth), Use::DepthWrite});
-    std::vector<uint32_t> resources;
+    std::vector<Descriptor> descriptors;
     for (const auto& b : c.bindings) {
-      resources.push_back(b->resource);
+      descriptors.push_back({b->resource, b->texel});
       p.accesses.push_back({b->resource, Use::GraphicsRead});
     }
     Subpass subpass;
     // Input attachments are of one layer, so each layer has its descriptors.
     for (size_t l = 0; l < (c.inputs.empty() ? 1 : targets.size()); ++l)
-      subpass.bound.push_back(pipelines_.bind(resources, kGraphicsStages, c.inputs, l));
+      subpass.bound.push_back(pipelines_.bind(descriptors, kGraphicsStages, c.inputs, l));
     subpass.pipeline = pipelines_.graphics(c, subpass.bound.front().layout, pass, s, area.extent);
     subpass.push = push_of(c);
     subpass.vertices = static_cast<uint32_t>(sizes_.evaluate(c.elements, what));

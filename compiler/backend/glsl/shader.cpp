@@ -18,23 +18,28 @@ using ir::Yield;
 
 namespace {
 
-// Component expressions of a stored element that starts at word `base` of a buffer.
-std::string from_words(const Type& type, const std::string& buffer, const std::string& base) {
-  auto word = [&](int c) {
-    const std::string w = buffer + ".d[" + base + (c ? " + " + std::to_string(c) : "") + "]";
-    return type.is_bool() ? "(" + w + " != 0u)" : w;
-  };
-  if (type.is_scalar()) return word(0);
-  std::string out = type.str() + "(";
-  for (int c = 0; c < type.components(); ++c) out += (c ? ", " : "") + word(c);
-  return out + ")";
+// An element of a buffer, which starts at word `base`, or at that texel of `texel` components.
+std::string from_buffer(const Type& type, const std::string& buffer, int texel) {
+  static const char* const kSwizzle[] = {".x", ".xy", "", ""};
+  const int step = std::max(texel, 1), parts = type.components() / step;
+  std::string out;
+  for (int k = 0; k < parts; ++k) {
+    const std::string index = k ? "base + " + std::to_string(k) : "base";
+    out += (k ? ", " : "") + (texel == 0 ? buffer + ".d[" + index + "]"
+                                         : "texelFetch(" + buffer + ", " + index + ")" + kSwizzle[texel - 1]);
+    if (type.is_bool() && step == 1) out += " != 0u";
+  }
+  return type.is_scalar() ? out : type.str() + "(" + out + ")";
 }
+
+// How many components one fetch can give of an element: a texel has 1, 2 or 4.
+int texel_of(const Type& type) { return type.components() % 4 == 0 ? 4 : type.components() % 2 == 0 ? 2 : 1; }
 
 }  // namespace
 
 Shader::Shader(const ir::Graph& graph, const Schedule& schedule, const StepSchedule& step,
-               const std::vector<std::string>& symbols)
-    : graph_(graph), schedule_(schedule), step_(step), symbols_(symbols) {
+               const std::vector<std::string>& symbols, bool texels)
+    : graph_(graph), schedule_(schedule), step_(step), symbols_(symbols), texel_reads_(texels) {
   for (const char* taken : {"at", "pc", "index", "face", "p", "main", "d"}) names_.insert(taken);
   for (const std::string& s : symbols) names_.insert(symbol_name(s));
 }
@@ -56,14 +61,21 @@ const std::string* Shader::find_bound(uint32_t bundle_resource, bundle::Access a
 }
 
 std::string Shader::add_binding(uint32_t bundle_resource, const std::string& name, bundle::Access access,
-                                std::string text) {
+                                Declared declared) {
   bound_[bundle_resource] = {name, bindings_.size()};
   auto binding = std::make_unique<bundle::BindingT>();
   binding->resource = bundle_resource;
   binding->access = access;
   bindings_.push_back(std::move(binding));
-  resource_texts_.push_back(std::move(text));
+  declared_.push_back(std::move(declared));
   return name;
+}
+
+std::string Shader::buffer(uint32_t bundle_resource, const std::string& name, bundle::Access access, const char* word,
+                           int texel) {
+  if (const std::string* bound = find_bound(bundle_resource, access)) return *bound;
+  return add_binding(bundle_resource, name, access,
+                     {"restrict buffer " + name + "_block { " + word + " d[]; } " + name + ";\n", texel, word});
 }
 
 std::string Shader::bind(ResourceId id, bundle::Access access) {
@@ -72,21 +84,27 @@ std::string Shader::bind(ResourceId id, bundle::Access access) {
   const std::string name = "r_" + sanitize(r.name) + "_" + std::to_string(id.index);
   if (r.storage == Resource::Storage::Image)
     return bind_image(id.index, name, r.type.is_float() ? "" : r.type.scalar == ir::Scalar::Int ? "i" : "u");
-  return bind_words(id.index, name, access, storage_scalar(r.type.scalar).c_str());
+  return buffer(id.index, name, access, storage_scalar(r.type.scalar).c_str(), texel_of(r.type));
 }
 
 std::string Shader::bind_words(uint32_t bundle_resource, const std::string& name, bundle::Access access,
                                const char* word) {
-  if (const std::string* bound = find_bound(bundle_resource, access)) return *bound;
-  return add_binding(bundle_resource, name, access,
-                     "restrict buffer " + name + "_block { " + word + " d[]; } " + name + ";\n");
+  return buffer(bundle_resource, name, access, word, 0);
+}
+
+std::string Shader::read_words(uint32_t bundle_resource, const std::string& name, const char* word) {
+  const bool wide = std::string_view(word) == "uint64_t";
+  buffer(bundle_resource, name, bundle::Access::Read, word, wide ? 2 : 1);
+  std::string function = "word_of_" + name;
+  words_.push_back({bound_.at(bundle_resource), function});
+  return function;
 }
 
 std::string Shader::bind_image(uint32_t bundle_resource, const std::string& name, const char* prefix) {
   if (const std::string* bound = find_bound(bundle_resource, bundle::Access::Read)) return *bound;
   extension("GL_EXT_samplerless_texture_functions");
   return add_binding(bundle_resource, name, bundle::Access::Read,
-                     std::string("uniform ") + prefix + "texture2DArray " + name + ";\n");
+                     {std::string("uniform ") + prefix + "texture2DArray " + name + ";\n", 0, ""});
 }
 
 void Shader::read_as_input(ValueId value) {
@@ -95,7 +113,8 @@ void Shader::read_as_input(ValueId value) {
   const uint32_t index = step_.stored.at(value).index;
   const std::string name = "r_" + sanitize(r.name) + "_" + std::to_string(index);
   const char* prefix = r.type.is_float() ? "" : r.type.scalar == ir::Scalar::Int ? "i" : "u";
-  add_binding(index, name, bundle::Access::Read, std::string("uniform ") + prefix + "subpassInput " + name + ";\n");
+  add_binding(index, name, bundle::Access::Read,
+              {std::string("uniform ") + prefix + "subpassInput " + name + ";\n", 0, ""});
   inputs_.push_back(index);
 }
 
@@ -119,28 +138,32 @@ std::string Shader::in_range(const Extent& extent, const std::string& place) {
 }
 
 std::string Shader::load(ValueId value, const std::string& place) {
-  const Resource& r = resource(value);
   const std::string name = bind(step_.stored.at(value), bundle::Access::Read);
   const std::string function = "load_" + name.substr(2);
-  if (functions_.insert(function).second) {
-    std::string text = r.type.str() + " " + function + "(ivec3 at) {\n";
-    if (r.storage == Resource::Storage::Image) {
-      const bool input = std::find(inputs_.begin(), inputs_.end(), step_.stored.at(value).index) != inputs_.end();
-      const std::string fetch = input ? "subpassLoad(" + name + ")"
-                                      : "texelFetch(" + name + ", ivec3(" + (r.extent.w.is_one() ? "0" : "at.x") +
-                                            ", " + (r.extent.h.is_one() ? "0" : "at.y") + ", " +
-                                            (r.extent.l.is_one() ? "0" : "at.z") + "), 0)";
-      static const char* const kSwizzle[] = {".x", ".xy", ".xyz", ""};
-      const std::string texel = fetch + kSwizzle[r.type.rows - 1];
-      text += "  return " + (r.type.is_bool() ? r.type.str() + "(" + texel + ")" : texel) + ";\n";
-    } else {
-      text += "  int base = " + element_index(r.extent, "at") +
-              (r.type.is_scalar() ? "" : " * " + std::to_string(r.type.components())) + ";\n";
-      text += "  return " + from_words(r.type, name, "base") + ";\n";
-    }
-    declarations_ += text + "}\n";
-  }
+  if (functions_.insert(function).second) loaded_.push_back(step_.stored.at(value).index);
   return function + "(" + place + ")";
+}
+
+std::string Shader::load_function(const Resource& r, const Bound& bound) const {
+  const std::string& name = bound.name;
+  std::string text = r.type.str() + " load_" + name.substr(2) + "(ivec3 at) {\n";
+  if (r.storage == Resource::Storage::Image) {
+    const bool input =
+        std::find(inputs_.begin(), inputs_.end(), bindings_[bound.binding]->resource) != inputs_.end();
+    const std::string fetch = input ? "subpassLoad(" + name + ")"
+                                    : "texelFetch(" + name + ", ivec3(" + (r.extent.w.is_one() ? "0" : "at.x") + ", " +
+                                          (r.extent.h.is_one() ? "0" : "at.y") + ", " +
+                                          (r.extent.l.is_one() ? "0" : "at.z") + "), 0)";
+    static const char* const kSwizzle[] = {".x", ".xy", ".xyz", ""};
+    const std::string texel = fetch + kSwizzle[r.type.rows - 1];
+    text += "  return " + (r.type.is_bool() ? r.type.str() + "(" + texel + ")" : texel) + ";\n";
+  } else {
+    const int texel = bindings_[bound.binding]->texel;
+    const int parts = r.type.components() / std::max(texel, 1);
+    text += "  int base = " + element_index(r.extent, "at") + (parts == 1 ? "" : " * " + std::to_string(parts)) + ";\n";
+    text += "  return " + from_buffer(r.type, name, texel) + ";\n";
+  }
+  return text + "}\n";
 }
 
 std::string Shader::gather(ValueId value, const std::string& place) {
@@ -387,23 +410,48 @@ void Shader::reduce_op(const Op& op) {
     if (!names[k].empty()) define(op.results[k], names[k]);
 }
 
+void Shader::choose_texels() {
+  if (!texel_reads_) return;
+  for (const auto& [resource, bound] : bound_) {
+    Declared& declared = declared_[bound.binding];
+    bundle::BindingT& binding = *bindings_[bound.binding];
+    if (declared.texel == 0 || binding.access != bundle::Access::Read) continue;
+    binding.texel = static_cast<uint8_t>(declared.texel);
+    const char* prefix = declared.word == "float" ? "" : declared.word == "int" ? "i" : "u";
+    declared.text = std::string("uniform ") + prefix + "textureBuffer " + bound.name + ";\n";
+    extension("GL_EXT_samplerless_texture_functions");
+  }
+}
+
 std::string Shader::finish(const std::string& layout) {
+  choose_texels();
   std::string out = "#version 450\n";
   for (const std::string& e : extensions_) out += "#extension " + e + " : require\n";
   out += layout;
   for (size_t k = 0; k < symbols_.size(); ++k)
     out += "layout(constant_id = " + std::to_string(k) + ") const int " + symbol_name(symbols_[k]) + " = 1;\n";
   out += "layout(push_constant) uniform Push { int layer; int a; int b; int c; } pc;\n";
-  for (size_t k = 0; k < resource_texts_.size(); ++k) {
-    const bool image = resource_texts_[k].starts_with("uniform");
+  for (size_t k = 0; k < declared_.size(); ++k) {
+    const bool image = declared_[k].text.starts_with("uniform");
     const auto input = std::find(inputs_.begin(), inputs_.end(), bindings_[k]->resource);
     static constexpr const char* kRights[] = {"readonly ", "writeonly ", ""};  // by bundle::Access
     out += "layout(";
     if (input != inputs_.end()) out += "input_attachment_index = " + std::to_string(input - inputs_.begin()) + ", ";
     out += "set = 0, binding = " + std::to_string(k) + (image ? ") " : ", std430) ") +
-           (image ? "" : kRights[static_cast<size_t>(bindings_[k]->access)]) + resource_texts_[k];
+           (image ? "" : kRights[static_cast<size_t>(bindings_[k]->access)]) + declared_[k].text;
   }
   for (const std::string& p : preludes_) out += p;
+  for (const uint32_t resource : loaded_) out += load_function(schedule_.resources[resource], bound_.at(resource));
+  for (const auto& [bound, function] : words_) {
+    const std::string& word = declared_[bound.binding].word;
+    const int texel = bindings_[bound.binding]->texel;
+    const std::string fetch = "texelFetch(" + bound.name + ", index)";
+    out += word + " " + function + "(int index) { return " +
+           (texel == 0   ? bound.name + ".d[index]"
+            : texel == 1 ? fetch + ".x"
+                         : "packUint2x32(" + fetch + ".xy)") +
+           "; }\n";
+  }
   out += declarations_;
   out += "\nvoid main() {\n";
   out += body_.take();

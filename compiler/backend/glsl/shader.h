@@ -25,14 +25,17 @@ struct Accumulator {
 
 class Shader {
  public:
+  // `texels`: buffers that the shader does not write are uniform texel buffers (Profile::texel_reads).
   Shader(const ir::Graph& graph, const Schedule& schedule, const StepSchedule& step,
-         const std::vector<std::string>& symbols);
+         const std::vector<std::string>& symbols, bool texels);
 
   // Binds a resource of the bundle; further calls return the same name, and widen the access. Scratch is an array of
-  // uint (or uint64_t) words.
+  // uint (or uint64_t) words, of a storage buffer.
   std::string bind(ResourceId id, bundle::Access access);
   std::string bind_words(uint32_t bundle_resource, const std::string& name, bundle::Access access,
                          const char* word = "uint");
+  // Binds one whose words are only read, and returns the function that reads a word by its index.
+  std::string read_words(uint32_t bundle_resource, const std::string& name, const char* word = "uint");
   // A sampled image that only the bundle knows; `prefix` is "", "i" or "u".
   std::string bind_image(uint32_t bundle_resource, const std::string& name, const char* prefix);
   // Makes a stored value an input attachment: load() then reads the invocation's own pixel, whatever the place.
@@ -73,9 +76,27 @@ class Shader {
   std::string finish(const std::string& layout);
 
  private:
+  struct Bound {
+    std::string name;
+    size_t binding = 0;
+  };
+  struct Declared {
+    std::string text;  // without layout and rights
+    int texel;         // the components of a fetch, if it may be a texel buffer of these words, else 0
+    std::string word;
+  };
+  struct Words {
+    Bound bound;
+    std::string function;
+  };
   // The name a bundle resource has here, after widening its access; null if it is not bound yet.
   const std::string* find_bound(uint32_t bundle_resource, bundle::Access access);
-  std::string add_binding(uint32_t bundle_resource, const std::string& name, bundle::Access access, std::string text);
+  std::string add_binding(uint32_t bundle_resource, const std::string& name, bundle::Access access,
+                          Declared declared);
+  std::string buffer(uint32_t bundle_resource, const std::string& name, bundle::Access access, const char* word,
+                     int texel);
+  std::string load_function(const Resource& resource, const Bound& bound) const;
+  void choose_texels();
   const Resource& resource(ir::ValueId v) const { return schedule_.resources[step_.stored.at(v).index]; }
   void op(const ir::Op& op);
   void if_op(const ir::Op& op);
@@ -90,17 +111,17 @@ class Shader {
   const std::vector<std::string>& symbols_;
   Writer body_{1};
   std::string declarations_;
-  std::vector<std::string> resource_texts_;  // by binding, without layout and rights
+  std::vector<Declared> declared_;  // by binding
   std::vector<std::string> preludes_;
   std::set<std::string> extensions_;
   std::set<std::string> names_;
   std::set<std::string> functions_;
   std::vector<std::unique_ptr<bundle::BindingT>> bindings_;
-  struct Bound {
-    std::string name;
-    size_t binding = 0;
-  };
   std::map<uint32_t, Bound> bound_;
+  bool texel_reads_;
+  // Functions that read; how is known when all writes are.
+  std::vector<uint32_t> loaded_;  // resources of the schedule
+  std::vector<Words> words_;
   std::vector<uint32_t> inputs_;  // resources, by input attachment index
   std::vector<std::map<ir::ValueId, std::string>> scopes_{1};
   std::map<ir::ValueId, Accumulator> accumulators_;
