@@ -53,7 +53,7 @@ class Generator {
   void raster_compute(const Pass& pass, const ir::Op& op);
 
   glsl::Shader shader() const {
-    return glsl::Shader(graph_, schedule_, *step_, bundle_->symbols, profile_.texel_reads);
+    return glsl::Shader(graph_, schedule_, *step_, bundle_->symbols, profile_.lanes_in_turn);
   }
   // 64 invocations in a workgroup, or as many as the host likes.
   std::string compute_layout() const {

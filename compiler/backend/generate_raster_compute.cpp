@@ -34,6 +34,7 @@ struct Walk {
   uint32_t keys, ids;  // wide: both the slots
   uint32_t lists;      // [0], [1]: how many faces; those of the subgroups from [2]; those of all behind them
   uint32_t subgroup_size;
+  bool lanes_in_turn;
 
   std::string box(Shader& s, RasterClosures& closures, bool guarded) const {
     std::string area = "int across = last.x - first.x, area = across * (last.y - first.y);";
@@ -66,6 +67,7 @@ struct Walk {
     if (wide) {
       s.body().line("uint64_t entry = (uint64_t(key) << 36) | (uint64_t(uint(face)) << 4) | uint64_t(" +
                     closures.closure(kTag) + " & 15);");
+      if (lanes_in_turn) s.body().line("entry = pc.c == 0 ? entry : 0ul;");
       // Each slot keeps the smaller entry and hands the other on, so that the K smallest end up sorted whatever the
       // order.
       s.body().line("for (int k = 0; k < " + std::to_string(parts.count) + "; ++k) {");
@@ -163,7 +165,7 @@ void Generator::raster_compute(const Pass& pass, const ir::Op& op) {
 
   // A power of two, so that teams share the invocations evenly whatever the profile says.
   const uint32_t lanes = std::bit_floor(std::min(profile_.subgroup_size, 128u));
-  const Walk walk{graph_, pass, op, parts, wide, keys, ids, lists, lanes};
+  const Walk walk{graph_, pass, op, parts, wide, keys, ids, lists, lanes, profile_.lanes_in_turn};
   // Without wide words a rank takes two runs; see Walk::pixel.
   std::vector<size_t> first_run;
   const auto run_bin = [&](Bin bin, const char* suffix, const std::string& elements, const std::string& bound) {
@@ -200,8 +202,7 @@ void Generator::raster_compute(const Pass& pass, const ir::Op& op) {
   const std::string n = dim_expression(pixels);
   linear_index(r, n);
   place_from_index(r, parts.extent());
-  const std::string in_keys =
-      wide ? r.read_words(keys, "slots", "uint64_t") : std::string();
+  const std::string in_keys = wide ? r.read_words(keys, "slots", "uint64_t") : std::string();
   if (wide) {
     for (size_t k = 0; k < parts.count; ++k) {
       const std::string rank = std::to_string(k);

@@ -281,11 +281,11 @@ void Generator::rows_pass(const Pass& pass) {
     const int n = writer.type(k).components();
     for (int c = 0; c < n; ++c) {
       const std::string id = std::to_string(k), total = RowsWriter::total(k, c);
-      s.body().line(out + ".d[index * " + std::to_string(n) + " + " + std::to_string(c) + "] = " +
-                    (writer.type(k).is_float() ? "fixed_to_float(" + total + ", shift_" + id + ", (flags_" + id +
-                                                     " >> " + std::to_string(4 * c) + ") & 15u)"
-                                               : total) +
-                    ";");
+      const std::string value = writer.type(k).is_float() ? "fixed_to_float(" + total + ", shift_" + id + ", (flags_" +
+                                                                id + " >> " + std::to_string(4 * c) + ") & 15u)"
+                                                          : total;
+      s.body().line(out + ".d[index * " + std::to_string(n) + " + " + std::to_string(c) +
+                    "] = " + s.at_once({writer.type(k).scalar, 1, 1}, value) + ";");
     }
   }
   dispatch(pass, "", s, (pass.rows.targets * layers).str());

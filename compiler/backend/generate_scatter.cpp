@@ -230,7 +230,8 @@ void Generator::scatter_pass(const Pass& pass) {
       for (int c = 0; c < n; ++c) {
         const std::string x = component(r.type, "value", c);
         body += "  flags |= special_flag(" + x + ") << " + std::to_string(4 * c) + ";\n";
-        body += "  uvec2 " + part(c) + " = fixed_from_float(" + x + ", shift_" + id + ");\n";
+        body += "  uvec2 " + part(c) + " = " +
+                s.at_once(ir::vec(2, ir::Scalar::Uint), "fixed_from_float(" + x + ", shift_" + id + ")") + ";\n";
       }
       if (pass.join_lanes) body += join_lanes(n, part);
       for (int c = 0; c < n; ++c) {
@@ -341,8 +342,9 @@ void Generator::scatter_resolve(const Pass& pass, ValueId value, const Accumulat
     const std::string number = wide ? "unpackUint2x32(" + sums + "(" + word_of("index", n, c) + "))"
                                     : "uvec2(" + sums + "(" + word_of("index", 2 * n, 2 * c) + "), " + sums + "(" +
                                           word_of("index", 2 * n, 2 * c + 1) + "))";
-    s.body().line(out + ".d[index * " + std::to_string(n) + " + " + std::to_string(c) + "] = fixed_to_float(" + number +
-                  ", shift, (flags >> " + std::to_string(4 * c) + ") & 15u);");
+    const std::string sum = "fixed_to_float(" + number + ", shift, (flags >> " + std::to_string(4 * c) + ") & 15u)";
+    s.body().line(out + ".d[index * " + std::to_string(n) + " + " + std::to_string(c) +
+                  "] = " + s.at_once(ir::kFloat, sum) + ";");
   }
   dispatch(pass, "_resolve", s, count.str());
 }

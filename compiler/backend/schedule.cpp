@@ -101,7 +101,7 @@ std::vector<std::string> check_schedule(const Graph& graph, const Schedule& sche
         (schedule.resources[it->second.index].storage == Resource::Storage::Image ? images : buffers)
             .insert(it->second.index);
       }
-      const size_t sampled = images.size() + (profile.texel_reads ? buffers.size() : 0);
+      const size_t sampled = images.size() + (profile.lanes_in_turn ? buffers.size() : 0);
       uint32_t colors = 0;
       for (ValueId v : pass.writes) {
         if (here.count(v) == 0) report("stores a value that it does not compute");

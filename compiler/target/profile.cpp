@@ -118,7 +118,7 @@ void visit_fields(P& p, const F& f) {
   f("subgroup_size", p.subgroup_size);
   f("max_storage_buffer_range", p.max_storage_buffer_range);
   f("subgroup_arithmetic", p.subgroup_arithmetic);
-  f("texel_reads", p.texel_reads);
+  f("lanes_in_turn", p.lanes_in_turn);
   f("shader_int64", p.shader_int64);
   f("shader_buffer_int64_atomics", p.shader_buffer_int64_atomics);
   f("shader_buffer_float32_atomic_add", p.shader_buffer_float32_atomic_add);

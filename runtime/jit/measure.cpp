@@ -50,7 +50,7 @@ class Measurement {
     // Fixed costs from tiny images, traffic from large ones.
     constexpr int kTiny = 4, kLarge = 384;
     const double pixels = double{kLarge} * kLarge;
-    profile_.texel_reads = texels_are_faster(kLarge, compute);
+    profile_.lanes_in_turn = lanes_in_turn(kLarge, compute);
     c.dispatch_ns = a_line(neighbours, kTiny, compute);
     c.pass_ns = a_line(neighbours, kTiny, fragment);
     c.subpass_ns = a_line(elementwise, kTiny, subpasses);
@@ -170,9 +170,9 @@ class Measurement {
     constexpr int kFew = 2, kMany = 14;
     return at_least((run(program(kMany), size, options) - run(program(kFew), size, options)) / (kMany - kFew));
   }
-  bool texels_are_faster(int size, const Options& options) {
-    const auto with = [&](bool texels) {
-      profile_.texel_reads = texels;
+  bool lanes_in_turn(int size, const Options& options) {
+    const auto with = [&](bool in_turn) {
+      profile_.lanes_in_turn = in_turn;
       return a_line(neighbours, size, options);
     };
     try {

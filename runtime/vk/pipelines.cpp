@@ -56,7 +56,7 @@ vk::BufferView Pipelines::texels(const Descriptor& descriptor) {
   const uint32_t most = device_->properties.limits.maxTexelBufferElements;
   if (count == 0 || count > most)
     throw Failure{"'" + r.name + "' is read as " + std::to_string(count) + " texels, the device allows 1 to " +
-                  std::to_string(most) + "; compile it for this device (a profile with \"texel_reads\": false)"};
+                  std::to_string(most) + "; compile it for this device (a profile with \"lanes_in_turn\": false)"};
   bundle::TypeT type;
   type.scalar = r.type->scalar;
   type.rows = static_cast<uint8_t>(descriptor.texel);
@@ -74,7 +74,7 @@ Bound Pipelines::bind(const std::vector<Descriptor>& descriptors, vk::ShaderStag
   for (uint32_t k = 0; k < descriptors.size(); ++k) {
     const auto [resource, texel] = descriptors[k];
     const bool input = std::find(inputs.begin(), inputs.end(), resource) != inputs.end();
-    const auto type = texel != 0                                                ? vk::DescriptorType::eUniformTexelBuffer
+    const auto type = texel != 0 ? vk::DescriptorType::eUniformTexelBuffer
                       : bundle_.resources[resource]->storage == Storage::Buffer ? vk::DescriptorType::eStorageBuffer
                       : input                                                   ? vk::DescriptorType::eInputAttachment
                                                                                 : vk::DescriptorType::eSampledImage;

@@ -38,8 +38,8 @@ int texel_of(const Type& type) { return type.components() % 4 == 0 ? 4 : type.co
 }  // namespace
 
 Shader::Shader(const ir::Graph& graph, const Schedule& schedule, const StepSchedule& step,
-               const std::vector<std::string>& symbols, bool texels)
-    : graph_(graph), schedule_(schedule), step_(step), symbols_(symbols), texel_reads_(texels) {
+               const std::vector<std::string>& symbols, bool lanes_in_turn)
+    : graph_(graph), schedule_(schedule), step_(step), symbols_(symbols), lanes_in_turn_(lanes_in_turn) {
   for (const char* taken : {"at", "pc", "index", "face", "p", "main", "d"}) names_.insert(taken);
   for (const std::string& s : symbols) names_.insert(symbol_name(s));
 }
@@ -148,8 +148,7 @@ std::string Shader::load_function(const Resource& r, const Bound& bound) const {
   const std::string& name = bound.name;
   std::string text = r.type.str() + " load_" + name.substr(2) + "(ivec3 at) {\n";
   if (r.storage == Resource::Storage::Image) {
-    const bool input =
-        std::find(inputs_.begin(), inputs_.end(), bindings_[bound.binding]->resource) != inputs_.end();
+    const bool input = std::find(inputs_.begin(), inputs_.end(), bindings_[bound.binding]->resource) != inputs_.end();
     const std::string fetch = input ? "subpassLoad(" + name + ")"
                                     : "texelFetch(" + name + ", ivec3(" + (r.extent.w.is_one() ? "0" : "at.x") + ", " +
                                           (r.extent.h.is_one() ? "0" : "at.y") + ", " +
@@ -176,22 +175,29 @@ std::string Shader::gather(ValueId value, const std::string& place) {
   return "gather_" + name + "(" + place + ")";
 }
 
+// LLVM would move the arithmetic before a store into the loop over lanes that llvmpipe makes of it; not through a
+// choice that it cannot foresee (pc.c is 0 always).
+std::string Shader::at_once(const Type& type, const std::string& expression) const {
+  return lanes_in_turn_ ? "(pc.c == 0 ? " + expression + " : " + zero(type) + ")" : expression;
+}
+
 void Shader::store(ValueId value, const std::string& place, const std::string& expression) {
   const Resource& r = resource(value);
   const std::string name = bind(step_.stored.at(value), bundle::Access::Write);
   const int n = r.type.components();
+  const auto word = [&](const std::string& part) {
+    const std::string all = at_once({r.type.scalar, 1, 1}, part);
+    return r.type.is_bool() ? "uint(" + all + ")" : all;
+  };
   if (n == 1) {
-    body_.line(name + ".d[" + element_index(r.extent, place) +
-               "] = " + (r.type.is_bool() ? "uint(" + expression + ")" : expression) + ";");
+    body_.line(name + ".d[" + element_index(r.extent, place) + "] = " + word(expression) + ";");
     return;
   }
   const std::string base = unique("base");
   body_.line("int " + base + " = " + element_index(r.extent, place) + " * " + std::to_string(n) + ";");
-  for (int c = 0; c < n; ++c) {
-    const std::string part = component(r.type, expression, c);
+  for (int c = 0; c < n; ++c)
     body_.line(name + ".d[" + base + (c ? " + " + std::to_string(c) : "") +
-               "] = " + (r.type.is_bool() ? "uint(" + part + ")" : part) + ";");
-  }
+               "] = " + word(component(r.type, expression, c)) + ";");
 }
 
 void Shader::prelude(std::string_view text) {
@@ -411,7 +417,7 @@ void Shader::reduce_op(const Op& op) {
 }
 
 void Shader::choose_texels() {
-  if (!texel_reads_) return;
+  if (!lanes_in_turn_) return;
   for (const auto& [resource, bound] : bound_) {
     Declared& declared = declared_[bound.binding];
     bundle::BindingT& binding = *bindings_[bound.binding];

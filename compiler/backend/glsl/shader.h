@@ -25,9 +25,9 @@ struct Accumulator {
 
 class Shader {
  public:
-  // `texels`: buffers that the shader does not write are uniform texel buffers (Profile::texel_reads).
+  // `lanes_in_turn`: see target::Profile.
   Shader(const ir::Graph& graph, const Schedule& schedule, const StepSchedule& step,
-         const std::vector<std::string>& symbols, bool texels);
+         const std::vector<std::string>& symbols, bool lanes_in_turn);
 
   // Binds a resource of the bundle; further calls return the same name, and widen the access. Scratch is an array of
   // uint (or uint64_t) words, of a storage buffer.
@@ -48,6 +48,8 @@ class Shader {
   std::string gather(ir::ValueId value, const std::string& place);
   // A statement that stores an element in a buffer resource.
   void store(ir::ValueId value, const std::string& place, const std::string& expression);
+  // An expression for a buffer's memory, computed for all lanes at once (Profile::lanes_in_turn).
+  std::string at_once(const ir::Type& type, const std::string& expression) const;
   // Index of an element in a buffer of that extent.
   static std::string element_index(const ir::Extent& extent, const std::string& place);
   static std::string in_range(const ir::Extent& extent, const std::string& place);
@@ -91,8 +93,7 @@ class Shader {
   };
   // The name a bundle resource has here, after widening its access; null if it is not bound yet.
   const std::string* find_bound(uint32_t bundle_resource, bundle::Access access);
-  std::string add_binding(uint32_t bundle_resource, const std::string& name, bundle::Access access,
-                          Declared declared);
+  std::string add_binding(uint32_t bundle_resource, const std::string& name, bundle::Access access, Declared declared);
   std::string buffer(uint32_t bundle_resource, const std::string& name, bundle::Access access, const char* word,
                      int texel);
   std::string load_function(const Resource& resource, const Bound& bound) const;
@@ -118,7 +119,7 @@ class Shader {
   std::set<std::string> functions_;
   std::vector<std::unique_ptr<bundle::BindingT>> bindings_;
   std::map<uint32_t, Bound> bound_;
-  bool texel_reads_;
+  bool lanes_in_turn_;
   // Functions that read; how is known when all writes are.
   std::vector<uint32_t> loaded_;  // resources of the schedule
   std::vector<Words> words_;
