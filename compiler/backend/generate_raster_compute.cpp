@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Raster passes by compute shaders. An invocation walks the box around a face's hull; where subgroups are wide, faces
-// with a larger box go to one of two lists instead, whose faces are walked by a subgroup and by the whole device. Each
-// pixel keeps its least entries with atomic minima, so that the order of the faces does not matter.
+// Raster passes by compute shaders. An invocation walks the box around a face's hull, or, if it is larger, puts the
+// face on one of two lists, whose faces are walked by a subgroup and by the whole device. Each pixel keeps its least
+// entries with atomic minima, so that the order of the faces does not matter.
 #include <algorithm>
 #include <bit>
 
@@ -16,11 +16,16 @@ using ir::ValueId;
 
 namespace {
 
-// Faces by the pixels of their boxes: up to the first for one invocation, up to the second for a subgroup.
-constexpr int kSmallBox = 64, kMiddleBox = 4096;
-// Invocations that share the faces of a list.
-constexpr int kMiddleInvocations = 1 << 17, kLargeInvocations = 1 << 16;
-// Narrower subgroups gain nothing: on CPUs they are the lanes that run faces side by side already.
+struct Bins {
+  // Faces by the pixels of their boxes: up to the first for one invocation, up to the second for a subgroup.
+  int small_box, middle_box;
+  // Invocations that share the faces of a list.
+  int middle_invocations, large_invocations;
+};
+constexpr Bins kGpu{64, 4096, 1 << 17, 1 << 16};
+// The lanes of a CPU's vector: side by side they would wait for the face with the largest box, and most faces have
+// none.
+constexpr Bins kCpu{0, 4096, 1 << 13, 1 << 12};
 constexpr uint32_t kWideSubgroup = 16;
 
 enum class Bin : uint8_t { All, Small, Middle, Large };
@@ -34,6 +39,7 @@ struct Walk {
   uint32_t keys, ids;  // wide: both the slots
   uint32_t lists;      // [0], [1]: how many faces; those of the subgroups from [2]; those of all behind them
   uint32_t subgroup_size;
+  Bins bins;
   bool lanes_in_turn;
 
   std::string box(Shader& s, RasterClosures& closures, bool guarded) const {
@@ -98,15 +104,16 @@ struct Walk {
     if (bin == Bin::Small) {
       const std::string list = s.bind_words(lists, "lists", bundle::Access::ReadWrite);
       s.body().line(area);
-      s.body().line("if (area > " + std::to_string(kSmallBox) + ") {");
+      s.body().line("if (area > " + std::to_string(bins.small_box) + ") {");
       s.body().line("if (pc.a == 0 && pc.b == 0) {");
-      s.body().line("if (area <= " + std::to_string(kMiddleBox) + ") " + list + ".d[2u + atomicAdd(" + list +
+      s.body().line("if (area <= " + std::to_string(bins.middle_box) + ") " + list + ".d[2u + atomicAdd(" + list +
                     ".d[0], 1u)] = uint(index);");
       s.body().line("else " + list + ".d[uint(2 + " + dim_expression(parts.faces * parts.l) + ") + atomicAdd(" + list +
                     ".d[1], 1u)] = uint(index);");
       s.body().line("}");
-      s.body().line("return;");
+      if (bins.small_box > 0) s.body().line("return;");
       s.body().line("}");
+      if (bins.small_box == 0) return;
     }
     closures.load_fields("at");
     s.body().line("for (at.y = first.y; at.y < last.y; ++at.y)");
@@ -121,8 +128,8 @@ struct Walk {
   void listed(Shader& s, Bin bin) const {
     const std::string count = dim_expression(parts.faces);
     const bool middle = bin == Bin::Middle;
-    const int lanes = middle ? static_cast<int>(subgroup_size) : kLargeInvocations;
-    const int teams = middle ? kMiddleInvocations / lanes : 1;
+    const int lanes = middle ? static_cast<int>(subgroup_size) : bins.large_invocations;
+    const int teams = middle ? bins.middle_invocations / lanes : 1;
     const std::string list = s.read_words(lists, "lists");
     const std::string begin = middle ? "2" : "2 + " + dim_expression(parts.faces * parts.l);
     s.body().line("int count = int(" + list + (middle ? "(0)" : "(1)") + ");");
@@ -155,7 +162,8 @@ void Generator::raster_compute(const Pass& pass, const ir::Op& op) {
   const Dim slots = pixels * Dim(static_cast<int64_t>(parts.count));
   const Dim faces = parts.faces * parts.l;
   const bool wide = wide_atomics();
-  const bool binned = profile_.subgroup_size >= kWideSubgroup;
+  const bool binned = profile_.subgroup_size > 1;
+  const Bins& bins = profile_.subgroup_size >= kWideSubgroup ? kGpu : kCpu;
   const uint32_t keys = add_scratch(pass.name + (wide ? "_slots" : "_keys"), (wide ? slots * Dim(2) : slots).str());
   const uint32_t ids = wide ? keys : add_scratch(pass.name + "_faces", slots.str());
   const uint32_t lists = binned ? add_scratch(pass.name + "_lists", (faces * Dim(2) + Dim(2)).str()) : keys;
@@ -165,7 +173,7 @@ void Generator::raster_compute(const Pass& pass, const ir::Op& op) {
 
   // A power of two, so that teams share the invocations evenly whatever the profile says.
   const uint32_t lanes = std::bit_floor(std::min(profile_.subgroup_size, 128u));
-  const Walk walk{graph_, pass, op, parts, wide, keys, ids, lists, lanes, profile_.lanes_in_turn};
+  const Walk walk{graph_, pass, op, parts, wide, keys, ids, lists, lanes, bins, profile_.lanes_in_turn};
   // Without wide words a rank takes two runs; see Walk::pixel.
   std::vector<size_t> first_run;
   const auto run_bin = [&](Bin bin, const char* suffix, const std::string& elements, const std::string& bound) {
@@ -182,8 +190,9 @@ void Generator::raster_compute(const Pass& pass, const ir::Op& op) {
   };
   run_bin(binned ? Bin::Small : Bin::All, "_faces", faces.str(), dim_expression(faces));
   if (binned) {
-    run_bin(Bin::Middle, "_middle_faces", std::to_string(kMiddleInvocations), std::to_string(kMiddleInvocations));
-    run_bin(Bin::Large, "_large_faces", std::to_string(kLargeInvocations), std::to_string(kLargeInvocations));
+    const std::string middle = std::to_string(bins.middle_invocations), large = std::to_string(bins.large_invocations);
+    run_bin(Bin::Middle, "_middle_faces", middle, middle);
+    run_bin(Bin::Large, "_large_faces", large, large);
   }
   if (!wide)
     for (int run = 1; run < 2 * static_cast<int>(parts.count); ++run)

@@ -51,17 +51,22 @@ void Pipelines::specialize(const ir::SymbolValues& symbols) {
 
 // All of a buffer as texels.
 vk::BufferView Pipelines::texels(const Descriptor& descriptor) {
+  using F = vk::Format;
+  static constexpr F kFormats[3][4] = {{F::eR32Sfloat, F::eR32G32Sfloat, F::eR32G32B32Sfloat, F::eR32G32B32A32Sfloat},
+                                       {F::eR32Sint, F::eR32G32Sint, F::eR32G32B32Sint, F::eR32G32B32A32Sint},
+                                       {F::eR32Uint, F::eR32G32Uint, F::eR32G32B32Uint, F::eR32G32B32A32Uint}};
   const bundle::ResourceT& r = *bundle_.resources[descriptor.resource];
+  const int scalar = r.type->scalar == bundle::Scalar::Float ? 0 : r.type->scalar == bundle::Scalar::Int ? 1 : 2;
+  const F format = kFormats[scalar][descriptor.texel - 1];
   const vk::DeviceSize size = descriptor.texel * 4, count = memory_.buffer(descriptor.resource).bytes / size;
-  const uint32_t most = device_->properties.limits.maxTexelBufferElements;
+  const auto features = device_->physical.getFormatProperties(format).bufferFeatures;
+  const vk::DeviceSize most =
+      features & vk::FormatFeatureFlagBits::eUniformTexelBuffer ? device_->properties.limits.maxTexelBufferElements : 0;
   if (count == 0 || count > most)
-    throw Failure{"'" + r.name + "' is read as " + std::to_string(count) + " texels, the device allows 1 to " +
-                  std::to_string(most) + "; compile it for this device (a profile with \"lanes_in_turn\": false)"};
-  bundle::TypeT type;
-  type.scalar = r.type->scalar;
-  type.rows = static_cast<uint8_t>(descriptor.texel);
-  const vk::BufferViewCreateInfo info({}, *memory_.buffer(descriptor.resource).buffer, format_of(type), 0,
-                                      count * size);
+    throw Failure{"'" + r.name + "' is read as " + std::to_string(count) + " texels of " +
+                  std::to_string(descriptor.texel) + " words, the device allows " + std::to_string(most) +
+                  "; compile it for this device (a profile with \"lanes_in_turn\": false)"};
+  const vk::BufferViewCreateInfo info({}, *memory_.buffer(descriptor.resource).buffer, format, 0, count * size);
   views_.emplace_back(device_->device, info);
   device_->name(views_.back(), r.name);
   return *views_.back();

@@ -12,8 +12,8 @@
 #include "tests/device/devices.h"
 
 using namespace dr;
-using test::must;
 using io::Array;
+using test::must;
 
 namespace {
 
@@ -47,6 +47,12 @@ const Case kCases[] = {
       fn square(x: float) -> float { x * x }
       @vjp(square) fn square_vjp(x: float, g: float) -> float { 2.0 * x * g + 0.5 * g }
       step go { output d = grad(sum(if a > 0.25 { square(a) } else { 0.0 }), a); })",
+     {"go"}},
+    {"neighbours of a row or a column, read where it is stretched",
+     R"(
+      input a : float[W, H];
+      let row = a.at(ivec2(coord(W, 1).x, 0)) * 2.0; let column = a.at(ivec2(0, coord(1, H).y)) * 3.0;
+      step go { output y = a + shift(row, -1, 0) * shift(column, 0, 1), z = a + shift(row, 0, 1) + shift(column, 1, 0); })",
      {"go"}},
     {"unsigned minima and maxima",
      R"(

@@ -144,8 +144,7 @@ struct Checker {
       const Storage s = b.resources[binding->resource]->storage;
       if (s == Storage::Depth || (s == Storage::Image && binding->access != Access::Read))
         return fail(where + " binds an attachment for writing");
-      if (binding->texel != 0 && (s != Storage::Buffer || binding->access != Access::Read ||
-                                  (binding->texel != 1 && binding->texel != 2 && binding->texel != 4)))
+      if (binding->texel > 4 || (binding->texel != 0 && (s != Storage::Buffer || binding->access != Access::Read)))
         return fail(where + " binds as texels what cannot be");
     }
     for (const Line& line : c.lines)

@@ -20,7 +20,7 @@ namespace {
 
 // An element of a buffer, which starts at word `base`, or at that texel of `texel` components.
 std::string from_buffer(const Type& type, const std::string& buffer, int texel) {
-  static const char* const kSwizzle[] = {".x", ".xy", "", ""};
+  static const char* const kSwizzle[] = {".x", ".xy", ".xyz", ""};
   const int step = std::max(texel, 1), parts = type.components() / step;
   std::string out;
   for (int k = 0; k < parts; ++k) {
@@ -32,8 +32,12 @@ std::string from_buffer(const Type& type, const std::string& buffer, int texel) 
   return type.is_scalar() ? out : type.str() + "(" + out + ")";
 }
 
-// How many components one fetch can give of an element: a texel has 1, 2 or 4.
-int texel_of(const Type& type) { return type.components() % 4 == 0 ? 4 : type.components() % 2 == 0 ? 2 : 1; }
+// How many components one fetch can give of an element.
+int texel_of(const Type& type) {
+  for (const int most : {4, 3, 2})
+    if (type.components() % most == 0) return most;
+  return 1;
+}
 
 }  // namespace
 
@@ -267,11 +271,14 @@ void Shader::op(const Op& op) {
       return;
     }
     case OpKind::Shift: {
-      const std::string place =
-          "at + ivec3(" + std::to_string(op.attrs.ints[0]) + ", " + std::to_string(op.attrs.ints[1]) + ", 0)";
+      // On an axis of extent 1, where the shader may run over more elements, every other place is outside.
       const Extent& e = graph_.value(op.operands[0]).extent;
-      // On an axis of extent 1 every other place is outside.
-      result(op.results[0], gather(op.operands[0], e.l.is_one() ? "ivec3((" + place + ").xy, 0)" : place));
+      const std::string from = std::string("ivec3(") + (e.w.is_one() ? "0" : "at.x") + ", " +
+                               (e.h.is_one() ? "0" : "at.y") + ", " + (e.l.is_one() ? "0" : "at.z") + ")";
+      const bool whole = !e.w.is_one() && !e.h.is_one() && !e.l.is_one();
+      result(op.results[0],
+             gather(op.operands[0], (whole ? "at" : from) + " + ivec3(" + std::to_string(op.attrs.ints[0]) + ", " +
+                                        std::to_string(op.attrs.ints[1]) + ", 0)"));
       return;
     }
     case OpKind::If: if_op(op); return;
