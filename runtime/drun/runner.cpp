@@ -81,7 +81,9 @@ int run(const Options& options) {
       return 0;
     }
     const runtime::Device device = must(runtime::Device::open({options.device, options.validate}));
+    const auto begin = std::chrono::steady_clock::now();
     const std::vector<uint8_t> bundle = load_or_compile(options, device.profile_name());
+    if (options.timing) std::printf("%s: compiled or read in %.0f ms\n", options.file.c_str(), ms_since(begin));
     runtime::LoadOptions load{
         .cache = options.cache, .pipeline_folder = jit::cache_folder(), .memory_limit = options.memory};
     if (options.rebuild) load.rebuild = jit::rebuilder(bundle, options.compile);

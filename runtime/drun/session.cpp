@@ -21,6 +21,8 @@ using io::Array;
 
 namespace {
 
+using Clock = std::chrono::steady_clock;
+
 volatile std::sig_atomic_t interrupted = 0;
 
 std::string list(const std::vector<std::string>& names) {
@@ -152,6 +154,8 @@ void Session::run_step(const std::string& step, int& done, int times) {
     int now = std::min(options_.dump_raster.empty() && !options_.check_finite ? options_.log_every : 1, left);
     const bool first = ran_.count(step) == 0;
     if (first) now = 1;  // it compiles, and shows where the fit starts
+    if (first && options_.timing) prepare(step);
+    const auto begin = Clock::now();
     // The last run of all is the one that is timed.
     if (options_.timing && now == left && now > 1) --now;
     std::string not_finite;
@@ -161,6 +165,8 @@ void Session::run_step(const std::string& step, int& done, int times) {
       timed_run(step);
     else
       now = run_for(step, now);
+    if (first && options_.timing && left > 1)
+      std::printf("%s: the first run took %.0f ms, in which some drivers compile\n", step.c_str(), ms_since(begin));
     if (ran_.insert(step).second) warn_of_open_meshes(step);
     done += now;
     const int64_t before = at_.runs[step];
@@ -186,19 +192,24 @@ void Session::warn_of_open_meshes(const std::string& step) {
 
 // Runs the step so often, or until somebody interrupts, which is looked at several times a second. Gives how often.
 int Session::run_for(const std::string& step, int times) {
-  using Clock = std::chrono::steady_clock;
   int done = 0;
   while (done < times && !(interrupted && done > 0)) {
     const auto begin = Clock::now();
     const int now = std::min(times - done, together_);
     must(target_.run(step, now));
     done += now;
-    const double seconds = std::chrono::duration<double>(Clock::now() - begin).count();
+    const double seconds = ms_since(begin) * 1e-3;
     together_ = static_cast<int>(std::clamp(0.2 * now / std::max(seconds, 1e-6), 1.0, 1e6));
     // The device takes its time to start, and the host to know how much it takes at once.
     if (ran_.count(step) != 0) paces_[step].push_back(seconds / now);
   }
   return done;
+}
+
+void Session::prepare(const std::string& step) {
+  const auto begin = Clock::now();
+  const int commands = must(target_.prepare(step));
+  std::printf("%s: memory and pipelines of %d commands took %.0f ms\n", step.c_str(), commands, ms_since(begin));
 }
 
 void Session::timed_run(const std::string& step) {

@@ -39,6 +39,8 @@ class Session {
   // From the runs that are `done` to `times`.
   void run_step(const std::string& step, int& done, int times);
   int run_for(const std::string& step, int times);
+  // Makes what the step needs before its first run, and prints how long that took.
+  void prepare(const std::string& step);
   void timed_run(const std::string& step);
   // The run that is number `run` of all; what it stored that is not finite, or nothing.
   std::string checked_run(const std::string& step, int run);
@@ -61,7 +63,7 @@ class Session {
   std::set<std::string> warned_;  // leaves
   std::map<std::string, std::string> last_values_;
   std::map<std::string, bool> scalar_;
-  int together_ = 1;  // runs of a step between two looks at whether somebody interrupts
+  int together_ = 1;                                  // runs of a step between two looks at whether somebody interrupts
   std::map<std::string, std::vector<double>> paces_;  // of each step: seconds a run, one for each batch
 };
 

@@ -40,8 +40,13 @@ Target common(P& program) {
 
 }  // namespace
 
+double ms_since(std::chrono::steady_clock::time_point begin) {
+  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count();
+}
+
 Target target_of(runtime::Program& program) {
   Target t = common(program);
+  t.prepare = [&](const std::string& step) { return program.command_count(step); };
   t.timed_run = [&](const std::string& step) { return program.timed_run(step); };
   t.checked_run = [&](const std::string& step) { return program.checked_run(step); };
   t.memory_use = [&] { return program.memory_use(); };

@@ -2,6 +2,7 @@
 // The two kinds of device, Vulkan and the float64 evaluator, behind one set of calls.
 #pragma once
 
+#include <chrono>
 #include <functional>
 #include <string>
 #include <vector>
@@ -32,11 +33,15 @@ struct Target {
   std::function<io::Result<io::Array>(const std::string&)> leaf;
   std::function<io::Result<io::Decisions>(const std::string&)> decisions;
   // What only a Vulkan device can tell.
+  std::function<io::Result<int>(const std::string&)> prepare;  // a step: memory, pipelines; gives its commands
   std::function<io::Result<std::vector<runtime::CommandTime>>(const std::string&)> timed_run;
   std::function<io::Result<std::optional<runtime::NotFinite>>(const std::string&)> checked_run;
   std::function<runtime::StepCounters(const std::string&)> counters;
   std::function<runtime::MemoryUse()> memory_use;
 };
+
+// Milliseconds since a moment of std::chrono::steady_clock.
+double ms_since(std::chrono::steady_clock::time_point begin);
 
 // The program must outlive it.
 Target target_of(runtime::Program& program);
