@@ -60,7 +60,8 @@ std::unique_ptr<Program::State> Program::State::load(std::shared_ptr<DeviceState
     const std::map<std::string_view, bool> known = {{"shader_buffer_float32_atomic_add", d.float_atomics},
                                                     {"shader_int64", d.int64_atomics},
                                                     {"shader_buffer_int64_atomics", d.int64_atomics},
-                                                    {"subgroup_arithmetic", d.subgroup_arithmetic}};
+                                                    {"subgroup_arithmetic", d.subgroup_arithmetic},
+                                                    {"multiview", d.multiview_views > 0}};
     const auto it = known.find(feature);
     if (it == known.end())
       throw Failure{"the bundle needs the feature '" + feature + "', which this runtime does not know"};

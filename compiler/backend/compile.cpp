@@ -154,7 +154,7 @@ std::variant<Compiled, std::string> compile(const ir::Graph& graph, const target
   work();
   for (std::thread& t : threads) t.join();
   if (cache.has_stored()) cache.trim();  // a cache that has not grown is not too large
-  bool wide = false, float_atomics = false, subgroups = false;
+  bool wide = false, float_atomics = false, subgroups = false, multiview = false;
   for (size_t k = 0; k < modules.size(); ++k) {
     if (const auto* problem = std::get_if<std::string>(&modules[k]))
       DR_ICE("generated shader '" + out.glsl[k].name + "' is refused: " + *problem + "\n" +
@@ -168,9 +168,11 @@ std::variant<Compiled, std::string> compile(const ir::Graph& graph, const target
     wide = wide || uses("GL_EXT_shader_atomic_int64");
     float_atomics = float_atomics || uses("GL_EXT_shader_atomic_float");
     subgroups = subgroups || uses("GL_KHR_shader_subgroup_arithmetic");
+    multiview = multiview || uses("GL_EXT_multiview");
   }
   if (wide) bundle.features = {"shader_int64", "shader_buffer_int64_atomics"};
   if (subgroups) bundle.features.push_back("subgroup_arithmetic");
+  if (multiview) bundle.features.push_back("multiview");
   if (float_atomics) bundle.features.push_back("shader_buffer_float32_atomic_add");
   return out;
 }

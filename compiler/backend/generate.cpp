@@ -308,7 +308,7 @@ void Generator::fragment_pass(const Pass& pass, const std::vector<ValueId>& inpu
   vertex.body().line(
       "gl_Position = vec4(gl_VertexIndex == 1 ? 3.0 : -1.0, gl_VertexIndex == 2 ? 3.0 : -1.0, 0.5, 1.0);");
   Shader s = shader();
-  s.body().line("ivec3 at = ivec3(ivec2(gl_FragCoord.xy), pc.layer);");
+  s.body().line("ivec3 at = ivec3(ivec2(gl_FragCoord.xy), " + drawn_layer(s, pass.domain.l) + ");");
   auto& c = command(bundle::CommandKind::Draw, pass.name);
   c.joins = joins;
   for (ValueId v : inputs) {

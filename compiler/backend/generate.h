@@ -55,6 +55,13 @@ class Generator {
   glsl::Shader shader() const {
     return glsl::Shader(graph_, schedule_, *step_, bundle_->symbols, profile_.lanes_in_turn);
   }
+  // The layer that a vertex or fragment shader draws: one of those that a render pass draws at once, counted from the
+  // first of them.
+  std::string drawn_layer(glsl::Shader& shader, const ir::Dim& layers) const {
+    if (profile_.max_multiview_view_count == 0 || layers.is_one()) return "pc.layer";
+    shader.extension("GL_EXT_multiview");
+    return "pc.layer + gl_ViewIndex";
+  }
   // 64 invocations in a workgroup, or as many as the host likes.
   std::string compute_layout() const {
     return "layout(local_size_x = 64, local_size_x_id = " + std::to_string(bundle_->symbols.size()) + ") in;\n";

@@ -97,7 +97,7 @@ void Generator::raster_hardware(const Pass& pass, const ir::Op& op) {
     const auto triangles = parts.corners.size() / 3;
     v.body().line("int triangle = gl_VertexIndex / 3;");
     v.body().line("int face = triangle / " + std::to_string(triangles) + ";");
-    v.body().line("ivec3 at = ivec3(face, 0, pc.layer);");
+    v.body().line("ivec3 at = ivec3(face, 0, " + drawn_layer(v, parts.l) + ");");
     v.body().line("vec2 size = vec2(" + w + ", " + h + ");");
     RasterClosures corner(v, graph_, pass, op);
     v.body().line("vec2 corners[" + std::to_string(parts.corners.size()) + "];");
@@ -123,7 +123,7 @@ void Generator::raster_hardware(const Pass& pass, const ir::Op& op) {
     bind_corners(f);
     RasterClosures closures(f, graph_, pass, op);
     f.body().line("int face = in_face;");
-    f.body().line("ivec3 at = ivec3(ivec2(gl_FragCoord.xy), pc.layer);");
+    f.body().line("ivec3 at = ivec3(ivec2(gl_FragCoord.xy), " + drawn_layer(f, parts.l) + ");");
     f.body().line("vec2 p = vec2(at.xy) + 0.5;");
     closures.load_fields("ivec3(face, 0, at.z)");
     closures.captured();

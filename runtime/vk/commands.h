@@ -36,10 +36,12 @@ class Commands {
   void reduce(const bundle::CommandT& command, std::vector<Primitive>& out);
   void fill(const bundle::CommandT& command, std::vector<Primitive>& out);
   void copy(const bundle::CommandT& command, std::vector<Primitive>& out);
-  // A Draw and those that join it: one render pass a layer, with a subpass for each.
+  // A Draw and those that join it: render passes of as many layers as the device draws at once, with a subpass for
+  // each.
   void render_pass(std::span<const bundle::CommandT* const> draws, std::vector<Primitive>& out);
-  std::vector<vk::Framebuffer> framebuffers(vk::RenderPass render_pass, std::span<const uint32_t> targets, Size size,
-                                            const std::string& what);
+  // Layers of images, as attachments: views by resource.
+  std::map<uint32_t, vk::ImageView> attachment_views(std::span<const uint32_t> resources, uint32_t first,
+                                                     uint32_t layers, Size size, const std::string& what);
 
   std::shared_ptr<DeviceState> device_;
   const bundle::BundleT& bundle_;
@@ -48,6 +50,7 @@ class Commands {
   Pipelines& pipelines_;
   std::vector<vk::raii::RenderPass> render_passes_;
   std::vector<vk::raii::Framebuffer> framebuffers_;
+  std::vector<vk::raii::ImageView> views_;
 };
 
 // Push constants a, b, c of a command; the first is the layer.

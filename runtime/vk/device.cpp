@@ -162,7 +162,18 @@ std::shared_ptr<DeviceState> open_device(const DeviceOptions& options) {
   }
   auto get =
       reinterpret_cast<PFN_vkGetPhysicalDeviceFeatures2>(state->instance.getProcAddr("vkGetPhysicalDeviceFeatures2"));
+  vk::PhysicalDeviceMultiviewFeatures multiview;
+  multiview.pNext = features.pNext;
+  features.pNext = &multiview;
   get(*state->physical, reinterpret_cast<VkPhysicalDeviceFeatures2*>(&features));
+  if (multiview.multiview)
+    state->multiview_views =
+        state->physical.getProperties2<vk::PhysicalDeviceProperties2, vk::PhysicalDeviceMultiviewProperties>()
+            .get<vk::PhysicalDeviceMultiviewProperties>()
+            .maxMultiviewViewCount;
+  // lavapipe (Mesa 22.3) draws the first of several views only.
+  if (std::string_view(state->properties.deviceName).starts_with("llvmpipe"))
+    state->multiview_views = std::min(state->multiview_views, 1u);
   state->int64 = features.features.shaderInt64 != 0;
   state->int64_atomics = state->int64 && atomics_known && atomics.shaderBufferInt64Atomics != 0;
   const auto subgroup =
@@ -193,6 +204,12 @@ std::shared_ptr<DeviceState> open_device(const DeviceOptions& options) {
   if (state->float_atomics) {
     enable_float_atomics.pNext = const_cast<void*>(info.pNext);
     info.pNext = &enable_float_atomics;
+  }
+  vk::PhysicalDeviceMultiviewFeatures enable_multiview;
+  enable_multiview.multiview = VK_TRUE;
+  if (state->multiview_views > 0) {
+    enable_multiview.pNext = const_cast<void*>(info.pNext);
+    info.pNext = &enable_multiview;
   }
   state->device = vk::raii::Device(state->physical, info);
   state->queue = state->device.getQueue(state->family, 0);

@@ -29,7 +29,8 @@ struct DeviceState {
   uint32_t timestamp_bits = 0;  // 0: the queue has no timestamps
   vk::PhysicalDeviceProperties properties;
   vk::PhysicalDeviceMemoryProperties memory;
-  bool memory_budget = false;  // the device says how much memory is left
+  uint32_t multiview_views = 0;  // that one render pass may draw; 0: no multiview
+  bool memory_budget = false;    // the device says how much memory is left
   bool int64 = false, int64_atomics = false, float_atomics = false, subgroup_arithmetic = false, debug_names = false;
   std::mutex messages_lock;
   std::vector<std::string> messages;  // of the validation layer

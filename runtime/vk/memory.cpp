@@ -198,12 +198,6 @@ void Memory::bind(uint32_t k, const Slot& slot) {
                            static_cast<uint32_t>(images_[k].size.l)};
   view.viewType = vk::ImageViewType::e2DArray;
   images_[k].all = vk::raii::ImageView(d, view);
-  view.viewType = vk::ImageViewType::e2D;
-  view.subresourceRange.layerCount = 1;
-  for (uint32_t l = 0; l < static_cast<uint32_t>(images_[k].size.l); ++l) {
-    view.subresourceRange.baseArrayLayer = l;
-    images_[k].layers.emplace_back(d, view);
-  }
 }
 
 std::string Memory::largest(const std::vector<uint32_t>& resources) const {

@@ -45,8 +45,7 @@ struct BufferObject {
 
 struct ImageObject {
   vk::raii::Image image{nullptr};
-  vk::raii::ImageView all{nullptr};         // every layer, for reading
-  std::vector<vk::raii::ImageView> layers;  // one each, for attachments
+  vk::raii::ImageView all{nullptr};  // every layer, for reading
   Size size;
 };
 

@@ -73,12 +73,12 @@ vk::BufferView Pipelines::texels(const Descriptor& descriptor) {
 }
 
 Bound Pipelines::bind(const std::vector<Descriptor>& descriptors, vk::ShaderStageFlags stages,
-                      std::span<const uint32_t> inputs, size_t layer) {
+                      const std::map<uint32_t, vk::ImageView>& inputs) {
   const auto& d = device_->device;
   std::vector<vk::DescriptorSetLayoutBinding> bindings;
   for (uint32_t k = 0; k < descriptors.size(); ++k) {
     const auto [resource, texel] = descriptors[k];
-    const bool input = std::find(inputs.begin(), inputs.end(), resource) != inputs.end();
+    const bool input = inputs.count(resource) != 0;
     const auto type = texel != 0 ? vk::DescriptorType::eUniformTexelBuffer
                       : bundle_.resources[resource]->storage == Storage::Buffer ? vk::DescriptorType::eStorageBuffer
                       : input                                                   ? vk::DescriptorType::eInputAttachment
@@ -104,7 +104,7 @@ Bound Pipelines::bind(const std::vector<Descriptor>& descriptors, vk::ShaderStag
     vk::WriteDescriptorSet write(bound.set, k, 0, 1, bindings[k].descriptorType);
     const vk::DescriptorBufferInfo buffer(*memory_.buffer(r).buffer, 0, VK_WHOLE_SIZE);
     const bool input = bindings[k].descriptorType == vk::DescriptorType::eInputAttachment;
-    const vk::DescriptorImageInfo image({}, input ? *memory_.image(r).layers.at(layer) : *memory_.image(r).all,
+    const vk::DescriptorImageInfo image({}, input ? inputs.at(r) : *memory_.image(r).all,
                                         vk::ImageLayout::eShaderReadOnlyOptimal);
     vk::BufferView view;
     if (bindings[k].descriptorType == vk::DescriptorType::eUniformTexelBuffer)

@@ -30,9 +30,9 @@ class Pipelines {
   // Shaders that are used from now on see these values of the symbols. A symbol without a value stands in no shader
   // of the step in a way that matters; later steps are recorded later.
   void specialize(const ir::SymbolValues& symbols);
-  // `inputs` of the resources are input attachments, of the layer; only fragment shaders can have those.
+  // `inputs`: the views of the resources that are input attachments; only fragment shaders can have those.
   Bound bind(const std::vector<Descriptor>& descriptors, vk::ShaderStageFlags stages,
-             std::span<const uint32_t> inputs = {}, size_t layer = 0);
+             const std::map<uint32_t, vk::ImageView>& inputs = {});
   // These give the number of a pipeline that is there after build().
   // `group`: the invocations of a workgroup.
   size_t compute(int shader, vk::PipelineLayout layout, uint32_t group);

@@ -45,7 +45,7 @@ Attachments attachments_of(const bundle::BundleT& bundle, Draws draws) {
 
 // The layout changes must come after earlier readers and before later ones; the barriers between commands meet
 // these. Subpasses wait for the ones before pixel by pixel.
-std::vector<vk::SubpassDependency> dependencies_of(Draws draws) {
+std::vector<vk::SubpassDependency> dependencies_of(Draws draws, bool multiview) {
   using Stage = vk::PipelineStageFlagBits;
   using Flag = vk::AccessFlagBits;
   const auto attach = Stage::eColorAttachmentOutput | Stage::eEarlyFragmentTests | Stage::eLateFragmentTests;
@@ -53,6 +53,9 @@ std::vector<vk::SubpassDependency> dependencies_of(Draws draws) {
                              Flag::eDepthStencilAttachmentRead | Flag::eDepthStencilAttachmentWrite;
   const auto attach_write = Flag::eColorAttachmentWrite | Flag::eDepthStencilAttachmentWrite;
   const auto readers = Stage::eVertexShader | Stage::eFragmentShader | Stage::eComputeShader | Stage::eTransfer;
+  // With several layers, each waits for its own.
+  const auto local =
+      vk::DependencyFlagBits::eByRegion | (multiview ? vk::DependencyFlagBits::eViewLocal : vk::DependencyFlags{});
   std::vector<vk::SubpassDependency> out;
   for (uint32_t s = 0; s < draws.size(); ++s) {
     out.emplace_back(VK_SUBPASS_EXTERNAL, s, attach | readers, attach, attach_write, attach_access);
@@ -68,13 +71,15 @@ std::vector<vk::SubpassDependency> dependencies_of(Draws draws) {
       if (std::any_of(draws[s]->inputs.begin(), draws[s]->inputs.end(), uses))
         out.emplace_back(earlier, s, Stage::eColorAttachmentOutput | Stage::eFragmentShader,
                          Stage::eColorAttachmentOutput | Stage::eFragmentShader, Flag::eColorAttachmentWrite,
-                         Flag::eInputAttachmentRead | Flag::eColorAttachmentWrite, vk::DependencyFlagBits::eByRegion);
+                         Flag::eInputAttachmentRead | Flag::eColorAttachmentWrite, local);
     }
   }
   return out;
 }
 
-vk::raii::RenderPass make_render_pass(const vk::raii::Device& device, const Attachments& attachments, Draws draws) {
+// `layers` that are drawn at once.
+vk::raii::RenderPass make_render_pass(const vk::raii::Device& device, const Attachments& attachments, Draws draws,
+                                      uint32_t layers) {
   // What each subpass writes, reads, and must leave alone since a later one reads it or it is kept.
   struct References {
     std::vector<vk::AttachmentReference> colors, inputs;
@@ -105,43 +110,52 @@ vk::raii::RenderPass make_render_pass(const vk::raii::Device& device, const Atta
     }
     subpasses.push_back(subpass);
   }
-  const std::vector<vk::SubpassDependency> dependencies = dependencies_of(draws);
+  const std::vector<vk::SubpassDependency> dependencies = dependencies_of(draws, layers > 1);
   vk::RenderPassCreateInfo info;
   info.setAttachments(attachments.descriptions);
   info.setSubpasses(subpasses);
   info.setDependencies(dependencies);
+  const std::vector<uint32_t> views(draws.size(), static_cast<uint32_t>((uint64_t{1} << layers) - 1));
+  vk::RenderPassMultiviewCreateInfo multiview;
+  multiview.setViewMasks(views);
+  if (layers > 1) info.pNext = &multiview;
   return {device, info};
 }
 
 struct Subpass {
-  std::vector<Bound> bound;  // one, or one a layer
+  Bound bound;
   size_t pipeline = 0;
   std::array<int32_t, 4> push{};
   uint32_t vertices = 0;
+};
+
+// Some of the layers.
+struct Part {
+  vk::RenderPass pass;
+  vk::Framebuffer target;
+  std::vector<Subpass> subpasses;
 };
 
 constexpr vk::ShaderStageFlags kGraphicsStages = vk::ShaderStageFlagBits::eVertex | vk::ShaderStageFlagBits::eFragment;
 
 }  // namespace
 
-std::vector<vk::Framebuffer> Commands::framebuffers(vk::RenderPass render_pass, std::span<const uint32_t> targets,
-                                                    Size size, const std::string& what) {
-  std::vector<vk::Framebuffer> out;
-  for (size_t l = 0; l < static_cast<size_t>(size.l); ++l) {
-    std::vector<vk::ImageView> views;
-    for (const uint32_t t : targets) {
-      const ImageObject& image = memory_.image(t);
-      if (image.size.l != size.l || image.size.w != size.w || image.size.h != size.h)
-        throw Failure{what + " has an attachment of another extent"};
-      views.push_back(*image.layers[l]);
-    }
-    vk::FramebufferCreateInfo info({}, render_pass);
-    info.setAttachments(views);
-    info.width = static_cast<uint32_t>(size.w);
-    info.height = static_cast<uint32_t>(size.h);
-    info.layers = 1;
-    framebuffers_.emplace_back(device_->device, info);
-    out.push_back(*framebuffers_.back());
+std::map<uint32_t, vk::ImageView> Commands::attachment_views(std::span<const uint32_t> resources, uint32_t first,
+                                                             uint32_t layers, Size size, const std::string& what) {
+  std::map<uint32_t, vk::ImageView> out;
+  for (const uint32_t r : resources) {
+    const ImageObject& image = memory_.image(r);
+    if (image.size.l != size.l || image.size.w != size.w || image.size.h != size.h)
+      throw Failure{what + " has an attachment of another extent"};
+    const bool depth = bundle_.resources[r]->storage == bundle::Storage::Depth;
+    vk::ImageViewCreateInfo view;
+    view.image = *image.image;
+    view.viewType = vk::ImageViewType::e2DArray;
+    view.format = depth ? vk::Format::eD32Sfloat : format_of(*bundle_.resources[r]->type);
+    view.subresourceRange = {depth ? vk::ImageAspectFlagBits::eDepth : vk::ImageAspectFlagBits::eColor, 0, 1, first,
+                             layers};
+    views_.emplace_back(device_->device, view);
+    out[r] = *views_.back();
   }
   return out;
 }
@@ -152,47 +166,75 @@ void Commands::render_pass(Draws draws, std::vector<Primitive>& out) {
   const Size size = sizes_.size_of(*front.extent, what);
   const vk::Rect2D area({0, 0}, {static_cast<uint32_t>(size.w), static_cast<uint32_t>(size.h)});
   const Attachments attachments = attachments_of(bundle_, draws);
-  render_passes_.push_back(make_render_pass(device_->device, attachments, draws));
-  device_->name(render_passes_.back(), front.label);
-  const vk::RenderPass pass = *render_passes_.back();
-  const std::vector<vk::Framebuffer> targets = framebuffers(pass, attachments.targets, size, what);
 
   Primitive p;
   p.label = front.label;
-  std::vector<Subpass> subpasses;
-  for (uint32_t s = 0; s < draws.size(); ++s) {
-    const bundle::CommandT& c = *draws[s];
-    for (const uint32_t color : c.colors) p.accesses.push_back({color, Use::ColorWrite});
-    if (c.depth >= 0) p.accesses.push_back({static_cast<uint32_t>(c.depth), Use::DepthWrite});
-    std::vector<Descriptor> descriptors;
-    for (const auto& b : c.bindings) {
-      descriptors.push_back({b->resource, b->texel});
-      p.accesses.push_back({b->resource, Use::GraphicsRead});
+  for (const bundle::CommandT* c : draws) {
+    for (const uint32_t color : c->colors) p.accesses.push_back({color, Use::ColorWrite});
+    if (c->depth >= 0) p.accesses.push_back({static_cast<uint32_t>(c->depth), Use::DepthWrite});
+    for (const auto& b : c->bindings) p.accesses.push_back({b->resource, Use::GraphicsRead});
+  }
+  // Shaders that do not count the layers that are drawn at once draw one.
+  const bool several = std::ranges::count(bundle_.features, "multiview") != 0;
+  const auto all = static_cast<uint32_t>(size.l),
+             at_once = several ? std::clamp(device_->multiview_views, 1u, 32u) : 1u;
+  // A render pass and its pipelines are for a number of layers: that of all parts, or what is left for the last.
+  struct Pass {
+    vk::RenderPass pass;
+    std::vector<size_t> pipelines;
+  };
+  std::map<uint32_t, Pass> passes;
+  std::vector<Part> parts;
+  for (uint32_t first = 0; first < all; first += at_once) {
+    const uint32_t layers = std::min(at_once, all - first);
+    const bool is_new = passes.count(layers) == 0;
+    Pass& shared = passes[layers];
+    if (is_new) {
+      render_passes_.push_back(make_render_pass(device_->device, attachments, draws, layers));
+      device_->name(render_passes_.back(), front.label);
+      shared.pass = *render_passes_.back();
     }
-    Subpass subpass;
-    // Input attachments are of one layer, so each layer has its descriptors.
-    for (size_t l = 0; l < (c.inputs.empty() ? 1 : targets.size()); ++l)
-      subpass.bound.push_back(pipelines_.bind(descriptors, kGraphicsStages, c.inputs, l));
-    subpass.pipeline = pipelines_.graphics(c, subpass.bound.front().layout, pass, s, area.extent);
-    subpass.push = push_of(c);
-    subpass.vertices = static_cast<uint32_t>(sizes_.evaluate(c.elements, what));
-    subpasses.push_back(std::move(subpass));
+    const auto views = attachment_views(attachments.targets, first, layers, size, what);
+    std::vector<vk::ImageView> targets;
+    for (const uint32_t t : attachments.targets) targets.push_back(views.at(t));
+    vk::FramebufferCreateInfo info({}, shared.pass);
+    info.setAttachments(targets);
+    info.width = area.extent.width;
+    info.height = area.extent.height;
+    info.layers = 1;
+    framebuffers_.emplace_back(device_->device, info);
+    Part part{shared.pass, *framebuffers_.back(), {}};
+    for (uint32_t s = 0; s < draws.size(); ++s) {
+      const bundle::CommandT& c = *draws[s];
+      std::vector<Descriptor> descriptors;
+      for (const auto& b : c.bindings) descriptors.push_back({b->resource, b->texel});
+      std::map<uint32_t, vk::ImageView> inputs;
+      for (const uint32_t input : c.inputs) inputs[input] = views.at(input);
+      Subpass subpass;
+      // Input attachments are of some layers, so each part has its descriptors.
+      subpass.bound = first > 0 && inputs.empty() ? parts.front().subpasses[s].bound
+                                                  : pipelines_.bind(descriptors, kGraphicsStages, inputs);
+      if (is_new) shared.pipelines.push_back(pipelines_.graphics(c, subpass.bound.layout, shared.pass, s, area.extent));
+      subpass.pipeline = shared.pipelines[s];
+      subpass.push = push_of(c);
+      subpass.push[0] = static_cast<int32_t>(first);
+      subpass.vertices = static_cast<uint32_t>(sizes_.evaluate(c.elements, what));
+      part.subpasses.push_back(std::move(subpass));
+    }
+    parts.push_back(std::move(part));
   }
   p.record = [=, this, clears = attachments.clears](const vk::raii::CommandBuffer& commands) {
-    for (size_t l = 0; l < targets.size(); ++l) {
-      vk::RenderPassBeginInfo begin(pass, targets[l], area);
+    for (const Part& part : parts) {
+      vk::RenderPassBeginInfo begin(part.pass, part.target, area);
       begin.setClearValues(clears);
       commands.beginRenderPass(begin, vk::SubpassContents::eInline);
-      for (size_t s = 0; s < subpasses.size(); ++s) {
-        const Subpass& subpass = subpasses[s];
-        const Bound& bound = subpass.bound[std::min(l, subpass.bound.size() - 1)];
-        std::array<int32_t, 4> push = subpass.push;
-        push[0] = static_cast<int32_t>(l);
+      for (size_t s = 0; s < part.subpasses.size(); ++s) {
+        const auto& [bound, pipeline, push, vertices] = part.subpasses[s];
         if (s > 0) commands.nextSubpass(vk::SubpassContents::eInline);
-        commands.bindPipeline(vk::PipelineBindPoint::eGraphics, pipelines_[subpass.pipeline]);
+        commands.bindPipeline(vk::PipelineBindPoint::eGraphics, pipelines_[pipeline]);
         commands.bindDescriptorSets(vk::PipelineBindPoint::eGraphics, bound.layout, 0, bound.set, {});
         commands.pushConstants<int32_t>(bound.layout, kGraphicsStages, 0, push);
-        commands.draw(subpass.vertices, 1, 0, 0);
+        commands.draw(vertices, 1, 0, 0);
       }
       commands.endRenderPass();
     }
