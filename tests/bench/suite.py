@@ -149,7 +149,7 @@ class Suite:
 
 
 def text(fields):
-    return " ".join(f"{k}={v}" for k, v in fields.items())
+    return " ".join(f"{k}={v:.4g}" if isinstance(v, float) else f"{k}={v}" for k, v in fields.items())
 
 
 def lines(axes, rows, x, label, y="us", scale=1e-3):
