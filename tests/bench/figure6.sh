@@ -15,6 +15,7 @@ settings = {"without Enlarge()": {"way": 2}}
 for K in (1, 2):
     settings |= {f"Enlarge() without Shift(), K = {K}": {"shift": 0, "K": K}, f"Enlarge() and Shift(), K = {K}": {"K": K}}
 settings |= {"with the edge mask, K = 2": {"everywhere": 0}, "outlines, with the edge mask": {"way": 0, "K": 1, "everywhere": 0}}
+base = {"way": 1, "K": 2, "everywhere": 1, "shift": 1}
 figure, panels = plt.subplots(2, len(settings), figsize=(3 * len(settings), 6.4))
 hard = None
 for (name, consts), column in zip(settings.items(), panels.T):
@@ -23,7 +24,7 @@ for (name, consts), column in zip(settings.items(), panels.T):
     if hard is None:
         hard, inside = picture, np.squeeze(covered) == 1
     apart = np.abs(np.squeeze(picture) - np.squeeze(hard)).max(-1)[inside]
-    suite.record(setting=name, **consts, mean_apart_inside=float(apart.mean()), hidden=float((apart > 0.5).mean()))
+    suite.record(setting=name, **{**base, **consts}, mean_apart_inside=float(apart.mean()), hidden=float((apart > 0.5).mean()))
     print(f"{name:30} mean difference where faces are {apart.mean():.4f}; beyond 0.5 at {(apart > 0.5).mean():.1%} of it")
     for panel, image in zip(column, (np.squeeze(picture), np.squeeze(covered))):
         panel.imshow(np.clip(image, 0, 1), cmap="gray", vmin=0, vmax=1)

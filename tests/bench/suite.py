@@ -22,7 +22,16 @@ here = Path(__file__).resolve().parent
 
 
 class Failed(Exception):
-    pass
+    """A tool's call, and what it said."""
+
+
+def complain(kind, problem, trace):
+    if kind is not Failed:
+        return sys.__excepthook__(kind, problem, trace)
+    sys.stderr.write(f"{problem.args[0]}\n{problem.args[1]}\n")
+
+
+sys.excepthook = complain
 
 
 class Suite:
