@@ -15,7 +15,8 @@ suite = Suite("memory")
 base = {"triangles": 5_000, "pixels": 256, "views": 1, "texels": 128}
 sizes = {"triangles": (5_000, 50_000) if suite.quick else (5_000, 50_000, 200_000), "pixels": (256, 512) if suite.quick else (256, 512, 1024),
          "views": (1, 4) if suite.quick else (1, 4, 16), "texels": (128, 512) if suite.quick else (128, 512, 1024)}
-profile = "lavapipe" if "llvmpipe" in (suite.out / "run.json").read_text() else "nvidia-h200"
+device = json.loads((suite.out / "run.json").read_text())["device"]
+profile = "lavapipe" if "llvmpipe" in device else "swiftshader" if "SwiftShader" in device else "nvidia-h200"
 programs = {
     "outlines": ("scale.dr", ("triangles", "pixels", "views"), lambda at: {"S": at["pixels"], "N": at["views"]}),
     "faces, K = 3": ("avocado.dr", ("triangles", "pixels"), lambda at: {"S": at["pixels"], "K": 3}),

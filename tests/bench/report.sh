@@ -4,6 +4,7 @@
 # plots, and with which device and commit suites ran; the machine, its Vulkan devices and the commit now. Nothing beside the page
 # is needed to read it.
 set -euo pipefail
+[[ -d ${1-} ]] || { echo "usage: report.sh BUILD_FOLDER" >&2; exit 2; }
 PYTHONDONTWRITEBYTECODE=1 PYTHONPATH=$(dirname "$(readlink -f "${BASH_SOURCE[0]}")") exec /usr/bin/python3 - "$@" << 'END'
 import base64, datetime, html, json, os, platform, subprocess, sys
 from pathlib import Path
