@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Entry: magic, length of the key, number of words, checksum of both, key, words.
+// Entry: magic, length of the key, number of words, checksum of the words, key, words.
 #include "compiler/backend/shader_cache.h"
 
+#include <fcntl.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -9,7 +11,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
-#include <iterator>
+#include <span>
 
 namespace dr::backend {
 
@@ -17,7 +19,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-constexpr uint64_t kMagic = 0x3143485344524400;  // "\0DRDSHC1"
+constexpr uint64_t kMagic = 0x3243485344524400;  // "\0DRDSHC2"
 
 struct Header {
   uint64_t magic = kMagic;
@@ -26,15 +28,43 @@ struct Header {
   uint64_t checksum = 0;
 };
 
-// FNV-1a, 64 bits.
-uint64_t hash(const void* data, size_t bytes, uint64_t seed = 0xcbf29ce484222325) {
+// FNV-1a over words of 64 bits, the last one filled up with zeros. A product carries a word's bits upwards only, so the
+// upper half is folded back onto the lower one.
+uint64_t hash(const void* data, size_t bytes) {
   const auto* p = static_cast<const unsigned char*>(data);
-  for (size_t k = 0; k < bytes; ++k) seed = (seed ^ p[k]) * 0x100000001b3;
-  return seed;
+  uint64_t state = 0xcbf29ce484222325 ^ bytes;
+  for (size_t k = 0; k < bytes; k += sizeof(uint64_t)) {
+    uint64_t word = 0;
+    std::memcpy(&word, p + k, std::min(sizeof word, bytes - k));
+    state = (state ^ word) * 0x100000001b3;
+    state ^= state >> 32;
+  }
+  return state;
 }
 
-uint64_t checksum(const std::string& key, const std::vector<uint32_t>& words) {
-  return hash(words.data(), words.size() * sizeof(uint32_t), hash(key.data(), key.size()));
+uint64_t checksum(std::span<const uint32_t> words) { return hash(words.data(), words.size_bytes()); }
+
+// A file that is open for reading; -1: there is none.
+struct File {
+  explicit File(const char* name) : descriptor(open(name, O_RDONLY | O_CLOEXEC)) {}
+  File(const File&) = delete;
+  File& operator=(const File&) = delete;
+  ~File() {
+    if (descriptor >= 0) close(descriptor);
+  }
+  int descriptor;
+};
+
+// So many bytes, fewer only at the end of the file or after an error.
+bool read_all(int descriptor, void* to, size_t bytes) {
+  auto* at = static_cast<char*>(to);
+  while (bytes > 0) {
+    const ssize_t n = read(descriptor, at, bytes);
+    if (n <= 0) return false;
+    at += n;
+    bytes -= static_cast<size_t>(n);
+  }
+  return true;
 }
 
 }  // namespace
@@ -47,22 +77,22 @@ fs::path ShaderCache::file_of(const std::string& key) const {
 
 std::optional<std::vector<uint32_t>> ShaderCache::find(const std::string& key) const {
   if (folder_.empty()) return std::nullopt;
-  std::ifstream file(file_of(key), std::ios::binary);
-  if (!file) return std::nullopt;
-  const std::string bytes(std::istreambuf_iterator<char>(file), {});
+  const File file(file_of(key).c_str());
+  if (file.descriptor < 0) return std::nullopt;
+  struct stat status = {};
   Header header;
-  if (bytes.size() < sizeof header) return std::nullopt;
-  std::memcpy(&header, bytes.data(), sizeof header);
-  const size_t rest = bytes.size() - sizeof header;
-  if (header.magic != kMagic || header.key_bytes != key.size() || rest < key.size() ||
-      (rest - key.size()) % sizeof(uint32_t) != 0 || header.words != (rest - key.size()) / sizeof(uint32_t) ||
-      bytes.compare(sizeof header, key.size(), key) != 0)
+  if (fstat(file.descriptor, &status) != 0 || !read_all(file.descriptor, &header, sizeof header)) return std::nullopt;
+  const auto size = static_cast<uint64_t>(status.st_size);
+  if (header.magic != kMagic || header.key_bytes != key.size() || size < sizeof header + key.size() ||
+      header.words != (size - sizeof header - key.size()) / sizeof(uint32_t) ||
+      size != sizeof header + key.size() + header.words * sizeof(uint32_t))
     return std::nullopt;
+  std::string stored_key(key.size(), '\0');
   std::vector<uint32_t> words(static_cast<size_t>(header.words));
-  std::memcpy(words.data(), bytes.data() + sizeof header + key.size(), words.size() * sizeof(uint32_t));
-  if (checksum(key, words) != header.checksum) return std::nullopt;
-  std::error_code ignored;
-  fs::last_write_time(file_of(key), fs::file_time_type::clock::now(), ignored);
+  if (!read_all(file.descriptor, stored_key.data(), stored_key.size()) || stored_key != key ||
+      !read_all(file.descriptor, words.data(), words.size() * sizeof(uint32_t)) || checksum(words) != header.checksum)
+    return std::nullopt;
+  futimens(file.descriptor, nullptr);  // used now; no matter if that cannot be noted
   return words;
 }
 
@@ -74,7 +104,7 @@ void ShaderCache::store(const std::string& key, const std::vector<uint32_t>& wor
   static std::atomic<unsigned> counter{0};
   const fs::path file = file_of(key);
   const fs::path temporary = file.string() + "." + std::to_string(getpid()) + "." + std::to_string(counter++);
-  const Header header{kMagic, key.size(), words.size(), checksum(key, words)};
+  const Header header{kMagic, key.size(), words.size(), checksum(words)};
   std::ofstream out(temporary, std::ios::binary);
   out.write(reinterpret_cast<const char*>(&header), sizeof header);
   out.write(key.data(), static_cast<std::streamsize>(key.size()));

@@ -164,7 +164,7 @@ std::optional<std::string> make_bundle(Stages& stages) {
   const backend::Compiled* compiled = stages.compiled();
   if (!compiled) return std::nullopt;
   const std::vector<uint8_t> bytes = bundle::write(compiled->bundle);
-  return std::string(bytes.begin(), bytes.end());
+  return std::string(reinterpret_cast<const char*>(bytes.data()), bytes.size());
 }
 
 // The report on stdout, or on stderr where stdout has a product.

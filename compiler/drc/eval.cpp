@@ -315,7 +315,7 @@ int check_vjp(const EvalOptions& options, const ir::Graph& graph, const dsl::Sou
   dsl::SourceManager plain_sources;
   auto lowered = load_graph(plain_options.input, plain_sources);
   if (!lowered) return kUserError;
-  const ir::Graph plain = passes::run_passes(*std::move(lowered), passes::default_passes());
+  const ir::Graph plain = passes::run_passes(*lowered, passes::default_passes());
   const auto plain_runs = runs_of(options, plain);
   Evaluator own(options, graph, sources), text(options, plain, plain_sources);
   if (!own.process(runs) || !text.process(*plain_runs)) return kUserError;
@@ -339,7 +339,7 @@ int eval(const EvalOptions& options) {
   dsl::SourceManager sources;
   auto lowered = load_graph(options.input, sources);
   if (!lowered) return kUserError;
-  const ir::Graph graph = passes::run_passes(*std::move(lowered), passes::default_passes());
+  const ir::Graph graph = passes::run_passes(*lowered, passes::default_passes());
   const auto runs = runs_of(options, graph);
   if (!runs) return kUserError;
   if (!options.out.empty()) {

@@ -33,7 +33,7 @@ struct PipelineOptions {
   // Called after each pass with its name, the graph and the milliseconds it took; may be empty.
   std::function<void(std::string_view, const ir::Graph&, double)> after = {};
 };
-// Runs passes in order. A graph that fails verification is an internal error naming the pass.
-ir::Graph run_passes(ir::Graph graph, std::span<const Pass> passes, const PipelineOptions& options = {});
+// Runs passes in order on a sound graph. One that fails verification after a pass is an internal error naming the pass.
+ir::Graph run_passes(const ir::Graph& graph, std::span<const Pass> passes, const PipelineOptions& options = {});
 
 }  // namespace dr::passes

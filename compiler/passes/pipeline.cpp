@@ -14,10 +14,10 @@ constexpr Pass kDefaultPasses[] = {
     {"simplify", simplify},            // adjoints that nobody asked for, ops that forward and backward share
 };
 
-void require_sound(const ir::Graph& graph, const std::string& when) {
+void require_sound(const ir::Graph& graph, std::string_view pass) {
   const std::vector<std::string> violations = verify(graph);
   if (violations.empty()) return;
-  std::string message = "graph fails verification " + when;
+  std::string message = "graph fails verification after pass " + std::string(pass);
   for (const std::string& violation : violations) message += "\n  " + violation;
   DR_ICE(message);
 }
@@ -26,16 +26,17 @@ void require_sound(const ir::Graph& graph, const std::string& when) {
 
 std::span<const Pass> default_passes() { return kDefaultPasses; }
 
-ir::Graph run_passes(ir::Graph graph, std::span<const Pass> passes, const PipelineOptions& options) {
-  if (options.verify_each) require_sound(graph, "before the first pass");
+ir::Graph run_passes(const ir::Graph& graph, std::span<const Pass> passes, const PipelineOptions& options) {
+  if (passes.empty()) return graph;
+  ir::Graph current;
   for (const Pass& pass : passes) {
     const auto start = std::chrono::steady_clock::now();
-    graph = pass.run(graph);
+    current = pass.run(&pass == passes.data() ? graph : current);
     const std::chrono::duration<double, std::milli> elapsed = std::chrono::steady_clock::now() - start;
-    if (options.verify_each) require_sound(graph, "after pass " + std::string(pass.name));
-    if (options.after) options.after(pass.name, graph, elapsed.count());
+    if (options.verify_each) require_sound(current, pass.name);
+    if (options.after) options.after(pass.name, current, elapsed.count());
   }
-  return graph;
+  return current;
 }
 
 }  // namespace dr::passes

@@ -45,6 +45,7 @@ class Round {
   bool is_unfinished() const { return is_unfinished_; }
 
   Graph run() {
+    to_.reserve(from_.op_count());
     to_.graph().leaves = from_.leaves;
     for (OpId op : from_.region(from_.root()).ops) rebuild(op);
     for (Step step : from_.steps) {

@@ -43,17 +43,13 @@ int texel_of(const Type& type) {
 
 Shader::Shader(const ir::Graph& graph, const Schedule& schedule, const StepSchedule& step,
                const std::vector<std::string>& symbols, bool lanes_in_turn)
-    : graph_(graph), schedule_(schedule), step_(step), symbols_(symbols), lanes_in_turn_(lanes_in_turn) {
-  for (const char* taken : {"at", "pc", "index", "face", "p", "main", "d"}) names_.insert(taken);
-  for (const std::string& s : symbols) names_.insert(symbol_name(s));
-}
+    : graph_(graph), schedule_(schedule), step_(step), symbols_(symbols), lanes_in_turn_(lanes_in_turn) {}
 
 std::string Shader::unique(std::string_view base) {
-  // No generated function, block or stage variable starts with this, so a user's name can hide none.
-  const std::string stem = "v_" + sanitize(base);
-  std::string name = stem + "_0";
-  for (int n = 1; !names_.insert(name).second; ++n) name = stem + "_" + std::to_string(n);
-  return name;
+  // No symbol, generated function, block or stage variable starts with this, so a user's name can hide none.
+  std::string stem = "v_" + sanitize(base);
+  const int number = names_[stem]++;
+  return std::move(stem) + "_" + std::to_string(number);
 }
 
 const std::string* Shader::find_bound(uint32_t bundle_resource, bundle::Access access) {

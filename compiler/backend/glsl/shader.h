@@ -8,6 +8,7 @@
 #include <memory>
 #include <set>
 #include <string>
+#include <unordered_map>
 #include <vector>
 
 #include "compiler/backend/bundle/bundle.h"
@@ -115,7 +116,7 @@ class Shader {
   std::vector<Declared> declared_;  // by binding
   std::vector<std::string> preludes_;
   std::set<std::string> extensions_;
-  std::set<std::string> names_;
+  std::unordered_map<std::string, int> names_;  // how many names each stem has
   std::set<std::string> functions_;
   std::vector<std::unique_ptr<bundle::BindingT>> bindings_;
   std::map<uint32_t, Bound> bound_;
