@@ -54,6 +54,9 @@ std::unique_ptr<Program::State> Program::State::load(std::shared_ptr<DeviceState
   state->pending.resize(state->bundle.leaves.size());
   state->versions.assign(state->bundle.leaves.size(), 1);
   state->options = options;
+  if (options.store_all)
+    for (const auto& r : state->bundle.resources)
+      if (r->storage == bundle::Storage::Tile) r->storage = bundle::Storage::Image;
   if (!state->device) return state;
   for (const std::string& feature : state->bundle.features) {
     const DeviceState& d = *state->device;

@@ -95,6 +95,8 @@ struct LoadOptions {
   // which the device reads directly, inputs with layers first; that is decided when a step that needs them first runs.
   // With a limit no program is built anew, since two would stand side by side.
   int64_t memory_limit = 0;
+  // Stores the values, too, that only their render pass needs, so that checked_run() sees them.
+  bool store_all = false;
 };
 
 // What commands (dispatches, render passes, copies, fills) amount to.
@@ -173,8 +175,8 @@ class Program {
   // Runs the step once, and takes the time on the device of each command that runs. Waiting for each command to end
   // takes time too: the sum is more than the whole.
   Result<std::vector<CommandTime>> timed_run(const std::string& step);
-  // Runs the step once, command by command, and reads back every float that it stores: the first that is NaN or Inf, if
-  // there is one. The step runs to its end either way. For debugging: slow.
+  // Runs the step once, command by command, and reads back every float that it stores (see LoadOptions::store_all): the
+  // first that is NaN or Inf, if there is one. The step runs to its end either way. For debugging: slow.
   Result<std::optional<NotFinite>> checked_run(const std::string& step);
   // Results of the step's last run.
   Result<io::Array> output(const std::string& step, const std::string& name);

@@ -122,6 +122,7 @@ std::variant<Compiled, std::string> compile(const ir::Graph& graph, const target
   out.schedule = pack(graph, profile, pack_options(profile, options));
   if (auto problem = legalize_scatter(graph, profile, options.scatter, options.stages, out.schedule)) return *problem;
   update_in_place(graph, out.schedule);
+  keep_in_tiles(graph, out.schedule);
   if (const auto problems = check_schedule(graph, out.schedule, profile); !problems.empty()) {
     std::string all;
     for (const std::string& p : problems) all += (all.empty() ? "" : "\n") + p;

@@ -89,11 +89,13 @@ struct Model {
 
   double bytes(ValueId v) {
     const Resource& r = schedule.resources[step.stored.at(v).index];
-    const int components = r.storage == Resource::Storage::Image && r.type.rows == 3 ? 4 : r.type.components();
+    const int components = r.storage != Resource::Storage::Buffer && r.type.rows == 3 ? 4 : r.type.components();
     return 4.0 * components * elements(r.extent);
   }
   double bandwidth(ValueId v, bool fragment) const {
-    const bool image = schedule.resources[step.stored.at(v).index].storage == Resource::Storage::Image;
+    const Resource::Storage storage = schedule.resources[step.stored.at(v).index].storage;
+    if (storage == Resource::Storage::Tile) return costs.fragment_input_bytes_per_ns;
+    const bool image = storage == Resource::Storage::Image;
     if (fragment) return image ? costs.fragment_image_bytes_per_ns : costs.fragment_buffer_bytes_per_ns;
     return image ? costs.compute_image_bytes_per_ns : costs.compute_buffer_bytes_per_ns;
   }

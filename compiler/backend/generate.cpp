@@ -64,7 +64,9 @@ void Generator::process(bundle::BundleT& bundle, std::vector<GlslShader>& shader
   for (const Resource& r : schedule_.resources) {
     auto out = std::make_unique<bundle::ResourceT>();
     out->name = r.name;
-    out->storage = r.storage == Resource::Storage::Image ? bundle::Storage::Image : bundle::Storage::Buffer;
+    out->storage = r.storage == Resource::Storage::Image  ? bundle::Storage::Image
+                   : r.storage == Resource::Storage::Tile ? bundle::Storage::Tile
+                                                          : bundle::Storage::Buffer;
     out->role = r.leaf >= 0 ? bundle::Role::Leaf : r.step_index ? bundle::Role::StepIndex : bundle::Role::Value;
     out->type = bundle_type(r.type);
     out->extent = bundle_extent(r.extent);

@@ -10,6 +10,7 @@
 
 #include "compiler/backend/dependencies.h"
 #include "compiler/backend/uses.h"
+#include "compiler/ir/pins.h"
 
 namespace dr::backend {
 
@@ -67,6 +68,29 @@ void update_in_place(const ir::Graph& graph, Schedule& schedule) {
       step.stored.at(value) = ResourceId{leaf};
       remove_resource(schedule, own);
     }
+}
+
+void keep_in_tiles(const ir::Graph& graph, Schedule& schedule) {
+  const std::map<ValueId, std::string> pins = ir::pin_names(graph);
+  for (const StepSchedule& step : schedule.steps) {
+    std::map<ValueId, uint32_t> stage_of;
+    std::set<ValueId> stored;
+    for (const auto& [name, v] : step.outputs) stored.insert(v);
+    for (const auto& [leaf, v] : step.updates) stored.insert(v);
+    for (const auto& [v, name] : pins) stored.insert(v);
+    for (const Pass& pass : step.passes) {
+      for (ValueId v : pass.reads)
+        if (const auto it = stage_of.find(v); it != stage_of.end() && it->second != pass.stage) stored.insert(v);
+      const bool fragment = pass.kind == Pass::Kind::Map && pass.hardware;
+      for (ValueId v : pass.writes)
+        if (!fragment || !stage_of.try_emplace(v, pass.stage).second) stored.insert(v);
+    }
+    for (const auto& [v, stage] : stage_of) {
+      Resource& resource = schedule.resources[step.stored.at(v).index];
+      if (stored.count(v) == 0 && resource.storage == Resource::Storage::Image)
+        resource.storage = Resource::Storage::Tile;
+    }
+  }
 }
 
 namespace {
@@ -129,7 +153,7 @@ std::optional<int64_t> resource_bytes(const bundle::ResourceT& r, const ir::Symb
   if (!w || !h || !l) return std::nullopt;
   int64_t bytes = 4;
   if (r.role != bundle::Role::Scratch && r.storage != bundle::Storage::Depth) bytes *= r.type->rows * r.type->cols;
-  if (r.storage == bundle::Storage::Image && r.type->rows == 3) bytes = 16;
+  if ((r.storage == bundle::Storage::Image || r.storage == bundle::Storage::Tile) && r.type->rows == 3) bytes = 16;
   for (int64_t n : {*w, *h, *l})
     if (__builtin_mul_overflow(bytes, std::max<int64_t>(n, 0), &bytes)) return std::nullopt;
   return bytes;

@@ -18,6 +18,10 @@ namespace dr::backend {
 // updates are copied when the step ends.
 void update_in_place(const ir::Graph& graph, Schedule& schedule);
 
+// Lets a value live only while its stage runs, where a fragment pass writes it and nothing but later passes of that
+// stage reads it. Outputs, updates and pinned values are read when the step has run.
+void keep_in_tiles(const ir::Graph& graph, Schedule& schedule);
+
 // When a resource's content is needed: from the command `first` to `last` of a step, or for ever (leaves, outputs,
 // counters, and what commands share that need not run together, see dependencies.h: one of them may be left out).
 // Raster results and pinned values are needed until their step ends, where they can be read.

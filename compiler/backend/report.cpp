@@ -28,7 +28,9 @@ RunReport run_report(const ir::Graph& graph, const Compiled& compiled, size_t in
   for (const auto& command : compiled.bundle.steps[index]->commands) {
     if (steady && !command->steady) continue;
     for_each_access(*command, [&](uint32_t resource, bundle::Access access) {
-      const int64_t bytes = *resource_bytes(*compiled.bundle.resources[resource], symbols);
+      const bundle::ResourceT& touched = *compiled.bundle.resources[resource];
+      if (touched.storage == bundle::Storage::Tile) return;  // never leaves its render pass
+      const int64_t bytes = *resource_bytes(touched, symbols);
       if (access != bundle::Access::Write) r.bytes_read += bytes;
       if (access != bundle::Access::Read) r.bytes_written += bytes;
     });

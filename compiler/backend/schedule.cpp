@@ -54,17 +54,24 @@ std::vector<std::string> check_schedule(const Graph& graph, const Schedule& sche
       const auto it = step.stored.find(v);
       return it == step.stored.end() || overwritten.count(it->second.index) == 0;
     };
+    auto is_tile = [&](ValueId v) {
+      const auto it = step.stored.find(v);
+      return it != step.stored.end() && schedule.resources[it->second.index].storage == Resource::Storage::Tile;
+    };
     for (size_t k = 0; k < step.passes.size(); ++k) {
       const Pass& pass = step.passes[k];
       auto report = [&](const std::string& what) {
         problems.push_back("step " + step.name + ", pass " + pass.name + ": " + what);
       };
+      const std::vector<ValueId> inputs = stage_inputs(step, k);
       std::set<ValueId> here;
       for (ValueId v : pass.reads) {
         if (step.stored.count(v) == 0)
           report("reads a value that is not stored");
         else if (!is_ready(v))
           report("reads '" + schedule.resources[step.stored.at(v).index].name + "' before it is written");
+        else if (is_tile(v) && std::find(inputs.begin(), inputs.end(), v) == inputs.end())
+          report("reads '" + schedule.resources[step.stored.at(v).index].name + "', which its stage has not written");
         here.insert(v);
       }
       std::set<ValueId> elsewhere;
@@ -78,7 +85,6 @@ std::vector<std::string> check_schedule(const Graph& graph, const Schedule& sche
             report("op '" + std::string(ir::op_name(op.kind)) + "' lacks an operand");
         for (ValueId v : op.results) here.insert(v);
       }
-      const std::vector<ValueId> inputs = stage_inputs(step, k);
       const bool fragment = pass.kind == Pass::Kind::Map && pass.hardware;
       if (k > 0 && step.passes[k - 1].stage == pass.stage) {
         const Pass& before = step.passes[k - 1];
@@ -98,7 +104,7 @@ std::vector<std::string> check_schedule(const Graph& graph, const Schedule& sche
       for (ValueId v : pass.reads) {
         auto it = step.stored.find(v);
         if (it == step.stored.end()) continue;
-        (schedule.resources[it->second.index].storage == Resource::Storage::Image ? images : buffers)
+        (schedule.resources[it->second.index].storage == Resource::Storage::Buffer ? buffers : images)
             .insert(it->second.index);
       }
       const size_t sampled = images.size() + (profile.lanes_in_turn ? buffers.size() : 0);
@@ -118,10 +124,10 @@ std::vector<std::string> check_schedule(const Graph& graph, const Schedule& sche
           if (pass.kind != Pass::Kind::Map || pass.domain != to.extent)
             report("overwrites leaf '" + to.name + "' from other places");
         }
-        if (schedule.resources[it->second.index].storage == Resource::Storage::Image)
-          ++colors;
-        else
+        if (schedule.resources[it->second.index].storage == Resource::Storage::Buffer)
           buffers.insert(it->second.index);
+        else
+          ++colors;
         if (!ready.insert(v).second && pass.kind != Pass::Kind::Map) report("stores a value twice");
       }
       if (pass.kind == Pass::Kind::Raster) continue;  // its draws and dispatches bind one result at a time
@@ -142,10 +148,10 @@ std::vector<std::string> check_schedule(const Graph& graph, const Schedule& sche
                std::to_string(profile.max_fragment_combined_output_resources) + " in a fragment shader");
     }
     for (const auto& [name, v] : step.outputs)
-      if (step.stored.count(v) == 0 || !is_ready(v))
+      if (step.stored.count(v) == 0 || !is_ready(v) || is_tile(v))
         problems.push_back("step " + step.name + ": output '" + name + "' is never stored");
     for (const auto& [leaf, v] : step.updates)
-      if (step.stored.count(v) == 0 || !is_ready(v))
+      if (step.stored.count(v) == 0 || !is_ready(v) || is_tile(v))
         problems.push_back("step " + step.name + ": the update of '" + graph.leaves[leaf].name + "' is never stored");
   }
   return problems;
@@ -170,6 +176,7 @@ std::string print(const Graph& graph, const Schedule& schedule) {
         out += std::string("  ") +
                (r.leaf >= 0                             ? "leaf"
                 : r.storage == Resource::Storage::Image ? "image"
+                : r.storage == Resource::Storage::Tile  ? "tile"
                                                         : "buffer") +
                " " + r.name + " : " + r.type.str() + r.extent.str() + "\n";
       }

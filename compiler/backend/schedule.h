@@ -18,7 +18,7 @@ using ResourceId = ir::Id<struct ResourceTag>;
 
 // A value that is stored. See compiler/backend/bundle/bundle.fbs for the layouts.
 struct Resource {
-  enum class Storage : uint8_t { Buffer, Image };
+  enum class Storage : uint8_t { Buffer, Image, Tile };
   std::string name;
   ir::Type type;
   ir::Extent extent;

@@ -84,8 +84,10 @@ int run(const Options& options) {
     const auto begin = std::chrono::steady_clock::now();
     const std::vector<uint8_t> bundle = load_or_compile(options, device.profile_name());
     if (options.timing) std::printf("%s: compiled or read in %.0f ms\n", options.file.c_str(), ms_since(begin));
-    runtime::LoadOptions load{
-        .cache = options.cache, .pipeline_folder = jit::cache_folder(), .memory_limit = options.memory};
+    runtime::LoadOptions load{.cache = options.cache,
+                              .pipeline_folder = jit::cache_folder(),
+                              .memory_limit = options.memory,
+                              .store_all = options.check_finite};
     if (options.rebuild) load.rebuild = jit::rebuilder(bundle, options.compile);
     runtime::Program program = must(runtime::Program::load(device, bundle, load));
     Session(options, target_of(program), program, bundle).process();

@@ -102,6 +102,14 @@ uint32_t DeviceState::memory_type(uint32_t allowed, vk::MemoryPropertyFlags want
   throw Failure{"the device offers no memory of the kind " + vk::to_string(wanted)};
 }
 
+bool DeviceState::has_lazy_memory(uint32_t allowed) const {
+  for (uint32_t t = 0; t < memory.memoryTypeCount; ++t)
+    if ((allowed & (1u << t)) != 0 &&
+        (memory.memoryTypes[t].propertyFlags & vk::MemoryPropertyFlagBits::eLazilyAllocated))
+      return true;
+  return false;
+}
+
 std::optional<uint32_t> DeviceState::host_memory_type(uint32_t allowed) const {
   const auto wanted = vk::MemoryPropertyFlagBits::eHostVisible | vk::MemoryPropertyFlagBits::eHostCoherent;
   std::optional<uint32_t> any;

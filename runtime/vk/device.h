@@ -36,6 +36,8 @@ struct DeviceState {
   std::vector<std::string> messages;  // of the validation layer
 
   uint32_t memory_type(uint32_t allowed, vk::MemoryPropertyFlags wanted, vk::MemoryPropertyFlags preferred) const;
+  // Whether one that is allowed is given out only when it must be, for attachments that need not leave the chip.
+  bool has_lazy_memory(uint32_t allowed) const;
   // Of the host, for what the device reads directly; nothing where there is none that is allowed.
   std::optional<uint32_t> host_memory_type(uint32_t allowed) const;
   template <class Handle>

@@ -55,8 +55,10 @@ vk::MemoryRequirements Memory::create_image(uint32_t k) {
   info.mipLevels = 1;
   info.arrayLayers = static_cast<uint32_t>(s.l);
   info.usage = depth ? vk::ImageUsageFlags(vk::ImageUsageFlagBits::eDepthStencilAttachment)
-                     : vk::ImageUsageFlagBits::eColorAttachment | vk::ImageUsageFlagBits::eSampled |
-                           vk::ImageUsageFlagBits::eInputAttachment | vk::ImageUsageFlagBits::eTransferSrc;
+                     : vk::ImageUsageFlagBits::eColorAttachment | vk::ImageUsageFlagBits::eInputAttachment |
+                           (r.storage == Storage::Tile
+                                ? vk::ImageUsageFlags(vk::ImageUsageFlagBits::eTransientAttachment)
+                                : vk::ImageUsageFlagBits::eSampled | vk::ImageUsageFlagBits::eTransferSrc);
   images_[k].image = vk::raii::Image(d, info);
   images_[k].size = s;
   device_->name(images_[k].image, r.name);
@@ -78,6 +80,7 @@ void Memory::allocate(const std::vector<uint32_t>& wanted) {
     // Buffers and images in one block must not share a page of this granularity.
     slot.alignment = std::max({slot.alignment, need.alignment, device_->properties.limits.bufferImageGranularity});
     slot.allowed &= need.memoryTypeBits;
+    slot.of_tiles = r.storage == Storage::Tile;
   }
   place(slots, resources);
   for (const uint32_t k : resources) {
@@ -98,7 +101,11 @@ void Memory::place(std::map<uint32_t, Slot>& slots, const std::vector<uint32_t>&
         continue;
       }
     }
-    slot.type = device_->memory_type(slot.allowed, {}, vk::MemoryPropertyFlagBits::eDeviceLocal);
+    // Tiles may need no memory at all: then the device has a kind that it gives out when it must.
+    const auto preferred = slot.of_tiles && device_->has_lazy_memory(slot.allowed)
+                               ? vk::MemoryPropertyFlagBits::eLazilyAllocated
+                               : vk::MemoryPropertyFlagBits::eDeviceLocal;
+    slot.type = device_->memory_type(slot.allowed, {}, preferred);
     added.push_back(index);
   }
   make_room(slots, added, resources);
@@ -217,6 +224,7 @@ std::string Memory::largest(const std::vector<uint32_t>& resources) const {
 int64_t Memory::content_bytes(size_t resource) const {
   const bundle::ResourceT& r = *bundle_.resources[resource];
   if (r.storage == Storage::Buffer) return static_cast<int64_t>(buffers_[resource].bytes);
+  if (r.storage == Storage::Tile) return 0;
   const int words = r.storage == Storage::Depth ? 1 : r.type->rows == 3 ? 4 : r.type->rows;
   return images_[resource].size.count() * words * 4;
 }

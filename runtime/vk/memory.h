@@ -70,7 +70,7 @@ class Memory {
   // name, when that is not enough.
   void allocate(const std::vector<uint32_t>& resources);
   bool has(size_t resource) const { return allocated_[resource]; }
-  // Of a resource that has memory, as the bundle lays it out.
+  // Of a resource that has memory, as the bundle lays it out; 0 for a tile, whose content stays in its render pass.
   int64_t content_bytes(size_t resource) const;
   const BufferObject& buffer(size_t resource) const { return buffers_[resource]; }
   const ImageObject& image(size_t resource) const { return images_[resource]; }
@@ -85,7 +85,7 @@ class Memory {
   struct Slot {
     vk::DeviceSize bytes = 0, alignment = 1, offset = 0;
     uint32_t allowed = UINT32_MAX, type = 0;
-    bool of_host = false;
+    bool of_host = false, of_tiles = false;
     size_t block = 0;
   };
   vk::MemoryRequirements create_buffer(uint32_t resource);

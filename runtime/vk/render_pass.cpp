@@ -31,7 +31,9 @@ Attachments attachments_of(const bundle::BundleT& bundle, Draws draws) {
   for (const bundle::CommandT* c : draws)
     for (size_t k = 0; k < c->colors.size(); ++k) {
       const uint32_t bits = c->clear[k];
-      add(c->colors[k], format_of(*bundle.resources[c->colors[k]]->type), vk::AttachmentStoreOp::eStore,
+      const bundle::ResourceT& r = *bundle.resources[c->colors[k]];
+      const bool tile = r.storage == bundle::Storage::Tile;
+      add(c->colors[k], format_of(*r.type), tile ? vk::AttachmentStoreOp::eDontCare : vk::AttachmentStoreOp::eStore,
           vk::ImageLayout::eShaderReadOnlyOptimal);
       out.clears.emplace_back(vk::ClearColorValue(std::array<uint32_t, 4>{bits, bits, bits, bits}));
     }

@@ -83,6 +83,12 @@ struct Checker {
       return fail(where + " names a resource of the wrong storage");
     return true;
   }
+  // What is there when its command has run.
+  bool kept(int64_t index, const std::string& where) {
+    if (!resource(index, where)) return false;
+    const ResourceT& r = *b.resources[static_cast<size_t>(index)];
+    return r.storage != Storage::Tile || fail(where + " names '" + r.name + "', which lives in a render pass alone");
+  }
   bool shader(int64_t index, Stage stage, const std::string& where) {
     if (index < 0 || index >= static_cast<int64_t>(b.shaders.size()))
       return fail(where + " names shader " + std::to_string(index));
@@ -93,6 +99,10 @@ struct Checker {
   // A subpass belongs to the render pass of the draw before it and reads what that render pass wrote.
   bool subpass(const StepT& step, size_t index, const std::string& where) {
     const CommandT& c = *step.commands[index];
+    for (const auto& bound : c.bindings)
+      if (std::find(c.inputs.begin(), c.inputs.end(), bound->resource) == c.inputs.end() &&
+          !kept(bound->resource, where))
+        return false;
     if (!c.joins) return c.inputs.empty() || fail(where + " has input attachments, but no subpass before it");
     std::set<uint32_t> written;
     for (size_t k = index; k-- > 0;) {
@@ -142,7 +152,7 @@ struct Checker {
       if (!binding || !resource(binding->resource, where)) return fail(where + " has an empty binding");
       if (binding->access > Access::MAX) return fail(where + " has an unknown access");
       const Storage s = b.resources[binding->resource]->storage;
-      if (s == Storage::Depth || (s == Storage::Image && binding->access != Access::Read))
+      if (s == Storage::Depth || (s != Storage::Buffer && binding->access != Access::Read))
         return fail(where + " binds an attachment for writing");
       if (binding->texel > 4 || (binding->texel != 0 && (s != Storage::Buffer || binding->access != Access::Read)))
         return fail(where + " binds as texels what cannot be");
@@ -161,14 +171,16 @@ struct Checker {
         if (!expression(c.elements, where) || !extent(c.extent, where)) return false;
         if (c.colors.empty() || c.colors.size() != c.clear.size())
           return fail(where + " has no clear value for each colour attachment");
-        for (uint32_t color : c.colors)
-          if (!storage(color, Storage::Image, where)) return false;
+        for (uint32_t color : c.colors) {
+          const bool tile = color < b.resources.size() && b.resources[color]->storage == Storage::Tile;
+          if (!tile && !storage(color, Storage::Image, where)) return false;
+        }
         return c.depth < 0 || storage(c.depth, Storage::Depth, where);
       }
       case CommandKind::Fill:
         return storage(c.target, Storage::Buffer, where) && (c.elements.empty() || expression(c.elements, where));
       case CommandKind::Copy: {
-        if (!resource(c.source, where) || !storage(c.target, Storage::Buffer, where)) return false;
+        if (!kept(c.source, where) || !storage(c.target, Storage::Buffer, where)) return false;
         const ResourceT &from = *b.resources[static_cast<size_t>(c.source)],
                         &to = *b.resources[static_cast<size_t>(c.target)];
         if (from.storage == Storage::Depth) return fail(where + " copies a depth image");
@@ -274,7 +286,7 @@ struct Checker {
           return;
         }
         for (uint32_t index : r->resources)
-          if (!resource(index, "a raster of step '" + s->name + "'")) return;
+          if (!kept(index, "a raster of step '" + s->name + "'")) return;
       }
       const std::string where = "step '" + s->name + "'";
       if (!leaves(s->leaves, where) || !leaves(s->changes, where)) return;
@@ -283,14 +295,14 @@ struct Checker {
           fail("a pinned value is empty");
           return;
         }
-        if (!resource(p->resource, "pinned value '" + p->name + "'")) return;
+        if (!kept(p->resource, "pinned value '" + p->name + "'")) return;
       }
       for (const auto& o : s->outputs) {
         if (!o) {
           fail("an output is empty");
           return;
         }
-        if (!resource(o->resource, "output '" + o->name + "'")) return;
+        if (!kept(o->resource, "output '" + o->name + "'")) return;
       }
     }
   }

@@ -109,7 +109,7 @@ std::string Shader::bind_image(uint32_t bundle_resource, const std::string& name
 
 void Shader::read_as_input(ValueId value) {
   const Resource& r = resource(value);
-  DR_ASSERT(r.storage == Resource::Storage::Image);
+  DR_ASSERT(r.storage != Resource::Storage::Buffer);
   const uint32_t index = step_.stored.at(value).index;
   const std::string name = "r_" + sanitize(r.name) + "_" + std::to_string(index);
   const char* prefix = r.type.is_float() ? "" : r.type.scalar == ir::Scalar::Int ? "i" : "u";
@@ -147,7 +147,7 @@ std::string Shader::load(ValueId value, const std::string& place) {
 std::string Shader::load_function(const Resource& r, const Bound& bound) const {
   const std::string& name = bound.name;
   std::string text = r.type.str() + " load_" + name.substr(2) + "(ivec3 at) {\n";
-  if (r.storage == Resource::Storage::Image) {
+  if (r.storage != Resource::Storage::Buffer) {
     const bool input = std::find(inputs_.begin(), inputs_.end(), bindings_[bound.binding]->resource) != inputs_.end();
     const std::string fetch = input ? "subpassLoad(" + name + ")"
                                     : "texelFetch(" + name + ", ivec3(" + (r.extent.w.is_one() ? "0" : "at.x") + ", " +

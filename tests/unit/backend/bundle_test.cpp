@@ -144,3 +144,84 @@ TEST_CASE("what FlatBuffers cannot know is checked") {
   b.steps[0]->outputs[0]->resource = 1;
   CHECK(problem(b).find("output 'y'") != std::string::npos);
 }
+
+namespace {
+
+// Two subpasses: the first writes the tile "t" (resource 1), the second reads it and writes the image "u" (2).
+BundleT sample_with_tile() {
+  BundleT b = sample();
+  for (const auto& [name, storage] : {std::pair("t", Storage::Tile), std::pair("u", Storage::Image)}) {
+    auto r = std::make_unique<ResourceT>(*b.resources[0]);
+    r->name = name;
+    r->storage = storage;
+    r->role = Role::Value;
+    r->slot = static_cast<uint32_t>(b.resources.size());
+    b.resources.push_back(std::move(r));
+  }
+  for (const Stage stage : {Stage::Vertex, Stage::Fragment}) {
+    b.shaders.push_back(std::make_unique<ShaderT>(*b.shaders[0]));
+    b.shaders.back()->stage = stage;
+  }
+  for (const uint32_t color : {1u, 2u}) {
+    auto c = std::make_unique<CommandT>();
+    c->kind = CommandKind::Draw;
+    c->label = "draw";
+    c->vertex = 1;
+    c->fragment = 2;
+    c->elements = "3";
+    c->extent = extent("V + 1");
+    c->colors = {color};
+    c->clear = {0};
+    b.steps[0]->commands.push_back(std::move(c));
+  }
+  CommandT& last = *b.steps[0]->commands.back();
+  last.joins = true;
+  last.inputs = {1};
+  last.bindings.push_back(std::make_unique<BindingT>());
+  last.bindings[0]->resource = 1;
+  return b;
+}
+
+}  // namespace
+
+TEST_CASE("a tile is read by later subpasses of its render pass and by nothing else") {
+  const std::string wanted = "'t', which lives in a render pass alone";
+  BundleT b = sample_with_tile();
+  CHECK(problem(b).empty());
+  b.steps[0]->outputs[0]->resource = 1;
+  CHECK(problem(b).find("output 'y' names " + wanted) != std::string::npos);
+  b = sample_with_tile();
+  b.steps[0]->pins.push_back(std::make_unique<OutputT>(*b.steps[0]->outputs[0]));
+  b.steps[0]->pins[0]->resource = 1;
+  CHECK(problem(b).find("pinned value 'y' names " + wanted) != std::string::npos);
+  b = sample_with_tile();
+  b.steps[0]->rasters.push_back(std::make_unique<RasterResultsT>());
+  b.steps[0]->rasters[0]->resources = {1};
+  CHECK(problem(b).find(wanted) != std::string::npos);
+  b = sample_with_tile();
+  b.steps[0]->commands[0]->bindings[0]->resource = 1;
+  CHECK(problem(b).find("command 'pass' names " + wanted) != std::string::npos);
+  b = sample_with_tile();
+  b.steps[0]->commands[2]->inputs.clear();
+  CHECK(problem(b).find("command 'draw' names " + wanted) != std::string::npos);
+  // The same reads of another render pass.
+  b = sample_with_tile();
+  b.steps[0]->commands[2]->joins = false;
+  CHECK(problem(b).find("no subpass before it") != std::string::npos);
+  b = sample_with_tile();
+  std::swap(b.steps[0]->commands[1]->colors, b.steps[0]->commands[2]->colors);
+  CHECK(problem(b).find("input attachment that no subpass wrote") != std::string::npos);
+  b = sample_with_tile();
+  auto copy = std::make_unique<CommandT>();
+  copy->kind = CommandKind::Copy;
+  copy->label = "copy";
+  copy->source = 1;
+  copy->target = 0;
+  b.steps[0]->commands.push_back(std::move(copy));
+  CHECK(problem(b).find("command 'copy' names " + wanted) != std::string::npos);
+  b.resources[1]->storage = Storage::Image;
+  CHECK(problem(b).empty());
+  b = sample_with_tile();
+  b.resources[2]->slot = b.resources[1]->slot;
+  CHECK(problem(b).find("memory with one of another storage") != std::string::npos);
+}
