@@ -37,6 +37,13 @@ let share = blurred / (bottom - scale);
 let near = shift(share, 1, 0) + share;
 step go { scale <- scale + 1.0; output near, total = sum(near); }
 END_OF_PROGRAM
+cat > masked.dr << 'END_OF_PROGRAM'
+edition 1;
+input top    : float[W, H];
+input bottom : float[W, H];
+let share = top / bottom;
+step go { output safe = select(isnan(share), 0.0, share); }
+END_OF_PROGRAM
 printf '1,NaN\n' > nan.csv
 mkdir folder folder.drb folder.npy
 
@@ -122,6 +129,12 @@ finite() { # DEVICE
   done
   # In naive packing the line is that of the op.
   grep -qE 'lines divide.dr:6$' err || complain 'with 0/0' 'does not name the line'
+  # What only its render pass needs is looked at too.
+  local masked=(masked.dr --device "$1" --bind 'top=[[1, 0]]' --bind 'bottom=[[1, 0]]' --lower fragment --ablate substages,remat)
+  "$drun" "${masked[@]}" > out 2> err || complain 'with a masked NaN' "exit code $?"
+  status=0
+  "$drun" "${masked[@]}" --check-finite > out 2> err || status=$?
+  [[ $status == 1 ]] && grep -q "stores NaN at element (1, 0, 0) of 'share'" err || complain 'with a masked NaN' 'does not say where'
 }
 expect 1 'drc eval --check-finite' fit.dr --device reference --check-finite --bind "$goal"
 faults reference
