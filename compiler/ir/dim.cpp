@@ -10,7 +10,6 @@
 #include <memory>
 #include <mutex>
 #include <numeric>
-#include <set>
 #include <unordered_map>
 
 namespace dr::ir {
@@ -298,12 +297,12 @@ std::optional<std::string> Dim::as_symbol() const {
 
 namespace {
 
-void collect_symbols(const Dim& d, std::set<std::string>& names) {
+void collect_symbols(const Dim& d, std::vector<std::string>& names) {
   if (!Node::of(d)) return;
   for (const Term& term : Node::of(d)->terms) {
     for (const AtomPtr& atom : term.atoms) {
       if (atom->divisor == 0) {
-        names.insert(atom->name);
+        names.push_back(atom->name);
       } else {
         collect_symbols(atom->inner, names);
       }
@@ -314,9 +313,11 @@ void collect_symbols(const Dim& d, std::set<std::string>& names) {
 }  // namespace
 
 std::vector<std::string> Dim::symbols() const {
-  std::set<std::string> names;
+  std::vector<std::string> names;
   collect_symbols(*this, names);
-  return {names.begin(), names.end()};
+  std::ranges::sort(names);
+  names.erase(std::unique(names.begin(), names.end()), names.end());
+  return names;
 }
 
 std::optional<int64_t> Dim::evaluate(const SymbolValues& values) const {

@@ -164,6 +164,7 @@ class Differentiate {
       : from_(graph), map_(graph.value_count()), is_target_(graph.value_count()), by_gradient_(graph.value_count()) {}
 
   Graph run() {
+    b_.reserve(2 * from_.op_count());  // about as many adjoints
     b_.graph().leaves = from_.leaves;
     const std::vector<OpId>& list = from_.region(from_.root()).ops;
     for (const OpId id : list) {

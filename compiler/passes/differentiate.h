@@ -51,7 +51,7 @@ void differentiate_reduce(Sweep& sweep, Frame& frame, ir::OpId id);
 // The adjoint of a Vjp op: the adjoints it names, with the adjoint of its result in place of the cotangent.
 void differentiate_vjp(Sweep& sweep, Frame& frame, const ir::Op& op);
 // The graph with each Vjp op replaced by its value, and without what depends on cotangents.
-ir::Graph drop_vjps(const ir::Graph& graph);
+ir::Graph drop_vjps(ir::Graph graph);
 
 // --- shared by the structured constructs ---
 

@@ -209,7 +209,7 @@ void differentiate_vjp(Sweep& sweep, Frame& frame, const Op& op) {
   }
 }
 
-Graph drop_vjps(const Graph& graph) {
+Graph drop_vjps(Graph graph) {
   for (size_t k = 0; k < graph.op_count(); ++k) {
     if (graph.op(OpId{static_cast<uint32_t>(k)}).kind == OpKind::Vjp) return Dropper(graph).run();
   }

@@ -12,7 +12,10 @@
 namespace dr::bundle {
 
 std::vector<uint8_t> write(const BundleT& bundle) {
-  flatbuffers::FlatBufferBuilder builder(1 << 16);
+  // Room for all that is large, so that it is not copied while the buffer grows.
+  size_t large = bundle.graph.size() + (size_t{1} << 18);
+  for (const auto& shader : bundle.shaders) large += shader->spirv.size() * sizeof(uint32_t);
+  flatbuffers::FlatBufferBuilder builder(large);
   builder.FinishSizePrefixed(Bundle::Pack(builder, &bundle), BundleIdentifier());
   return {builder.GetBufferPointer(), builder.GetBufferPointer() + builder.GetSize()};
 }
