@@ -297,6 +297,10 @@ void Generator::place_from_index(Shader& s, const Extent& e, const std::string& 
 }
 
 void Generator::map_pass(const Pass& pass) {
+  if (profile_.lanes_in_turn) {
+    const std::vector<ir::OpId> heavy = heavy_branches(pass);
+    if (!heavy.empty()) return listed_map_pass(pass, heavy);
+  }
   Shader s = shader();
   linear_index(s, dim_expression(element_count(pass.domain)));
   place_from_index(s, pass.domain);

@@ -29,6 +29,9 @@ class Generator {
   // Source lines behind a pass's ops; they go into the commands made next.
   void set_lines(const Pass& pass);
   void map_pass(const Pass& pass);
+  // Its `if`s whose first branch is worth leaving out for the elements that do not take it; empty if all of it is not.
+  std::vector<ir::OpId> heavy_branches(const Pass& pass) const;
+  void listed_map_pass(const Pass& pass, const std::vector<ir::OpId>& heavy);
   // `inputs`: values that it reads as input attachments; `joins`: it goes on in the render pass before.
   void fragment_pass(const Pass& pass, const std::vector<ir::ValueId>& inputs, bool joins);
   void reduce_pass(const Pass& pass);
@@ -106,6 +109,13 @@ class Generator {
   std::map<std::string, Table> tables_;
   std::set<uint32_t> step_tables_;  // leaves
 };
+
+// Words of a list of elements: 0 to 2 the workgroups of 64 that take one each, then one more than there are, then the
+// elements.
+inline constexpr int kListEnd = 3, kListHead = 4;
+
+// A statement that adds an element to a list. Workgroups go on in the next row as those of other dispatches do.
+std::string append(glsl::Shader& s, const std::string& list, const std::string& element);
 
 // The number of elements of an extent, as an extent expression.
 ir::Dim element_count(const ir::Extent& extent);

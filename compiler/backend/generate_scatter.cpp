@@ -43,27 +43,6 @@ std::string word_of(const std::string& element, int components, int c) {
   return std::to_string(kHead) + " + " + element + " * " + std::to_string(components) + " + " + std::to_string(c);
 }
 
-// Words of a list of elements: 0 to 2 the workgroups of 64 that take one each, then one more than there are, then the
-// elements.
-constexpr int kListEnd = 3, kListHead = 4;
-
-// A statement that adds an element to a list. Workgroups go on in the next row as those of other dispatches do.
-std::string append(Shader& s, const std::string& list, const std::string& element) {
-  s.declare(R"(void append_to_)" + list + R"((int element) {
-  uint place = atomicAdd()" +
-            list + ".d[" + std::to_string(kListEnd) + R"(], 1u) - 1u;
-  )" + list +
-            ".d[" + std::to_string(kListHead) + R"(u + place] = uint(element);
-  if (place % 64u != 0u) return;
-  atomicMax()" +
-            list + R"(.d[0], min(place / 64u + 1u, 65535u));
-  atomicMax()" +
-            list + R"(.d[1], place / 64u / 65535u + 1u);
-}
-)");
-  return "append_to_" + list + "(" + element + ");";
-}
-
 constexpr const char* kCountBits = R"(
 int bits_of_count(uint count) { return count <= 1u ? 0 : findMSB(count - 1u) + 1; }
 )";
@@ -92,6 +71,22 @@ std::string join_lanes(int n, const Part& part) {
 }
 
 }  // namespace
+
+std::string append(Shader& s, const std::string& list, const std::string& element) {
+  s.declare(R"(void append_to_)" + list + R"((int element) {
+  uint place = atomicAdd()" +
+            list + ".d[" + std::to_string(kListEnd) + R"(], 1u) - 1u;
+  )" + list +
+            ".d[" + std::to_string(kListHead) + R"(u + place] = uint(element);
+  if (place % 64u != 0u) return;
+  atomicMax()" +
+            list + R"(.d[0], min(place / 64u + 1u, 65535u));
+  atomicMax()" +
+            list + R"(.d[1], place / 64u / 65535u + 1u);
+}
+)");
+  return "append_to_" + list + "(" + element + ");";
+}
 
 // How often an element of the domain adds to a Scatter result at most; -1 where a loop decides.
 int Generator::contributions(ValueId result) const {

@@ -378,9 +378,11 @@ void Shader::if_op(const Op& op) {
                                                          : unique(info.name.empty() ? "if" : info.name));
     if (!names.back().empty()) body_.line(info.type.str() + " " + names.back() + ";");
   }
-  for (size_t branch = 0; branch < 2; ++branch) {
+  const bool left_out = !op.results.empty() && left_out_.count(op.results[0]) != 0;
+  if (left_out) body_.line("{");
+  for (size_t branch = left_out ? 1 : 0; branch < 2; ++branch) {
     forward_accumulators(op, op.regions[branch]);
-    body_.line(branch == 0 ? "if (" + condition + ") {" : "} else {");
+    if (!left_out) body_.line(branch == 0 ? "if (" + condition + ") {" : "} else {");
     push_scope();
     yields(op, op.regions[branch], names, {});
     pop_scope();

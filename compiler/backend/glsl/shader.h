@@ -69,6 +69,9 @@ class Shader {
   // The ivec3 place that an index expression names in an image of that extent.
   std::string place_of(ir::ValueId index_value, const std::string& index, const ir::Extent& extent) const;
 
+  // Of an `if` among the element ops: its second branch runs whatever the condition.
+  void leave_out_branch(ir::OpId op) { left_out_.insert(graph_.op(op).results[0]); }
+
   Writer& body() { return body_; }
   void extension(const std::string& name) { extensions_.insert(name); }
   void declare(const std::string& text) { declarations_ += text; }  // functions and interface variables
@@ -127,6 +130,7 @@ class Shader {
   std::vector<uint32_t> inputs_;  // resources, by input attachment index
   std::vector<std::map<ir::ValueId, std::string>> scopes_{1};
   std::map<ir::ValueId, Accumulator> accumulators_;
+  std::set<ir::ValueId> left_out_;  // first results
 };
 
 }  // namespace dr::backend::glsl

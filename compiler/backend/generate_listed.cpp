@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: Apache-2.0
+// Map passes in two dispatches, for devices whose lanes run both branches of every `if` (Profile::lanes_in_turn): the
+// first gives the elements for which all heavy branches are left out, and lists the others; the second runs those
+// alone.
+#include <set>
+
+#include "compiler/backend/cost.h"
+#include "compiler/backend/generate.h"
+
+namespace dr::backend {
+
+using glsl::dim_expression;
+using glsl::Shader;
+using ir::OpKind;
+using ir::ValueId;
+
+namespace {
+
+// What must be left out for each element to pay for a list and a dispatch more, in op_cost() units, and how many times
+// what is done instead. How many elements take a branch is not known: where a third of them do, as a texture's pixels
+// of an object, a list of branches that cost 100 makes a step a fifth slower; where few do, 90 are worth it already.
+constexpr int kWorthListing = 160, kTimesLighter = 4;
+constexpr int kLoopTrips = 8;
+
+int region_cost(const ir::Graph& graph, ir::RegionId region) {
+  int cost = 0;
+  for (const ir::OpId id : graph.region(region).ops) {
+    const ir::Op& op = graph.op(id);
+    cost += op.regions.empty() ? op_cost(op.kind) : 0;
+    for (const ir::RegionId inner : op.regions)
+      cost += region_cost(graph, inner) * (op.kind == OpKind::Reduce ? kLoopTrips : 1);
+  }
+  return cost;
+}
+
+}  // namespace
+
+std::vector<ir::OpId> Generator::heavy_branches(const Pass& pass) const {
+  std::vector<ir::OpId> heavy;
+  int saved = 0;
+  for (const ir::OpId id : pass.ops) {
+    const ir::Op& op = graph_.op(id);
+    if (op.kind != OpKind::If) continue;
+    const int then = region_cost(graph_, op.regions[0]), otherwise = region_cost(graph_, op.regions[1]);
+    if (then < kTimesLighter * (otherwise + 1)) continue;
+    heavy.push_back(id);
+    saved += then;
+  }
+  return saved < kWorthListing ? std::vector<ir::OpId>() : heavy;
+}
+
+void Generator::listed_map_pass(const Pass& pass, const std::vector<ir::OpId>& heavy) {
+  const uint32_t list = add_list(pass, "heavy");
+  const std::string count = element_count(pass.domain).str();
+  {
+    Shader s = shader();
+    linear_index(s, dim_expression(element_count(pass.domain)));
+    place_from_index(s, pass.domain);
+    for (const ir::OpId id : heavy) s.leave_out_branch(id);
+    s.element_ops(pass.ops);
+    // A condition that depends on a branch left out is wrong, but then that branch's own one holds.
+    std::set<std::string> conditions;
+    for (const ir::OpId id : heavy) conditions.insert(s.use(graph_.op(id).operands[0]));
+    std::string any;
+    for (const std::string& condition : conditions) any += (any.empty() ? "" : " || ") + condition;
+    const std::string words = s.bind_words(list, "heavy_elements", bundle::Access::ReadWrite);
+    s.body().line("if (" + any + ") {");
+    s.body().line(append(s, words, "index"));
+    s.body().line("return;");
+    s.body().line("}");
+    for (const ValueId v : pass.writes) s.store(v, "at", s.use(v));
+    dispatch(pass, "", s, count);
+  }
+  Shader s = shader();
+  const std::string words = s.read_words(list, "heavy_elements");
+  linear_index(s, "int(" + words + "(" + std::to_string(kListEnd) + ")) - 1");
+  s.body().line("int element = int(" + words + "(" + std::to_string(kListHead) + " + index));");
+  place_from_index(s, pass.domain, "element");
+  s.element_ops(pass.ops);
+  for (const ValueId v : pass.writes) s.store(v, "at", s.use(v));
+  dispatch(pass, "_heavy", s, count).indirect = static_cast<int>(list);
+}
+
+}  // namespace dr::backend
