@@ -82,7 +82,7 @@ struct Walk {
       s.body().line("}");
       return;
     }
-    // Peeling: pc.a is the rank; first the least key beyond the rank before, then the least face with it.
+    // Peeling: pc.a is the rank; first the least key beyond the rank before, then (pc.b & 1) the least face with it.
     const std::string id_words = s.bind_words(ids, "faces", bundle::Access::ReadWrite);
     s.body().line("int slot = pc.a * " + n + " + pixel;");
     s.body().line("if (pc.a > 0) {");
@@ -90,7 +90,7 @@ struct Walk {
     s.body().line("if (key < before || (key == before && uint(face) <= " + id_words + ".d[slot - " + n +
                   "])) continue;");
     s.body().line("}");
-    s.body().line("if (pc.b == 0) atomicMin(" + key_words + ".d[slot], key);");
+    s.body().line("if ((pc.b & 1) == 0) atomicMin(" + key_words + ".d[slot], key);");
     s.body().line("else if (" + key_words + ".d[slot] == key) atomicMin(" + id_words + ".d[slot], uint(face));");
   }
 
@@ -124,26 +124,26 @@ struct Walk {
     s.body().line("}");
   }
 
-  // Lanes that share the faces of a list and the pixels of each.
-  void listed(Shader& s, Bin bin) const {
-    const std::string count = dim_expression(parts.faces);
-    const bool middle = bin == Bin::Middle;
-    const int lanes = middle ? static_cast<int>(subgroup_size) : bins.large_invocations;
-    const int teams = middle ? bins.middle_invocations / lanes : 1;
+  // Lanes that share the faces of a list and the pixels of each: pc.b & 2 says that it is the large ones', whose lanes
+  // are all of one team. One shader for both.
+  void listed(Shader& s) const {
+    const std::string count = dim_expression(parts.faces), lanes = std::to_string(subgroup_size);
+    const std::string teams = std::to_string(bins.middle_invocations / static_cast<int>(subgroup_size));
     const std::string list = s.read_words(lists, "lists");
-    const std::string begin = middle ? "2" : "2 + " + dim_expression(parts.faces * parts.l);
-    s.body().line("int count = int(" + list + (middle ? "(0)" : "(1)") + ");");
-    s.body().line("for (int item = index / " + std::to_string(lanes) +
-                  "; item < count; item += " + std::to_string(teams) + ") {");
+    s.body().line("bool large = (pc.b & 2) != 0;");
+    s.body().line("int count = int(" + list + "(large ? 1 : 0)), team = large ? 0 : index / " + lanes +
+                  ", lane = large ? index : index % " + lanes + ";");
+    s.body().line("int begin = large ? 2 + " + dim_expression(parts.faces * parts.l) + " : 2, lanes = large ? " +
+                  std::to_string(bins.large_invocations) + " : " + lanes + ";");
+    s.body().line("for (int item = team; item < count; item += large ? 1 : " + teams + ") {");
     s.push_scope();
     RasterClosures closures(s, graph, pass, op);
-    s.body().line("int entry_index = int(" + list + "(" + begin + " + item));");
+    s.body().line("int entry_index = int(" + list + "(begin + item));");
     s.body().line("int face = entry_index % " + count + ";");
     s.body().line("ivec3 at = ivec3(face, 0, entry_index / " + count + ");");
     s.body().line(box(s, closures, false));
     closures.load_fields("at");
-    s.body().line("for (int i = index % " + std::to_string(lanes) + "; i < area; i += " + std::to_string(lanes) +
-                  ") {");
+    s.body().line("for (int i = lane; i < area; i += lanes) {");
     s.push_scope();
     s.body().line("at.xy = first + ivec2(i % across, i / across);");
     pixel(s, closures);
@@ -182,17 +182,18 @@ void Generator::raster_compute(const Pass& pass, const ir::Op& op) {
     s.prelude(kIsNan);
     linear_index(s, bound);
     if (bin == Bin::Middle || bin == Bin::Large)
-      walk.listed(s, bin);
+      walk.listed(s);
     else
       walk.faces(s, bin);
-    dispatch(pass, suffix, s, elements);
+    dispatch(pass, suffix, s, elements, {0, bin == Bin::Large ? 2 : 0, 0});
     first_run.push_back(out_->commands.size() - 1);
   };
   run_bin(binned ? Bin::Small : Bin::All, "_faces", faces.str(), dim_expression(faces));
   if (binned) {
     const std::string middle = std::to_string(bins.middle_invocations), large = std::to_string(bins.large_invocations);
-    run_bin(Bin::Middle, "_middle_faces", middle, middle);
-    run_bin(Bin::Large, "_large_faces", large, large);
+    const std::string bound = "((pc.b & 2) == 0 ? " + middle + " : " + large + ")";
+    run_bin(Bin::Middle, "_middle_faces", middle, bound);
+    run_bin(Bin::Large, "_large_faces", large, bound);
   }
   if (!wide)
     for (int run = 1; run < 2 * static_cast<int>(parts.count); ++run)
@@ -203,7 +204,7 @@ void Generator::raster_compute(const Pass& pass, const ir::Op& op) {
         c.compute = again.compute;
         for (const auto& b : again.bindings) c.bindings.push_back(std::make_unique<bundle::BindingT>(*b));
         c.elements = again.elements;
-        c.push = {run / 2, run % 2, 0};
+        c.push = {run / 2, run % 2 + again.push[1], 0};
       }
 
   Shader r = shader();

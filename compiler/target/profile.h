@@ -58,8 +58,8 @@ struct Profile {
   uint64_t max_storage_buffer_range = 1u << 27;
   // Features.
   bool subgroup_arithmetic = false;  // ballots and sums over the lanes of a subgroup, in compute shaders
-  // Storage buffers are accessed one lane after the other, as by llvmpipe. What a shader only reads is then a uniform texel
-  // buffer, and what it stores is hidden from the driver's compiler, which would compute that in turn too.
+  // Storage buffers are accessed one lane after the other, as by llvmpipe. What a shader only reads is then a uniform
+  // texel buffer, and what it stores is hidden from the driver's compiler, which would compute that in turn too.
   bool lanes_in_turn = false;
   bool shader_int64 = false;
   bool shader_buffer_int64_atomics = false;

@@ -21,9 +21,9 @@
 #include "tests/unit/passes/random_graph.h"
 
 using namespace dr;
-using test::must;
 using io::Array;
 using runtime::Program;
+using test::must;
 
 namespace {
 

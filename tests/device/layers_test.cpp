@@ -15,8 +15,8 @@
 #include "tests/device/devices.h"
 
 using namespace dr;
-using test::must;
 using io::Array;
+using test::must;
 
 namespace {
 

@@ -17,9 +17,9 @@
 #include "tests/device/devices.h"
 
 using namespace dr;
-using test::must;
 using io::Array;
 using runtime::Program;
+using test::must;
 namespace fs = std::filesystem;
 
 namespace {

@@ -21,9 +21,9 @@
 #include "tests/gradient/build.h"
 
 using namespace dr;
-using test::must;
 using gradient_test::Images;
 using reference::Image;
+using test::must;
 
 namespace {
 
