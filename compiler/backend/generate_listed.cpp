@@ -20,6 +20,8 @@ namespace {
 // what is done instead. How many elements take a branch is not known: where a third of them do, as a texture's pixels
 // of an object, a list of branches that cost 100 makes a step a fifth slower; where few do, 90 are worth it already.
 constexpr int kWorthListing = 160, kTimesLighter = 4;
+// Lighter branches run for all: a common one would put most elements on the list.
+constexpr int kHeavy = 20;
 constexpr int kLoopTrips = 8;
 
 int region_cost(const ir::Graph& graph, ir::RegionId region) {
@@ -42,7 +44,7 @@ std::vector<ir::OpId> Generator::heavy_branches(const Pass& pass) const {
     const ir::Op& op = graph_.op(id);
     if (op.kind != OpKind::If) continue;
     const int then = region_cost(graph_, op.regions[0]), otherwise = region_cost(graph_, op.regions[1]);
-    if (then < kTimesLighter * (otherwise + 1)) continue;
+    if (then < kHeavy || then < kTimesLighter * (otherwise + 1)) continue;
     heavy.push_back(id);
     saved += then;
   }
