@@ -196,13 +196,21 @@ void order(std::FILE* file, const std::string& program, std::vector<std::string>
   const std::string name = device.profile_name().empty() ? "lavapipe" : device.profile_name();
   const auto profile = must(target::load_profile(name));
   const ir::Graph graph = graph_of(program);
-  std::vector<double> predicted, measured;
   std::printf("%s, profile %s\n%-52s %12s %12s\n", device.info().name.c_str(), name.c_str(), "schedule", "predicted ms",
               "measured ms");
-  for (const Way& way : fifty_ways()) {
+  const std::string step = graph.steps[0].name;
+  using Clock = std::chrono::steady_clock;
+  const auto milliseconds = [&](runtime::Program& loaded, int runs) {
+    const auto begin = Clock::now();
+    must(loaded.run(step, runs));
+    return std::chrono::duration<double, std::milli>(Clock::now() - begin).count() / runs;
+  };
+  const std::vector<Way> ways = fifty_ways();
+  std::vector<double> predicted;
+  std::vector<runtime::Program> programs;
+  for (const Way& way : ways) {
     const backend::Compiled compiled = compile(graph, profile, way);
-    const std::vector<uint8_t> bytes = bundle::write(compiled.bundle);
-    auto loaded = must(runtime::Program::load(device, bytes));
+    auto loaded = must(runtime::Program::load(device, bundle::write(compiled.bundle)));
     ir::SymbolValues symbols;
     for (const std::string& argument : arguments) {
       const auto [leaf, source] = split(argument);
@@ -216,28 +224,27 @@ void order(std::FILE* file, const std::string& program, std::vector<std::string>
       if (components == 0) stop("there is no leaf '" + leaf + "'");
       must(loaded.bind(leaf, must(io::load_binding(source, components))));
     }
-    const std::string step = graph.steps[0].name;
-    using Clock = std::chrono::steady_clock;
-    const auto milliseconds = [&](int runs) {
-      const auto begin = Clock::now();
-      must(loaded.run(step, runs));
-      return std::chrono::duration<double, std::milli>(Clock::now() - begin).count() / runs;
-    };
-    // First until a device that has slept through compilation is up to speed.
-    double warm = milliseconds(2);
-    for (const auto begin = Clock::now(); Clock::now() - begin < std::chrono::milliseconds(300);)
-      warm = milliseconds(5);
-    std::vector<double> times;
-    for (int round = 0; round < 7; ++round) times.push_back(milliseconds(std::max(2, static_cast<int>(20 / warm))));
-    std::sort(times.begin(), times.end());
+    milliseconds(loaded, 2);
     const backend::Report report = must(backend::report(graph, compiled, profile, symbols));
     predicted.push_back(1e-6 * report.steps[0].first.expected_ns);
-    measured.push_back(times[times.size() / 2]);
-    std::printf("%-52s %12.3f %12.3f\n", way.str().c_str(), predicted.back(), measured.back());
-    std::fflush(stdout);
+    programs.push_back(std::move(loaded));
+  }
+  // In turns, so that a machine whose speed drifts treats all alike; first a turn that wakes it up.
+  std::vector<std::vector<double>> times(ways.size());
+  for (int round = 0; round < 12; ++round)
+    for (size_t k = 0; k < ways.size(); ++k) {
+      const double warm = milliseconds(programs[k], 2);
+      const double time = milliseconds(programs[k], std::max(2, static_cast<int>(20 / warm)));
+      if (round > 0) times[k].push_back(time);
+    }
+  std::vector<double> measured;
+  for (size_t k = 0; k < ways.size(); ++k) {
+    std::sort(times[k].begin(), times[k].end());
+    measured.push_back(times[k][times[k].size() / 2]);
+    std::printf("%-52s %12.3f %12.3f\n", ways[k].str().c_str(), predicted[k], measured[k]);
     std::fprintf(file,
                  "{\"bench\": \"schedules\", \"schedule\": \"%s\", \"predicted_ms\": %.4f, \"measured_ms\": %.4f}\n",
-                 way.str().c_str(), predicted.back(), measured.back());
+                 ways[k].str().c_str(), predicted[k], measured[k]);
   }
   const double rank = correlation(ranks(predicted), ranks(measured));
   std::printf("rank correlation over %zu schedules: %.3f\n", predicted.size(), rank);
