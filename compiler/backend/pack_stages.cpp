@@ -21,7 +21,7 @@ constexpr size_t kMaxSubpasses = 32;
 class StagePacker {
  public:
   StagePacker(const ir::Graph& graph, StepSchedule& step, const target::Profile& profile, bool join)
-      : graph_(graph), step_(step), profile_(profile), join_(join && pays(profile)) {}
+      : graph_(graph), step_(step), profile_(profile), join_(join) {}
 
   void process() {
     const size_t n = step_.passes.size();
@@ -52,9 +52,6 @@ class StagePacker {
   }
 
  private:
-  // A subpass that costs more than a pass of its own is none.
-  static bool pays(const target::Profile& profile) { return profile.costs.subpass_ns <= profile.costs.pass_ns; }
-
   const Pass& pass(size_t k) const { return step_.passes[k]; }
   bool is_fragment(size_t k) const { return pass(k).kind == Pass::Kind::Map && pass(k).hardware; }
 
@@ -66,13 +63,15 @@ class StagePacker {
                        [&](size_t from) { return done_[from] || stage.count(from) != 0; });
   }
   void finish(const std::vector<size_t>& stage) {
+    // A subpass that costs more than a pass of its own is none.
+    const bool join = join_ && (!is_fragment(stage[0]) || profile_.costs.subpass_ns <= profile_.costs.pass_ns);
     for (size_t k : stage) {
       done_[k] = true;
       for (size_t user : users_[k]) --pending_[user];
       order_.emplace_back(k, next_stage_);
-      if (!join_) ++next_stage_;
+      if (!join) ++next_stage_;
     }
-    if (join_) ++next_stage_;
+    if (join) ++next_stage_;
   }
 
   // Everything that is ready and no fragment pass. Draws of raster are render passes of their own.

@@ -4,7 +4,9 @@
 
 #include <cstdio>
 #include <cstdlib>
+#include <fstream>
 
+#include "compiler/target/profile.h"
 #include "tests/catch.h"
 
 namespace dr::test {
@@ -28,6 +30,14 @@ std::vector<NamedDevice> devices() {
     out.push_back({name, std::move(device).value()});
   }
   return out;
+}
+
+std::string profile_of_subpasses(const std::string& device) {
+  target::Profile profile = std::get<target::Profile>(target::load_profile(device));
+  profile.costs.subpass_ns = 1;
+  std::string path = device + "_subpasses.json";
+  std::ofstream(path) << target::write_profile(profile);
+  return path;
 }
 
 }  // namespace dr::test

@@ -230,10 +230,10 @@ TEST_CASE("small programs give the evaluator's answer on every device and loweri
           if (std::string(lower) == "fragment" ? std::string(pack) == "naive" : std::string(pack) == "subpasses")
             continue;
           INFO(c.name << ": " << name << " " << lower << " " << pack);
-          options.profile = name;
           options.lower = lower;
           options.raster = std::string(lower) == "fragment" ? "hardware" : "compute";
           const bool subpasses = std::string(pack) == "subpasses";
+          options.profile = subpasses ? test::profile_of_subpasses(name) : name;
           options.pack = subpasses ? "fused" : pack;
           options.ablate = subpasses ? std::vector<std::string>{"substages", "remat"} : std::vector<std::string>{};
           auto program = must(runtime::Program::load(device, compile(options)));
