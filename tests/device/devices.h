@@ -19,7 +19,8 @@ struct NamedDevice {
 // set in the environment both must be there; elsewhere a missing one is told on stdout.
 std::vector<NamedDevice> devices();
 
-// The path of a profile, written here, of a device for which subpasses cost next to nothing, so that packing makes them.
+// The path of a profile, written here, of a device for which subpasses cost next to nothing, so that packing makes
+// them.
 std::string profile_of_subpasses(const std::string& device);
 
 // What a call gives; its error fails the test.
