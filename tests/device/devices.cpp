@@ -29,6 +29,12 @@ std::vector<NamedDevice> devices() {
     if (!device) FAIL(std::string("cannot open ") + name + ": " + device.error());
     out.push_back({name, std::move(device).value()});
   }
+  if (const char* wanted = std::getenv("DR_TEST_DEVICE")) {
+    auto device = runtime::Device::open({wanted, false});
+    if (!device) FAIL("cannot open " + std::string(wanted) + ": " + device.error());
+    const std::string profile = device->profile_name();
+    out.push_back({profile, std::move(device).value()});
+  }
   return out;
 }
 

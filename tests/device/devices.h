@@ -16,7 +16,8 @@ struct NamedDevice {
 };
 
 // The devices that the environment names (DR_LAVAPIPE_ICD, DR_SWIFTSHADER_ICD), opened under validation. Where CI is
-// set in the environment both must be there; elsewhere a missing one is told on stdout.
+// set in the environment both must be there; elsewhere a missing one is told on stdout. DR_TEST_DEVICE adds one by name
+// or index, without validation: a GPU, by hand.
 std::vector<NamedDevice> devices();
 
 // The path of a profile, written here, of a device for which subpasses cost next to nothing, so that packing makes

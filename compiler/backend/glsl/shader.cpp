@@ -245,6 +245,40 @@ std::vector<std::string> Shader::region(ir::RegionId id) {
   return out;
 }
 
+namespace {
+
+// Whether every lane of every run has the same number, known when the pipeline is made.
+bool is_known_to_driver(const ir::Graph& graph, ValueId v) {
+  if (!graph.value(v).op.valid()) return false;
+  const Op& op = graph.op(graph.value(v).op);
+  if (op.kind == OpKind::Const || op.kind == OpKind::DimValue) return true;
+  return !op.operands.empty() && op.regions.empty() && ops::info(op.kind).glsl != nullptr &&
+         std::all_of(op.operands.begin(), op.operands.end(), [&](ValueId x) { return is_known_to_driver(graph, x); });
+}
+
+// Whether a driver may make something else of a quotient by `v`: NVIDIA's takes x / sqrt(y) for x inversesqrt(y), a
+// quotient by a known number for a product with its inverse, and 1 / (1 / x) for x, also of what is precise. Where the
+// divisor comes from another shader it cannot, and the bits would depend on how ops are packed.
+bool may_fold_into_quotient(const ir::Graph& graph, ValueId v) {
+  if (!graph.value(v).op.valid()) return false;
+  const Op& op = graph.op(graph.value(v).op);
+  switch (op.kind) {
+    case OpKind::Const: return false;  // known in every shader
+    case OpKind::Sqrt:
+    case OpKind::InverseSqrt:
+    case OpKind::Div: return true;
+    case OpKind::Broadcast:
+    case OpKind::Splat:
+    case OpKind::Extract:
+    case OpKind::Compose:
+      return std::any_of(op.operands.begin(), op.operands.end(),
+                         [&](ValueId x) { return may_fold_into_quotient(graph, x); });
+    default: return is_known_to_driver(graph, v);
+  }
+}
+
+}  // namespace
+
 void Shader::op(const Op& op) {
   switch (op.kind) {
     case OpKind::Const: define(op.results[0], literal(graph_.value(op.results[0]).type, op.attrs.floats)); return;
@@ -312,6 +346,8 @@ void Shader::op(const Op& op) {
     if (constant &&
         std::find(divisor.attrs.floats.begin(), divisor.attrs.floats.end(), 0.0) != divisor.attrs.floats.end())
       operands[1] = "(" + operands[1] + " + uintBitsToFloat(uint(pc.c)))";
+    else if (may_fold_into_quotient(graph_, op.operands[1]))
+      operands[1] = "(pc.c == 0 ? " + operands[1] + " : " + types[1].str() + "(1.0))";
   }
   const ops::GlslInput input{operands, types, op.attrs, graph_.value(op.results[0]).type};
   for (std::string_view text : ops::prelude(info, input)) prelude(text);
