@@ -48,7 +48,7 @@ class Measurement {
     fragment.ablate = {"stages"};
     subpasses.ablate = {"substages", "remat"};
     // Fixed costs from tiny images, traffic from large ones.
-    constexpr int kTiny = 4, kLarge = 384;
+    constexpr int kTiny = 4, kLarge = 256;
     const double pixels = double{kLarge} * kLarge;
     profile_.lanes_in_turn = lanes_in_turn(kLarge, compute);
     c.dispatch_ns = a_line(neighbours, kTiny, compute);
