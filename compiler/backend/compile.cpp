@@ -136,11 +136,12 @@ std::variant<Compiled, std::string> compile(const ir::Graph& graph, const target
   const bool naive = !packing.fused && !packing.recompute && !packing.stages;
   bundle.lowering = std::string(naive ? "naive," : "fused,") + (packing.fragment ? "fragment," : "compute,") +
                     (packing.hardware_raster ? "hardware" : "compute");
-  Generator(graph, out.schedule, profile, options.sources).process(bundle, out.glsl);
+  Generator(graph, out.schedule, profile, options.lines).process(bundle, out.glsl);
   find_dependencies(bundle);
   plan_memory(bundle);
   if (const auto problems = check_memory(bundle); !problems.empty()) DR_ICE(problems.front());
   bundle.graph = ir::print(graph);
+  if (!options.lines.files().empty()) bundle.op_lines = options.lines.in_text_order(graph);
   if (auto limit = over_limit(bundle, profile)) return *limit;
 
   // Shaders are independent; results go to fixed places, so the bytes do not depend on the number of threads.

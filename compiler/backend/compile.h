@@ -10,9 +10,9 @@
 #include "compiler/backend/bundle/bundle.h"
 #include "compiler/backend/legalize_scatter.h"
 #include "compiler/backend/schedule.h"
+#include "compiler/backend/source_lines.h"
 #include "compiler/ir/graph.h"
 #include "compiler/target/profile.h"
-#include "dsl/source.h"
 
 namespace dr::backend {
 
@@ -24,9 +24,9 @@ struct CompileOptions {
   Lower lower = Lower::Auto;
   RasterLower raster = RasterLower::Auto;
   ScatterLower scatter = ScatterLower::Auto;
-  Moving moving;                                // see PackOptions
-  const dsl::SourceManager* sources = nullptr;  // of the graph's spans: lines in the bundle; none without
-  std::filesystem::path cache_folder;           // of assembled shaders; empty: none
+  Moving moving;                       // see PackOptions
+  SourceLines lines;                   // of the graph's ops, for the bundle
+  std::filesystem::path cache_folder;  // of assembled shaders; empty: none
 };
 
 // The options from the words of the command line: auto|fragment|compute, auto|hardware|compute, fused|naive, what is

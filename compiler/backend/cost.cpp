@@ -42,6 +42,30 @@ int op_cost(OpKind kind) {
     case OpKind::Select:
     case OpKind::Floor: return 1;
     case OpKind::Dot: return 2;
+    // Polynomials of our own and what brings numbers into their range.
+    case OpKind::Exp:
+    case OpKind::Exp2:
+    case OpKind::Expm1:
+    case OpKind::Log:
+    case OpKind::Log2:
+    case OpKind::Log1p:
+    case OpKind::Sin:
+    case OpKind::Cos:
+    case OpKind::Tan:
+    case OpKind::Asin:
+    case OpKind::Acos:
+    case OpKind::Atan:
+    case OpKind::Atan2:
+    case OpKind::Sinh:
+    case OpKind::Cosh:
+    case OpKind::Tanh:
+    case OpKind::Asinh:
+    case OpKind::Acosh:
+    case OpKind::Atanh:
+    case OpKind::Sigmoid:
+    case OpKind::Softplus:
+    case OpKind::Erf: return 20;
+    case OpKind::Pow: return 60;
     default: return 4;
   }
 }

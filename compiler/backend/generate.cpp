@@ -61,6 +61,7 @@ void Generator::process(bundle::BundleT& bundle, std::vector<GlslShader>& shader
   bundle_ = &bundle;
   shaders_ = &shaders;
   bundle.symbols = all_symbols(graph_);
+  bundle.files = source_lines_.files();
   for (const Resource& r : schedule_.resources) {
     auto out = std::make_unique<bundle::ResourceT>();
     out->name = r.name;
@@ -220,20 +221,14 @@ void Generator::list_needs(const StepSchedule& schedule) {
 }
 
 void Generator::set_lines(const Pass& pass) {
-  lines_.clear();
-  if (sources_ == nullptr) return;
   std::set<std::pair<uint32_t, uint32_t>> lines;
   std::function<void(ir::OpId)> add = [&](ir::OpId id) {
-    const ir::Op& op = graph_.op(id);
-    if (op.span.valid()) {
-      const auto [file, is_new] = files_.try_emplace(op.span.file.index, static_cast<uint32_t>(bundle_->files.size()));
-      if (is_new) bundle_->files.emplace_back(sources_->name(op.span.file));
-      lines.emplace(file->second, sources_->position(op.span.file, op.span.begin).line);
-    }
-    for (ir::RegionId region : op.regions)
+    if (const auto line = source_lines_.of(id)) lines.emplace(line->file(), line->line());
+    for (ir::RegionId region : graph_.op(id).regions)
       for (ir::OpId inner : graph_.region(region).ops) add(inner);
   };
   for (ir::OpId id : pass.ops) add(id);
+  lines_.clear();
   for (const auto& [file, line] : lines) lines_.emplace_back(file, line);
 }
 

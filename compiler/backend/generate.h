@@ -10,6 +10,7 @@
 
 #include "compiler/backend/compile.h"
 #include "compiler/backend/glsl/shader.h"
+#include "compiler/backend/source_lines.h"
 
 namespace dr::backend {
 
@@ -17,8 +18,8 @@ namespace dr::backend {
 class Generator {
  public:
   Generator(const ir::Graph& graph, const Schedule& schedule, const target::Profile& profile,
-            const dsl::SourceManager* sources)
-      : graph_(graph), schedule_(schedule), profile_(profile), sources_(sources) {}
+            const SourceLines& source_lines)
+      : graph_(graph), schedule_(schedule), profile_(profile), source_lines_(source_lines) {}
   void process(bundle::BundleT& bundle, std::vector<GlslShader>& shaders);
 
  private:
@@ -98,8 +99,7 @@ class Generator {
   const ir::Graph& graph_;
   const Schedule& schedule_;
   const target::Profile& profile_;
-  const dsl::SourceManager* sources_;
-  std::map<uint32_t, uint32_t> files_;  // FileId -> index in the bundle
+  const SourceLines& source_lines_;
   std::vector<bundle::Line> lines_;
   size_t ops_ = 0;  // of the pass, until a command says so
   bundle::BundleT* bundle_ = nullptr;

@@ -75,7 +75,7 @@ class Stages {
       print_error(*problem);
       return nullptr;
     }
-    std::get<backend::CompileOptions>(options).sources = &sources_;
+    std::get<backend::CompileOptions>(options).lines = backend::SourceLines(*graph, sources_);
     if (options_.cache) std::get<backend::CompileOptions>(options).cache_folder = backend::default_cache_folder();
     auto result = backend::compile(*graph, *profile_, std::get<backend::CompileOptions>(options));
     if (const auto* problem = std::get_if<std::string>(&result)) {

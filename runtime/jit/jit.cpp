@@ -27,7 +27,7 @@ std::variant<std::vector<uint8_t>, std::string> compile_text(const std::string& 
   passes::PipelineOptions pipeline;
   pipeline.verify_each = false;
   const ir::Graph ready = passes::run_passes(*graph, passes::default_passes(), pipeline);
-  std::get<backend::CompileOptions>(compile).sources = &sources;
+  std::get<backend::CompileOptions>(compile).lines = backend::SourceLines(ready, sources);
   std::get<backend::CompileOptions>(compile).cache_folder = backend::default_cache_folder();
   auto compiled = backend::compile(ready, profile, std::get<backend::CompileOptions>(compile));
   if (const auto* problem = std::get_if<std::string>(&compiled)) return name + ": error: " + *problem + "\n";

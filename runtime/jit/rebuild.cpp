@@ -23,14 +23,16 @@ Options with_lowering_of(const bundle::BundleT& bundle, Options options) {
   return options;
 }
 
-Result<backend::Compiled> compile(const std::string& text, const Options& options, const runtime::Moving& moving) {
+Result<backend::Compiled> compile(const bundle::BundleT& bundle, const Options& options,
+                                  const runtime::Moving& moving) {
   auto compile = backend::compile_options(options.lower, options.raster, options.pack, options.ablate, options.scatter);
   if (const auto* problem = std::get_if<std::string>(&compile)) return Error{*problem};
   auto& chosen = std::get<backend::CompileOptions>(compile);
   chosen.moving = moving;
   chosen.cache_folder = backend::default_cache_folder();
-  const auto graph = ir::parse(text);
+  const auto graph = ir::parse(bundle.graph);
   if (std::holds_alternative<ir::ParseError>(graph)) return Error{"the bundle's graph cannot be read"};
+  chosen.lines = backend::SourceLines(std::get<ir::Graph>(graph), bundle);
   const auto profile = target::load_profile(options.profile);
   if (const auto* problem = std::get_if<std::string>(&profile)) return Error{*problem};
   auto compiled = backend::compile(std::get<ir::Graph>(graph), std::get<target::Profile>(profile), chosen);
@@ -64,10 +66,10 @@ runtime::Rebuild rebuilder(std::vector<uint8_t> bytes, const Options& options) {
     if (const auto* problem = std::get_if<std::string>(&read)) return Error{*problem};
     const auto& bundle = std::get<bundle::BundleT>(read);
     const Options same = with_lowering_of(bundle, options);
-    const auto before = compile(bundle.graph, same, {});
+    const auto before = compile(bundle, same, {});
     if (!before) return Error{before.error()};
     if (!same_shaders(before->bundle, bundle)) return Error{"these options do not give the bundle's shaders"};
-    const auto after = compile(bundle.graph, same, moving);
+    const auto after = compile(bundle, same, moving);
     if (!after) return Error{after.error()};
     if (sums_of(before->schedule) != sums_of(after->schedule))
       return Error{"scattered values would sum in another way"};

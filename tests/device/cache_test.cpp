@@ -284,6 +284,9 @@ TEST_CASE("a program is built anew for the leaves that move, and for others agai
         if (beside && k > 8) std::this_thread::sleep_for(std::chrono::milliseconds(20));
       }
       CHECK(p.rebuilds() == 1);
+      for (const runtime::CommandTime& t : must(p.timed_run("fit")))
+        if (t.ops > 0) CHECK(!t.lines.empty());
+      must(plain.run("fit"));
       const int64_t less = move();
       CHECK(less < ops);
       // What stood still moves: all at once, and no longer.

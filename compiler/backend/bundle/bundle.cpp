@@ -251,6 +251,11 @@ struct Checker {
         return;
       }
     }
+    for (const Line& line : b.op_lines)
+      if (line.line() != 0 && line.file() >= b.files.size()) {
+        fail("an op comes from a file that there is not");
+        return;
+      }
     for (const auto& s : b.shaders) {
       if (!s || s->stage > Stage::MAX) {
         fail("a shader is of an unknown stage");

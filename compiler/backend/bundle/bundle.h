@@ -13,7 +13,7 @@
 
 namespace dr::bundle {
 
-inline constexpr uint32_t kVersion = 7;
+inline constexpr uint32_t kVersion = 8;
 
 // Deterministic bytes.
 std::vector<uint8_t> write(const BundleT& bundle);

@@ -124,6 +124,9 @@ TEST_CASE("what FlatBuffers cannot know is checked") {
   b.leaves[0]->initial = {1, 2};
   CHECK(problem(b).find("initial value") != std::string::npos);
   b = sample();
+  b.op_lines = {Line(0, 0), Line(static_cast<uint32_t>(b.files.size()), 1)};
+  CHECK(problem(b).find("a file that there is not") != std::string::npos);
+  b = sample();
   b.steps[0]->commands[0]->joins = true;
   CHECK(problem(b).find("joins no render pass") != std::string::npos);
   b = sample();
