@@ -22,19 +22,20 @@ fit() {  # fit INVERSE RATE TRUTH STEPS OUT
 now() { date +%s%N; }
 for inverse in false true; do
   for rate in 0.2 0.05 0.0125; do fit "$inverse" "$rate" true "$steps" "$out/${inverse}_$rate"; done
-  # Time of an iteration: the best of three runs of 21 less the best of three runs of one.
-  best_1='' best_21=''
-  for _ in 1 2 3; do
+done
+# Time of an iteration: the least of five runs of 21 less the least of five runs of one, in turns.
+declare -A least
+for _ in 1 2 3 4 5; do
+  for inverse in false true; do
     for count in 1 21; do
       begin=$(now)
       fit "$inverse" 0.05 false "$count" "$out/timed"
-      took=$(($(now) - begin))
-      declare -n best=best_$count
-      if [[ -z $best || $took -lt $best ]]; then best=$took; fi
+      took=$(($(now) - begin)) key=$inverse$count
+      if [[ -z ${least[$key]-} || $took -lt ${least[$key]} ]]; then least[$key]=$took; fi
     done
   done
-  echo "$(((best_21 - best_1) / 20))" > "$out/$inverse.ns"
 done
+for inverse in false true; do echo "$(((${least[${inverse}21]} - ${least[${inverse}1]}) / 20))" > "$out/$inverse.ns"; done
 
 /usr/bin/python3 - "$out" << 'END'
 import json, sys
