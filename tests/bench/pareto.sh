@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # pareto.sh BUILD_FOLDER [--device NAME] [--quick]: run time of a frame against its errors (pareto.dr), for a sphere of 1,280 faces at
-# 256² (--quick: 96²), an axis at a time: how edges are softened, layers K, radius, sigma, edge mask, scatter, texture fetch,
+# 256² (--quick: 96²), an axis at a time: how edges are softened, layers K, radius, sigma (its share of the radius; 0: the library's), edge mask, scatter, texture fetch,
 # lowering. Errors are relative L2 of gradients: `numerical_*` of the device against the float64 evaluator that is given its
 # decisions, to vertices and to texels; `bias` of the evaluator's against the gradient of exact area coverage, vertex by vertex,
 # and `bias_whole` of their sums for shifts and growth of the whole. The latter is in closed form: the silhouette of a convex
@@ -46,10 +46,10 @@ bound = sphere(3)
 [points] = evaluated(bound, ["-D", f"S={size}"], project="pixel")
 true = true_gradient(points)
 base = {"way": "outlines", "K": 1, "radius": 2.0, "share": 7, "mask": True, "fetch": "linear", "scatter": "exact", "lower": "auto"}
-changes = [{}, {"radius": 1.0}, {"radius": 4.0}, {"share": 3}, {"way": "antialias"}, {"way": "faces", "K": 1}, {"way": "faces", "K": 3},
+changes = [{}, {"radius": 1.0}, {"radius": 1.0, "share": 0}, {"radius": 4.0}, {"share": 3}, {"way": "antialias"}, {"way": "faces", "K": 1}, {"way": "faces", "K": 3},
            {"way": "faces", "K": 3, "mask": False}, {"scatter": "atomic"}, {"fetch": "nearest"}, {"lower": "fragment"}]
 if not suite.quick:
-    changes += [{"radius": 0.5}, {"radius": 7.0}, {"share": 5}, {"share": 10}, {"share": 2}, {"K": 3}, {"mask": False}, {"lower": "compute"},
+    changes += [{"radius": 0.5}, {"radius": 0.5, "share": 0}, {"radius": 7.0}, {"share": 5}, {"share": 10}, {"share": 2}, {"K": 3}, {"mask": False}, {"lower": "compute"},
                 {"scatter": "rows"}, {"way": "antialias", "scatter": "atomic"}, {"way": "faces", "K": 2}, {"way": "faces", "K": 5}]
     changes += [{"way": "faces", "K": k, "radius": r} for k in (1, 3) for r in (1.0, 4.0, 7.0)]
     changes += [{"way": "faces", "K": 3, "share": s} for s in (3, 10)]
