@@ -30,7 +30,8 @@ RasterParts raster_parts(const ir::Op& op) {
 namespace {
 
 // Corners moved outwards by a pixel, because devices snap corners to a grid of 1/16 to 1/256 of a pixel. Where that
-// would make a long spike, or coordinates are huge, the triangle that covers the box around the hull proposes instead.
+// would make spikes of more area than the triangle that covers the box around the hull, or coordinates are huge, the latter
+// proposes instead.
 constexpr const char* kGrow = R"(
 vec2 grown_corner(vec2 a, vec2 b, vec2 c, int k, vec2 size) {
   vec2 low = clamp(min(a, min(b, c)), vec2(-2.0), size + 2.0) - 1.0;
@@ -38,13 +39,14 @@ vec2 grown_corner(vec2 a, vec2 b, vec2 c, int k, vec2 size) {
   vec2 v[3] = vec2[3](a, b, c);
   vec2 away[3];
   float turn = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
-  bool fine = abs(turn) > 0.01 && all(lessThan(abs(a), vec2(16000.0))) && all(lessThan(abs(b), vec2(16000.0))) && all(lessThan(abs(c), vec2(16000.0)));
+  float around = distance(a, b) + distance(b, c) + distance(c, a), larger = 1.0 + around / abs(turn);
+  bool fine = abs(turn) > 0.01 && larger * larger * abs(turn) < 4.0 * (high.x - low.x) * (high.y - low.y) && all(lessThan(abs(a), vec2(16000.0))) && all(lessThan(abs(b), vec2(16000.0))) && all(lessThan(abs(c), vec2(16000.0)));
   for (int i = 0; i < 3 && fine; ++i) {
     vec2 before = normalize(v[i] - v[(i + 2) % 3]) * sign(turn);
     vec2 after = normalize(v[(i + 1) % 3] - v[i]) * sign(turn);
     vec2 outward = vec2(before.y, -before.x) + vec2(after.y, -after.x);
     float spread = 1.0 + dot(before, after);
-    if (spread < 0.2) fine = false;
+    if (spread < 0.0005) fine = false;
     away[i] = outward / spread;
   }
   if (fine) return v[k] + away[k];

@@ -38,7 +38,8 @@ Value Elaborator::gather(const Value& base, const Value& index, const Span& base
     return fail(Code::E0703, base_span,
                 "expected an image from outside " + std::string(regions_.back().what) + " " + std::string(where) +
                     ", found one that is computed inside",
-                {{regions_.back().span, "the region is here"}}, "compute it before with 'let'");
+                {{regions_.back().span, "the region is here"}},
+                "compute it before with 'let', also where it is an argument of the call and made of constants alone");
   }
   const Extent extent = extent_of(base);
   const std::string name = label(base, describe(base));

@@ -381,7 +381,10 @@ bool Elaborator::refuse_element(const Value& value, std::string_view what, const
   report(Code::E0702, span,
          "expected a whole image for " + std::string(what) + ", found " + label(value, "a value") +
              ", which is one element inside this function",
-         {}, "give the parameter an extent, such as " + type.str() + "[W, H]");
+         {},
+         "give the parameters that it is made of an extent, such as " + type.str() +
+             "[W, H], or float[1] for a number that "
+             "all elements share");
   return true;
 }
 

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # pareto.sh BUILD_FOLDER [--device NAME] [--quick]: run time of a frame against its errors (pareto.dr), for a sphere of 1,280 faces at
-# 256² (--quick: 96²), an axis at a time: how edges are softened, layers K, radius, sigma, edge mask, scatter, texture fetch,
+# 256² (--quick: 96²), an axis at a time: how edges are softened, layers K, radius, sigma (its share of the radius; 0: the library's), edge mask, scatter, texture fetch,
 # lowering. Errors are relative L2 of gradients: `numerical_*` of the device against the float64 evaluator that is given its
 # decisions, to vertices and to texels; `bias` of the evaluator's against the gradient of exact area coverage, vertex by vertex,
 # and `bias_whole` of their sums for shifts and growth of the whole. The latter is in closed form: the silhouette of a convex
@@ -10,8 +10,8 @@
 # the fronts. Before that, the bias of meshes of 80 to 5,120 faces.
 set -euo pipefail
 PYTHONDONTWRITEBYTECODE=1 PYTHONPATH=$(dirname "$(readlink -f "${BASH_SOURCE[0]}")") exec /usr/bin/python3 - "$@" << 'END'
-import subprocess
 import numpy as np
+from coverage import distance_from, true_gradient
 from suite import Failed, Suite, here, plt, text
 
 suite = Suite("pareto")
@@ -19,52 +19,11 @@ size = 96 if suite.quick else 256
 
 
 def sphere(levels):
-    mesh = suite.out / f"sphere_{levels}.obj"
-    mesh.write_text(subprocess.run(["awk", "-v", f"levels={levels}", "-f", here / "icosphere.awk"], capture_output=True, text=True, check=True).stdout)
-    return ["--bind", f"position={mesh}:position", "--bind", f"face={mesh}:indices", "--bind", "rate==0"]
-
-
-def hull(points):
-    """Numbers of the points on the convex hull, in order around it (monotone chain)."""
-    order = np.lexsort((points[:, 1], points[:, 0]))
-
-    def chain(order):
-        done = []
-        for k in order:
-            while len(done) > 1:
-                (ax, ay), (bx, by) = points[done[-1]] - points[done[-2]], points[k] - points[done[-2]]
-                if ax * by - ay * bx > 0:
-                    break
-                done.pop()
-            done.append(k)
-        return done[:-1]
-
-    return chain(order) + chain(order[::-1])
-
-
-def true_gradient(points):
-    """Of the sum of weight * covered area of each pixel, to each vertex: cut at pixels' borders and integrated."""
-    gradient, around = np.zeros_like(points), hull(points)
-    for i, j in zip(around, around[1:] + around[:1]):
-        a, d = points[i], points[j] - points[i]
-        cuts = [0.0, 1.0]
-        for axis in (0, 1):
-            low, high = sorted((a[axis], a[axis] + d[axis]))
-            cuts += [(c - a[axis]) / d[axis] for c in range(int(np.ceil(low)), int(np.floor(high)) + 1) if d[axis] != 0]
-        t = np.unique(np.clip(cuts, 0, 1))
-        pixel = np.floor(a + d * (0.5 * (t[1:] + t[:-1]))[:, None]) + 0.5
-        weight = np.sin(0.09 * pixel[:, 0]) + np.cos(0.06 * pixel[:, 1])
-        second = weight @ (t[1:] ** 2 - t[:-1] ** 2) / 2  # how far along, which is the second vertex' share
-        outward = np.array([d[1], -d[0]])
-        gradient[i] += outward * (weight @ np.diff(t) - second)
-        gradient[j] += outward * second
-    return gradient
+    return [*suite.icosphere(levels), "--bind", "rate==0"]
 
 
 def bias(found, true, points):
-    whole = lambda g: np.array([*g.sum(0), np.sum(g * (points - points.mean(0))) / (size / 4)])
-    apart = lambda x, y: float(np.linalg.norm(x - y) / np.linalg.norm(y))
-    return {"bias": apart(found, true), "bias_whole": apart(whole(found), whole(true))}
+    return distance_from(found, true, points, size)
 
 
 def evaluated(bound, consts, **outputs):
@@ -87,10 +46,10 @@ bound = sphere(3)
 [points] = evaluated(bound, ["-D", f"S={size}"], project="pixel")
 true = true_gradient(points)
 base = {"way": "outlines", "K": 1, "radius": 2.0, "share": 7, "mask": True, "fetch": "linear", "scatter": "exact", "lower": "auto"}
-changes = [{}, {"radius": 1.0}, {"radius": 4.0}, {"share": 3}, {"way": "antialias"}, {"way": "faces", "K": 1}, {"way": "faces", "K": 3},
+changes = [{}, {"radius": 1.0}, {"radius": 1.0, "share": 0}, {"radius": 4.0}, {"share": 3}, {"way": "antialias"}, {"way": "faces", "K": 1}, {"way": "faces", "K": 3},
            {"way": "faces", "K": 3, "mask": False}, {"scatter": "atomic"}, {"fetch": "nearest"}, {"lower": "fragment"}]
 if not suite.quick:
-    changes += [{"radius": 0.5}, {"radius": 7.0}, {"share": 5}, {"share": 10}, {"share": 2}, {"K": 3}, {"mask": False}, {"lower": "compute"},
+    changes += [{"radius": 0.5}, {"radius": 0.5, "share": 0}, {"radius": 7.0}, {"share": 5}, {"share": 10}, {"share": 2}, {"K": 3}, {"mask": False}, {"lower": "compute"},
                 {"scatter": "rows"}, {"way": "antialias", "scatter": "atomic"}, {"way": "faces", "K": 2}, {"way": "faces", "K": 5}]
     changes += [{"way": "faces", "K": k, "radius": r} for k in (1, 3) for r in (1.0, 4.0, 7.0)]
     changes += [{"way": "faces", "K": 3, "share": s} for s in (3, 10)]

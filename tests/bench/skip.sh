@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # skip.sh BUILD_FOLDER: what HardSoftRas leaves out where nothing soft shows (skip.dr), for a sphere of 5,120 faces and a crowd of
-# small ones whose outlines lie in front of others: the part of the picture that is blended, candidate pixels, and times on the
-# device in us, the least of three runs: `hard` of the commands that draw the first layer, `soft` of all others.
+# small ones whose outlines lie in front of others: the part of the picture that is blended, candidate pixels of compute loops, those
+# of draws by boxes and by the smaller of box and triangle, and times on the device in us, the least of three runs: `hard` of the commands that draw the first layer, `soft` of all others.
 set -euo pipefail
 build=$(cd "$1" && pwd)
 here=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd)
@@ -27,7 +27,7 @@ awk -v levels=4 -f "$here/icosphere.awk" > "$out/sphere.obj"
 } > "$out/crowd.obj"
 run() { "$build/bin/drun" "$here/skip.dr" -D outlines="$outlines" -D skip="$skip" --device "${DR_DEVICE-}" --bind "position=$out/$mesh.obj:position" \
   --bind "face=$out/$mesh.obj:indices" "$@"; }
-printf '%7s %9s %5s  %6s %9s %9s %9s  %8s %8s\n' mesh edges skip band all proposed measured hard soft
+printf '%7s %9s %5s  %6s %9s %9s %9s %9s %9s  %8s %8s\n' mesh edges skip band all proposed measured boxes smaller hard soft
 for mesh in sphere crowd; do
   for outlines in 0 1; do
     skip=1
@@ -50,6 +50,7 @@ for line in open(out + "/timing.txt"):
 hard, soft = (min(r[k] for r in runs) for k in ("hard", "soft"))
 proposed, measured = (counts["proposed"], counts["measured"]) if skip == "1" else (counts["all"], counts["all"])
 print(f"{mesh:>7} {['all', 'outlines'][int(outlines)]:>9} {['no', 'yes'][int(skip)]:>5}  {counts['band']:6.3f} {counts['all']:9.0f} {proposed:9.0f} {measured:9.0f}"
+      f" {counts['drawn_boxes']:9.0f} {counts['drawn_smaller']:9.0f}"
       f"  {hard:8.0f} {soft:8.0f}")
 with open(out + "/skip.jsonl", "a") as log:
     json.dump({"mesh": mesh, "outlines": int(outlines), "skip": int(skip), **counts, "hard_us": hard, "soft_us": soft}, log)

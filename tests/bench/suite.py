@@ -128,6 +128,13 @@ class Suite:
             figure.savefig(self.out / f"{name}.{end}", dpi=120)
         plt.close(figure)
 
+    def icosphere(self, levels):
+        """A unit sphere of 20 * 4^levels triangles: arguments that bind position and face."""
+        mesh = self.out / f"sphere_{levels}.obj"
+        mesh.write_text(subprocess.run(["awk", "-v", f"levels={levels}", "-f", here / "icosphere.awk"], capture_output=True, text=True,
+                                       check=True).stdout)
+        return ["--bind", f"position={mesh}:position", "--bind", f"face={mesh}:indices"]
+
     def uv_sphere(self, around, rings):
         """A sphere around the y axis of 2 * around * (rings - 1) triangles: drun's arguments that bind position, face, uv
         and uv_face. It has a seam in its texture coordinates only."""

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# HardSoftRas with and without leaving out soft work that does not show: the same bits on each device, by compute loops and by
+# HardSoftRas with and without leaving out soft work that does not show, and with either shape of enlarged faces: the same bits on each device, by compute loops and by
 # draws. usage: soft_skip_test.sh DRUN
 set -euo pipefail
 drun=$(readlink -f "$1")
@@ -36,7 +36,7 @@ check() {
 }
 if [[ -n ${DR_LAVAPIPE_ICD-} ]]; then
   check "$DR_LAVAPIPE_ICD" compute outlines thin layers faces both_sides
-  check "$DR_LAVAPIPE_ICD" hardware thin faces
+  check "$DR_LAVAPIPE_ICD" hardware thin faces face_shapes
 fi
 # One step is enough where compiling a shader takes seconds.
 if [[ -n ${DR_SWIFTSHADER_ICD-} ]]; then check "$DR_SWIFTSHADER_ICD" compute thin; fi
