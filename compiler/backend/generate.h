@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "compiler/backend/compile.h"
+#include "compiler/backend/glsl/fixed_point.h"
 #include "compiler/backend/glsl/shader.h"
 #include "compiler/backend/source_lines.h"
 
@@ -77,8 +78,9 @@ class Generator {
   // Whether shaders may use 64-bit integers and their atomics; those that do say so.
   bool wide_atomics() const { return profile_.shader_int64 && profile_.shader_buffer_int64_atomics; }
   static void wide_extensions(glsl::Shader& shader) {
-    shader.extension("GL_EXT_shader_explicit_arithmetic_types_int64");
+    shader.extension("GL_ARB_gpu_shader_int64");
     shader.extension("GL_EXT_shader_atomic_int64");
+    shader.prelude(glsl::kWide);
   }
 
   static void subgroup_extensions(glsl::Shader& shader) {

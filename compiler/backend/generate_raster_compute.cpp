@@ -78,7 +78,7 @@ struct Walk {
       // order.
       s.body().line("for (int k = 0; k < " + std::to_string(parts.count) + "; ++k) {");
       s.body().line("uint64_t old = atomicMin(" + key_words + ".d[k * " + n + " + pixel], entry);");
-      s.body().line("entry = max(old, entry);");
+      s.body().line("entry = old > entry ? old : entry;");
       s.body().line("}");
       return;
     }

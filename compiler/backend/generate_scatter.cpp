@@ -232,7 +232,7 @@ void Generator::scatter_pass(const Pass& pass) {
       for (int c = 0; c < n; ++c) {
         if (wide) {
           body += "  if (" + part(c) + " != uvec2(0u)) atomicAdd(" + buffer + ".d[" + word_of("element", n, c) +
-                  "], packUint2x32(" + part(c) + "));\n";
+                  "], wide_of(" + part(c) + "));\n";
         } else {
           const std::string word = word_of("element", 2 * n, 2 * c);
           body += "  if (" + part(c) + " != uvec2(0u)) {\n    uint old = atomicAdd(" + buffer + ".d[" + word + "], " +
@@ -334,7 +334,7 @@ void Generator::scatter_resolve(const Pass& pass, ValueId value, const Accumulat
   s.body().line("uint flags = uint(" + sums + "(" + std::to_string(kHead) + " + " +
                 dim_expression(count * ir::Dim((wide ? 1 : 2) * n)) + " + index));");
   for (int c = 0; c < n; ++c) {
-    const std::string number = wide ? "unpackUint2x32(" + sums + "(" + word_of("index", n, c) + "))"
+    const std::string number = wide ? "words_of(" + sums + "(" + word_of("index", n, c) + "))"
                                     : "uvec2(" + sums + "(" + word_of("index", 2 * n, 2 * c) + "), " + sums + "(" +
                                           word_of("index", 2 * n, 2 * c + 1) + "))";
     const std::string sum = "fixed_to_float(" + number + ", shift, (flags >> " + std::to_string(4 * c) + ") & 15u)";

@@ -87,13 +87,20 @@ AdjointOutput clamp_adjoint(const AdjointInput& in) {
   return {keep_where(b, inside, in.adjoint), keep_where(b, is_low, in.adjoint), keep_where(b, is_high, in.adjoint)};
 }
 
+// g * x, and 0 where g is 0 whatever x is. Gradients of long chains have thousands: neither a branch nor a call.
 std::string smul_glsl(const GlslInput& in) {
+  const auto product = [](const Type& type, const std::string& g, const std::string& x) {
+    const std::string zero = type.is_scalar() ? "0.0" : type.str() + "(0.0)";
+    const std::string is_zero = type.is_scalar() ? g + " == 0.0" : "equal(" + g + ", " + zero + ")";
+    return "mix(" + g + " * " + x + ", " + zero + ", " + is_zero + ")";
+  };
   const Type type = in.result_type;
-  if (!type.is_matrix()) return call("dr_smul", in);
+  if (!type.is_matrix()) return product(type, in.operands[0], in.operands[1]);
   std::string text = type.str() + "(";
   for (int k = 0; k < type.cols; ++k) {
     const std::string column = "[" + std::to_string(k) + "]";
-    text += (k > 0 ? ", " : "") + ("dr_smul(" + in.operands[0] + column) + ", " + in.operands[1] + column + ")";
+    text +=
+        (k > 0 ? ", " : "") + product({type.scalar, type.rows, 1}, in.operands[0] + column, in.operands[1] + column);
   }
   return text + ")";
 }
@@ -302,8 +309,6 @@ std::vector<OpInfo> arithmetic_ops() {
        .infer = component_wise<2, kFloats | kMatrices>,
        .eval = [](const EvalBatch& e) { map2(e, [](double g, double x) { return g == 0 ? 0.0 : g * x; }); },
        .glsl = smul_glsl,
-       .prelude = {glsl::kSmul},
-       .vector_prelude = glsl::kSmulVectors,
        .adjoint = [](const AdjointInput& in) -> AdjointOutput {
          return {smul(in.builder, in.adjoint, in.operands[1]), smul(in.builder, in.adjoint, in.operands[0])};
        },

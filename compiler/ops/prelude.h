@@ -30,12 +30,6 @@ namespace dr::ops::glsl {
 
 // --- numbers ---
 
-inline constexpr std::string_view kSmul = R"(
-// g * x, and 0 where g is 0 whatever x is.
-float dr_smul(float g, float x) { return g == 0.0 ? 0.0 : g * x; }
-)";
-inline constexpr std::string_view kSmulVectors = DR_VECTORS_2("dr_smul");
-
 inline constexpr std::string_view kIsNan = R"(
 bool dr_is_nan(float x) { return (floatBitsToUint(x) & 0x7fffffffu) > 0x7f800000u; }
 )";

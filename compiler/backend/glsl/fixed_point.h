@@ -4,6 +4,12 @@
 
 namespace dr::backend::glsl {
 
+// 64-bit integers and their two words, low and high.
+inline constexpr const char* kWide = R"(
+uint64_t wide_of(uvec2 words) { return uint64_t(words.x) | uint64_t(words.y) << 32; }
+uvec2 words_of(uint64_t wide) { return uvec2(uint(wide), uint(wide >> 32)); }
+)";
+
 // A sum of at most 2^bits floats of magnitude `largest` and below cannot overflow when each is scaled by 2^shift.
 inline constexpr const char* kFixedShift = R"(
 int fixed_shift(uint largest, int bits) { return 62 - bits - (int(largest >> 23) - 126); }

@@ -60,7 +60,8 @@ std::string shader(OpKind kind) {
     store(literals, "of_literals");
     body += block + "  }\n";
   }
-  return "#version 450\nlayout(local_size_x = 1) in;\nlayout(std430, set = 0, binding = 0) buffer Data { float "
+  return "#version 440\n#extension GL_EXT_shader_integer_mix : require\nlayout(local_size_x = 1) in;\nlayout(std430, "
+         "set = 0, binding = 0) buffer Data { float "
          "word[16]; float total_out; };\n" +
          functions + "void main() {\n  float total = 0.0;\n" + body + "  total_out = total;\n}\n";
 }

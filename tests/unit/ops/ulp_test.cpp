@@ -43,6 +43,7 @@ float roundEven(float x) { return __builtin_nearbyintf(x); }
 float sqrt(float x) { return __builtin_sqrtf(x); }
 template <class T> T min(T x, T y) { return y < x ? y : x; }
 template <class T> T max(T x, T y) { return x < y ? y : x; }
+template <class T> T mix(T x, T y, bool second) { return second ? y : x; }
 template <class T> T clamp(T x, T low, T high) { return min(max(x, low), high); }
 int floatBitsToInt(float x) { return std::bit_cast<int>(x); }
 uint floatBitsToUint(float x) { return std::bit_cast<uint>(x); }
