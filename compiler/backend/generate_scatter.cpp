@@ -198,7 +198,7 @@ void Generator::scatter_pass(const Pass& pass) {
   if (lists) adding = add_list(pass, "adding");
   Shader s = shader();
   linear_index(s, dim_expression(element_count(pass.domain)));
-  if (!lists) place_from_index(s, pass.domain);
+  if (!lists && !listed) place_from_index(s, pass.domain);
 
   struct Target {
     ValueId value;
@@ -307,6 +307,12 @@ void Generator::scatter_pass(const Pass& pass) {
     s.element_ops(element_ops(pass));
     s.body().line("if (pc.a == 0 && adds != 0u) " + append(s, again, "element"));
   } else {
+    if (listed) {
+      const std::string elements = s.read_words(list, "active_elements");
+      s.body().line("if (index >= int(" + elements + "(" + std::to_string(kListEnd) + ")) - 1) return;");
+      s.body().line("int element = int(" + elements + "(" + std::to_string(kListHead) + " + index));");
+      place_from_index(s, pass.domain, "element");
+    }
     s.element_ops(element_ops(pass));
   }
   for (ValueId v : pass.writes)
