@@ -17,7 +17,8 @@ std::optional<NotFinite> Program::State::checked_run(const std::string& name) {
     for (const Access& a : chosen[k]->accesses) {
       const bundle::ResourceT& r = *bundle.resources[a.resource];
       const bool holds_floats = r.role != bundle::Role::Scratch && r.storage != bundle::Storage::Depth &&
-                                r.storage != bundle::Storage::Tile && r.type->scalar == bundle::Scalar::Float;
+                                r.storage != bundle::Storage::Tile && !r.partial &&
+                                r.type->scalar == bundle::Scalar::Float;
       if (writes(a.use) && holds_floats) last_write[a.resource] = k;
     }
   // The step runs to its end whatever is found, so that what it leaves behind is that of a run.

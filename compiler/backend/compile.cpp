@@ -9,6 +9,7 @@
 
 #include "compiler/backend/dependencies.h"
 #include "compiler/backend/generate.h"
+#include "compiler/backend/list_where_computed.h"
 #include "compiler/backend/plan_memory.h"
 #include "compiler/backend/shader_cache.h"
 #include "compiler/backend/spirv.h"
@@ -123,6 +124,7 @@ std::variant<Compiled, std::string> compile(const ir::Graph& graph, const target
   if (auto problem = legalize_scatter(graph, profile, options.scatter, options.stages, out.schedule)) return *problem;
   update_in_place(graph, out.schedule);
   keep_in_tiles(graph, out.schedule);
+  list_where_computed(graph, profile, out.schedule);
   if (const auto problems = check_schedule(graph, out.schedule, profile); !problems.empty()) {
     std::string all;
     for (const std::string& p : problems) all += (all.empty() ? "" : "\n") + p;

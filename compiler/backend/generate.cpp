@@ -86,6 +86,9 @@ void Generator::process(bundle::BundleT& bundle, std::vector<GlslShader>& shader
     if (!leaf.table.empty()) out->table_of = static_cast<int>(*graph_.leaf_index(leaf.table_of));
     bundle.leaves.push_back(std::move(out));
   }
+  for (const StepSchedule& s : schedule_.steps)
+    for (const Pass& pass : s.passes)
+      for (const ValueId v : pass.partial) bundle.resources[s.stored.at(v).index]->partial = true;
   for (const StepSchedule& s : schedule_.steps) step(s);
 }
 
@@ -292,6 +295,7 @@ void Generator::place_from_index(Shader& s, const Extent& e, const std::string& 
 }
 
 void Generator::map_pass(const Pass& pass) {
+  if (const Pass* scatter = listed_for(pass)) active_lists_[scatter] = add_list(*scatter, "active");
   if (profile_.lanes_in_turn) {
     const std::vector<ir::OpId> heavy = heavy_branches(pass);
     if (!heavy.empty()) return listed_map_pass(pass, heavy);
@@ -300,7 +304,7 @@ void Generator::map_pass(const Pass& pass) {
   linear_index(s, dim_expression(element_count(pass.domain)));
   place_from_index(s, pass.domain);
   s.element_ops(pass.ops);
-  for (ValueId v : pass.writes) s.store(v, "at", s.use(v));
+  store_results(s, pass);
   dispatch(pass, "", s, element_count(pass.domain).str());
 }
 

@@ -2,6 +2,7 @@
 // Map passes in two dispatches, for devices whose lanes run both branches of every `if` (Profile::lanes_in_turn): the
 // first gives the elements for which all heavy branches are left out, and lists the others; the second runs those
 // alone.
+#include <algorithm>
 #include <set>
 
 #include "compiler/backend/cost.h"
@@ -70,7 +71,14 @@ void Generator::listed_map_pass(const Pass& pass, const std::vector<ir::OpId>& h
     s.body().line(append(s, words, "index"));
     s.body().line("return;");
     s.body().line("}");
-    for (const ValueId v : pass.writes) s.store(v, "at", s.use(v));
+    // Where each clause of the scatter has a condition of a branch left out, no element is active here.
+    bool active = false;
+    if (const Pass* scatter = listed_for(pass))
+      active = std::ranges::any_of(scatter->active, [&](const std::vector<ValueId>& clause) {
+        return std::ranges::none_of(
+            heavy, [&](ir::OpId id) { return std::ranges::find(clause, graph_.op(id).operands[0]) != clause.end(); });
+      });
+    store_results(s, pass, active);
     dispatch(pass, "", s, count);
   }
   Shader s = shader();
@@ -79,7 +87,7 @@ void Generator::listed_map_pass(const Pass& pass, const std::vector<ir::OpId>& h
   s.body().line("int element = int(" + words + "(" + std::to_string(kListHead) + " + index));");
   place_from_index(s, pass.domain, "element");
   s.element_ops(pass.ops);
-  for (const ValueId v : pass.writes) s.store(v, "at", s.use(v));
+  store_results(s, pass);
   dispatch(pass, "_heavy", s, count).indirect = static_cast<int>(list);
 }
 

@@ -53,8 +53,9 @@ struct Walk {
       s.body().line("high = max(high, corner);");
     }
     s.body().line("vec2 size = vec2(" + dim_expression(parts.w) + ", " + dim_expression(parts.h) + ");");
-    s.body().line("ivec2 first = ivec2(clamp(floor(low) - 1.0, vec2(0.0), size));");
-    s.body().line("ivec2 last = ivec2(clamp(ceil(high) + 1.0, vec2(0.0), size));");
+    // The pixels whose centres lie in the hull, with a quarter of a pixel for the rounding of its corners.
+    s.body().line("ivec2 first = ivec2(clamp(ceil(low - 0.75), vec2(0.0), size));");
+    s.body().line("ivec2 last = ivec2(clamp(floor(high + 0.75), vec2(0.0), size));");
     return area;
   }
 

@@ -144,8 +144,16 @@ uint32_t Generator::list_active(const Pass& pass) {
   }
   std::ranges::reverse(ops);
   s.element_ops(ops);
+  const std::string active = active_condition(s, pass);
+  const std::string words = s.bind_words(list, "active_elements", bundle::Access::ReadWrite);
+  s.body().line("if (" + active + ") " + append(s, words, "index"));
+  dispatch(pass, "_active", s, count.str());
+  return list;
+}
+
+std::string Generator::active_condition(Shader& s, const Pass& scatter) const {
   std::string active;
-  for (const auto& clause : pass.active) {
+  for (const auto& clause : scatter.active) {
     std::string all;
     for (const ValueId v : clause) {
       const ir::Type& type = graph_.value(v).type;
@@ -154,12 +162,30 @@ uint32_t Generator::list_active(const Pass& pass) {
                                             : type.is_scalar() ? x + " != " + glsl::zero(type)
                                                                : "any(notEqual(" + x + ", " + glsl::zero(type) + "))");
     }
-    active += (active.empty() ? "" : " || ") + (pass.active.size() > 1 ? "(" + all + ")" : all);
+    active += (active.empty() ? "" : " || ") + (scatter.active.size() > 1 ? "(" + all + ")" : all);
   }
-  const std::string words = s.bind_words(list, "active_elements", bundle::Access::ReadWrite);
-  s.body().line("if (" + active + ") " + append(s, words, "index"));
-  dispatch(pass, "_active", s, count.str());
-  return list;
+  return active;
+}
+
+const Pass* Generator::listed_for(const Pass& pass) const {
+  const auto place = static_cast<int>(&pass - step_->passes.data());
+  for (const Pass& other : step_->passes)
+    if (other.listed_by == place) return &other;
+  return nullptr;
+}
+
+void Generator::store_results(Shader& s, const Pass& pass, bool active) {
+  const auto is_partial = [&](ValueId v) { return std::ranges::find(pass.partial, v) != pass.partial.end(); };
+  for (const ValueId v : pass.writes)
+    if (!is_partial(v)) s.store(v, "at", s.use(v));
+  const Pass* const scatter = listed_for(pass);
+  if (scatter == nullptr || !active) return;
+  const std::string list = s.bind_words(active_lists_.at(scatter), "active_elements", bundle::Access::ReadWrite);
+  const std::string statement = append(s, list, Shader::element_index(pass.domain, "at"));
+  s.body().line("if (" + active_condition(s, *scatter) + ") {");
+  s.body().line(statement);
+  for (const ValueId v : pass.partial) s.store(v, "at", s.use(v));
+  s.body().line("}");
 }
 
 void Generator::scatter_pass(const Pass& pass) {
@@ -167,12 +193,12 @@ void Generator::scatter_pass(const Pass& pass) {
   const bool wide = wide_atomics();
   const bool floats_by_atomics = pass.scatter == ScatterLowering::Atomic;
   const bool lists = pass.relist, listed = !pass.active.empty();
-  const uint32_t list = listed ? list_active(pass) : 0;
+  const uint32_t list = !listed ? 0 : pass.listed_by >= 0 ? active_lists_.at(&pass) : list_active(pass);
   uint32_t adding = 0;
   if (lists) adding = add_list(pass, "adding");
   Shader s = shader();
   linear_index(s, dim_expression(element_count(pass.domain)));
-  if (!lists) place_from_index(s, pass.domain);
+  if (!lists && !listed) place_from_index(s, pass.domain);
 
   struct Target {
     ValueId value;
@@ -281,6 +307,12 @@ void Generator::scatter_pass(const Pass& pass) {
     s.element_ops(element_ops(pass));
     s.body().line("if (pc.a == 0 && adds != 0u) " + append(s, again, "element"));
   } else {
+    if (listed) {
+      const std::string elements = s.read_words(list, "active_elements");
+      s.body().line("if (index >= int(" + elements + "(" + std::to_string(kListEnd) + ")) - 1) return;");
+      s.body().line("int element = int(" + elements + "(" + std::to_string(kListHead) + " + index));");
+      place_from_index(s, pass.domain, "element");
+    }
     s.element_ops(element_ops(pass));
   }
   for (ValueId v : pass.writes)

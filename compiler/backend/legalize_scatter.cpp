@@ -275,11 +275,11 @@ class StepLegalizer {
     if (!regions) return;
     constexpr uint32_t kLists = 2;
     if (!fits(profile_, bindings(pass.reads, pass.writes.size(), false, kLists))) return;
-    if (pass.scatter != ScatterLowering::Exact || pass.writes.size() != pass.sums.size()) return;
+    if (pass.scatter == ScatterLowering::Rows || pass.writes.size() != pass.sums.size()) return;
     const auto is_float = [&](const ScatterSum& sum) { return graph_.value(sum.value).type.is_float(); };
     if (!std::all_of(pass.sums.begin(), pass.sums.end(), is_float)) return;
     pass.active = active_elements(graph_, pass);
-    pass.relist = true;
+    pass.relist = pass.scatter == ScatterLowering::Exact;
   }
 
   void choose(Pass& pass) {

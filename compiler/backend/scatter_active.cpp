@@ -2,6 +2,7 @@
 #include "compiler/backend/scatter_active.h"
 
 #include <algorithm>
+#include <cmath>
 #include <optional>
 #include <set>
 
@@ -67,6 +68,14 @@ class ActiveElements {
     return scattered(graph_.op(inner.op), inner.result_index);
   }
 
+  bool finite_constant(ValueId v) const {
+    const ir::ValueInfo& info = graph_.value(v);
+    if (!info.op.valid()) return false;
+    const Op& op = graph_.op(info.op);
+    return op.kind == OpKind::Const && !op.attrs.floats.empty() &&
+           std::ranges::all_of(op.attrs.floats, [](double x) { return std::isfinite(x); });
+  }
+
   Zeros zero_with(ValueId v) const {
     const ir::ValueInfo& info = graph_.value(v);
     std::set<ValueId> self;
@@ -95,6 +104,10 @@ class ActiveElements {
         for (const ValueId part : op.operands) zeros = both(zeros, zero_with(part));
         return with_self(zeros);
       }
+      case OpKind::Mul:
+        for (const size_t k : {0u, 1u})
+          if (finite_constant(op.operands[1 - k])) return with_self(zero_with(op.operands[k]));
+        return self;
       case OpKind::Select: return with_self(both(zero_with(op.operands[1]), zero_with(op.operands[2])));
       case OpKind::If: {
         Zeros zeros;

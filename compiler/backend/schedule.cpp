@@ -194,6 +194,9 @@ std::string print(const Graph& graph, const Schedule& schedule) {
       out += "\n    writes";
       for (ValueId v : pass.writes) out += " " + resource_text(step, v);
       out += "\n";
+      if (!pass.partial.empty()) out += "    partial";
+      for (const ValueId v : pass.partial) out += " " + resource_text(step, v);
+      if (!pass.partial.empty()) out += "\n";
       for (const ScatterSum& sum : pass.sums)
         if (sum.terms.size() > 1)
           out += "    sum " + resource_text(step, sum.value) + " of " + std::to_string(sum.terms.size()) + "\n";
@@ -201,6 +204,7 @@ std::string print(const Graph& graph, const Schedule& schedule) {
       for (size_t c = 0; c < pass.active.size(); ++c)
         for (size_t i = 0; i < pass.active[c].size(); ++i)
           out += (i > 0 ? " and " : c > 0 ? ", or " : " ") + value_text(step, pass.active[c][i]);
+      if (pass.listed_by >= 0) out += ", listed by " + step.passes[static_cast<size_t>(pass.listed_by)].name;
       if (!pass.active.empty()) out += "\n";
       if (pass.join_lanes) out += "    join lanes\n";
       if (pass.relist) out += "    relist\n";

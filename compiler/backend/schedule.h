@@ -63,6 +63,8 @@ struct Pass {
   std::vector<ir::OpId> ops;
   std::vector<ir::ValueId> reads;   // stored values it loads, in id order
   std::vector<ir::ValueId> writes;  // values it stores, in id order
+  // Map: those of `writes` that are stored only where the scatter that it lists elements for is active.
+  std::vector<ir::ValueId> partial;
   // Scatter: how, the sums among `writes`, and for Rows the table.
   ScatterLowering scatter = ScatterLowering::Exact;
   std::vector<ScatterSum> sums;
@@ -71,6 +73,7 @@ struct Pass {
   // true or not zero. Empty: all elements run.
   std::vector<std::vector<ir::ValueId>> active;
   bool join_lanes = false;  // Exact: lanes of a subgroup that add to the same element join what they add
+  int listed_by = -1;       // the earlier Map pass of the step that lists them; -1: a dispatch of its own does
   bool relist = false;      // the first run of an exact pass lists what adds something for the second
 };
 

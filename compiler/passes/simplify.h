@@ -91,5 +91,6 @@ class Emitter {
 // The rules; nullopt where none applies.
 std::optional<ir::ValueId> fold(Emitter& emitter, const Candidate& candidate);
 std::optional<ir::ValueId> apply_identity(Emitter& emitter, const Candidate& candidate);
+std::optional<ir::ValueId> pull_gather(Emitter& emitter, const Candidate& gather);  // simplify_gather.cpp
 
 }  // namespace dr::passes

@@ -40,6 +40,7 @@ class Identities {
       case OpKind::Extract: return extract();
       case OpKind::Compose: return compose();
       case OpKind::Broadcast: return broadcast_again();
+      case OpKind::Gather: return pull_gather(e_, c_);
       case OpKind::Shift: return shift();
       case OpKind::ReduceSum:
       case OpKind::ReduceMin:

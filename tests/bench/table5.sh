@@ -1,10 +1,44 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# table5.sh BUILD_FOLDER [--device NAME] [--quick]: the paper's Table 5, a frame of a texture's fit forward and backward (table5.dr),
+# table5.sh BUILD_FOLDER [--device NAME] [--quick] [--twin]: the paper's Table 5, a frame of a texture's fit forward and backward (table5.dr),
 # for spheres of 14,208 and 55,000 triangles in pictures of 2048² (--quick: 512²), by size of the texture and by how texels'
 # gradients are summed. `moves` says whether the mesh does, else the reactive cache leaves its raster out. Times are `us a run
-# while several are under way`; see suite.py. Before that, gradients are held against the evaluator's, in a small picture.
+# while several are under way`; see suite.py. Before that, gradients are held against the evaluator's, in a small picture, and
+# first of all frames stand beside the same frame written by hand (handwritten/), in turns in one process; --twin does that alone,
+# and needs no Python. The ratio is compiled over hand-written, `apart` how far the gradients are, relative L2.
 set -euo pipefail
+device=${DR_DEVICE-} size=2048 textures=(1024 2048 4096) rounds=9 twin='' words=("$1")
+for ((k = 2; k <= $#; ++k)); do
+  case ${!k} in
+    --twin) twin=1; continue ;;
+    --quick) size=512 textures=(512 1024) rounds=3 ;;
+    --device) n=$((k + 1)) device=${!n-} ;;
+  esac
+  words+=("${!k}")
+done
+build=$(cd "$1" && pwd)
+here=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd)
+out=$PWD/bench-out/table5
+mkdir -p "$out"
+(
+  if [[ -z $device && -n ${DR_LAVAPIPE_ICD-} ]]; then export VK_ICD_FILENAMES=$DR_LAVAPIPE_ICD VK_DRIVER_FILES=$DR_LAVAPIPE_ICD; fi
+  : > "$out/handwritten.jsonl"
+  "$build/bin/bench_handwritten" --heading
+  for sphere in "96 75" "220 126"; do
+    read -r around rings <<< "$sphere"
+    awk -v around="$around" -v rings="$rings" -v textured=1 -f "$here/uv_sphere.awk" > "$out/sphere.obj"
+    for texture in "${textures[@]}"; do
+      for scatter in exact atomic; do
+        "$build/bin/bench_handwritten" "$out/handwritten.jsonl" "$here/table5.dr" "$device" "$rounds" "$scatter" "size=$size" \
+          "T=$texture" -- position="$out/sphere.obj:position" face="$out/sphere.obj:indices" uv="$out/sphere.obj:uv" \
+          uv_face="$out/sphere.obj:uv_indices" rate==1e-6 hold==1 ||
+          printf '%9s %6s %8s  %s: not measured\n' "$((2 * around * (rings - 1)))" "$size" "$texture" "$scatter"
+      done
+    done
+  done
+)
+if [[ -n $twin ]]; then exit 0; fi
+set -- "${words[@]}"
 PYTHONDONTWRITEBYTECODE=1 PYTHONPATH=$(dirname "$(readlink -f "${BASH_SOURCE[0]}")") exec /usr/bin/python3 - "$@" << 'END'
 from suite import Suite, lines, plt
 
