@@ -30,8 +30,8 @@ RasterParts raster_parts(const ir::Op& op) {
 namespace {
 
 // Corners moved outwards by a pixel, because devices snap corners to a grid of 1/16 to 1/256 of a pixel. Where that
-// would make spikes of more area than the triangle that covers the box around the hull, or coordinates are huge, the latter
-// proposes instead.
+// would make spikes of more area than the triangle that covers the box around the hull, or coordinates are huge, the
+// latter proposes instead.
 constexpr const char* kGrow = R"(
 vec2 grown_corner(vec2 a, vec2 b, vec2 c, int k, vec2 size) {
   vec2 low = clamp(min(a, min(b, c)), vec2(-2.0), size + 2.0) - 1.0;
