@@ -115,7 +115,7 @@ Values check_job(const test::NamedDevice& device, const Job& job, int runs) {
 
 int wanted_runs() { return wanted() ? std::max(1, std::atoi(wanted())) : 2; }
 
-bool is_small(const std::vector<uint8_t>& bundle) { return bundle.size() < 64 * 1024; }
+bool is_small(const std::vector<uint8_t>& bundle) { return bundle.size() < 80 * 1024; }
 
 void check_messages(const test::NamedDevice& device) {
   for (const std::string& message : device.device.validation_messages()) FAIL("validation: " << message);
