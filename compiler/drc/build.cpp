@@ -11,6 +11,7 @@
 #include "compiler/backend/report.h"
 #include "compiler/backend/shader_cache.h"
 #include "compiler/backend/spirv.h"
+#include "compiler/drc/bundle_cache.h"
 #include "compiler/drc/command.h"
 #include "compiler/drc/input.h"
 #include "compiler/drc/output.h"
@@ -27,9 +28,12 @@ class Stages {
   explicit Stages(const BuildOptions& options) : options_(options) {}
 
   const BuildOptions& options() const { return options_; }
+  const dsl::SourceManager& sources() const { return sources_; }
+  // Whether the program was told something, an error or a warning.
+  bool has_messages() const { return has_messages_; }
 
   const ir::Graph* lowered() {
-    if (!graph_tried_) graph_ = load_graph(options_.input, sources_);
+    if (!graph_tried_) graph_ = load_graph(options_.input, sources_, &has_messages_);
     graph_tried_ = true;
     return graph_ ? &*graph_ : nullptr;
   }
@@ -111,6 +115,7 @@ class Stages {
   std::optional<backend::Compiled> compiled_;
   std::vector<passes::Pass> passes_;
   bool graph_tried_ = false;
+  bool has_messages_ = false;
 };
 
 struct Product {
@@ -161,10 +166,14 @@ std::optional<std::string> make_graphviz(Stages& stages) {
 }
 
 std::optional<std::string> make_bundle(Stages& stages) {
+  const BundleCache cache(stages.options());
+  if (auto found = cache.find()) return found;
   const backend::Compiled* compiled = stages.compiled();
   if (!compiled) return std::nullopt;
   const std::vector<uint8_t> bytes = bundle::write(compiled->bundle);
-  return std::string(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+  std::string out(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+  if (!stages.has_messages()) cache.store(out, stages.sources());
+  return out;
 }
 
 // The report on stdout, or on stderr where stdout has a product.

@@ -77,7 +77,7 @@ std::optional<ir::Graph> load_graph(const InputOptions& options) {
   return load_graph(options, sources);
 }
 
-std::optional<ir::Graph> load_graph(const InputOptions& options, dsl::SourceManager& sources) {
+std::optional<ir::Graph> load_graph(const InputOptions& options, dsl::SourceManager& sources, bool* has_messages) {
   const auto text = read_text(options.file);
   if (!text) return std::nullopt;
   if (options.file.ends_with(".ir")) return parse_graph(options.file, *text);
@@ -94,6 +94,7 @@ std::optional<ir::Graph> load_graph(const InputOptions& options, dsl::SourceMana
   const dsl::FileId root = sources.add(shown_name(options.file), *text);
   auto graph = lower::lower(sources, root, lowering, diagnostics);
   report(diagnostics, sources);
+  if (has_messages) *has_messages = !diagnostics.all().empty();
   if (!graph) return std::nullopt;
   return verified(*std::move(graph), false);
 }

@@ -23,7 +23,8 @@ std::optional<std::pair<std::string, std::string>> split_assignment(const std::s
 std::optional<std::string> read_text(const std::string& file);
 
 // Reads, parses, lowers and verifies. Nullopt after messages. Spans of the graph point into `sources`.
-std::optional<ir::Graph> load_graph(const InputOptions& options, dsl::SourceManager& sources);
+std::optional<ir::Graph> load_graph(const InputOptions& options, dsl::SourceManager& sources,
+                                    bool* has_messages = nullptr);
 std::optional<ir::Graph> load_graph(const InputOptions& options);
 
 // The syntax tree as text. Nullopt after messages.

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# `drc inspect` on bundles that drc has just built, on damaged ones, and the shader cache. usage: inspect_test.sh DRC
+# `drc inspect` on bundles that drc has just built, on damaged ones, and the cache of bundles and shaders. usage: inspect_test.sh DRC
 # UPDATE=1 rewrites backend/reduce_map.inspect.txt.
 set -euo pipefail
 drc=$(realpath "$1")
@@ -51,6 +51,21 @@ damaged "$work/missing.drb" "cannot read"
 [[ -n $(ls "$DRC_CACHE_DIR") ]] || complain "no shader was kept"
 build() { "$drc" build --emit=bundle --lower=compute -o "$1" "${@:2}" reduce_map.dr && cmp "$1" "$work/a.drb"; }
 build "$work/b.drb" || complain "a bundle from the cache differs"
+# A bundle alone is found as well, by the same program and options, and no shader is made for it.
+kept=$(LC_ALL=C grep -la 'bundle 20:' "$DRC_CACHE_DIR"/* || true)
+find "$DRC_CACHE_DIR" -type f ! -path "$kept" -delete
+build "$work/b.drb" || complain "a bundle from the cache differs"
+[[ $(find "$DRC_CACHE_DIR" -type f | wc -l) == 1 ]] || complain "a bundle that was kept is not found"
+mkdir -p "$work/other/std"
+cp reduce_map.dr "$work/other/"
+(cd "$work/other" && "$drc" build --emit=bundle --lower=compute -o x.drb reduce_map.dr)
+[[ -z $(LC_ALL=C grep -la 'bundle 20:' "$DRC_CACHE_DIR"/* | grep -vx "$kept") ]] || complain "kept beside modules that may change"
+rmdir "$work/other/std"
+sed -i 's/edition 1;/& const unused = 1;/' "$work/other/reduce_map.dr"
+(cd "$work/other" && "$drc" build --emit=bundle --lower=compute -o y.drb reduce_map.dr)
+[[ $(LC_ALL=C grep -la 'bundle 20:' "$DRC_CACHE_DIR"/* | wc -l) == 2 ]] || complain "another program is taken for the first"
+"$drc" build --emit=bundle --lower=fragment -o "$work/z.drb" reduce_map.dr
+cmp -s "$work/z.drb" "$work/a.drb" && complain "another lowering is taken for the first"
 for file in "$DRC_CACHE_DIR"/*; do head -c 100 "$file" > "$work/part" && cat "$work/part" > "$file"; done
 build "$work/c.drb" || complain "a bundle after the cache was damaged differs"
 for file in "$DRC_CACHE_DIR"/*; do printf 'x' | dd of="$file" bs=1 seek=$(($(stat -c %s "$file") - 8)) conv=notrunc status=none; done
