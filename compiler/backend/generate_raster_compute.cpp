@@ -22,7 +22,7 @@ struct Bins {
   // Invocations that share the faces of a list.
   int middle_invocations, large_invocations;
 };
-constexpr Bins kGpu{64, 4096, 1 << 17, 1 << 16};
+constexpr Bins kGpu{16, 4096, 1 << 17, 1 << 16};
 // The lanes of a CPU's vector: side by side they would wait for the face with the largest box, and most faces have
 // none.
 constexpr Bins kCpu{0, 4096, 1 << 13, 1 << 12};

@@ -347,7 +347,7 @@ void Shader::op(const Op& op) {
         std::find(divisor.attrs.floats.begin(), divisor.attrs.floats.end(), 0.0) != divisor.attrs.floats.end())
       operands[1] = "(" + operands[1] + " + uintBitsToFloat(uint(pc.c)))";
     else if (may_fold_into_quotient(graph_, op.operands[1]))
-      operands[1] = "(pc.c == 0 ? " + operands[1] + " : " + types[1].str() + "(1.0))";
+      operands[1] = "uintBitsToFloat(floatBitsToUint(" + operands[1] + ") ^ uint(pc.c))";
   }
   const ops::GlslInput input{operands, types, op.attrs, graph_.value(op.results[0]).type};
   for (std::string_view text : ops::prelude(info, input)) prelude(text);
