@@ -37,6 +37,10 @@ std::variant<BundleT, std::string> read(std::span<const uint8_t> bytes) {
   if (root->version() != kVersion)
     return "the bundle has version " + std::to_string(root->version()) + ", this program reads version " +
            std::to_string(kVersion) + "; build it again";
+  // FlatBuffers checks the place of a vector's length, not that of elements that are wider.
+  for (const Leaf* leaf : *root->leaves())
+    if (leaf->initial() != nullptr && reinterpret_cast<uintptr_t>(leaf->initial()->data()) % alignof(double) != 0)
+      return "the bundle is damaged or cut off";
   BundleT bundle;
   root->UnPackTo(&bundle);
   if (std::string problem = check(bundle); !problem.empty()) return "the bundle is not sound: " + problem;

@@ -1,0 +1,49 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# scatter.sh BUILD_FOLDER [--device NAME] [--quick]: microseconds that it takes to add 400,000 vec3 (--quick: 40,000) to 65,536
+# targets by each way that drc has (--scatter), while several runs are under way, the least of three. The figures go to
+# bench-out/scatter.jsonl.
+set -euo pipefail
+drun=$(realpath "$1")/bin/drun
+shift
+count=400000 runs=60 device=''
+while (($# > 0)); do
+  case $1 in
+    --quick) count=40000 runs=20 ;;
+    --device) device=${2-}; [[ -n $device ]] || { echo "scatter.sh: --device takes a name" >&2; exit 2; }; shift ;;
+    *) echo "scatter.sh: unknown option $1 (--quick, --device NAME)" >&2; exit 2 ;;
+  esac
+  shift
+done
+here=$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")
+mkdir -p bench-out/scatter
+data=bench-out/scatter
+if [[ -z $device && -n ${DR_LAVAPIPE_ICD-} ]]; then export VK_ICD_FILENAMES=$DR_LAVAPIPE_ICD VK_DRIVER_FILES=$DR_LAVAPIPE_ICD; fi
+/usr/bin/python3 - "$data" "$count" << 'END'
+import sys
+import numpy as np
+folder, count = sys.argv[1], int(sys.argv[2])
+random = np.random.default_rng(1)
+anywhere = random.integers(0, 65536, count).astype(np.int32)
+np.save(f"{folder}/anywhere.npy", anywhere)
+np.save(f"{folder}/near.npy", np.sort(anywhere))
+np.save(f"{folder}/one.npy", np.zeros(count, np.int32))
+np.save(f"{folder}/value.npy", random.normal(size=(count, 3)).astype(np.float32))
+END
+: > bench-out/scatter.jsonl
+printf '%-9s %10s %10s %10s\n' index rows exact atomic
+for index in near anywhere one; do
+  line=$(printf '%-9s' "$index")
+  for way in rows exact atomic; do
+    least=''
+    for _ in 1 2 3; do
+      us=$("$drun" "$here/scatter.dr" --device "$device" --scatter "$way" --bind "index=$data/$index.npy" --bind "value=$data/value.npy" \
+        --step "add=$runs" --timing 2>&1 | sed -n 's/^add: \([0-9.]*\) us a run while.*/\1/p') || us=''
+      [[ -n $us ]] || break
+      least=$(printf '%s\n' "$us" $least | sort -g | head -1)
+    done
+    line+=$(printf ' %10s' "${least:--}")
+    [[ -z $least ]] || echo "{\"bench\": \"scatter\", \"index\": \"$index\", \"sources\": $count, \"scatter\": \"$way\", \"us\": $least}" >> bench-out/scatter.jsonl
+  done
+  echo "$line"
+done
