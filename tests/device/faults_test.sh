@@ -44,6 +44,19 @@ input bottom : float[W, H];
 let share = top / bottom;
 step go { output safe = select(isnan(share), 0.0, share); }
 END_OF_PROGRAM
+cat > listed.dr << 'END_OF_PROGRAM'
+edition 1;
+param tone  : float[64] = 0.0;
+input where : float[W, H];
+fn pick(i: float) -> float {
+  var sum = 0.0;
+  for k in 0..8 { sum = sum + exp(tone.at(int(i) + k) * float(k)); }
+  sum
+}
+let blend = if where > 0.0 { pick(where) } else { 0.0 };
+let error = sum(blend * blend * log((where - 0.1) * (where - 0.3)));
+step fit { tone <- tone - grad(error, tone); }
+END_OF_PROGRAM
 printf '1,NaN\n' > nan.csv
 mkdir folder folder.drb folder.npy
 
@@ -129,6 +142,12 @@ finite() { # DEVICE
   done
   # In naive packing the line is that of the op.
   grep -qE 'lines divide.dr:6$' err || complain 'with 0/0' 'does not name the line'
+  # So is what is stored at the elements of a list alone.
+  local listed=(listed.dr --device "$1" --scatter exact)
+  "$drun" "${listed[@]}" --bind 'where=[[1, 2, 3], [3, 0, 4]]' --check-finite > out 2> err || complain 'with a list' "exit code $?"
+  status=0
+  "$drun" "${listed[@]}" --bind 'where=[[1, 2, 3], [3, 0.2, 4]]' --check-finite > out 2> err || status=$?
+  [[ $status == 1 ]] && grep -q "stores NaN at element (1, 1, 0) of" err || complain 'with a NaN in a list' 'does not say where'
   # What only its render pass needs is looked at too.
   local masked=(masked.dr --device "$1" --bind 'top=[[1, 0]]' --bind 'bottom=[[1, 0]]' --lower fragment --ablate substages,remat)
   "$drun" "${masked[@]}" > out 2> err || complain 'with a masked NaN' "exit code $?"
