@@ -40,7 +40,6 @@ class Generator {
   void scatter_pass(const Pass& pass);
   void scatter_resolve(const Pass& pass, ir::ValueId value, const glsl::Accumulator& accumulator, uint32_t words,
                        int most);
-  // An empty list of elements of the pass, a scratch buffer; a dispatch can be as large as it is long.
   // The scatter of the step that a map pass lists elements for, if there is one.
   const Pass* listed_for(const Pass& pass) const;
   // A condition: whether an element is active.
@@ -48,6 +47,7 @@ class Generator {
   // Stores what a map pass writes at an element and, where it lists elements for a scatter, lists it; `active`: whether
   // it may be one of those.
   void store_results(glsl::Shader& shader, const Pass& pass, bool active = true);
+  // An empty list of elements of the pass, a scratch buffer; a dispatch can be as large as it is long.
   uint32_t add_list(const Pass& pass, const std::string& name);
   uint32_t list_active(const Pass& pass);
   void rows_pass(const Pass& pass);

@@ -22,22 +22,15 @@
 #include "runtime/jit/jit.h"
 #include "runtime/vk/memory.h"
 #include "runtime/vk/queue.h"
+#include "tests/bench/must.h"
 
 using namespace dr;
 using runtime::Block;
 
 namespace {
 
-[[noreturn]] void stop(const std::string& why) {
-  std::fprintf(stderr, "bench_handwritten: %s\n", why.c_str());
-  std::exit(1);
-}
-
-template <class T>
-T must(io::Result<T> result) {
-  if (!result) stop(result.error());
-  if constexpr (!std::is_void_v<T>) return std::move(result).value();
-}
+using benchmark::must;
+using benchmark::stop;
 
 struct Buffer {
   vk::raii::Buffer buffer{nullptr};

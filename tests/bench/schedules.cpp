@@ -26,21 +26,15 @@
 #include "dsl/diagnostic.h"
 #include "runtime/io/array.h"
 #include "runtime/runtime.h"
+#include "tests/bench/must.h"
 
 using namespace dr;
 
 namespace {
 
-[[noreturn]] void stop(const std::string& why) {
-  std::fprintf(stderr, "bench_schedules: %s\n", why.c_str());
-  std::exit(1);
-}
+using benchmark::must;
+using benchmark::stop;
 
-template <class T>
-T must(io::Result<T> result) {
-  if (!result) stop(result.error());
-  if constexpr (!std::is_void_v<T>) return std::move(result).value();
-}
 template <class T>
 T must(std::variant<T, std::string> result) {
   if (const auto* problem = std::get_if<std::string>(&result)) stop(*problem);

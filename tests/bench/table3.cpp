@@ -13,21 +13,14 @@
 
 #include "runtime/jit/jit.h"
 #include "runtime/runtime.h"
+#include "tests/bench/must.h"
 
 using namespace dr;
 
 namespace {
 
-[[noreturn]] void stop(const std::string& why) {
-  std::fprintf(stderr, "bench_table3: %s\n", why.c_str());
-  std::exit(1);
-}
-
-template <class T>
-T must(io::Result<T> result) {
-  if (!result) stop(result.error());
-  if constexpr (!std::is_void_v<T>) return std::move(result).value();
-}
+using benchmark::must;
+using benchmark::stop;
 
 struct Way {
   const char* name;

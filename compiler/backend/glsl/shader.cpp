@@ -256,14 +256,16 @@ bool is_known_to_driver(const ir::Graph& graph, ValueId v) {
          std::all_of(op.operands.begin(), op.operands.end(), [&](ValueId x) { return is_known_to_driver(graph, x); });
 }
 
-// Whether a driver may make something else of a quotient by `v`: NVIDIA's takes x / sqrt(y) for x inversesqrt(y), a
-// quotient by a known number for a product with its inverse, and 1 / (1 / x) for x, also of what is precise. Where the
-// divisor comes from another shader it cannot, and the bits would depend on how ops are packed.
-bool may_fold_into_quotient(const ir::Graph& graph, ValueId v) {
+// Whether `v` is hidden from the driver where something is divided by it, which else may make something else of the
+// quotient. lavapipe's gives garbage for one by a zero that it sees at compile time; NVIDIA's takes x / sqrt(y) for x
+// inversesqrt(y), a quotient by a known number for a product with its inverse, and 1 / (1 / x) for x, also of what is
+// precise. Where the divisor comes from another shader it cannot, and the bits would depend on how ops are packed.
+bool hide_as_divisor(const ir::Graph& graph, ValueId v) {
   if (!graph.value(v).op.valid()) return false;
   const Op& op = graph.op(graph.value(v).op);
   switch (op.kind) {
-    case OpKind::Const: return false;  // known in every shader
+    case OpKind::Const:  // known in every shader
+      return std::find(op.attrs.floats.begin(), op.attrs.floats.end(), 0.0) != op.attrs.floats.end();
     case OpKind::Sqrt:
     case OpKind::InverseSqrt:
     case OpKind::Div: return true;
@@ -271,8 +273,7 @@ bool may_fold_into_quotient(const ir::Graph& graph, ValueId v) {
     case OpKind::Splat:
     case OpKind::Extract:
     case OpKind::Compose:
-      return std::any_of(op.operands.begin(), op.operands.end(),
-                         [&](ValueId x) { return may_fold_into_quotient(graph, x); });
+      return std::any_of(op.operands.begin(), op.operands.end(), [&](ValueId x) { return hide_as_divisor(graph, x); });
     default: return is_known_to_driver(graph, v);
   }
 }
@@ -339,16 +340,9 @@ void Shader::op(const Op& op) {
     operands.push_back(use(v));
     types.push_back(graph_.value(v).type);
   }
-  if (op.kind == OpKind::Div && types[1].is_float()) {
-    // lavapipe gives garbage for a quotient by a zero that it sees at compile time: hide the zero (pc.c is 0 always).
-    const Op& divisor = graph_.op(graph_.value(op.operands[1]).op);
-    const bool constant = graph_.value(op.operands[1]).op.valid() && divisor.kind == OpKind::Const;
-    if (constant &&
-        std::find(divisor.attrs.floats.begin(), divisor.attrs.floats.end(), 0.0) != divisor.attrs.floats.end())
-      operands[1] = "(" + operands[1] + " + uintBitsToFloat(uint(pc.c)))";
-    else if (may_fold_into_quotient(graph_, op.operands[1]))
-      operands[1] = "uintBitsToFloat(floatBitsToUint(" + operands[1] + ") ^ uint(pc.c))";
-  }
+  // pc.c is 0 always.
+  if (op.kind == OpKind::Div && types[1].is_float() && hide_as_divisor(graph_, op.operands[1]))
+    operands[1] = "uintBitsToFloat(floatBitsToUint(" + operands[1] + ") ^ uint(pc.c))";
   const ops::GlslInput input{operands, types, op.attrs, graph_.value(op.results[0]).type};
   for (std::string_view text : ops::prelude(info, input)) prelude(text);
   result(op.results[0], info.glsl(input));
