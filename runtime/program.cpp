@@ -30,6 +30,28 @@ auto guarded(F&& f) -> Result<decltype(f())> {
   }
 }
 
+// Faces and tags of a raster's entries (see RasterResults in bundle.fbs): face 0, tag 0, face 1, ...
+std::vector<io::Array> parts_of_entries(const io::Array& entries, size_t ranks) {
+  const auto count = static_cast<int64_t>(ranks);
+  if (entries.kind != io::ElementKind::UInt32 || entries.components != 2 || entries.layers % count != 0)
+    throw Failure{"the bundle's raster entries are no entries"};
+  std::vector<io::Array> out;
+  const auto words = entries.as<uint32_t>();
+  const int64_t size = entries.size() / count;
+  for (int64_t k = 0; k < count; ++k) {
+    std::vector<int32_t> face, tag;
+    for (int64_t i = k * size; i < (k + 1) * size; ++i) {
+      const uint32_t low = words[static_cast<size_t>(2 * i)], high = words[static_cast<size_t>(2 * i + 1)];
+      const bool none = high == 0xffffffffu;
+      face.push_back(none ? -1 : static_cast<int32_t>(low >> 4 | high << 28));
+      tag.push_back(none ? 0 : static_cast<int32_t>(low & 15));
+    }
+    for (const std::vector<int32_t>& part : {face, tag})
+      out.push_back(io::Array::from<int32_t>(part, 1, entries.width, entries.height, entries.layers / count));
+  }
+  return out;
+}
+
 }  // namespace
 
 Work& Work::operator+=(const Work& other) {
@@ -205,7 +227,13 @@ Result<std::vector<std::vector<io::Array>>> Program::rasters(const std::string& 
     std::vector<std::vector<io::Array>> out;
     for (const auto& raster : table.rasters) {
       out.emplace_back();
-      for (uint32_t r : raster->resources) out.back().push_back(s.on_device->transfer.download(r));
+      for (size_t k = 0; k < raster->resources.size(); ++k) {
+        const uint32_t r = raster->resources[k];
+        if (s.bundle.resources[r]->type->rows == 1)
+          out.back().push_back(s.on_device->transfer.download(r));
+        else if (k == 0)
+          out.back() = parts_of_entries(s.on_device->transfer.download(r), raster->resources.size() / 2);
+      }
     }
     return out;
   });

@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "compiler/backend/pack_stages.h"
+#include "compiler/backend/raster_entries.h"
 #include "compiler/backend/uses.h"
 
 namespace dr::backend {
@@ -113,6 +114,8 @@ struct Model {
 
   double bytes(ValueId v) {
     const Resource& r = schedule.resources[step.stored.at(v).index];
+    // A face and its tag are read at once.
+    if (r.entries) return raster_part(graph, v).tag ? 0 : 8.0 * elements(graph.value(v).extent);
     const int components = r.storage != Resource::Storage::Buffer && r.type.rows == 3 ? 4 : r.type.components();
     return 4.0 * components * elements(r.extent);
   }

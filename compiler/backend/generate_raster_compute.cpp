@@ -165,7 +165,10 @@ void Generator::raster_compute(const Pass& pass, const ir::Op& op) {
   const bool wide = wide_atomics();
   const bool binned = profile_.subgroup_size > 1;
   const Bins& bins = profile_.subgroup_size >= kWideSubgroup ? kGpu : kCpu;
-  const uint32_t keys = add_scratch(pass.name + (wide ? "_slots" : "_keys"), (wide ? slots * Dim(2) : slots).str());
+  const bool stay = resource(op.results[0]).entries;
+  const uint32_t keys =
+      stay ? resource_index(op.results[0])
+           : add_scratch(pass.name + (wide ? "_slots" : "_keys"), (wide ? slots * Dim(2) : slots).str());
   const uint32_t ids = wide ? keys : add_scratch(pass.name + "_faces", slots.str());
   const uint32_t lists = binned ? add_scratch(pass.name + "_lists", (faces * Dim(2) + Dim(2)).str()) : keys;
   fill("clear " + pass.name, keys, 0xffffffffu);
@@ -208,6 +211,7 @@ void Generator::raster_compute(const Pass& pass, const ir::Op& op) {
         c.push = {run / 2, run % 2 + again.push[1], 0};
       }
 
+  if (stay) return;
   Shader r = shader();
   if (wide) wide_extensions(r);
   const std::string n = dim_expression(pixels);

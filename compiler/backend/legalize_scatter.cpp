@@ -378,19 +378,6 @@ class StepLegalizer {
   std::set<ValueId> kept_;
 };
 
-void remove_resources(Schedule& schedule, const std::set<uint32_t>& unused) {
-  if (unused.empty()) return;
-  std::vector<uint32_t> now(schedule.resources.size());
-  std::vector<Resource> resources;
-  for (uint32_t k = 0; k < now.size(); ++k) {
-    now[k] = static_cast<uint32_t>(resources.size());
-    if (unused.count(k) == 0) resources.push_back(std::move(schedule.resources[k]));
-  }
-  schedule.resources = std::move(resources);
-  for (StepSchedule& step : schedule.steps)
-    for (auto& [value, id] : step.stored) id.index = now[id.index];
-}
-
 }  // namespace
 
 std::optional<std::string> legalize_scatter(const Graph& graph, const target::Profile& profile, ScatterLower lower,

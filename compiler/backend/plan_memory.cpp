@@ -51,23 +51,18 @@ bool may_overwrite(const ir::Graph& graph, const Schedule& schedule, const StepS
   return written;
 }
 
-void remove_resource(Schedule& schedule, uint32_t index) {
-  schedule.resources.erase(schedule.resources.begin() + index);
-  for (StepSchedule& step : schedule.steps)
-    for (auto& [value, id] : step.stored)
-      if (id.index > index) --id.index;
-}
-
 }  // namespace
 
 void update_in_place(const ir::Graph& graph, Schedule& schedule) {
+  std::set<uint32_t> unused;
   for (StepSchedule& step : schedule.steps)
     for (const auto& [leaf, value] : step.updates) {
       if (!may_overwrite(graph, schedule, step, leaf, value)) continue;
       const uint32_t own = step.stored.at(value).index;
       step.stored.at(value) = ResourceId{leaf};
-      remove_resource(schedule, own);
+      unused.insert(own);
     }
+  remove_resources(schedule, unused);
 }
 
 void keep_in_tiles(const ir::Graph& graph, Schedule& schedule) {

@@ -6,6 +6,7 @@
 #include <set>
 
 #include "compiler/backend/pack_stages.h"
+#include "compiler/backend/raster_entries.h"
 #include "compiler/backend/uses.h"
 #include "compiler/ops/op.h"
 
@@ -30,6 +31,19 @@ void captured_operands(const Graph& graph, const Op& op, std::set<ValueId>& out)
 }
 
 }  // namespace
+
+void remove_resources(Schedule& schedule, const std::set<uint32_t>& unused) {
+  if (unused.empty()) return;
+  std::vector<uint32_t> now(schedule.resources.size());
+  std::vector<Resource> resources;
+  for (uint32_t k = 0; k < now.size(); ++k) {
+    now[k] = static_cast<uint32_t>(resources.size());
+    if (unused.count(k) == 0) resources.push_back(std::move(schedule.resources[k]));
+  }
+  schedule.resources = std::move(resources);
+  for (StepSchedule& step : schedule.steps)
+    for (auto& [value, id] : step.stored) id.index = now[id.index];
+}
 
 const char* kind_name(const Pass& pass) {
   switch (pass.kind) {
@@ -161,7 +175,9 @@ std::string print(const Graph& graph, const Schedule& schedule) {
   std::string out;
   auto resource_text = [&](const StepSchedule& step, ValueId v) {
     const Resource& r = schedule.resources[step.stored.at(v).index];
-    return r.name;
+    if (!r.entries) return r.name;
+    const RasterPart part = raster_part(graph, v);
+    return r.name + (part.tag ? ".tag" : ".face") + std::to_string(part.rank);
   };
   auto value_text = [&](const StepSchedule& step, ValueId v) {
     return step.stored.count(v) != 0 ? resource_text(step, v)
@@ -175,6 +191,7 @@ std::string print(const Graph& graph, const Schedule& schedule) {
         const Resource& r = schedule.resources[id.index];
         out += std::string("  ") +
                (r.leaf >= 0                             ? "leaf"
+                : r.entries                             ? "entries"
                 : r.storage == Resource::Storage::Image ? "image"
                 : r.storage == Resource::Storage::Tile  ? "tile"
                                                         : "buffer") +

@@ -25,6 +25,7 @@ struct Resource {
   Storage storage = Storage::Buffer;
   int leaf = -1;  // index of the leaf whose memory it is
   bool step_index = false;
+  bool entries = false;  // of a raster, faces and tags of all its ranks; see raster_entries.h
 };
 
 // How the sums of a Scatter pass come about; see legalize_scatter.h.
@@ -105,6 +106,9 @@ struct PackOptions {
 };
 
 Schedule pack(const ir::Graph& graph, const target::Profile& profile, const PackOptions& options);
+
+// Takes resources away that no step stores anything in.
+void remove_resources(Schedule& schedule, const std::set<uint32_t>& unused);
 
 // Replays the schedule independently of the packer: every read was written before (or is a leaf), every op's operands
 // are at hand, every limit of the profile holds, outputs and updates are stored. One line a violation.

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 
+#include "compiler/backend/raster_entries.h"
 #include "compiler/ir/yields.h"
 #include "compiler/ops/op.h"
 
@@ -31,6 +32,12 @@ std::string from_buffer(const Type& type, const std::string& buffer, int texel) 
   }
   return type.is_scalar() ? out : type.str() + "(" + out + ")";
 }
+
+// Of an entry, see raster_entries.h. An empty one's face comes out as -1.
+constexpr const char* kEntry = R"(
+int face_of(uvec2 entry) { return int((entry.x >> 4) | (entry.y << 28)); }
+int tag_of(uvec2 entry) { return entry.y == 0xffffffffu ? 0 : int(entry.x & 15u); }
+)";
 
 // How many components one fetch can give of an element.
 int texel_of(const Type& type) {
@@ -84,6 +91,7 @@ std::string Shader::bind(ResourceId id, bundle::Access access) {
   const std::string name = "r_" + sanitize(r.name) + "_" + std::to_string(id.index);
   if (r.storage == Resource::Storage::Image)
     return bind_image(id.index, name, r.type.is_float() ? "" : r.type.scalar == ir::Scalar::Int ? "i" : "u");
+  if (r.entries) return buffer(id.index, name, access, "uvec2", 2);
   return buffer(id.index, name, access, storage_scalar(r.type.scalar).c_str(), texel_of(r.type));
 }
 
@@ -141,7 +149,24 @@ std::string Shader::load(ValueId value, const std::string& place) {
   const std::string name = bind(step_.stored.at(value), bundle::Access::Read);
   const std::string function = "load_" + name.substr(2);
   if (functions_.insert(function).second) loaded_.push_back(step_.stored.at(value).index);
-  return function + "(" + place + ")";
+  if (!resource(value).entries) return function + "(" + place + ")";
+  const std::string part = part_name(value);
+  if (functions_.insert("load_" + part).second) {
+    const RasterPart which = raster_part(graph_, value);
+    const ir::Dim& layers = graph_.value(value).extent.l;
+    prelude(kEntry);
+    declarations_ += "int load_" + part + "(ivec3 at) { return " + (which.tag ? "tag_of(" : "face_of(") + function +
+                     "(ivec3(at.xy, " + (layers.is_one() ? "0" : "at.z") + " + " + std::to_string(which.rank) + " * " +
+                     dim_expression(layers) + "))); }\n";
+  }
+  return "load_" + part + "(" + place + ")";
+}
+
+std::string Shader::part_name(ValueId value) {
+  const std::string name = bind(step_.stored.at(value), bundle::Access::Read).substr(2);
+  if (!resource(value).entries) return name;
+  const RasterPart part = raster_part(graph_, value);
+  return name + (part.tag ? "_tag_" : "_face_") + std::to_string(part.rank);
 }
 
 std::string Shader::load_function(const Resource& r, const Bound& bound) const {
@@ -158,6 +183,11 @@ std::string Shader::load_function(const Resource& r, const Bound& bound) const {
     text += "  return " + (r.type.is_bool() ? r.type.str() + "(" + texel + ")" : texel) + ";\n";
   } else {
     const int texel = bindings_[bound.binding]->texel;
+    if (r.entries) {
+      const std::string index = element_index(r.extent, "at");
+      text += "  return " + (texel == 0 ? name + ".d[" + index + "]" : "texelFetch(" + name + ", " + index + ").xy");
+      return text + ";\n}\n";
+    }
     const int parts = r.type.components() / std::max(texel, 1);
     text += "  int base = " + element_index(r.extent, "at") + (parts == 1 ? "" : " * " + std::to_string(parts)) + ";\n";
     text += "  return " + from_buffer(r.type, name, texel) + ";\n";
@@ -166,12 +196,12 @@ std::string Shader::load_function(const Resource& r, const Bound& bound) const {
 }
 
 std::string Shader::gather(ValueId value, const std::string& place) {
-  const Resource& r = resource(value);
+  const ir::ValueInfo& info = graph_.value(value);
   load(value, "at");
-  const std::string name = bind(step_.stored.at(value), bundle::Access::Read).substr(2);
+  const std::string name = part_name(value);
   if (functions_.insert("gather_" + name).second)
-    declarations_ += r.type.str() + " gather_" + name + "(ivec3 at) {\n  return " + in_range(r.extent, "at") +
-                     " ? load_" + name + "(at) : " + zero(r.type) + ";\n}\n";
+    declarations_ += info.type.str() + " gather_" + name + "(ivec3 at) {\n  return " + in_range(info.extent, "at") +
+                     " ? load_" + name + "(at) : " + zero(info.type) + ";\n}\n";
   return "gather_" + name + "(" + place + ")";
 }
 
@@ -211,8 +241,8 @@ std::string Shader::use(ValueId value) {
   for (auto scope = scopes_.rbegin(); scope != scopes_.rend(); ++scope)
     if (auto it = scope->find(value); it != scope->end()) return it->second;
   DR_ASSERT(step_.stored.count(value) != 0);
-  const std::string name = unique(resource(value).name);
-  body_.line(resource(value).type.str() + " " + name + " = " + load(value, "at") + ";");
+  const std::string name = unique(resource(value).entries ? part_name(value) : resource(value).name);
+  body_.line(graph_.value(value).type.str() + " " + name + " = " + load(value, "at") + ";");
   define(value, name);
   return name;
 }

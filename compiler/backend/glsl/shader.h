@@ -100,6 +100,8 @@ class Shader {
   std::string add_binding(uint32_t bundle_resource, const std::string& name, bundle::Access access, Declared declared);
   std::string buffer(uint32_t bundle_resource, const std::string& name, bundle::Access access, const char* word,
                      int texel);
+  // The name that functions have which read a value: its resource's, or that of a part of it.
+  std::string part_name(ir::ValueId value);
   std::string load_function(const Resource& resource, const Bound& bound) const;
   void choose_texels();
   const Resource& resource(ir::ValueId v) const { return schedule_.resources[step_.stored.at(v).index]; }
