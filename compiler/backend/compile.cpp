@@ -9,9 +9,11 @@
 
 #include "compiler/backend/dependencies.h"
 #include "compiler/backend/generate.h"
+#include "compiler/backend/keep_sums.h"
 #include "compiler/backend/list_where_computed.h"
 #include "compiler/backend/plan_memory.h"
 #include "compiler/backend/raster_entries.h"
+#include "compiler/backend/set_up_in_raster.h"
 #include "compiler/backend/shader_cache.h"
 #include "compiler/backend/spirv.h"
 #include "compiler/ir/print.h"
@@ -127,6 +129,8 @@ std::variant<Compiled, std::string> compile(const ir::Graph& graph, const target
   keep_in_tiles(graph, out.schedule);
   list_where_computed(graph, profile, out.schedule);
   keep_entries(graph, profile, out.schedule);
+  keep_sums(graph, out.schedule);
+  set_up_in_raster(graph, profile, out.schedule);
   if (const auto problems = check_schedule(graph, out.schedule, profile); !problems.empty()) {
     std::string all;
     for (const std::string& p : problems) all += (all.empty() ? "" : "\n") + p;

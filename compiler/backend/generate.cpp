@@ -71,6 +71,11 @@ void Generator::process(bundle::BundleT& bundle, std::vector<GlslShader>& shader
     out->role = r.leaf >= 0 ? bundle::Role::Leaf : r.step_index ? bundle::Role::StepIndex : bundle::Role::Value;
     out->type = bundle_type(r.type);
     out->extent = bundle_extent(r.extent);
+    if (r.sums) {
+      out->role = bundle::Role::Scratch;
+      out->type = bundle_type(ir::kUint);
+      out->extent = bundle_extent({words_of_sums(r.type, r.extent, wide_atomics()), 1, 1});
+    }
     bundle.resources.push_back(std::move(out));
   }
   for (size_t k = 0; k < graph_.leaves.size(); ++k) {
@@ -103,8 +108,12 @@ void Generator::step(const StepSchedule& schedule) {
   for (size_t k = 0; k < schedule.passes.size(); ++k) {
     const Pass& pass = schedule.passes[k];
     const bool joins = k > 0 && schedule.passes[k - 1].stage == pass.stage;
-    set_lines(pass);
-    ops_ = pass.ops.size();
+    const bool later =
+        std::ranges::any_of(schedule.passes, [&](const Pass& other) { return other.set_up_by == static_cast<int>(k); });
+    if (later) continue;
+    const Pass* const setup = pass.set_up_by < 0 ? nullptr : &schedule.passes[static_cast<size_t>(pass.set_up_by)];
+    set_lines(pass, setup);
+    ops_ = pass.ops.size() + (setup == nullptr ? 0 : setup->ops.size());
     switch (pass.kind) {
       case Pass::Kind::Map:
         pass.hardware ? fragment_pass(pass, stage_inputs(schedule, k), joins) : map_pass(pass);
@@ -223,14 +232,16 @@ void Generator::list_needs(const StepSchedule& schedule) {
   out_->symbols.assign(symbols.begin(), symbols.end());
 }
 
-void Generator::set_lines(const Pass& pass) {
+void Generator::set_lines(const Pass& pass, const Pass* setup) {
   std::set<std::pair<uint32_t, uint32_t>> lines;
   std::function<void(ir::OpId)> add = [&](ir::OpId id) {
     if (const auto line = source_lines_.of(id)) lines.emplace(line->file(), line->line());
     for (ir::RegionId region : graph_.op(id).regions)
       for (ir::OpId inner : graph_.region(region).ops) add(inner);
   };
-  for (ir::OpId id : pass.ops) add(id);
+  for (const Pass* each : {&pass, setup})
+    if (each != nullptr)
+      for (ir::OpId id : each->ops) add(id);
   lines_.clear();
   for (const auto& [file, line] : lines) lines_.emplace_back(file, line);
 }

@@ -28,8 +28,8 @@ class Generator {
   void list_needs(const StepSchedule& schedule);
   // The step's counter goes on, on the device.
   void count_on();
-  // Source lines behind a pass's ops; they go into the commands made next.
-  void set_lines(const Pass& pass);
+  // Source lines behind the ops of a pass, and of what sets it up; they go into the commands made next.
+  void set_lines(const Pass& pass, const Pass* setup);
   void map_pass(const Pass& pass);
   // Its `if`s whose first branch is worth leaving out for the elements that do not take it; empty if all of it is not.
   std::vector<ir::OpId> heavy_branches(const Pass& pass) const;
@@ -40,6 +40,17 @@ class Generator {
   void scatter_pass(const Pass& pass);
   void scatter_resolve(const Pass& pass, ir::ValueId value, const glsl::Accumulator& accumulator, uint32_t words,
                        int most);
+  // Fixed point sums as floats: statements, and an expression a component, for the element `index`.
+  struct FloatSums {
+    std::string statements;
+    std::vector<std::string> components;
+  };
+  FloatSums float_sums(glsl::Shader& shader, const ir::Type& type, const ir::Extent& extent, uint32_t words, int most,
+                       const ir::Extent& domain) const;
+  // See glsl::Shader::SumsReader.
+  std::string sums_reader(glsl::Shader& shader, ir::ValueId value, const std::string& function) const;
+  // How often an element of the domain adds to a sum at most; negative where a loop decides.
+  int contributions(const ScatterSum& sum) const;
   // The scatter of the step that a map pass lists elements for, if there is one.
   const Pass* listed_for(const Pass& pass) const;
   // A condition: whether an element is active.
@@ -65,7 +76,10 @@ class Generator {
   void raster_compute(const Pass& pass, const ir::Op& op);
 
   glsl::Shader shader() const {
-    return glsl::Shader(graph_, schedule_, *step_, bundle_->symbols, profile_.lanes_in_turn);
+    return glsl::Shader(graph_, schedule_, *step_, bundle_->symbols, profile_.lanes_in_turn,
+                        [this](glsl::Shader& s, ir::ValueId value, const std::string& function) {
+                          return sums_reader(s, value, function);
+                        });
   }
   // The layer that a vertex or fragment shader draws: one of those that a render pass draws at once, counted from the
   // first of them.
@@ -126,6 +140,9 @@ inline constexpr int kListEnd = 3, kListHead = 4;
 
 // A statement that adds an element to a list. Workgroups go on in the next row as those of other dispatches do.
 std::string append(glsl::Shader& s, const std::string& list, const std::string& element);
+
+// Words of 32 bits of the fixed point sums of values of that type; `wide`: by 64-bit atomics.
+ir::Dim words_of_sums(const ir::Type& type, const ir::Extent& extent, bool wide);
 
 // The number of elements of an extent, as an extent expression.
 ir::Dim element_count(const ir::Extent& extent);

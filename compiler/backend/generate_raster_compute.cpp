@@ -4,6 +4,7 @@
 // entries with atomic minima, so that the order of the faces does not matter.
 #include <algorithm>
 #include <bit>
+#include <functional>
 
 #include "compiler/backend/raster_closures.h"
 
@@ -27,8 +28,6 @@ constexpr Bins kGpu{16, 4096, 1 << 17, 1 << 16};
 // none.
 constexpr Bins kCpu{0, 4096, 1 << 13, 1 << 12};
 constexpr uint32_t kWideSubgroup = 16;
-
-enum class Bin : uint8_t { All, Small, Middle, Large };
 
 struct Walk {
   const ir::Graph& graph;
@@ -83,7 +82,7 @@ struct Walk {
       s.body().line("}");
       return;
     }
-    // Peeling: pc.a is the rank; first the least key beyond the rank before, then (pc.b & 1) the least face with it.
+    // Peeling: pc.a is the rank; first the least key beyond the rank before, then (pc.b) the least face with it.
     const std::string id_words = s.bind_words(ids, "faces", bundle::Access::ReadWrite);
     s.body().line("int slot = pc.a * " + n + " + pixel;");
     s.body().line("if (pc.a > 0) {");
@@ -91,22 +90,26 @@ struct Walk {
     s.body().line("if (key < before || (key == before && uint(face) <= " + id_words + ".d[slot - " + n +
                   "])) continue;");
     s.body().line("}");
-    s.body().line("if ((pc.b & 1) == 0) atomicMin(" + key_words + ".d[slot], key);");
+    s.body().line("if (pc.b == 0) atomicMin(" + key_words + ".d[slot], key);");
     s.body().line("else if (" + key_words + ".d[slot] == key) atomicMin(" + id_words + ".d[slot], uint(face));");
   }
 
-  // Each invocation a face and layer.
-  void faces(Shader& s, Bin bin) const {
+  // Each invocation a face and layer; `binned`: where its box is not small, it goes on a list.
+  // `set_up` computes what the face takes, if that is not stored yet, and `store` stores it for those who walk lists.
+  void faces(Shader& s, bool binned, const std::function<void()>& set_up, const std::function<void()>& store) const {
     const std::string count = dim_expression(parts.faces);
     RasterClosures closures(s, graph, pass, op);
     s.body().line("int face = index % " + count + ";");
     s.body().line("ivec3 at = ivec3(face, 0, index / " + count + ");");
+    set_up();
+    closures.set_up();
     const std::string area = box(s, closures, true);
-    if (bin == Bin::Small) {
+    if (binned) {
       const std::string list = s.bind_words(lists, "lists", bundle::Access::ReadWrite);
       s.body().line(area);
       s.body().line("if (area > " + std::to_string(bins.small_box) + ") {");
       s.body().line("if (pc.a == 0 && pc.b == 0) {");
+      store();
       s.body().line("if (area <= " + std::to_string(bins.middle_box) + ") " + list + ".d[2u + atomicAdd(" + list +
                     ".d[0], 1u)] = uint(index);");
       s.body().line("else " + list + ".d[uint(2 + " + dim_expression(parts.faces * parts.l) + ") + atomicAdd(" + list +
@@ -125,13 +128,15 @@ struct Walk {
     s.body().line("}");
   }
 
-  // Lanes that share the faces of a list and the pixels of each: pc.b & 2 says that it is the large ones', whose lanes
-  // are all of one team. One shader for both.
+  // Lanes that share the faces of a list and the pixels of each: first those of the middle ones, then those of the
+  // large ones, who are all of one team.
   void listed(Shader& s) const {
     const std::string count = dim_expression(parts.faces), lanes = std::to_string(subgroup_size);
     const std::string teams = std::to_string(bins.middle_invocations / static_cast<int>(subgroup_size));
     const std::string list = s.read_words(lists, "lists");
-    s.body().line("bool large = (pc.b & 2) != 0;");
+    const std::string middle = std::to_string(bins.middle_invocations);
+    s.body().line("bool large = index >= " + middle + ";");
+    s.body().line("if (large) index -= " + middle + ";");
     s.body().line("int count = int(" + list + "(large ? 1 : 0)), team = large ? 0 : index / " + lanes +
                   ", lane = large ? index : index % " + lanes + ";");
     s.body().line("int begin = large ? 2 + " + dim_expression(parts.faces * parts.l) + " : 2, lanes = large ? " +
@@ -180,27 +185,33 @@ void Generator::raster_compute(const Pass& pass, const ir::Op& op) {
   const Walk walk{graph_, pass, op, parts, wide, keys, ids, lists, lanes, bins, profile_.lanes_in_turn};
   // Without wide words a rank takes two runs; see Walk::pixel.
   std::vector<size_t> first_run;
-  const auto run_bin = [&](Bin bin, const char* suffix, const std::string& elements, const std::string& bound) {
+  const Pass* const setup = pass.set_up_by < 0 ? nullptr : &step_->passes[static_cast<size_t>(pass.set_up_by)];
+  const auto compute = [&](Shader& s) {
+    if (setup == nullptr) return;
+    s.element_ops(setup->ops);
+    store_results(s, *setup);
+  };
+  const auto store_listed = [&](Shader& s) {
+    if (setup == nullptr) return;
+    for (const ValueId v : setup->partial) s.store(v, "at", s.use(v));
+  };
+  const auto run = [&](bool listed, const char* suffix, const Dim& elements) {
     Shader s = shader();
     if (wide) wide_extensions(s);
     s.prelude(kIsNan);
-    linear_index(s, bound);
-    if (bin == Bin::Middle || bin == Bin::Large)
+    linear_index(s, dim_expression(elements));
+    if (listed)
       walk.listed(s);
     else
-      walk.faces(s, bin);
-    dispatch(pass, suffix, s, elements, {0, bin == Bin::Large ? 2 : 0, 0});
+      walk.faces(
+          s, binned, [&] { compute(s); }, [&] { store_listed(s); });
+    dispatch(pass, suffix, s, elements.str());
     first_run.push_back(out_->commands.size() - 1);
   };
-  run_bin(binned ? Bin::Small : Bin::All, "_faces", faces.str(), dim_expression(faces));
-  if (binned) {
-    const std::string middle = std::to_string(bins.middle_invocations), large = std::to_string(bins.large_invocations);
-    const std::string bound = "((pc.b & 2) == 0 ? " + middle + " : " + large + ")";
-    run_bin(Bin::Middle, "_middle_faces", middle, bound);
-    run_bin(Bin::Large, "_large_faces", large, bound);
-  }
+  run(false, "_faces", faces);
+  if (binned) run(true, "_listed_faces", Dim(bins.middle_invocations + bins.large_invocations));
   if (!wide)
-    for (int run = 1; run < 2 * static_cast<int>(parts.count); ++run)
+    for (int rank_run = 1; rank_run < 2 * static_cast<int>(parts.count); ++rank_run)
       for (const size_t index : first_run) {
         const std::string label = out_->commands[index]->label;
         auto& c = command(bundle::CommandKind::Dispatch, label);
@@ -208,7 +219,7 @@ void Generator::raster_compute(const Pass& pass, const ir::Op& op) {
         c.compute = again.compute;
         for (const auto& b : again.bindings) c.bindings.push_back(std::make_unique<bundle::BindingT>(*b));
         c.elements = again.elements;
-        c.push = {run / 2, run % 2 + again.push[1], 0};
+        c.push = {rank_run / 2, rank_run % 2, 0};
       }
 
   if (stay) return;

@@ -27,10 +27,6 @@ namespace {
 // four bits a component: see special_flag.
 constexpr int kHead = 2;
 
-ir::Dim word_count(const Accumulator& a, bool wide) {
-  return element_count(a.extent) * ir::Dim((wide ? 1 : 2) * a.type.components() + 1) + kHead;
-}
-
 // Not 0 where a value is anything but zeros; NaN is. Without branches, of which drivers compile many slowly.
 std::string any_bits(const ir::Type& type, const std::string& value) {
   std::string out;
@@ -72,6 +68,11 @@ std::string join_lanes(int n, const Part& part) {
 
 }  // namespace
 
+ir::Dim words_of_sums(const ir::Type& type, const ir::Extent& extent, bool wide) {
+  const ir::Dim words = element_count(extent) * ir::Dim((wide ? 1 : 2) * type.components() + 1) + kHead;
+  return wide ? words * ir::Dim(2) : words;
+}
+
 std::string append(Shader& s, const std::string& list, const std::string& element) {
   s.declare(R"(void append_to_)" + list + R"((int element) {
   uint place = atomicAdd()" +
@@ -99,6 +100,15 @@ int Generator::contributions(ValueId result) const {
     const int here = yield.index.valid() ? 1 : contributions(yield.value);
     if (here < 0) return -1;
     most = std::max(most, here);
+  }
+  return most;
+}
+
+int Generator::contributions(const ScatterSum& sum) const {
+  int most = 0;
+  for (const ValueId term : sum.terms) {
+    const int one = contributions(term);
+    most = most < 0 || one < 0 ? -1 : most + one;
   }
   return most;
 }
@@ -219,12 +229,9 @@ void Generator::scatter_pass(const Pass& pass) {
     const int n = r.type.components();
     std::string body;
     if (r.type.is_float() && !floats_by_atomics) {
-      for (const ValueId term : sum.terms) {
-        const int one = contributions(term);
-        t.most = t.most < 0 || one < 0 ? -1 : t.most + one;
-      }
-      const ir::Dim words = word_count(t.accumulator, wide);
-      t.words = add_scratch(r.name + "_sums", (wide ? words * ir::Dim(2) : words).str());
+      t.most = contributions(sum);
+      t.words = r.sums ? resource_index(sum.value)
+                       : add_scratch(r.name + "_sums", words_of_sums(r.type, r.extent, wide).str());
       fill("clear " + r.name, t.words, 0);
       const std::string buffer =
           s.bind_words(t.words, "sums_" + id, bundle::Access::ReadWrite, wide ? "uint64_t" : "uint");
@@ -334,7 +341,8 @@ void Generator::scatter_pass(const Pass& pass) {
     if (lists) sums_run.indirect = static_cast<int>(adding);
     sums_run.push = {1, 0, 0};
   }
-  for (const Target& t : targets) scatter_resolve(pass, t.value, t.accumulator, t.words, t.most);
+  for (const Target& t : targets)
+    if (!resource(t.value).sums) scatter_resolve(pass, t.value, t.accumulator, t.words, t.most);
 }
 
 void Generator::scatter_resolve(const Pass& pass, ValueId value, const Accumulator& accumulator, uint32_t words,
@@ -352,28 +360,54 @@ void Generator::scatter_resolve(const Pass& pass, ValueId value, const Accumulat
     return;
   }
   if (pass.scatter == ScatterLowering::Atomic) return;
-  const bool wide = wide_atomics();
   const ir::Dim count = element_count(accumulator.extent);
   Shader s = shader();
-  if (wide) wide_extensions(s);
   linear_index(s, dim_expression(count));
-  const std::string sums = s.read_words(words, "sums", wide ? "uint64_t" : "uint");
   const std::string out = s.bind(step_->stored.at(value), bundle::Access::Write);
+  const FloatSums floats = float_sums(s, type, accumulator.extent, words, most, pass.domain);
+  s.body().line(floats.statements);
+  for (int c = 0; c < n; ++c)
+    s.body().line(out + ".d[index * " + std::to_string(n) + " + " + std::to_string(c) +
+                  "] = " + s.at_once(ir::kFloat, floats.components[static_cast<size_t>(c)]) + ";");
+  dispatch(pass, "_resolve", s, count.str());
+}
+
+Generator::FloatSums Generator::float_sums(Shader& s, const ir::Type& type, const ir::Extent& extent, uint32_t words,
+                                           int most, const ir::Extent& domain) const {
+  const bool wide = wide_atomics();
+  if (wide) wide_extensions(s);
+  const std::string sums = s.read_words(words, "sums_" + std::to_string(words), wide ? "uint64_t" : "uint");
   s.prelude(glsl::kFixedShift);
   s.prelude(glsl::kFixedToFloat);
   s.prelude(most < 0 ? kCountBits : "");
-  s.body().line("int shift = fixed_shift(uint(" + sums + "(0)), " + count_bits(most, pass.domain, sums + "(1)") + ");");
-  s.body().line("uint flags = uint(" + sums + "(" + std::to_string(kHead) + " + " +
-                dim_expression(count * ir::Dim((wide ? 1 : 2) * n)) + " + index));");
+  const int n = type.components();
+  FloatSums out;
+  out.statements = "int shift = fixed_shift(uint(" + sums + "(0)), " + count_bits(most, domain, sums + "(1)") +
+                   "); uint flags = uint(" + sums + "(" + std::to_string(kHead) + " + " +
+                   dim_expression(element_count(extent) * ir::Dim((wide ? 1 : 2) * n)) + " + index));";
   for (int c = 0; c < n; ++c) {
     const std::string number = wide ? "words_of(" + sums + "(" + word_of("index", n, c) + "))"
                                     : "uvec2(" + sums + "(" + word_of("index", 2 * n, 2 * c) + "), " + sums + "(" +
                                           word_of("index", 2 * n, 2 * c + 1) + "))";
-    const std::string sum = "fixed_to_float(" + number + ", shift, (flags >> " + std::to_string(4 * c) + ") & 15u)";
-    s.body().line(out + ".d[index * " + std::to_string(n) + " + " + std::to_string(c) +
-                  "] = " + s.at_once(ir::kFloat, sum) + ";");
+    out.components.push_back("fixed_to_float(" + number + ", shift, (flags >> " + std::to_string(4 * c) + ") & 15u)");
   }
-  dispatch(pass, "_resolve", s, count.str());
+  return out;
+}
+
+std::string Generator::sums_reader(Shader& s, ValueId value, const std::string& function) const {
+  const ir::ValueInfo& info = graph_.value(value);
+  for (const Pass& pass : step_->passes)
+    for (const ScatterSum& sum : pass.sums) {
+      if (sum.value != value) continue;
+      const FloatSums floats =
+          float_sums(s, info.type, info.extent, resource_index(value), contributions(sum), pass.domain);
+      std::string components;
+      for (const std::string& c : floats.components) components += (components.empty() ? "" : ", ") + c;
+      return info.type.str() + " " + function +
+             "(ivec3 at) {\n  int index = " + Shader::element_index(info.extent, "at") + ";\n  " + floats.statements +
+             "\n  return " + info.type.str() + "(" + components + ");\n}\n";
+    }
+  DR_ICE("sums that no pass of the step adds up");
 }
 
 }  // namespace dr::backend

@@ -33,11 +33,13 @@ class RasterClosures {
   RasterClosures(glsl::Shader& shader, const ir::Graph& graph, const Pass& pass, const ir::Op& op)
       : shader_(shader), graph_(graph), pass_(pass), op_(op), parts_(raster_parts(op)) {}
 
+  // From here on, what this shader has computed of its face is not loaded.
+  void set_up() { set_up_ = true; }
   // A value of the record; `place` names the face and layer.
   std::string record(ir::ValueId value, const std::string& place) {
     const ir::Op& def = graph_.op(graph_.value(value).op);
-    return def.kind == ir::OpKind::Const ? glsl::literal(graph_.value(value).type, def.attrs.floats)
-                                         : shader_.load(value, place);
+    if (def.kind == ir::OpKind::Const) return glsl::literal(graph_.value(value).type, def.attrs.floats);
+    return set_up_ && shader_.is_defined(value) ? shader_.use(value) : shader_.load(value, place);
   }
   // Loads the fields once, for all three closures.
   void load_fields(const std::string& place) {
@@ -69,6 +71,7 @@ class RasterClosures {
   const ir::Op& op_;
   RasterParts parts_;
   std::vector<std::string> fields_;
+  bool set_up_ = false;
 };
 
 }  // namespace dr::backend

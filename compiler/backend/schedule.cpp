@@ -99,6 +99,15 @@ std::vector<std::string> check_schedule(const Graph& graph, const Schedule& sche
             report("op '" + std::string(ir::op_name(op.kind)) + "' lacks an operand");
         for (ValueId v : op.results) here.insert(v);
       }
+      if (pass.set_up_by >= 0) {
+        // It runs no earlier than here.
+        const Pass& setup = step.passes[static_cast<size_t>(pass.set_up_by)];
+        for (size_t j = static_cast<size_t>(pass.set_up_by) + 1; j < k; ++j)
+          for (ValueId v : step.passes[j].reads)
+            if (std::find(setup.writes.begin(), setup.writes.end(), v) != setup.writes.end())
+              report("sets up late what '" + step.passes[j].name + "' reads");
+        if (setup.steady != pass.steady) report("sets up what runs at other times");
+      }
       const bool fragment = pass.kind == Pass::Kind::Map && pass.hardware;
       if (k > 0 && step.passes[k - 1].stage == pass.stage) {
         const Pass& before = step.passes[k - 1];
@@ -192,6 +201,7 @@ std::string print(const Graph& graph, const Schedule& schedule) {
         out += std::string("  ") +
                (r.leaf >= 0                             ? "leaf"
                 : r.entries                             ? "entries"
+                : r.sums                                ? "sums"
                 : r.storage == Resource::Storage::Image ? "image"
                 : r.storage == Resource::Storage::Tile  ? "tile"
                                                         : "buffer") +
@@ -223,6 +233,7 @@ std::string print(const Graph& graph, const Schedule& schedule) {
           out += (i > 0 ? " and " : c > 0 ? ", or " : " ") + value_text(step, pass.active[c][i]);
       if (pass.listed_by >= 0) out += ", listed by " + step.passes[static_cast<size_t>(pass.listed_by)].name;
       if (!pass.active.empty()) out += "\n";
+      if (pass.set_up_by >= 0) out += "    set up by " + step.passes[static_cast<size_t>(pass.set_up_by)].name + "\n";
       if (pass.join_lanes) out += "    join lanes\n";
       if (pass.relist) out += "    relist\n";
       if (pass.scatter == ScatterLowering::Rows) {

@@ -26,6 +26,7 @@ struct Resource {
   int leaf = -1;  // index of the leaf whose memory it is
   bool step_index = false;
   bool entries = false;  // of a raster, faces and tags of all its ranks; see raster_entries.h
+  bool sums = false;     // fixed point sums; see keep_sums.h
 };
 
 // How the sums of a Scatter pass come about; see legalize_scatter.h.
@@ -64,7 +65,8 @@ struct Pass {
   std::vector<ir::OpId> ops;
   std::vector<ir::ValueId> reads;   // stored values it loads, in id order
   std::vector<ir::ValueId> writes;  // values it stores, in id order
-  // Map: those of `writes` that are stored only where the scatter that it lists elements for is active.
+  // Map: those of `writes` that are stored only where the scatter that it lists elements for is active, or for the
+  // faces that the raster that it sets up lists.
   std::vector<ir::ValueId> partial;
   // Scatter: how, the sums among `writes`, and for Rows the table.
   ScatterLowering scatter = ScatterLowering::Exact;
@@ -75,7 +77,9 @@ struct Pass {
   std::vector<std::vector<ir::ValueId>> active;
   bool join_lanes = false;  // Exact: lanes of a subgroup that add to the same element join what they add
   int listed_by = -1;       // the earlier Map pass of the step that lists them; -1: a dispatch of its own does
-  bool relist = false;      // the first run of an exact pass lists what adds something for the second
+  // Raster: the earlier Map pass of the step that its first dispatch runs too; -1: none. See set_up_in_raster.h.
+  int set_up_by = -1;
+  bool relist = false;  // the first run of an exact pass lists what adds something for the second
 };
 
 struct StepSchedule {

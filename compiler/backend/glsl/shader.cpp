@@ -49,8 +49,13 @@ int texel_of(const Type& type) {
 }  // namespace
 
 Shader::Shader(const ir::Graph& graph, const Schedule& schedule, const StepSchedule& step,
-               const std::vector<std::string>& symbols, bool lanes_in_turn)
-    : graph_(graph), schedule_(schedule), step_(step), symbols_(symbols), lanes_in_turn_(lanes_in_turn) {}
+               const std::vector<std::string>& symbols, bool lanes_in_turn, SumsReader sums_reader)
+    : graph_(graph),
+      schedule_(schedule),
+      step_(step),
+      symbols_(symbols),
+      lanes_in_turn_(lanes_in_turn),
+      sums_reader_(std::move(sums_reader)) {}
 
 std::string Shader::unique(std::string_view base) {
   // No symbol, generated function, block or stage variable starts with this, so a user's name can hide none.
@@ -146,25 +151,31 @@ std::string Shader::in_range(const Extent& extent, const std::string& place) {
 }
 
 std::string Shader::load(ValueId value, const std::string& place) {
-  const std::string name = bind(step_.stored.at(value), bundle::Access::Read);
-  const std::string function = "load_" + name.substr(2);
-  if (functions_.insert(function).second) loaded_.push_back(step_.stored.at(value).index);
-  if (!resource(value).entries) return function + "(" + place + ")";
-  const std::string part = part_name(value);
-  if (functions_.insert("load_" + part).second) {
-    const RasterPart which = raster_part(graph_, value);
-    const ir::Dim& layers = graph_.value(value).extent.l;
-    prelude(kEntry);
-    declarations_ += "int load_" + part + "(ivec3 at) { return " + (which.tag ? "tag_of(" : "face_of(") + function +
-                     "(ivec3(at.xy, " + (layers.is_one() ? "0" : "at.z") + " + " + std::to_string(which.rank) + " * " +
-                     dim_expression(layers) + "))); }\n";
+  const Resource& r = resource(value);
+  const std::string function = "load_" + part_name(value), call = function + "(" + place + ")";
+  if (!functions_.insert(function).second) return call;
+  if (r.sums) {
+    const std::string text = sums_reader_(*this, value, function);
+    declarations_ += text;
+    return call;
   }
-  return "load_" + part + "(" + place + ")";
+  const uint32_t index = step_.stored.at(value).index;
+  const std::string whole = "load_" + bind(step_.stored.at(value), bundle::Access::Read).substr(2);
+  if (whole == function || functions_.insert(whole).second) loaded_.push_back(index);
+  if (!r.entries) return call;
+  const RasterPart part = raster_part(graph_, value);
+  const ir::Dim& layers = graph_.value(value).extent.l;
+  prelude(kEntry);
+  declarations_ += "int " + function + "(ivec3 at) { return " + (part.tag ? "tag_of(" : "face_of(") + whole +
+                   "(ivec3(at.xy, " + (layers.is_one() ? "0" : "at.z") + " + " + std::to_string(part.rank) + " * " +
+                   dim_expression(layers) + "))); }\n";
+  return call;
 }
 
-std::string Shader::part_name(ValueId value) {
-  const std::string name = bind(step_.stored.at(value), bundle::Access::Read).substr(2);
-  if (!resource(value).entries) return name;
+std::string Shader::part_name(ValueId value) const {
+  const Resource& r = resource(value);
+  const std::string name = sanitize(r.name) + "_" + std::to_string(step_.stored.at(value).index);
+  if (!r.entries) return name;
   const RasterPart part = raster_part(graph_, value);
   return name + (part.tag ? "_tag_" : "_face_") + std::to_string(part.rank);
 }
@@ -233,6 +244,10 @@ void Shader::store(ValueId value, const std::string& place, const std::string& e
 void Shader::prelude(std::string_view text) {
   if (text.empty() || std::find(preludes_.begin(), preludes_.end(), text) != preludes_.end()) return;
   preludes_.emplace_back(text);
+}
+
+bool Shader::is_defined(ValueId value) const {
+  return std::ranges::any_of(scopes_, [&](const auto& scope) { return scope.count(value) != 0; });
 }
 
 void Shader::define(ValueId value, std::string expression) { scopes_.back()[value] = std::move(expression); }

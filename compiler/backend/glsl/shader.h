@@ -26,9 +26,12 @@ struct Accumulator {
 
 class Shader {
  public:
+  // GLSL of a function of that name which gives an element of a value whose resource holds fixed point sums.
+  using SumsReader = std::function<std::string(Shader&, ir::ValueId, const std::string& function)>;
+
   // `lanes_in_turn`: see target::Profile.
   Shader(const ir::Graph& graph, const Schedule& schedule, const StepSchedule& step,
-         const std::vector<std::string>& symbols, bool lanes_in_turn);
+         const std::vector<std::string>& symbols, bool lanes_in_turn, SumsReader sums_reader);
 
   // Binds a resource of the bundle; further calls return the same name, and widen the access. Scratch is an array of
   // uint (or uint64_t) words, of a storage buffer.
@@ -58,6 +61,7 @@ class Shader {
   // Element computation. The variable `at` (ivec3) holds the element's place.
   void element_ops(const std::vector<ir::OpId>& ops);      // root ops of a pass in order
   std::string use(ir::ValueId value);                      // the expression of a value at the current element
+  bool is_defined(ir::ValueId value) const;                // whether it is computed here
   void define(ir::ValueId value, std::string expression);  // region parameters
   // Runs a region's ops in the current scope and returns the expressions of its yields.
   std::vector<std::string> region(ir::RegionId id);
@@ -100,8 +104,8 @@ class Shader {
   std::string add_binding(uint32_t bundle_resource, const std::string& name, bundle::Access access, Declared declared);
   std::string buffer(uint32_t bundle_resource, const std::string& name, bundle::Access access, const char* word,
                      int texel);
-  // The name that functions have which read a value: its resource's, or that of a part of it.
-  std::string part_name(ir::ValueId value);
+  // The stem of the names of functions that read a value: of its resource, or of the part of it that the value is.
+  std::string part_name(ir::ValueId value) const;
   std::string load_function(const Resource& resource, const Bound& bound) const;
   void choose_texels();
   const Resource& resource(ir::ValueId v) const { return schedule_.resources[step_.stored.at(v).index]; }
@@ -126,6 +130,7 @@ class Shader {
   std::vector<std::unique_ptr<bundle::BindingT>> bindings_;
   std::map<uint32_t, Bound> bound_;
   bool lanes_in_turn_;
+  SumsReader sums_reader_;
   // Functions that read; how is known when all writes are.
   std::vector<uint32_t> loaded_;  // resources of the schedule
   std::vector<Words> words_;

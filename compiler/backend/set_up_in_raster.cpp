@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "compiler/backend/set_up_in_raster.h"
+
+#include <algorithm>
+
+#include "compiler/backend/limits.h"
+#include "compiler/ir/pins.h"
+
+namespace dr::backend {
+
+using ir::ValueId;
+
+namespace {
+
+bool meet(const std::vector<ValueId>& a, const std::vector<ValueId>& b) {
+  return std::ranges::any_of(a, [&](ValueId v) { return std::ranges::find(b, v) != b.end(); });
+}
+
+// Whether `later` must stay behind `pass`, or `pass` before it.
+bool depends(const StepSchedule& step, const Pass& later, const Pass& pass) {
+  if (meet(later.reads, pass.writes)) return true;
+  return std::ranges::any_of(later.writes, [&](ValueId written) {
+    return std::ranges::any_of(pass.reads, [&](ValueId v) { return step.stored.at(v) == step.stored.at(written); });
+  });
+}
+
+bool one_shader(const StepSchedule& step, const Schedule& schedule, const target::Profile& profile, const Pass& pass,
+                const Pass& raster) {
+  std::set<uint32_t> read, written;
+  for (ValueId v : pass.writes) written.insert(step.stored.at(v).index);
+  for (const std::vector<ValueId>* reads : {&pass.reads, &raster.reads})
+    for (ValueId v : *reads)
+      if (const uint32_t r = step.stored.at(v).index; written.count(r) == 0) read.insert(r);
+  constexpr uint32_t kOwn = 2;  // entries and lists
+  Bindings bindings;
+  for (uint32_t r : read)
+    ++(schedule.resources[r].storage == Resource::Storage::Buffer ? bindings.buffers : bindings.images);
+  bindings.writes = static_cast<uint32_t>(written.size()) + kOwn;
+  return fits(profile, bindings);
+}
+
+}  // namespace
+
+void set_up_in_raster(const ir::Graph& graph, const target::Profile& profile, Schedule& schedule) {
+  if (!profile.shader_int64 || !profile.shader_buffer_int64_atomics) return;
+  const std::map<ValueId, std::string> pins = ir::pin_names(graph);
+  for (StepSchedule& step : schedule.steps) {
+    std::set<ValueId> kept;
+    for (const auto& [name, v] : step.outputs) kept.insert(v);
+    for (const auto& [leaf, v] : step.updates) kept.insert(v);
+    for (const auto& [v, name] : pins) kept.insert(v);
+    std::set<int> taken;  // those that list elements or set faces up already
+    for (const Pass& pass : step.passes) taken.insert(pass.listed_by);
+    for (size_t k = 0; k < step.passes.size(); ++k) {
+      Pass& raster = step.passes[k];
+      if (raster.kind != Pass::Kind::Raster || raster.hardware) continue;
+      const ir::Op& op = graph.op(raster.ops.back());
+      const ir::Extent faces{op.attrs.dims[3], 1, op.attrs.dims[2]};
+      // A captured value must not be taken for that of a face.
+      if (faces == raster.domain) continue;
+      for (size_t j = k; j-- > 0 && raster.set_up_by < 0;) {
+        const Pass& pass = step.passes[j];
+        const bool fits = pass.kind == Pass::Kind::Map && !pass.hardware && pass.domain == faces &&
+                          pass.steady == raster.steady && meet(raster.reads, pass.writes) &&
+                          taken.count(static_cast<int>(j)) == 0 && one_shader(step, schedule, profile, pass, raster);
+        if (!fits) continue;
+        const bool waits = std::any_of(step.passes.begin() + static_cast<std::ptrdiff_t>(j) + 1,
+                                       step.passes.begin() + static_cast<std::ptrdiff_t>(k),
+                                       [&](const Pass& between) { return depends(step, between, pass); });
+        if (waits) continue;
+        taken.insert(raster.set_up_by = static_cast<int>(j));
+        Pass& setup = step.passes[j];
+        for (ValueId v : setup.writes) {
+          const bool others = std::ranges::any_of(step.passes, [&](const Pass& other) {
+            return &other != &raster && std::ranges::find(other.reads, v) != other.reads.end();
+          });
+          if (!others && kept.count(v) == 0) setup.partial.push_back(v);
+        }
+      }
+    }
+  }
+}
+
+}  // namespace dr::backend
