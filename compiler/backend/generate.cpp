@@ -306,7 +306,11 @@ void Generator::place_from_index(Shader& s, const Extent& e, const std::string& 
 }
 
 void Generator::map_pass(const Pass& pass) {
-  if (const Pass* scatter = listed_for(pass)) active_lists_[scatter] = add_list(*scatter, "active");
+  if (const Pass* scatter = listed_for(pass)) {
+    if (scatter->joins_lister) targets_[scatter] = scatter_targets(*scatter);
+    const bool all_here = scatter->joins_lister && scatter->scatter == ScatterLowering::Atomic;
+    if (!all_here) active_lists_[scatter] = add_list(*scatter, "active");
+  }
   if (profile_.lanes_in_turn) {
     const std::vector<ir::OpId> heavy = heavy_branches(pass);
     if (!heavy.empty()) return listed_map_pass(pass, heavy);

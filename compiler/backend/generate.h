@@ -38,8 +38,24 @@ class Generator {
   void fragment_pass(const Pass& pass, const std::vector<ir::ValueId>& inputs, bool joins);
   void reduce_pass(const Pass& pass);
   void scatter_pass(const Pass& pass);
-  void scatter_resolve(const Pass& pass, ir::ValueId value, const glsl::Accumulator& accumulator, uint32_t words,
-                       int most);
+  // Where a sum or maximum of a scatter goes.
+  struct Target {
+    ScatterSum sum;
+    glsl::Accumulator accumulator;
+    uint32_t words = 0;  // bundle resource
+    int most = 0;        // fixed: contributions from an element, negative: unknown
+    bool fixed = false;  // added as fixed point numbers
+  };
+  // Makes the resources, and clears them.
+  std::vector<Target> scatter_targets(const Pass& pass);
+  // Runs of a scatter by fixed point sums: one finds the largest contribution, one adds. Others need the second only.
+  enum class Runs : uint8_t { Both, First, Second };
+  // Declares what adds to a target; gives what a shader with a first run does at its end. `lists`: the variable `adds`
+  // says whether an element adds anything.
+  std::string declare_target(glsl::Shader& shader, const Pass& pass, const Target& target, Runs runs, bool lists);
+  // What a map pass does for the scatter that joins it (Pass::joins_lister).
+  void scatter_where_listed(glsl::Shader& shader, const Pass& pass, const Pass& scatter);
+  void scatter_resolve(const Pass& pass, const Target& target);
   // Fixed point sums as floats: statements, and an expression a component, for the element `index`.
   struct FloatSums {
     std::string statements;
@@ -129,7 +145,8 @@ class Generator {
   std::vector<GlslShader>* shaders_ = nullptr;
   const StepSchedule* step_ = nullptr;
   bundle::StepT* out_ = nullptr;
-  std::map<const Pass*, uint32_t> active_lists_;  // by scatter, of those that a map pass makes
+  std::map<const Pass*, uint32_t> active_lists_;        // by scatter, of those that a map pass makes
+  std::map<const Pass*, std::vector<Target>> targets_;  // of scatters that join the pass before
   std::map<std::string, Table> tables_;
   std::set<uint32_t> step_tables_;  // leaves
 };

@@ -190,6 +190,7 @@ void Generator::store_results(Shader& s, const Pass& pass, bool active) {
     if (!is_partial(v)) s.store(v, "at", s.use(v));
   const Pass* const scatter = listed_for(pass);
   if (scatter == nullptr || !active) return;
+  if (scatter->joins_lister) return scatter_where_listed(s, pass, *scatter);
   const std::string list = s.bind_words(active_lists_.at(scatter), "active_elements", bundle::Access::ReadWrite);
   const std::string statement = append(s, list, Shader::element_index(pass.domain, "at"));
   s.body().line("if (" + active_condition(s, *scatter) + ") {");
@@ -198,62 +199,72 @@ void Generator::store_results(Shader& s, const Pass& pass, bool active) {
   s.body().line("}");
 }
 
-void Generator::scatter_pass(const Pass& pass) {
-  if (pass.scatter == ScatterLowering::Rows) return rows_pass(pass);
-  const bool wide = wide_atomics();
-  const bool floats_by_atomics = pass.scatter == ScatterLowering::Atomic;
-  const bool lists = pass.relist, listed = !pass.active.empty();
-  const uint32_t list = !listed ? 0 : pass.listed_by >= 0 ? active_lists_.at(&pass) : list_active(pass);
-  uint32_t adding = 0;
-  if (lists) adding = add_list(pass, "adding");
-  Shader s = shader();
-  linear_index(s, dim_expression(element_count(pass.domain)));
-  if (!lists && !listed) place_from_index(s, pass.domain);
-
-  struct Target {
-    ValueId value;
-    Accumulator accumulator;
-    uint32_t words;  // bundle resource
-    int most;        // contributions from an element, negative: unknown
-  };
+std::vector<Generator::Target> Generator::scatter_targets(const Pass& pass) {
   std::vector<Target> targets;
-  std::string finish;
-  if (lists) s.declare("uint adds = 0u;\n");
   std::vector<ScatterSum> sums = pass.sums;
   for (const ValueId v : pass.writes)
     if (graph_.op(graph_.value(v).op).kind == OpKind::ScatterMax) sums.push_back({v, {v}});
   for (const ScatterSum& sum : sums) {
     const Resource& r = resource(sum.value);
-    Target t{sum.value, {std::to_string(targets.size()), r.type, r.extent}, 0, 0};
-    const std::string& id = t.accumulator.name;
-    const int n = r.type.components();
-    std::string body;
-    if (r.type.is_float() && !floats_by_atomics) {
+    const bool maximum = graph_.op(graph_.value(sum.value).op).kind == OpKind::ScatterMax;
+    Target t{sum, {std::to_string(targets.size()), r.type, r.extent}, resource_index(sum.value), 0};
+    t.fixed = r.type.is_float() && pass.scatter != ScatterLowering::Atomic;
+    if (t.fixed) {
       t.most = contributions(sum);
-      t.words = r.sums ? resource_index(sum.value)
-                       : add_scratch(r.name + "_sums", words_of_sums(r.type, r.extent, wide).str());
-      fill("clear " + r.name, t.words, 0);
-      const std::string buffer =
-          s.bind_words(t.words, "sums_" + id, bundle::Access::ReadWrite, wide ? "uint64_t" : "uint");
-      if (wide) wide_extensions(s);
-      if (pass.join_lanes) subgroup_extensions(s);
-      s.prelude(glsl::kFixedShift);
+      if (!r.sums) t.words = add_scratch(r.name + "_sums", words_of_sums(r.type, r.extent, wide_atomics()).str());
+    }
+    fill("clear " + r.name, t.words, maximum ? 0x80000000u : 0u);
+    targets.push_back(std::move(t));
+  }
+  return targets;
+}
+
+std::string Generator::declare_target(Shader& s, const Pass& pass, const Target& t, Runs runs, bool lists) {
+  const bool wide = wide_atomics();
+  const std::string& id = t.accumulator.name;
+  const Resource& r = resource(t.sum.value);
+  const int n = r.type.components();
+  std::string body, finish;
+  if (t.fixed) {
+    const std::string buffer =
+        s.bind_words(t.words, "sums_" + id, bundle::Access::ReadWrite, wide ? "uint64_t" : "uint");
+    if (wide) wide_extensions(s);
+    if (pass.join_lanes) subgroup_extensions(s);
+    s.prelude(glsl::kFixedShift);
+    if (runs != Runs::First) {
       s.prelude(glsl::kFixedFromFloat);
       s.prelude(pass.join_lanes ? glsl::kFixedSubgroup : "");
-      s.declare("uint largest_" + id + " = 0u" + (t.most < 0 ? ", count_" + id + " = 0u" : "") + ";\nint shift_" + id +
-                " = 0;\n");
+    }
+    if (runs != Runs::Second)
+      s.declare("uint largest_" + id + " = 0u" + (t.most < 0 ? ", count_" + id + " = 0u" : "") + ";\n");
+    if (runs != Runs::First) {
+      s.declare("int shift_" + id + " = 0;\n");
       s.prelude(t.most < 0 ? kCountBits : "");
-      s.body().line("if (pc.a == 1) shift_" + id + " = fixed_shift(uint(" + buffer + ".d[0]), " +
-                    count_bits(t.most, pass.domain, buffer + ".d[1]") + ");");
-      const std::string flags = std::to_string(kHead) + " + " +
-                                dim_expression(element_count(r.extent) * ir::Dim((wide ? 1 : 2) * n)) + " + element";
-      body = "  if (pc.a == 0) {\n";
+      s.body().line(std::string(runs == Runs::Both ? "if (pc.a == 1) " : "") + "shift_" + id + " = fixed_shift(uint(" +
+                    buffer + ".d[0]), " + count_bits(t.most, pass.domain, buffer + ".d[1]") + ");");
+    }
+    const std::string flags = std::to_string(kHead) + " + " +
+                              dim_expression(element_count(r.extent) * ir::Dim((wide ? 1 : 2) * n)) + " + element";
+    if (runs != Runs::Second) {
+      if (runs == Runs::Both) body += "  if (pc.a == 0) {\n";
       if (t.most < 0) body += "    ++count_" + id + ";\n";
       for (int c = 0; c < n; ++c)
         body += "    largest_" + id + " = max(largest_" + id + ", finite_magnitude(" + component(r.type, "value", c) +
                 "));\n";
       if (lists) body += "    adds |= " + any_bits(r.type, "value") + ";\n";
-      body += "    return;\n  }\n  uint flags = 0u;\n";
+      if (runs == Runs::Both) body += "    return;\n  }\n";
+      const std::string word = wide ? "uint64_t" : "uint";
+      const std::string guard = runs == Runs::Both ? "pc.a == 0 && " : "",
+                        elect = pass.join_lanes ? " && subgroupElect()" : "";
+      if (pass.join_lanes) finish += "  largest_" + id + " = subgroupMax(largest_" + id + ");\n";
+      finish += "  if (" + guard + "largest_" + id + " != 0u" + elect + ") atomicMax(" + buffer + ".d[0], " + word +
+                "(largest_" + id + "));\n";
+      if (t.most < 0)
+        finish += "  if (" + guard + "count_" + id + " != 0u) atomicAdd(" + buffer + ".d[1], " + word + "(count_" + id +
+                  "));\n";
+    }
+    if (runs != Runs::First) {
+      body += "  uint flags = 0u;\n";
       const auto part = [](int c) { return "part_" + std::to_string(c); };
       for (int c = 0; c < n; ++c) {
         const std::string x = component(r.type, "value", c);
@@ -275,31 +286,62 @@ void Generator::scatter_pass(const Pass& pass) {
       }
       body += "  if (flags != 0u) atomicOr(" + buffer + ".d[" + flags + "], " + (wide ? "uint64_t(flags)" : "flags") +
               ");\n";
-      const std::string word = wide ? "uint64_t" : "uint";
-      const std::string elect = pass.join_lanes ? " && subgroupElect()" : "";
-      if (pass.join_lanes) finish += "  largest_" + id + " = subgroupMax(largest_" + id + ");\n";
-      finish += "  if (pc.a == 0 && largest_" + id + " != 0u" + elect + ") atomicMax(" + buffer + ".d[0], " + word +
-                "(largest_" + id + "));\n";
-      if (t.most < 0)
-        finish += "  if (pc.a == 0 && count_" + id + " != 0u) atomicAdd(" + buffer + ".d[1], " + word + "(count_" + id +
-                  "));\n";
-    } else {
-      t.words = resource_index(sum.value);
-      const bool maximum = graph_.op(graph_.value(sum.value).op).kind == OpKind::ScatterMax;
-      fill("clear " + r.name, t.words, maximum ? 0x80000000u : 0u);
-      const std::string buffer = s.bind(step_->stored.at(sum.value), bundle::Access::ReadWrite);
-      if (r.type.is_float()) s.extension("GL_EXT_shader_atomic_float");
-      body = "  if (pc.a == 0) return;\n";  // needs no first run
-      for (int c = 0; c < n; ++c)
-        body += std::string("  ") + (maximum ? "atomicMax(" : "atomicAdd(") + buffer + ".d[element * " +
-                std::to_string(n) + " + " + std::to_string(c) + "], " + component(r.type, "value", c) + ");\n";
     }
-    s.declare("void scatter_" + id + "(ivec3 place, " + r.type.str() + " value) {\n  if (!(" +
-              Shader::in_range(r.extent, "place") +
-              ")) return;\n  int element = " + Shader::element_index(r.extent, "place") + ";\n" + body + "}\n");
-    for (const ValueId term : sum.terms) s.accumulate_into(term, t.accumulator);
-    targets.push_back(std::move(t));
+  } else {
+    const bool maximum = graph_.op(graph_.value(t.sum.value).op).kind == OpKind::ScatterMax;
+    const std::string buffer = s.bind(step_->stored.at(t.sum.value), bundle::Access::ReadWrite);
+    if (r.type.is_float()) s.extension("GL_EXT_shader_atomic_float");
+    if (runs == Runs::Both) body = "  if (pc.a == 0) return;\n";  // needs no first run
+    for (int c = 0; c < n; ++c)
+      body += std::string("  ") + (maximum ? "atomicMax(" : "atomicAdd(") + buffer + ".d[element * " +
+              std::to_string(n) + " + " + std::to_string(c) + "], " + component(r.type, "value", c) + ");\n";
   }
+  s.declare("void scatter_" + id + "(ivec3 place, " + r.type.str() + " value) {\n  if (!(" +
+            Shader::in_range(r.extent, "place") +
+            ")) return;\n  int element = " + Shader::element_index(r.extent, "place") + ";\n" + body + "}\n");
+  for (const ValueId term : t.sum.terms) s.accumulate_into(term, t.accumulator);
+  return finish;
+}
+
+void Generator::scatter_where_listed(Shader& s, const Pass& pass, const Pass& scatter) {
+  const bool fixed = scatter.scatter == ScatterLowering::Exact;
+  if (fixed) s.declare("uint adds = 0u;\n");
+  std::string finish;
+  for (const Target& t : targets_.at(&scatter))
+    finish += declare_target(s, scatter, t, fixed ? Runs::First : Runs::Second, fixed);
+  s.body().line("if (" + active_condition(s, scatter) + ") {");
+  s.push_scope();
+  for (const ir::OpId id : element_ops(scatter))
+    if (!s.is_defined(graph_.op(id).results[0])) s.element_ops({id});
+  if (fixed) {
+    const std::string list = s.bind_words(active_lists_.at(&scatter), "active_elements", bundle::Access::ReadWrite);
+    s.body().line("if (adds != 0u) {");
+    s.body().line(append(s, list, Shader::element_index(pass.domain, "at")));
+    for (const ValueId v : pass.partial) s.store(v, "at", s.use(v));
+    s.body().line("}");
+  }
+  s.pop_scope();
+  s.body().line("}");
+  if (fixed) {
+    s.declare("void finish() {\n" + finish + "}\n");
+    s.body().line("finish();");
+  }
+}
+
+void Generator::scatter_pass(const Pass& pass) {
+  if (pass.scatter == ScatterLowering::Rows) return rows_pass(pass);
+  const bool lists = pass.relist, listed = !pass.active.empty(), joined = pass.joins_lister;
+  if (joined && pass.scatter == ScatterLowering::Atomic) return;
+  const uint32_t list = !listed ? 0 : pass.listed_by >= 0 ? active_lists_.at(&pass) : list_active(pass);
+  uint32_t adding = 0;
+  if (lists) adding = add_list(pass, "adding");
+  const std::vector<Target> targets = joined ? targets_.at(&pass) : scatter_targets(pass);
+  Shader s = shader();
+  linear_index(s, dim_expression(element_count(pass.domain)));
+  if (!lists && !listed) place_from_index(s, pass.domain);
+  std::string finish;
+  if (lists) s.declare("uint adds = 0u;\n");
+  for (const Target& t : targets) finish += declare_target(s, pass, t, joined ? Runs::Second : Runs::Both, lists);
   if (lists) {
     const std::string again = s.bind_words(adding, "adding_elements", bundle::Access::ReadWrite);
     const std::string first = listed ? s.read_words(list, "active_elements") : std::string();
@@ -323,7 +365,7 @@ void Generator::scatter_pass(const Pass& pass) {
     s.element_ops(element_ops(pass));
   }
   for (ValueId v : pass.writes)
-    if (std::none_of(targets.begin(), targets.end(), [&](const Target& t) { return t.value == v; }))
+    if (std::none_of(targets.begin(), targets.end(), [&](const Target& t) { return t.sum.value == v; }))
       s.store(v, "at", s.use(v));
   if (!finish.empty()) {
     s.body().line("finish();");
@@ -331,7 +373,8 @@ void Generator::scatter_pass(const Pass& pass) {
   }
 
   const bool two_runs = !finish.empty();
-  auto& magnitudes = dispatch(pass, "", s, element_count(pass.domain).str(), {two_runs ? 0 : 1, 0, 0});
+  auto& magnitudes =
+      dispatch(pass, joined ? " add" : "", s, element_count(pass.domain).str(), {two_runs ? 0 : 1, 0, 0});
   if (listed) magnitudes.indirect = static_cast<int>(list);
   if (two_runs) {
     auto& sums_run = command(bundle::CommandKind::Dispatch, pass.name + " add");
@@ -342,11 +385,12 @@ void Generator::scatter_pass(const Pass& pass) {
     sums_run.push = {1, 0, 0};
   }
   for (const Target& t : targets)
-    if (!resource(t.value).sums) scatter_resolve(pass, t.value, t.accumulator, t.words, t.most);
+    if (!resource(t.sum.value).sums) scatter_resolve(pass, t);
 }
 
-void Generator::scatter_resolve(const Pass& pass, ValueId value, const Accumulator& accumulator, uint32_t words,
-                                int most) {
+void Generator::scatter_resolve(const Pass& pass, const Target& target) {
+  const Accumulator& accumulator = target.accumulator;
+  const ValueId value = target.sum.value;
   const ir::Type& type = accumulator.type;
   const int n = type.components();
   if (!type.is_float()) {
@@ -364,7 +408,7 @@ void Generator::scatter_resolve(const Pass& pass, ValueId value, const Accumulat
   Shader s = shader();
   linear_index(s, dim_expression(count));
   const std::string out = s.bind(step_->stored.at(value), bundle::Access::Write);
-  const FloatSums floats = float_sums(s, type, accumulator.extent, words, most, pass.domain);
+  const FloatSums floats = float_sums(s, type, accumulator.extent, target.words, target.most, pass.domain);
   s.body().line(floats.statements);
   for (int c = 0; c < n; ++c)
     s.body().line(out + ".d[index * " + std::to_string(n) + " + " + std::to_string(c) +

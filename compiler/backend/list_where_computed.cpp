@@ -32,6 +32,32 @@ int lister(const ir::Graph& graph, const StepSchedule& step, size_t scatter) {
   return -1;
 }
 
+// Whether the lister can do at an active element what the scatter's first run does: all that it needs is there by then,
+// nothing that the lister writes is read at other places, and one shader may bind it all. Where lanes run both branches
+// of every `if`, few elements would make all pay.
+bool may_join(const ir::Graph& graph, const target::Profile& profile, const Schedule& schedule,
+              const StepSchedule& step, const Pass& scatter, const std::set<ValueId>& elsewhere) {
+  if (profile.lanes_in_turn || scatter.scatter == ScatterLowering::Rows) return false;
+  const Pass& pass = step.passes[static_cast<size_t>(scatter.listed_by)];
+  for (const ValueId v : scatter.writes) {
+    const bool sum = std::ranges::any_of(scatter.sums, [&](const ScatterSum& s) { return s.value == v; });
+    if (!sum || !graph.value(v).type.is_float()) return false;
+  }
+  if (std::ranges::any_of(pass.writes, [&](ValueId v) { return elsewhere.count(v) != 0; })) return false;
+  for (size_t k = static_cast<size_t>(scatter.listed_by) + 1; &step.passes[k] != &scatter; ++k)
+    if (std::ranges::any_of(step.passes[k].writes, [&](ValueId v) { return contains(scatter.reads, v); })) return false;
+  std::set<uint32_t> buffers, images;
+  for (const std::vector<ValueId>* reads : {&pass.reads, &scatter.reads})
+    for (const ValueId v : *reads) {
+      const uint32_t r = step.stored.at(v).index;
+      (schedule.resources[r].storage == Resource::Storage::Buffer ? buffers : images).insert(r);
+    }
+  constexpr size_t kLists = 1;
+  const size_t writes = pass.writes.size() + scatter.sums.size() + kLists;
+  return fits(profile, {static_cast<uint32_t>(buffers.size()), static_cast<uint32_t>(images.size()),
+                        static_cast<uint32_t>(writes), false});
+}
+
 }  // namespace
 
 void list_where_computed(const ir::Graph& graph, const target::Profile& profile, Schedule& schedule) {
@@ -68,6 +94,8 @@ void list_where_computed(const ir::Graph& graph, const target::Profile& profile,
             step.passes, [&](const Pass& other) { return &other != &scatter && contains(other.reads, v); });
         if (kept.count(v) == 0 && elsewhere.count(v) == 0 && !others) pass.partial.push_back(v);
       }
+      scatter.joins_lister = may_join(graph, profile, schedule, step, scatter, elsewhere);
+      if (scatter.joins_lister) scatter.relist = false;  // those that add nothing are not listed
     }
   }
 }

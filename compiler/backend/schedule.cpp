@@ -231,7 +231,9 @@ std::string print(const Graph& graph, const Schedule& schedule) {
       for (size_t c = 0; c < pass.active.size(); ++c)
         for (size_t i = 0; i < pass.active[c].size(); ++i)
           out += (i > 0 ? " and " : c > 0 ? ", or " : " ") + value_text(step, pass.active[c][i]);
-      if (pass.listed_by >= 0) out += ", listed by " + step.passes[static_cast<size_t>(pass.listed_by)].name;
+      if (pass.listed_by >= 0)
+        out += std::string(pass.joins_lister ? ", joins " : ", listed by ") +
+               step.passes[static_cast<size_t>(pass.listed_by)].name;
       if (!pass.active.empty()) out += "\n";
       if (pass.set_up_by >= 0) out += "    set up by " + step.passes[static_cast<size_t>(pass.set_up_by)].name + "\n";
       if (pass.join_lanes) out += "    join lanes\n";

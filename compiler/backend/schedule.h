@@ -77,6 +77,8 @@ struct Pass {
   std::vector<std::vector<ir::ValueId>> active;
   bool join_lanes = false;  // Exact: lanes of a subgroup that add to the same element join what they add
   int listed_by = -1;       // the earlier Map pass of the step that lists them; -1: a dispatch of its own does
+  // What that pass does at an active element, too: the first run of exact sums, or all of a scatter by float atomics.
+  bool joins_lister = false;
   // Raster: the earlier Map pass of the step that its first dispatch runs too; -1: none. See set_up_in_raster.h.
   int set_up_by = -1;
   bool relist = false;  // the first run of an exact pass lists what adds something for the second
