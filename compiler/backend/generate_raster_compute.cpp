@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Raster passes by compute shaders. An invocation walks the box around a face's hull, or, if it is larger, puts the
-// face on one of two lists, whose faces are walked by a subgroup and by the whole device. Each pixel keeps its least
-// entries with atomic minima, so that the order of the faces does not matter.
+// face on one of two lists, whose faces are walked by a subgroup or more and by a thousand invocations or more. Each
+// pixel keeps its least entries with atomic minima, so that the order of the faces does not matter.
 #include <algorithm>
 #include <bit>
 #include <functional>
@@ -18,7 +18,7 @@ using ir::ValueId;
 namespace {
 
 struct Bins {
-  // Faces by the pixels of their boxes: up to the first for one invocation, up to the second for a subgroup.
+  // Faces by the pixels of their boxes: up to the first for one invocation, up to the second for subgroups.
   int small_box, middle_box;
   // Invocations that share the faces of a list.
   int middle_invocations, large_invocations;
@@ -27,6 +27,7 @@ constexpr Bins kGpu{16, 4096, 1 << 17, 1 << 16};
 // The lanes of a CPU's vector: side by side they would wait for the face with the largest box, and most faces have
 // none.
 constexpr Bins kCpu{0, 4096, 1 << 13, 1 << 12};
+constexpr int kLargeTeam = 1024;  // invocations that share a large face at least
 constexpr uint32_t kWideSubgroup = 16;
 
 struct Walk {
@@ -36,7 +37,7 @@ struct Walk {
   RasterParts parts;
   bool wide;           // 64-bit entries
   uint32_t keys, ids;  // wide: both the slots
-  uint32_t lists;      // [0], [1]: how many faces; those of the subgroups from [2]; those of all behind them
+  uint32_t lists;      // [0], [1]: how many faces; the middle ones from [2]; the large ones behind them
   uint32_t subgroup_size;
   Bins bins;
   bool lanes_in_turn;
@@ -128,20 +129,23 @@ struct Walk {
     s.body().line("}");
   }
 
-  // Lanes that share the faces of a list and the pixels of each: first those of the middle ones, then those of the
-  // large ones, who are all of one team.
+  // Lanes that share the faces of a list and the pixels of each: first those of the middle ones, in teams of a
+  // subgroup, then those of the large ones. Where there are fewer faces than teams, several teams share a face.
   void listed(Shader& s) const {
     const std::string count = dim_expression(parts.faces), lanes = std::to_string(subgroup_size);
-    const std::string teams = std::to_string(bins.middle_invocations / static_cast<int>(subgroup_size));
     const std::string list = s.read_words(lists, "lists");
     const std::string middle = std::to_string(bins.middle_invocations);
     s.body().line("bool large = index >= " + middle + ";");
     s.body().line("if (large) index -= " + middle + ";");
-    s.body().line("int count = int(" + list + "(large ? 1 : 0)), team = large ? 0 : index / " + lanes +
-                  ", lane = large ? index : index % " + lanes + ";");
-    s.body().line("int begin = large ? 2 + " + dim_expression(parts.faces * parts.l) + " : 2, lanes = large ? " +
-                  std::to_string(bins.large_invocations) + " : " + lanes + ";");
-    s.body().line("for (int item = team; item < count; item += large ? 1 : " + teams + ") {");
+    s.body().line("int count = int(" + list + "(large ? 1 : 0)), size = large ? " + std::to_string(kLargeTeam) + " : " +
+                  lanes + ", teams = (large ? " + std::to_string(bins.large_invocations) + " : " + middle +
+                  ") / size;");
+    s.body().line("int together = max(teams / max(count, 1), 1);");
+    s.body().line("teams /= together;");
+    s.body().line("int lanes = size * together, team = index / lanes, lane = index % lanes;");
+    s.body().line("if (team >= teams) return;");
+    s.body().line("int begin = large ? 2 + " + dim_expression(parts.faces * parts.l) + " : 2;");
+    s.body().line("for (int item = team; item < count; item += teams) {");
     s.push_scope();
     RasterClosures closures(s, graph, pass, op);
     s.body().line("int entry_index = int(" + list + "(begin + item));");

@@ -52,11 +52,14 @@ std::string count_bits(int most, const ir::Extent& domain, const std::string& co
   return "findMSB(uint(" + dim_expression(element_count(domain)) + ")) + " + std::to_string(bits);
 }
 
+// Fewer elements than these have no targets to wait for, and joining takes as long as adding.
+constexpr int kWorthJoining = 1 << 14;
+
 // Lanes of a subgroup that add to the same element join their parts, and one of them goes on: for kJoinRounds elements,
 // those of its first lanes. Lanes left over go on alone.
 template <class Part>
 std::string join_lanes(int n, const Part& part) {
-  std::string out = "  for (int round = 0; round < " + std::to_string(kJoinRounds) +
+  std::string out = "  for (int round = 0; joins && round < " + std::to_string(kJoinRounds) +
                     "; ++round) {\n    bool same = subgroupBroadcastFirst(element) == element;\n"
                     "    uvec4 lanes = subgroupBallot(same);\n    if (same) {\n"
                     "      if (subgroupBallotBitCount(lanes) > 1u) {\n";
@@ -341,6 +344,7 @@ void Generator::scatter_pass(const Pass& pass) {
   if (!lists && !listed) place_from_index(s, pass.domain);
   std::string finish;
   if (lists) s.declare("uint adds = 0u;\n");
+  if (pass.join_lanes) s.declare("bool joins = true;\n");
   for (const Target& t : targets) finish += declare_target(s, pass, t, joined ? Runs::Second : Runs::Both, lists);
   if (lists) {
     const std::string again = s.bind_words(adding, "adding_elements", bundle::Access::ReadWrite);
@@ -349,6 +353,7 @@ void Generator::scatter_pass(const Pass& pass) {
     s.body().line("int end = pc.a == 0 ? " +
                   (listed ? "int(" + first + "(" + end + ")) - 1" : dim_expression(element_count(pass.domain))) +
                   " : int(" + again + ".d[" + end + "]) - 1;");
+    if (pass.join_lanes) s.body().line("joins = end >= " + std::to_string(kWorthJoining) + ";");
     s.body().line("if (index >= end) return;");
     s.body().line("int element = pc.a == 0 ? " + (listed ? "int(" + first + "(" + item + "))" : "index") + " : int(" +
                   again + ".d[" + item + "]);");
@@ -358,7 +363,9 @@ void Generator::scatter_pass(const Pass& pass) {
   } else {
     if (listed) {
       const std::string elements = s.read_words(list, "active_elements");
-      s.body().line("if (index >= int(" + elements + "(" + std::to_string(kListEnd) + ")) - 1) return;");
+      s.body().line("int end = int(" + elements + "(" + std::to_string(kListEnd) + ")) - 1;");
+      if (pass.join_lanes) s.body().line("joins = end >= " + std::to_string(kWorthJoining) + ";");
+      s.body().line("if (index >= end) return;");
       s.body().line("int element = int(" + elements + "(" + std::to_string(kListHead) + " + index));");
       place_from_index(s, pass.domain, "element");
     }
