@@ -140,6 +140,9 @@ struct CommandTime {
   // "branches", those that take a heavy branch; how many are listed, and of how many.
   std::string list;
   int64_t listed = 0, elements = 0;
+  // Of draws: pixels that fragment shaders ran for, those of covered fragments and of helpers; 0 where the device does
+  // not count.
+  int64_t fragments = 0;
 };
 
 // A NaN or Inf that a run stored.

@@ -43,13 +43,26 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
   const auto list_count =
       static_cast<size_t>(std::ranges::count_if(lists, [](const auto& l) { return l.has_value(); }));
   const vk::raii::Buffer& ends = on_device->transfer.readback(std::max<size_t>(1, list_count) * sizeof(uint32_t));
+  std::optional<vk::raii::QueryPool> fragments;
+  const auto count = std::max(1u, static_cast<uint32_t>(chosen.size()));
+  if (device->pipeline_statistics)
+    fragments.emplace(device->device,
+                      vk::QueryPoolCreateInfo({}, vk::QueryType::ePipelineStatistics, count,
+                                              vk::QueryPipelineStatisticFlagBits::eFragmentShaderInvocations));
   on_device->queue.once([&](const vk::raii::CommandBuffer& commands) {
     vk::DeviceSize at = 0;
+    const auto begin = [&](uint32_t k) {
+      if (k >= chosen.size()) return;
+      if (fragments) commands.beginQuery(**fragments, k, {});
+      commands.writeTimestamp(vk::PipelineStageFlagBits::eBottomOfPipe, *pool, 2 * k);
+    };
     const auto stamp = [&](uint32_t k) { commands.writeTimestamp(vk::PipelineStageFlagBits::eBottomOfPipe, *pool, k); };
     commands.resetQueryPool(*pool, 0, std::max(1u, stamps));
-    if (stamps > 0) stamp(0);
+    if (fragments) commands.resetQueryPool(**fragments, 0, count);
+    begin(0);
     on_device->commands.record(commands, chosen, [&](size_t k) {
       stamp(static_cast<uint32_t>(2 * k + 1));
+      if (fragments) commands.endQuery(**fragments, static_cast<uint32_t>(k));
       if (lists[k]) {
         Queue::everything_before(commands);
         commands.copyBuffer(*on_device->memory.buffer(*lists[k]).buffer, *ends,
@@ -57,7 +70,7 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
         at += sizeof(uint32_t);
         Queue::everything_before(commands);
       }
-      if (k + 1 < chosen.size()) stamp(static_cast<uint32_t>(2 * k + 2));
+      begin(static_cast<uint32_t>(k + 1));
     });
     commands.pipelineBarrier(vk::PipelineStageFlagBits::eTransfer, vk::PipelineStageFlagBits::eHost, {},
                              vk::MemoryBarrier(vk::AccessFlagBits::eTransferWrite, vk::AccessFlagBits::eHostRead), {},
@@ -74,6 +87,12 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
     return static_cast<double>((ticks[to] - ticks[from]) & mask) *
            static_cast<double>(device->properties.limits.timestampPeriod);
   };
+  std::vector<uint64_t> drawn;
+  if (fragments)
+    drawn = fragments
+                ->getResults<uint64_t>(0, count, count * sizeof(uint64_t), sizeof(uint64_t),
+                                       vk::QueryResultFlagBits::e64 | vk::QueryResultFlagBits::eWait)
+                .second;
   const std::span<const uint32_t> end_words = on_device->transfer.words();
   size_t list = 0;
   std::vector<CommandTime> out;
@@ -84,6 +103,7 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
     t.ops = chosen[k]->ops;
     t.bytes = chosen[k]->bytes;
     t.lines = lines_of(bundle, *bundle.steps[index], *chosen[k]);
+    if (fragments) t.fragments = static_cast<int64_t>(drawn[k]);
     if (!lists[k]) continue;
     const bundle::CommandT& command = *bundle.steps[index]->commands[chosen[k]->first];
     t.list = bundle.resources[*lists[k]]->name.ends_with("_heavy") ? "branches" : "active";

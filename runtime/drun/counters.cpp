@@ -66,6 +66,7 @@ std::string print(const Counters& counters) {
     out += "  " + part("runs", "recorded", again.done, again.avoided) + "\n";
     for (const jit::Skip& list : c.lists)
       out += "  " + part(list.id + " elements of the last run", "listed", list.done, list.avoided) + "\n";
+    if (c.fragments > 0) out += "  fragments of the last run " + std::to_string(c.fragments) + "\n";
   }
   for (const jit::Skip& s : counters.compiled)
     out += "compiled: " + part(s.id, s.unit.c_str(), s.done, s.avoided) + "\n";
@@ -85,6 +86,7 @@ std::string print_json(const Counters& counters) {
     to["skips"]["cache"]["ops"] = {{"done", c.work.run.ops}, {"avoided", c.work.skipped.ops}};
     to["skips"]["cache"]["bytes"] = {{"done", c.work.run.bytes}, {"avoided", c.work.skipped.bytes}};
     to["skips"]["commands"] = json_of(recorded(c.work));
+    to["fragments"] = c.fragments;
     for (const jit::Skip& list : c.lists) to["skips"][list.id] = json_of(list);
   }
   root["skips"] = ordered_json::object();

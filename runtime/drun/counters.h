@@ -14,6 +14,7 @@ namespace dr::drun {
 struct StepCounts {
   runtime::StepCounters work;
   std::vector<jit::Skip> lists;  // elements that were listed in the last run, and the others
+  int64_t fragments = 0;         // that draws of the last run ran for, where the device counts them
 };
 
 struct Counters {

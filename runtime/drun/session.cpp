@@ -216,6 +216,7 @@ void Session::prepare(const std::string& step) {
 void Session::timed_run(const std::string& step) {
   const auto times = must(target_.timed_run(step));
   counters_.steps[step].lists = lists_of(times);
+  for (const runtime::CommandTime& t : times) counters_.steps[step].fragments += t.fragments;
   if (!options_.timing) return;
   std::fputs(timing_table(step, times).c_str(), stdout);
   if (std::vector<double>& paces = paces_[step]; !paces.empty()) {

@@ -4,6 +4,7 @@
 
 #include <filesystem>
 #include <fstream>
+#include <set>
 #include <sstream>
 
 #include "compiler/backend/compile.h"
@@ -43,6 +44,10 @@ std::variant<std::vector<uint8_t>, std::string> compile_text(const std::string& 
   if (skips) {
     for (const backend::SkipCount& s : backend::left_out_of_graph(ready, left_out))
       skips->push_back({s.id, s.unit, s.done, s.avoided});
+    std::set<uint32_t> slots;
+    for (const auto& resource : done.bundle.resources) slots.insert(resource->slot);
+    skips->push_back({"slots", "resources", static_cast<int64_t>(slots.size()),
+                      static_cast<int64_t>(done.bundle.resources.size() - slots.size())});
     skips->push_back({"shaders", "shaders", static_cast<int64_t>(done.glsl.size() - done.shaders_found),
                       static_cast<int64_t>(done.shaders_found)});
   }
