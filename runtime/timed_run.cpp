@@ -35,42 +35,52 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
   const std::vector<bool> dirty = options.cache ? step.list->dirty(versions) : step.list->everything();
   const Variant& variant = recorded(step, dirty);
   const std::vector<const Primitive*> chosen = step.chosen(dirty);
+  const bundle::StepT& table = *bundle.steps[index];
   const auto stamps = static_cast<uint32_t>(2 * chosen.size());
-  const vk::raii::QueryPool pool(device->device,
-                                 vk::QueryPoolCreateInfo({}, vk::QueryType::eTimestamp, std::max(1u, stamps)));
-  std::vector<std::optional<uint32_t>> lists;
-  for (const Primitive* p : chosen) lists.push_back(list_of(*p));
-  const auto list_count =
-      static_cast<size_t>(std::ranges::count_if(lists, [](const auto& l) { return l.has_value(); }));
-  const vk::raii::Buffer& ends = on_device->transfer.readback(std::max<size_t>(1, list_count) * sizeof(uint32_t));
+  if (stamps == 0) {
+    count_run(index, dirty, variant.run, variant.skipped);
+    return {};
+  }
+  // By command: its list, and where the device counts its fragments.
+  std::vector<std::optional<uint32_t>> lists, draws;
+  uint32_t list_count = 0, draw_count = 0;
+  for (const Primitive* p : chosen) {
+    lists.push_back(list_of(*p));
+    if (lists.back()) ++list_count;
+    const bool counts = device->pipeline_statistics && table.commands[p->first]->kind == bundle::CommandKind::Draw;
+    draws.push_back(counts ? std::optional(draw_count++) : std::nullopt);
+  }
+  const vk::raii::Buffer& ends = on_device->transfer.readback(std::max(1u, list_count) * sizeof(uint32_t));
+  const vk::raii::QueryPool pool(device->device, vk::QueryPoolCreateInfo({}, vk::QueryType::eTimestamp, stamps));
   std::optional<vk::raii::QueryPool> fragments;
-  const auto count = std::max(1u, static_cast<uint32_t>(chosen.size()));
-  if (device->pipeline_statistics)
+  if (draw_count > 0)
     fragments.emplace(device->device,
-                      vk::QueryPoolCreateInfo({}, vk::QueryType::ePipelineStatistics, count,
+                      vk::QueryPoolCreateInfo({}, vk::QueryType::ePipelineStatistics, draw_count,
                                               vk::QueryPipelineStatisticFlagBits::eFragmentShaderInvocations));
   on_device->queue.once([&](const vk::raii::CommandBuffer& commands) {
-    vk::DeviceSize at = 0;
-    const auto begin = [&](uint32_t k) {
-      if (k >= chosen.size()) return;
-      if (fragments) commands.beginQuery(**fragments, k, {});
-      commands.writeTimestamp(vk::PipelineStageFlagBits::eBottomOfPipe, *pool, 2 * k);
+    vk::DeviceSize end_at = 0;
+    const auto stamp = [&](size_t k) {
+      commands.writeTimestamp(vk::PipelineStageFlagBits::eBottomOfPipe, *pool, static_cast<uint32_t>(k));
     };
-    const auto stamp = [&](uint32_t k) { commands.writeTimestamp(vk::PipelineStageFlagBits::eBottomOfPipe, *pool, k); };
-    commands.resetQueryPool(*pool, 0, std::max(1u, stamps));
-    if (fragments) commands.resetQueryPool(**fragments, 0, count);
+    const auto begin = [&](size_t k) {
+      if (k == chosen.size()) return;
+      if (draws[k]) commands.beginQuery(**fragments, *draws[k], {});
+      stamp(2 * k);
+    };
+    commands.resetQueryPool(*pool, 0, stamps);
+    if (fragments) commands.resetQueryPool(**fragments, 0, draw_count);
     begin(0);
     on_device->commands.record(commands, chosen, [&](size_t k) {
-      stamp(static_cast<uint32_t>(2 * k + 1));
-      if (fragments) commands.endQuery(**fragments, static_cast<uint32_t>(k));
+      stamp(2 * k + 1);
+      if (draws[k]) commands.endQuery(**fragments, *draws[k]);
       if (lists[k]) {
         Queue::everything_before(commands);
         commands.copyBuffer(*on_device->memory.buffer(*lists[k]).buffer, *ends,
-                            vk::BufferCopy(kListEnd, at, sizeof(uint32_t)));
-        at += sizeof(uint32_t);
+                            vk::BufferCopy(kListEnd, end_at, sizeof(uint32_t)));
+        end_at += sizeof(uint32_t);
         Queue::everything_before(commands);
       }
-      begin(static_cast<uint32_t>(k + 1));
+      begin(k + 1);
     });
     commands.pipelineBarrier(vk::PipelineStageFlagBits::eTransfer, vk::PipelineStageFlagBits::eHost, {},
                              vk::MemoryBarrier(vk::AccessFlagBits::eTransferWrite, vk::AccessFlagBits::eHostRead), {},
@@ -78,7 +88,6 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
   });
   ++step.counters.recorded;
   count_run(index, dirty, variant.run, variant.skipped);
-  if (stamps == 0) return {};
   const auto [result, ticks] = pool.getResults<uint64_t>(0, stamps, stamps * sizeof(uint64_t), sizeof(uint64_t),
                                                          vk::QueryResultFlagBits::e64 | vk::QueryResultFlagBits::eWait);
   if (result != vk::Result::eSuccess) throw Failure{"the device gave no times"};
@@ -90,10 +99,10 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
   std::vector<uint64_t> drawn;
   if (fragments)
     drawn = fragments
-                ->getResults<uint64_t>(0, count, count * sizeof(uint64_t), sizeof(uint64_t),
+                ->getResults<uint64_t>(0, draw_count, draw_count * sizeof(uint64_t), sizeof(uint64_t),
                                        vk::QueryResultFlagBits::e64 | vk::QueryResultFlagBits::eWait)
                 .second;
-  const std::span<const uint32_t> end_words = on_device->transfer.words();
+  const std::span<const uint32_t> list_ends = on_device->transfer.words();
   size_t list = 0;
   std::vector<CommandTime> out;
   for (uint32_t k = 0; k < chosen.size(); ++k) {
@@ -102,12 +111,12 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
     t.nanoseconds = nanoseconds(2 * k, 2 * k + 1);
     t.ops = chosen[k]->ops;
     t.bytes = chosen[k]->bytes;
-    t.lines = lines_of(bundle, *bundle.steps[index], *chosen[k]);
-    if (fragments) t.fragments = static_cast<int64_t>(drawn[k]);
+    t.lines = lines_of(bundle, table, *chosen[k]);
+    if (draws[k]) t.fragments = static_cast<int64_t>(drawn[*draws[k]]);
     if (!lists[k]) continue;
-    const bundle::CommandT& command = *bundle.steps[index]->commands[chosen[k]->first];
+    const bundle::CommandT& command = *table.commands[chosen[k]->first];
     t.list = bundle.resources[*lists[k]]->name.ends_with("_heavy") ? "branches" : "active";
-    t.listed = int64_t{end_words[list++]} - 1;
+    t.listed = int64_t{list_ends[list++]} - 1;
     t.elements = sizes.evaluate(command.elements, "pass '" + command.label + "'");
   }
   return out;

@@ -22,7 +22,7 @@ struct Skips {
   bool dead = true;   // ops that no step needs
   bool zero = true;   // terms of sums and of adjoints that are zero whatever the data
   bool fold = true;   // ops on constants alone
-  bool share = true;  // ops that equal one before them
+  bool share = true;  // ops that equal one before them, once gradients are written out
   // Counts what each leaves out where it is not null: ops, and for `zero` terms.
   struct LeftOut {
     size_t dead = 0, zero = 0, fold = 0, share = 0;

@@ -355,7 +355,22 @@ class Round {
 
 }  // namespace
 
-Graph simplify(const Graph& graph, const Skips& skips) {
+namespace {
+
+bool has_gradients(const Graph& graph) {
+  return std::ranges::any_of(graph.region(graph.root()).ops,
+                             [&](OpId id) { return graph.op(id).kind == OpKind::Grad; });
+}
+
+}  // namespace
+
+Graph simplify(const Graph& graph, const Skips& given) {
+  // What is shared before it is differentiated has one adjoint, the sum of those of its uses: that is how gradients add
+  // up, and not for a switch to change. Nor is it counted then.
+  Skips skips = given;
+  const size_t shared_before = skips.left_out ? skips.left_out->share : 0;
+  const bool differentiates = has_gradients(graph);
+  if (differentiates) skips.share = true;
   // Each round but the first drops an op or a result, or makes an If a selection.
   size_t bound = 16 + graph.op_count() + graph.value_count();
   Round first(graph, skips);
@@ -364,10 +379,12 @@ Graph simplify(const Graph& graph, const Skips& skips) {
   Graph current = first.run();
   for (;;) {
     Round next(current, skips);
-    if (!next.is_unfinished()) return current;
+    if (!next.is_unfinished()) break;
     if (bound-- == 0) DR_ICE("simplify does not end: two rules undo each other");
     current = next.run();
   }
+  if (differentiates && skips.left_out) skips.left_out->share = shared_before;
+  return current;
 }
 
 }  // namespace dr::passes
