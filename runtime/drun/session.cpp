@@ -214,7 +214,10 @@ void Session::prepare(const std::string& step) {
 }
 
 void Session::timed_run(const std::string& step) {
-  const auto times = must(target_.timed_run(step));
+  auto result = target_.timed_run(step);
+  // A queue may take no times; nothing but --timing needs them.
+  if (!result && !options_.timing) return must(target_.run(step, 1));
+  const auto times = must(std::move(result));
   counters_.steps[step].lists = lists_of(times);
   for (const runtime::CommandTime& t : times) counters_.steps[step].fragments += t.fragments;
   if (!options_.timing) return;
