@@ -44,6 +44,7 @@ std::optional<NotFinite> Program::State::checked_run(const std::string& name) {
                  lines_of(bundle, *bundle.steps[index], *chosen[k])};
     }
   }
+  ++step.counters.recorded;
   count_run(index, dirty, variant.run, variant.skipped);
   return found;
 }

@@ -61,6 +61,12 @@ Work& Work::operator+=(const Work& other) {
   return *this;
 }
 
+PipelineCounters& PipelineCounters::operator+=(const PipelineCounters& other) {
+  made += other.made;
+  kept += other.kept;
+  return *this;
+}
+
 Program::Program() : state_(std::make_unique<State>()) {}
 Program::Program(Program&&) noexcept = default;
 Program& Program::operator=(Program&&) noexcept = default;
@@ -189,6 +195,12 @@ Result<void> Program::set_runs(const std::string& step, int64_t runs) {
 }
 
 int Program::rebuilds() const { return state_->rebuilds; }
+
+PipelineCounters Program::pipelines() const {
+  PipelineCounters all = state_->pipelines_before;
+  if (state_->on_device) all += state_->on_device->pipelines.counters();
+  return all;
+}
 
 StepCounters Program::counters(const std::string& step) const {
   if (!state_->on_device) return {};

@@ -110,6 +110,8 @@ void Program::State::take_over(State& old) {
   old.on_device->queue.finish();
   sizes = old.sizes;
   rebuilds = old.rebuilds + 1;
+  pipelines_before = old.pipelines_before;
+  pipelines_before += old.on_device->pipelines.counters();
   // Contents of leaves: from memory to memory, where no tables are made of them.
   std::vector<std::pair<uint32_t, uint32_t>> copies;  // resources, from and to
   std::vector<uint32_t> lacking;

@@ -89,6 +89,13 @@ int Program::State::run(const std::string& name, int times) {
   int done = 0;
   while (done < times && !(rebuilder && rebuilder->ready())) {
     const std::vector<bool>& dirty = options.cache ? step.list->dirty(versions) : step.list->everything();
+    bool known = step.variants.count(dirty) != 0;
+    if (known && !options.reuse_commands) {
+      on_device->queue.finish();
+      step.variants.erase(dirty);
+      known = false;
+    }
+    if (!known) ++step.counters.recorded;
     const Variant& variant = recorded(step, dirty);
     on_device->queue.submit(variant.commands);
     count_run(index, dirty, variant.run, variant.skipped);

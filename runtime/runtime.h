@@ -89,6 +89,8 @@ struct LoadOptions {
   Rebuild rebuild = {};
   int rebuild_after = 8;
   bool rebuild_beside = true;  // false: the run waits for it
+  // Records a step's commands once for each set of those that must run, rather than before each run.
+  bool reuse_commands = true;
   // Where the driver's pipelines are kept between runs; empty: nowhere. A damaged file there does no harm.
   std::string pipeline_folder = {};
   // Bytes of device memory that may be taken; 0: what the device has. Leaves beyond that stay in memory of the host,
@@ -109,7 +111,15 @@ struct Work {
 
 struct StepCounters {
   int64_t runs = 0;
-  Work run, skipped;  // in all runs together
+  Work run, skipped;     // in all runs together
+  int64_t recorded = 0;  // runs whose commands were recorded for them; the others took recorded ones
+};
+
+// Pipelines made, and those of them that the driver had kept in a file (LoadOptions::pipeline_folder): it had nothing
+// to add to the file then.
+struct PipelineCounters {
+  int64_t made = 0, kept = 0;
+  PipelineCounters& operator+=(const PipelineCounters& other);
 };
 
 // Bytes that a program holds: all that it allocated of Vulkan.
@@ -126,6 +136,13 @@ struct CommandTime {
   double nanoseconds = 0;
   int64_t ops = 0, bytes = 0;      // as in Work
   std::vector<std::string> lines;  // of the program: "fit.dr:3"
+  // Of a dispatch that runs for listed elements alone: "active", those of a scatter that may add something, or
+  // "branches", those that take a heavy branch; how many are listed, and of how many.
+  std::string list;
+  int64_t listed = 0, elements = 0;
+  // Of draws: pixels that fragment shaders ran for, those of covered fragments and of helpers; 0 where the device does
+  // not count.
+  int64_t fragments = 0;
 };
 
 // A NaN or Inf that a run stored.
@@ -172,6 +189,7 @@ class Program {
   StepCounters counters(const std::string& step) const;
   // How often it was built anew.
   int rebuilds() const;
+  PipelineCounters pipelines() const;
   // Runs the step once, and takes the time on the device of each command that runs. Waiting for each command to end
   // takes time too: the sum is more than the whole.
   Result<std::vector<CommandTime>> timed_run(const std::string& step);

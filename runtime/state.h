@@ -72,6 +72,7 @@ struct Program::State {
   std::optional<OnDevice> on_device;
   std::map<size_t, std::map<std::string, io::Array>> kept;  // outputs of steps that ran before the program was rebuilt
   int rebuilds = 0;
+  PipelineCounters pipelines_before;   // of the programs that this one took over from
   std::optional<Rebuilder> rebuilder;  // destroyed first: it waits
 
   // program.cpp: with its tables alone. Throws Failure.

@@ -1,5 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// A run of a step with timestamps between its commands.
+// A run of a step with timestamps around its commands, which also looks at how long the lists are that dispatches run
+// for.
+#include <algorithm>
+
 #include "runtime/state.h"
 
 namespace dr::runtime {
@@ -12,6 +15,19 @@ std::vector<std::string> lines_of(const bundle::BundleT& bundle, const bundle::S
   return out;
 }
 
+namespace {
+
+// The list that a dispatch runs for, if it does: a scratch buffer. Its words are as compiler/backend/generate.h has
+// them, 3 one more than the elements on it.
+std::optional<uint32_t> list_of(const Primitive& p) {
+  for (const Access& a : p.accesses)
+    if (a.use == Use::IndirectRead) return a.resource;
+  return std::nullopt;
+}
+constexpr vk::DeviceSize kListEnd = 3 * sizeof(uint32_t);
+
+}  // namespace
+
 std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
   const size_t index = step_index(name);
   StepState& step = prepared_step(index);
@@ -19,16 +35,59 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
   const std::vector<bool> dirty = options.cache ? step.list->dirty(versions) : step.list->everything();
   const Variant& variant = recorded(step, dirty);
   const std::vector<const Primitive*> chosen = step.chosen(dirty);
-  const auto stamps = static_cast<uint32_t>(chosen.size() + 1);
+  const bundle::StepT& table = *bundle.steps[index];
+  const auto stamps = static_cast<uint32_t>(2 * chosen.size());
+  if (stamps == 0) {
+    count_run(index, dirty, variant.run, variant.skipped);
+    return {};
+  }
+  // By command: its list, and where the device counts its fragments.
+  std::vector<std::optional<uint32_t>> lists, draws;
+  uint32_t list_count = 0, draw_count = 0;
+  for (const Primitive* p : chosen) {
+    lists.push_back(list_of(*p));
+    if (lists.back()) ++list_count;
+    const bool counts = device->pipeline_statistics && table.commands[p->first]->kind == bundle::CommandKind::Draw;
+    draws.push_back(counts ? std::optional(draw_count++) : std::nullopt);
+  }
+  const vk::raii::Buffer& ends = on_device->transfer.readback(std::max(1u, list_count) * sizeof(uint32_t));
   const vk::raii::QueryPool pool(device->device, vk::QueryPoolCreateInfo({}, vk::QueryType::eTimestamp, stamps));
+  std::optional<vk::raii::QueryPool> fragments;
+  if (draw_count > 0)
+    fragments.emplace(device->device,
+                      vk::QueryPoolCreateInfo({}, vk::QueryType::ePipelineStatistics, draw_count,
+                                              vk::QueryPipelineStatisticFlagBits::eFragmentShaderInvocations));
   on_device->queue.once([&](const vk::raii::CommandBuffer& commands) {
-    const auto stamp = [&](uint32_t k) { commands.writeTimestamp(vk::PipelineStageFlagBits::eBottomOfPipe, *pool, k); };
+    vk::DeviceSize end_at = 0;
+    const auto stamp = [&](size_t k) {
+      commands.writeTimestamp(vk::PipelineStageFlagBits::eBottomOfPipe, *pool, static_cast<uint32_t>(k));
+    };
+    const auto begin = [&](size_t k) {
+      if (k == chosen.size()) return;
+      if (draws[k]) commands.beginQuery(**fragments, *draws[k], {});
+      stamp(2 * k);
+    };
     commands.resetQueryPool(*pool, 0, stamps);
-    stamp(0);
-    on_device->commands.record(commands, chosen, [&](size_t k) { stamp(static_cast<uint32_t>(k + 1)); });
+    if (fragments) commands.resetQueryPool(**fragments, 0, draw_count);
+    begin(0);
+    on_device->commands.record(commands, chosen, [&](size_t k) {
+      stamp(2 * k + 1);
+      if (draws[k]) commands.endQuery(**fragments, *draws[k]);
+      if (lists[k]) {
+        Queue::everything_before(commands);
+        commands.copyBuffer(*on_device->memory.buffer(*lists[k]).buffer, *ends,
+                            vk::BufferCopy(kListEnd, end_at, sizeof(uint32_t)));
+        end_at += sizeof(uint32_t);
+        Queue::everything_before(commands);
+      }
+      begin(k + 1);
+    });
+    commands.pipelineBarrier(vk::PipelineStageFlagBits::eTransfer, vk::PipelineStageFlagBits::eHost, {},
+                             vk::MemoryBarrier(vk::AccessFlagBits::eTransferWrite, vk::AccessFlagBits::eHostRead), {},
+                             {});
   });
+  ++step.counters.recorded;
   count_run(index, dirty, variant.run, variant.skipped);
-
   const auto [result, ticks] = pool.getResults<uint64_t>(0, stamps, stamps * sizeof(uint64_t), sizeof(uint64_t),
                                                          vk::QueryResultFlagBits::e64 | vk::QueryResultFlagBits::eWait);
   if (result != vk::Result::eSuccess) throw Failure{"the device gave no times"};
@@ -37,10 +96,29 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
     return static_cast<double>((ticks[to] - ticks[from]) & mask) *
            static_cast<double>(device->properties.limits.timestampPeriod);
   };
+  std::vector<uint64_t> drawn;
+  if (fragments)
+    drawn = fragments
+                ->getResults<uint64_t>(0, draw_count, draw_count * sizeof(uint64_t), sizeof(uint64_t),
+                                       vk::QueryResultFlagBits::e64 | vk::QueryResultFlagBits::eWait)
+                .second;
+  const std::span<const uint32_t> list_ends = on_device->transfer.words();
+  size_t list = 0;
   std::vector<CommandTime> out;
-  for (uint32_t k = 0; k < chosen.size(); ++k)
-    out.push_back({chosen[k]->label, nanoseconds(k, k + 1), chosen[k]->ops, chosen[k]->bytes,
-                   lines_of(bundle, *bundle.steps[index], *chosen[k])});
+  for (uint32_t k = 0; k < chosen.size(); ++k) {
+    CommandTime& t = out.emplace_back();
+    t.label = chosen[k]->label;
+    t.nanoseconds = nanoseconds(2 * k, 2 * k + 1);
+    t.ops = chosen[k]->ops;
+    t.bytes = chosen[k]->bytes;
+    t.lines = lines_of(bundle, table, *chosen[k]);
+    if (draws[k]) t.fragments = static_cast<int64_t>(drawn[*draws[k]]);
+    if (!lists[k]) continue;
+    const bundle::CommandT& command = *table.commands[chosen[k]->first];
+    t.list = bundle.resources[*lists[k]]->name.ends_with("_heavy") ? "branches" : "active";
+    t.listed = int64_t{list_ends[list++]} - 1;
+    t.elements = sizes.evaluate(command.elements, "pass '" + command.label + "'");
+  }
   return out;
 }
 

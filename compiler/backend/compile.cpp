@@ -15,6 +15,7 @@
 #include "compiler/backend/raster_entries.h"
 #include "compiler/backend/set_up_in_raster.h"
 #include "compiler/backend/shader_cache.h"
+#include "compiler/backend/skips.h"
 #include "compiler/backend/spirv.h"
 #include "compiler/ir/print.h"
 
@@ -58,7 +59,13 @@ std::variant<CompileOptions, std::string> compile_options(const std::string& low
       out.recompute = false;
     else if (part == "cache")
       out.prologue = false;
-    else
+    else if (part == "active")
+      out.list_active = false;
+    else if (part == "branches")
+      out.list_branches = false;
+    else if (part == "slots")
+      out.share_memory = false;
+    else if (std::ranges::find(kSkips, part) == std::end(kSkips))
       return "unknown part '" + part + "' to switch off; there are substages, stages, remat and cache";
   }
   return out;
@@ -125,6 +132,9 @@ std::variant<Compiled, std::string> compile(const ir::Graph& graph, const target
   Compiled out;
   out.schedule = pack(graph, profile, pack_options(profile, options));
   if (auto problem = legalize_scatter(graph, profile, options.scatter, options.stages, out.schedule)) return *problem;
+  if (!options.list_active)
+    for (StepSchedule& step : out.schedule.steps)
+      for (Pass& pass : step.passes) pass.active.clear(), pass.relist = false;
   update_in_place(graph, out.schedule);
   keep_in_tiles(graph, out.schedule);
   list_where_computed(graph, profile, out.schedule);
@@ -144,9 +154,11 @@ std::variant<Compiled, std::string> compile(const ir::Graph& graph, const target
   const bool naive = !packing.fused && !packing.recompute && !packing.stages;
   bundle.lowering = std::string(naive ? "naive," : "fused,") + (packing.fragment ? "fragment," : "compute,") +
                     (packing.hardware_raster ? "hardware" : "compute");
-  Generator(graph, out.schedule, profile, options.lines).process(bundle, out.glsl);
+  Generator(graph, out.schedule, profile, options.lines, options.list_branches).process(bundle, out.glsl);
   find_dependencies(bundle);
   plan_memory(bundle);
+  if (!options.share_memory)
+    for (uint32_t k = 0; k < bundle.resources.size(); ++k) bundle.resources[k]->slot = k;
   if (const auto problems = check_memory(bundle); !problems.empty()) DR_ICE(problems.front());
   bundle.graph = ir::print(graph);
   if (!options.lines.files().empty()) bundle.op_lines = options.lines.in_text_order(graph);
@@ -163,6 +175,7 @@ std::variant<Compiled, std::string> compile(const ir::Graph& graph, const target
   for (unsigned t = 1; t < std::max(1u, std::thread::hardware_concurrency()); ++t) threads.emplace_back(work);
   work();
   for (std::thread& t : threads) t.join();
+  out.shaders_found = cache.found();
   if (cache.has_stored()) cache.trim();  // a cache that has not grown is not too large
   bool wide = false, float_atomics = false, subgroups = false, multiview = false;
   for (size_t k = 0; k < modules.size(); ++k) {

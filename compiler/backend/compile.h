@@ -21,6 +21,9 @@ enum class RasterLower : uint8_t { Auto, Hardware, Compute };
 
 struct CompileOptions {
   bool fused = true, recompute = true, stages = true, prologue = true;  // see PackOptions
+  bool list_active = true;    // scatters run for the elements that may add something (scatter_active.h)
+  bool list_branches = true;  // heavy branches run for the elements that take them (generate_listed.cpp)
+  bool share_memory = true;   // see plan_memory()
   Lower lower = Lower::Auto;
   RasterLower raster = RasterLower::Auto;
   ScatterLower scatter = ScatterLower::Auto;
@@ -30,8 +33,8 @@ struct CompileOptions {
 };
 
 // The options from the words of the command line: auto|fragment|compute, auto|hardware|compute, fused|naive, what is
-// switched off: substages, stages, remat (all three is naive), cache (no prologue), and auto|exact|rows|atomic. The
-// error names the word and those there are.
+// switched off: substages, stages, remat (all three is naive), and the names of skips.h, of which those that are not
+// the schedule's change nothing here, and auto|exact|rows|atomic. The error names the word and those there are.
 std::variant<CompileOptions, std::string> compile_options(const std::string& lower, const std::string& raster,
                                                           const std::string& pack,
                                                           const std::vector<std::string>& ablate = {},
@@ -47,6 +50,7 @@ struct Compiled {
   Schedule schedule;
   std::vector<GlslShader> glsl;  // as in bundle.shaders, in order
   bundle::BundleT bundle;
+  size_t shaders_found = 0;  // in the cache; the others were assembled
 };
 
 // `graph` has no Grad ops. The error is a limit of the profile that cannot be met, in one sentence.

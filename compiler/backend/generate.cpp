@@ -311,7 +311,7 @@ void Generator::map_pass(const Pass& pass) {
     const bool all_here = scatter->joins_lister && scatter->scatter == ScatterLowering::Atomic;
     if (!all_here) active_lists_[scatter] = add_list(*scatter, "active");
   }
-  if (profile_.lanes_in_turn) {
+  if (profile_.lanes_in_turn && list_branches_) {
     const std::vector<ir::OpId> heavy = heavy_branches(pass);
     if (!heavy.empty()) return listed_map_pass(pass, heavy);
   }

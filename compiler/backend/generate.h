@@ -19,8 +19,12 @@ namespace dr::backend {
 class Generator {
  public:
   Generator(const ir::Graph& graph, const Schedule& schedule, const target::Profile& profile,
-            const SourceLines& source_lines)
-      : graph_(graph), schedule_(schedule), profile_(profile), source_lines_(source_lines) {}
+            const SourceLines& source_lines, bool list_branches = true)
+      : graph_(graph),
+        schedule_(schedule),
+        profile_(profile),
+        source_lines_(source_lines),
+        list_branches_(list_branches) {}
   void process(bundle::BundleT& bundle, std::vector<GlslShader>& shaders);
 
  private:
@@ -139,6 +143,7 @@ class Generator {
   const Schedule& schedule_;
   const target::Profile& profile_;
   const SourceLines& source_lines_;
+  bool list_branches_;
   std::vector<bundle::Line> lines_;
   size_t ops_ = 0;  // of the pass, until a command says so
   bundle::BundleT* bundle_ = nullptr;

@@ -42,7 +42,8 @@ RunReport run_report(const ir::Graph& graph, const Compiled& compiled, size_t in
 }  // namespace
 
 std::variant<Report, std::string> report(const ir::Graph& graph, const Compiled& compiled,
-                                         const target::Profile& profile, const ir::SymbolValues& symbols) {
+                                         const target::Profile& profile, const ir::SymbolValues& symbols,
+                                         const passes::Skips::LeftOut& left_out) {
   const bundle::BundleT& bundle = compiled.bundle;
   for (const std::string& symbol : bundle.symbols)
     if (symbols.count(symbol) == 0)
@@ -74,6 +75,13 @@ std::variant<Report, std::string> report(const ir::Graph& graph, const Compiled&
     r.steady = run_report(graph, compiled, s, profile, symbols, true);
     out.steps.push_back(std::move(r));
   }
+  out.skips = left_out_of_graph(graph, left_out);
+  // What the bundle does not share it needs as a whole.
+  out.skips.push_back({"slots", "bytes", out.memory.planned, out.memory.unshared - out.memory.planned});
+  SkipCount cache{"cache", "commands", 0, 0};
+  for (const auto& step : bundle.steps)
+    for (const auto& command : step->commands) ++(command->steady ? cache.done : cache.avoided);
+  out.skips.push_back(cache);
   return out;
 }
 
@@ -120,6 +128,11 @@ std::string print(const Report& report) {
   const MemoryUse& m = report.memory;
   out += "memory: " + std::to_string(m.planned) + " bytes, " + std::to_string(m.lower_bound) + " needed at least, " +
          std::to_string(m.unshared) + " without sharing, " + std::to_string(m.persistent) + " for leaves and outputs\n";
+  out += "left out:";
+  for (const SkipCount& skip : report.skips)
+    out += std::string(&skip == report.skips.data() ? " " : ", ") + skip.id + " " + std::to_string(skip.avoided) + " " +
+           skip.unit + " of " + std::to_string(skip.done + skip.avoided);
+  out += "\n";
   out +=
       "shaders: " + std::to_string(report.shaders) + ", " + std::to_string(report.shader_bytes) + " bytes of SPIR-V\n";
   return out;
@@ -145,6 +158,8 @@ std::string print_json(const Report& report) {
                     {"lower_bound", report.memory.lower_bound},
                     {"unshared", report.memory.unshared},
                     {"persistent", report.memory.persistent}};
+  for (const SkipCount& skip : report.skips)
+    root["skips"][skip.id] = {{"unit", skip.unit}, {"done", skip.done}, {"avoided", skip.avoided}};
   root["shaders"] = {{"count", report.shaders}, {"spirv_bytes", report.shader_bytes}};
   return root.dump(2) + "\n";
 }

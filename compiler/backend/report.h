@@ -10,6 +10,7 @@
 #include "compiler/backend/compile.h"
 #include "compiler/backend/lower_bound.h"
 #include "compiler/backend/plan_memory.h"
+#include "compiler/backend/skips.h"
 
 namespace dr::backend {
 
@@ -37,11 +38,13 @@ struct Report {
   MemoryUse memory;
   size_t shaders = 0;
   int64_t shader_bytes = 0;
+  std::vector<SkipCount> skips;  // of compiling: see docs/skipping.md
 };
 
-// The error names a symbol without a value.
+// `left_out`: what the passes counted that made the graph. The error names a symbol without a value.
 std::variant<Report, std::string> report(const ir::Graph& graph, const Compiled& compiled,
-                                         const target::Profile& profile, const ir::SymbolValues& symbols);
+                                         const target::Profile& profile, const ir::SymbolValues& symbols,
+                                         const passes::Skips::LeftOut& left_out = {});
 
 std::string print(const Report& report);
 std::string print_json(const Report& report);

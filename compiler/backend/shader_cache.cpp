@@ -93,6 +93,7 @@ std::optional<std::vector<uint32_t>> ShaderCache::find(const std::string& key) c
       !read_all(file.descriptor, words.data(), words.size() * sizeof(uint32_t)) || checksum(words) != header.checksum)
     return std::nullopt;
   futimens(file.descriptor, nullptr);  // used now; no matter if that cannot be noted
+  ++found_;
   return words;
 }
 

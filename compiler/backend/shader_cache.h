@@ -25,6 +25,8 @@ class ShaderCache {
 
   // Whether this object has stored something.
   bool has_stored() const { return stored_; }
+  // How many entries it has found.
+  size_t found() const { return found_; }
   // Removes the entries that were not stored or found for longest until the rest have at most so many bytes. Looks at
   // every file of the folder.
   void trim(std::uintmax_t most = std::uintmax_t{256} << 20) const;
@@ -35,6 +37,7 @@ class ShaderCache {
  private:
   std::filesystem::path folder_;
   mutable std::atomic<bool> stored_ = false;
+  mutable std::atomic<size_t> found_ = 0;
 };
 
 // DRC_CACHE_DIR, or `dressi` in XDG_CACHE_HOME or ~/.cache; empty where the environment names none.

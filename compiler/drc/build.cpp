@@ -10,6 +10,7 @@
 #include "compiler/backend/graphviz.h"
 #include "compiler/backend/report.h"
 #include "compiler/backend/shader_cache.h"
+#include "compiler/backend/skips.h"
 #include "compiler/backend/spirv.h"
 #include "compiler/drc/bundle_cache.h"
 #include "compiler/drc/command.h"
@@ -29,6 +30,8 @@ class Stages {
 
   const BuildOptions& options() const { return options_; }
   const dsl::SourceManager& sources() const { return sources_; }
+  // Of the passes that ran.
+  const passes::Skips::LeftOut& left_out() const { return left_out_; }
   // Whether the program was told something, an error or a warning.
   bool has_messages() const { return has_messages_; }
 
@@ -46,6 +49,8 @@ class Stages {
     if (options_.passes) chosen = passes_;
     passes::PipelineOptions pipeline;
     pipeline.verify_each = options_.verify_each;
+    pipeline.skips = backend::pass_skips(options_.ablate);
+    pipeline.skips.left_out = &left_out_;
     pipeline.after = [&](std::string_view name, const ir::Graph& graph, double milliseconds) {
       const std::string pass(name);
       if (options_.time_passes) std::fprintf(stderr, "%s: %.3f ms\n", pass.c_str(), milliseconds);
@@ -114,6 +119,7 @@ class Stages {
   std::optional<target::Profile> profile_;
   std::optional<backend::Compiled> compiled_;
   std::vector<passes::Pass> passes_;
+  passes::Skips::LeftOut left_out_;
   bool graph_tried_ = false;
   bool has_messages_ = false;
 };
@@ -193,7 +199,8 @@ bool write_report(Stages& stages) {
   }
   const backend::Compiled* compiled = stages.compiled();
   if (!compiled) return false;
-  const auto report = backend::report(*stages.differentiated(), *compiled, *stages.profile(), symbols);
+  const auto report =
+      backend::report(*stages.differentiated(), *compiled, *stages.profile(), symbols, stages.left_out());
   if (const auto* problem = std::get_if<std::string>(&report)) return print_error(*problem), false;
   const auto& numbers = std::get<backend::Report>(report);
   const std::string text = options.report == "json" ? backend::print_json(numbers) : backend::print(numbers);

@@ -32,7 +32,7 @@ struct BuildOptions {
   std::string scatter = "auto";                    // auto, exact, rows, atomic
   std::string raster = "auto";                     // auto, hardware, compute
   std::string pack = "fused";                      // fused, naive
-  std::vector<std::string> ablate;                 // substages, stages, remat, cache
+  std::vector<std::string> ablate;                 // substages, stages, remat, and the names of backend/skips.h
   std::optional<std::vector<std::string>> passes;  // instead of those that the product needs
   std::optional<std::string> dump_ir;              // after this pass, or all of them if empty
   bool time_passes = false;

@@ -5,13 +5,16 @@
 #include <csignal>
 #include <cstdio>
 #include <exception>
+#include <set>
 
+#include "compiler/backend/skips.h"
 #include "compiler/drc/command.h"
 #include "compiler/drc/messages.h"
 
 namespace {
 
 using namespace dr::drc;
+namespace backend = dr::backend;
 
 void add_input(CLI::App& command, InputOptions& input) {
   command.add_option("file", input.file, "Program (.dr), graph (.ir), or - for stdin")->required();
@@ -79,6 +82,12 @@ int main(int argc, char** argv) {
       ->delimiter(',')
       ->allow_extra_args(false)
       ->check(CLI::IsMember({"substages", "stages", "remat", "cache"}));
+  std::vector<std::string> no_skip;
+  build_command->add_option("--no-skip", no_skip, "Do work that would be left out, with commas: see docs/skipping.md")
+      ->delimiter(',')
+      ->allow_extra_args(false)
+      ->type_name("ID")
+      ->check(CLI::IsMember(std::set<std::string>(std::begin(backend::kSkips), std::end(backend::kSkips))));
   std::vector<std::string> passes;
   const CLI::Option* passes_option =
       build_command->add_option("--passes", passes, "Run just these passes")->delimiter(',')->allow_extra_args(false);
@@ -199,6 +208,9 @@ int main(int argc, char** argv) {
     return asked ? kOk : kBadUsage;
   }
   build_options.cache = !no_cache;
+  build_options.ablate.insert(build_options.ablate.end(), no_skip.begin(), no_skip.end());
+  for (const auto& [name, value] : backend::skip_defines(no_skip))
+    build_options.input.defines.push_back(name + "=" + value);
   if (passes_option->count() > 0) build_options.passes = passes;
   if (finite_option->count() > 0) eval_options.check_finite = check_finite.empty() ? "all" : check_finite;
   if (report_option->count() > 0) {

@@ -121,12 +121,26 @@ void Elaborator::apply_defines(ModuleInfo& root) {
   for (const auto& [name, text] : options_.defines) {
     const dsl::FileId file = sources_.add("-D " + name, text);
     const Span all{file, 0, static_cast<uint32_t>(text.size())};
-    const auto found = root.items.find(name);
-    if (found == root.items.end() || found->second.kind != ModuleItem::Kind::Const) {
+    // Those of the library by their module's name, std.loss.weight; one that is not imported has none to give.
+    ModuleInfo* module = &root;
+    std::string item_name = name;
+    if (const size_t dot = name.rfind('.'); dot != std::string::npos) {
+      std::string path = name.substr(0, dot);
+      std::ranges::replace(path, '.', '/');
+      path += ".dr";
+      const auto imported = std::ranges::find(modules_, "library:" + path, &ModuleInfo::path);
+      if (imported == modules_.end() && library_module(path)) continue;
+      if (imported != modules_.end()) {
+        module = &*imported;
+        item_name = name.substr(dot + 1);
+      }
+    }
+    const auto found = module->items.find(item_name);
+    if (found == module->items.end() || found->second.kind != ModuleItem::Kind::Const) {
       const std::vector<std::string> known =
-          names_of(root.items, [](const ModuleItem& item) { return item.kind == ModuleItem::Kind::Const; });
+          names_of(module->items, [](const ModuleItem& item) { return item.kind == ModuleItem::Kind::Const; });
       report(Code::E0209, all, "expected the name of a const of the program after -D, found '" + name + "'", {},
-             suggestion(name, known));
+             suggestion(item_name, known));
       continue;
     }
     const dsl::ExprPtr expr = dsl::parse_expression(sources_, file, diagnostics_);

@@ -19,8 +19,9 @@
 namespace dr::lower {
 
 struct Options {
-  std::vector<std::string> include_dirs;                    // -I
-  std::map<std::string, std::string, std::less<>> defines;  // -D name=value, overriding `const`s of the root file
+  std::vector<std::string> include_dirs;  // -I
+  // -D name=value, overriding `const`s of the root file, or by std.loss.name those of a library module.
+  std::map<std::string, std::string, std::less<>> defines;
   bool plain_gradients = false;  // differentiate functions that have a @vjp by their own text
   // What a program may come to after unrolling; more is an error.
   size_t max_ops = 1'000'000;

@@ -111,9 +111,9 @@ std::span<const OpId> between(const Graph& graph, std::span<const ValueId> targe
 
 // The adjoints of `targets`, values of the source as y is; `seed` is the builder's, as the results are.
 std::vector<ValueId> expand(const Graph& source, ValueMap now, Builder& b, ValueId y, ValueId seed,
-                            std::span<const ValueId> targets) {
+                            std::span<const ValueId> targets, const Skips& skips) {
   const std::span<const OpId> list = between(source, targets, y);
-  Sweep sweep{source, b, std::move(now), std::vector<bool>(source.value_count(), false)};
+  Sweep sweep{source, b, std::move(now), std::vector<bool>(source.value_count(), false), skips};
   for (const ValueId x : targets) sweep.active[x.index] = source.value(x).type.is_float();
   mark_active(source, list, sweep.active);
   Frame frame{.root = true, .domain = {}, .adjoints = {}, .accumulated = {}, .scatters = {}};
@@ -133,7 +133,11 @@ std::vector<ValueId> expand(const Graph& source, ValueMap now, Builder& b, Value
 }  // namespace
 
 void Sweep::add(Frame& frame, ValueId value, ValueId term) {
-  if (!active[value.index] || is_zero(builder.graph(), term)) return;
+  if (!active[value.index]) return;
+  if (skips.zero && is_zero(builder.graph(), term)) {
+    if (skips.left_out) ++skips.left_out->zero;
+    return;
+  }
   const auto [entry, first] = frame.adjoints.try_emplace(value, term);
   if (!first) entry->second = ops::add(builder, entry->second, term);
 }
@@ -160,8 +164,12 @@ namespace {
 
 class Differentiate {
  public:
-  explicit Differentiate(const Graph& graph)
-      : from_(graph), map_(graph.value_count()), is_target_(graph.value_count()), by_gradient_(graph.value_count()) {}
+  Differentiate(const Graph& graph, const Skips& skips)
+      : from_(graph),
+        skips_(skips),
+        map_(graph.value_count()),
+        is_target_(graph.value_count()),
+        by_gradient_(graph.value_count()) {}
 
   Graph run() {
     b_.reserve(2 * from_.op_count());  // about as many adjoints
@@ -203,13 +211,13 @@ class Differentiate {
     const ValueId seed = map_[op.operands[1]];
     const std::span<const ValueId> targets = std::span(op.operands).subspan(2);
     // What y comes of is the same in the graph as it was, but for Grad ops.
-    if (!by_gradient_[y.index]) return expand(from_, map_, b_, y, seed, targets);
+    if (!by_gradient_[y.index]) return expand(from_, map_, b_, y, seed, targets, skips_);
     const Graph expanded = b_.graph();
     ValueMap itself(expanded.value_count());
     for (uint32_t k = 0; k < expanded.value_count(); ++k) itself.set({k}, {k});
     std::vector<ValueId> now;
     for (const ValueId x : targets) now.push_back(map_[x]);
-    return expand(expanded, std::move(itself), b_, map_[y], seed, now);
+    return expand(expanded, std::move(itself), b_, map_[y], seed, now, skips_);
   }
 
   void rebuild_grad(const Op& op) {
@@ -231,6 +239,7 @@ class Differentiate {
   }
 
   const Graph& from_;
+  const Skips& skips_;
   Builder b_;
   ValueMap map_;
   std::vector<bool> is_target_;
@@ -239,6 +248,6 @@ class Differentiate {
 
 }  // namespace
 
-Graph differentiate(const Graph& graph) { return drop_vjps(Differentiate(graph).run()); }
+Graph differentiate(const Graph& graph, const Skips& skips) { return drop_vjps(Differentiate(graph, skips).run()); }
 
 }  // namespace dr::passes

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "compiler/ir/graph.h"
+#include "compiler/passes/passes.h"
 
 namespace dr::passes {
 
@@ -37,6 +38,7 @@ struct Sweep {
   ir::Builder& builder;
   ir::ValueMap now;          // source -> builder
   std::vector<bool> active;  // source values that depend on a target in a differentiable way, inside regions too
+  const Skips& skips;
 
   // Adds a term to a source value's adjoint; drops it when nobody asked or when it is the constant zero.
   void add(Frame& frame, ir::ValueId value, ir::ValueId term);

@@ -16,20 +16,35 @@ namespace dr::passes {
 // (ids, order, captures, yields), then types and extents by the op table.
 std::vector<std::string> verify(const ir::Graph& graph);
 
+// What the passes leave out, by the names of docs/skipping.md; `false` keeps it in the graph. Results have the same
+// bits either way, but for the signs of zeros.
+struct Skips {
+  bool dead = true;   // ops that no step needs
+  bool zero = true;   // terms of sums and of adjoints that are zero whatever the data
+  bool fold = true;   // ops on constants alone
+  bool share = true;  // ops that equal one before them, once gradients are written out
+  // Counts what each leaves out where it is not null: ops, and for `zero` terms.
+  struct LeftOut {
+    size_t dead = 0, zero = 0, fold = 0, share = 0;
+  };
+  LeftOut* left_out = nullptr;
+};
+
 // Replace each Grad op by the ops that compute it, reverse mode.
-ir::Graph differentiate(const ir::Graph& graph);
+ir::Graph differentiate(const ir::Graph& graph, const Skips& skips = {});
 // Constant folding, common subexpressions, dead code, and algebra that changes no bit of any result but the sign of a
 // zero (listed in simplify_identities.cpp). Values that a Grad names as targets are left alone.
-ir::Graph simplify(const ir::Graph& graph);
+ir::Graph simplify(const ir::Graph& graph, const Skips& skips = {});
 
 struct Pass {
   std::string_view name;
-  ir::Graph (*run)(const ir::Graph&);
+  ir::Graph (*run)(const ir::Graph&, const Skips&);
 };
 std::span<const Pass> default_passes();
 
 struct PipelineOptions {
   bool verify_each = true;
+  Skips skips = {};
   // Called after each pass with its name, the graph and the milliseconds it took; may be empty.
   std::function<void(std::string_view, const ir::Graph&, double)> after = {};
 };

@@ -31,7 +31,7 @@ ir::Graph run_passes(const ir::Graph& graph, std::span<const Pass> passes, const
   ir::Graph current;
   for (const Pass& pass : passes) {
     const auto start = std::chrono::steady_clock::now();
-    current = pass.run(&pass == passes.data() ? graph : current);
+    current = pass.run(&pass == passes.data() ? graph : current, options.skips);
     const std::chrono::duration<double, std::milli> elapsed = std::chrono::steady_clock::now() - start;
     if (options.verify_each) require_sound(current, pass.name);
     if (options.after) options.after(pass.name, current, elapsed.count());

@@ -33,8 +33,12 @@ Extent domain_of(const Op& op) { return {op.attrs.dims[0], op.attrs.dims[1], op.
 
 class Round {
  public:
-  explicit Round(const Graph& from)
-      : from_(from), emitter_(to_), map_(from.value_count()), needed_(from.value_count()), target_(from.value_count()) {
+  Round(const Graph& from, const Skips& skips)
+      : from_(from),
+        emitter_(to_, skips),
+        map_(from.value_count()),
+        needed_(from.value_count(), !skips.dead),
+        target_(from.value_count()) {
     for (const Step& step : from.steps) {
       for (const Output& output : step.outputs) need(output.value);
       for (const Update& update : step.updates) need(update.value);
@@ -43,6 +47,8 @@ class Round {
   }
 
   bool is_unfinished() const { return is_unfinished_; }
+  // Ops that no step needs, those of their regions too.
+  size_t dead() const { return dead_; }
 
   Graph run() {
     to_.reserve(from_.op_count());
@@ -74,6 +80,7 @@ class Round {
       const Op& op = from_.op(*it);
       const size_t count = needed_results(op);
       if (count < (combines_yields(op.kind) ? op.results.size() : 1) || selects(op)) is_unfinished_ = true;
+      if (count == 0) dead_ += ops_in(*it);
       if (count == 0) continue;
       for (ValueId operand : op.operands) need(operand);
       if (op.kind == OpKind::Grad) {
@@ -93,6 +100,13 @@ class Round {
         find_needed(inner);
       }
     }
+  }
+
+  size_t ops_in(OpId id) const {
+    size_t count = 1;
+    for (RegionId region : from_.op(id).regions)
+      for (OpId inner : from_.region(region).ops) count += ops_in(inner);
+    return count;
   }
 
   // --- rebuilding ---
@@ -334,22 +348,43 @@ class Round {
   ValueMap map_;
   std::vector<bool> needed_;
   std::vector<bool> target_;
+  size_t dead_ = 0;
   bool is_unfinished_ = false;            // an op or a result that nobody needs
   std::map<ValueId, ScatterPair> pairs_;  // accumulations of inlined Ifs, by old value
 };
 
 }  // namespace
 
-Graph simplify(const Graph& graph) {
+namespace {
+
+bool has_gradients(const Graph& graph) {
+  return std::ranges::any_of(graph.region(graph.root()).ops,
+                             [&](OpId id) { return graph.op(id).kind == OpKind::Grad; });
+}
+
+}  // namespace
+
+Graph simplify(const Graph& graph, const Skips& given) {
+  // What is shared before it is differentiated has one adjoint, the sum of those of its uses: that is how gradients add
+  // up, and not for a switch to change. Nor is it counted then.
+  Skips skips = given;
+  const size_t shared_before = skips.left_out ? skips.left_out->share : 0;
+  const bool differentiates = has_gradients(graph);
+  if (differentiates) skips.share = true;
   // Each round but the first drops an op or a result, or makes an If a selection.
   size_t bound = 16 + graph.op_count() + graph.value_count();
-  Graph current = Round(graph).run();
+  Round first(graph, skips);
+  // What later rounds drop is what rewriting left behind.
+  if (skips.left_out) skips.left_out->dead += first.dead();
+  Graph current = first.run();
   for (;;) {
-    Round next(current);
-    if (!next.is_unfinished()) return current;
+    Round next(current, skips);
+    if (!next.is_unfinished()) break;
     if (bound-- == 0) DR_ICE("simplify does not end: two rules undo each other");
     current = next.run();
   }
+  if (differentiates && skips.left_out) skips.left_out->share = shared_before;
+  return current;
 }
 
 }  // namespace dr::passes

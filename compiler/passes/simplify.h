@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "compiler/ir/graph.h"
+#include "compiler/passes/passes.h"
 
 namespace dr::passes {
 
@@ -48,9 +49,14 @@ class OpTable {
 
 class Emitter {
  public:
-  explicit Emitter(ir::Builder& to) : to_(to), scopes_(1) {}
+  Emitter(ir::Builder& to, const Skips& skips) : to_(to), skips_(skips), scopes_(1) {}
 
   ir::Builder& builder() { return to_; }
+  // Whether ops of this kind are left out; counts one more that is.
+  bool leaves_out(bool Skips::*kind) const { return skips_.*kind; }
+  void count(size_t Skips::LeftOut::*kind) {
+    if (skips_.left_out) ++(skips_.left_out->*kind);
+  }
   const ir::Graph& graph() const { return to_.graph(); }
   const ir::ValueInfo& value(ir::ValueId id) const { return to_.value(id); }
   bool in_root() const { return to_.current_region() == graph().root(); }
@@ -84,6 +90,7 @@ class Emitter {
   ir::OpId find(uint64_t hash, const IsEqual& is_equal) const;
 
   ir::Builder& to_;
+  const Skips& skips_;
   std::vector<OpTable> scopes_;
   std::vector<bool> opaque_;  // by value; shorter than that, the others are not
 };

@@ -98,9 +98,16 @@ class Identities {
     return instead(c_.kind, std::move(operands), c_.attrs);
   }
 
+  // A term that is zero whatever the data.
+  bool is_zero(size_t k) const { return e_.leaves_out(&Skips::zero) && is_all(k, 0); }
+  std::optional<ValueId> without(std::optional<ValueId> rest) {
+    if (rest) e_.count(&Skips::LeftOut::zero);
+    return rest;
+  }
+
   std::optional<ValueId> add() {
-    if (is_all(1, 0)) return same(0);
-    if (is_all(0, 0)) return same(1);
+    if (is_zero(1)) return without(same(0));
+    if (is_zero(0)) return without(same(1));
     if (const Op* negation = e_.definition(operand(1), OpKind::Neg))
       return instead(OpKind::Sub, {operand(0), negation->operands[0]});
     if (const Op* negation = e_.definition(operand(0), OpKind::Neg))
@@ -109,7 +116,7 @@ class Identities {
   }
 
   std::optional<ValueId> sub() {
-    if (is_all(1, 0)) return same(0);
+    if (is_zero(1)) return without(same(0));
     if (const Op* negation = e_.definition(operand(1), OpKind::Neg))
       return instead(OpKind::Add, {operand(0), negation->operands[0]});
     return std::nullopt;
@@ -125,7 +132,7 @@ class Identities {
   }
 
   std::optional<ValueId> smul() {
-    if (is_all(0, 0)) return constant(0);
+    if (is_zero(0)) return without(constant(0));
     if (e_.value(operand(0)).type != c_.type || e_.value(operand(1)).type != c_.type) return std::nullopt;
     const auto* g = e_.constant(operand(0));
     const auto* x = e_.constant(operand(1));

@@ -173,7 +173,13 @@ OpId Emitter::find(uint64_t hash, const IsEqual& is_equal) const {
 
 ValueId Emitter::emit(Candidate candidate) {
   if (const auto simpler = apply_identity(*this, candidate)) return *simpler;
-  if (const auto constant = fold(*this, candidate)) return *constant;
+  if (leaves_out(&Skips::fold)) {
+    if (const auto constant = fold(*this, candidate)) {
+      count(&Skips::LeftOut::fold);
+      return *constant;
+    }
+  }
+  if (!leaves_out(&Skips::share)) return append(std::move(candidate));
   const uint64_t hash = hash_candidate(candidate);
   const OpId equal = find(hash, [&](OpId id) {
     const Op& op = graph().op(id);
@@ -182,7 +188,10 @@ ValueId Emitter::emit(Candidate candidate) {
     return same_operands(op.kind, op.operands, candidate.operands) && same_attrs(op.attrs, candidate.attrs) &&
            info.type == candidate.type && info.extent == candidate.extent;
   });
-  if (equal.valid()) return graph().op(equal).results[0];
+  if (equal.valid()) {
+    if (candidate.kind != OpKind::Const) count(&Skips::LeftOut::share);
+    return graph().op(equal).results[0];
+  }
   const ValueId result = append(std::move(candidate));
   scopes_.back().insert(hash, value(result).op);
   return result;
@@ -207,10 +216,14 @@ ValueId Emitter::append(Candidate candidate) {
 }
 
 OpId Emitter::share(OpId id) {
+  if (!leaves_out(&Skips::share)) return id;
   const uint64_t hash = Structure(graph()).hash(id);
   // The op just appended has no users then: the next round drops it.
   const OpId equal = find(hash, [&](OpId other) { return Structure(graph()).equal(id, other); });
-  if (equal.valid()) return equal;
+  if (equal.valid()) {
+    count(&Skips::LeftOut::share);
+    return equal;
+  }
   scopes_.back().insert(hash, id);
   return id;
 }

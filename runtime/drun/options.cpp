@@ -3,6 +3,7 @@
 #include "runtime/drun/options.h"
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 
 namespace dr::drun {
 
@@ -66,6 +67,13 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
   std::vector<std::string> ablate;
   app.add_option("--ablate", ablate, "parts to switch off, with commas: substages, stages, remat, cache, rebuild")
       ->delimiter(',');
+  std::vector<std::string> skips = jit::skip_names();
+  skips.insert(skips.end(), {"rebuild", "commands", "pipelines", "shaders"});
+  std::vector<std::string> no_skip;
+  app.add_option("--no-skip", no_skip, "do work that would be left out, with commas: see docs/skipping.md")
+      ->delimiter(',')
+      ->type_name("ID")
+      ->check(CLI::IsMember(skips));
   app.add_option(
          "--memory", options.memory,
          "device memory to take at most, in bytes or as 512M; inputs beyond that are read from the host's (default: "
@@ -80,8 +88,9 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
       "lines (--pack naive: of one op). Slow");
   app.add_flag("--unchecked", options.unchecked,
                "take bound data as it is: with NaN, Inf, and indices of elements that are not there");
-  app.add_flag("--counters", options.counters,
-               "print how many commands ran, how many the reactive cache left out, and the memory taken");
+  const CLI::Option* counters =
+      app.add_flag("--counters{text}", options.counters,
+                   "print what was done and what was left out, and the memory taken; --counters=json for programs");
   app.add_flag("--validate", options.validate, "run under the Vulkan validation layer and fail on its messages");
   app.add_flag("--devices", options.list_devices, "list the Vulkan devices");
   app.add_subcommand("devices", "list the Vulkan devices")->callback([&] { options.list_devices = true; });
@@ -109,10 +118,19 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
       }
       options.steps.emplace_back(s.substr(0, at), times);
     }
+    if (counters->count() > 0 && options.counters != "text" && options.counters != "json")
+      throw CLI::ValidationError("--counters", "expected text or json, found '" + options.counters + "'");
+    // The runtime's parts and, of both and of the compiler, the others.
+    const std::pair<std::string_view, bool*> of_runtime[] = {{"rebuild", &options.rebuild},
+                                                             {"commands", &options.commands},
+                                                             {"pipelines", &options.pipelines},
+                                                             {"shaders", &options.compile.shader_cache}};
+    ablate.insert(ablate.end(), no_skip.begin(), no_skip.end());
     for (const std::string& part : ablate) {
       if (part == "cache") options.cache = false;
-      if (part == "rebuild")
-        options.rebuild = false;  // the runtime's part
+      const auto it = std::ranges::find(of_runtime, part, &std::pair<std::string_view, bool*>::first);
+      if (it != std::end(of_runtime))
+        *it->second = false;
       else
         options.compile.ablate.push_back(part);
     }

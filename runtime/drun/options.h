@@ -25,10 +25,12 @@ struct Options {
   bool timing = false;        // times of the commands of each step's last run
   bool check_finite = false;  // stop at the first NaN or Inf that a run stores
   bool unchecked = false;     // bound data may hold NaN and Inf
-  bool counters = false;      // what the reactive cache left out
+  std::string counters;       // what was done and left out: empty, text or json
   bool cache = true;
-  int64_t memory = 0;   // bytes of the device, 0: all that it has
-  bool rebuild = true;  // the program for the leaves that move
+  bool commands = true;   // recorded commands are used again
+  bool pipelines = true;  // pipelines are kept on disk
+  int64_t memory = 0;     // bytes of the device, 0: all that it has
+  bool rebuild = true;    // the program for the leaves that move
   bool list_devices = false;
   bool measure = false;  // the device's profile
   std::string profile_out = "-";

@@ -43,21 +43,23 @@ int measure(const Options& options) {
   return 0;
 }
 
-std::vector<uint8_t> load_or_compile(const Options& options, const std::string& device_profile) {
+std::vector<uint8_t> load_or_compile(const Options& options, const std::string& device_profile,
+                                     std::vector<jit::Skip>& skips) {
   if (options.file.size() > 4 && options.file.ends_with(".drb")) {
     jit::Options compile = options.compile;
     std::erase(compile.ablate, "cache");  // the runtime's part
     compile.include_dirs.clear();         // a habit of command lines, and harmless
+    compile.shader_cache = true;
     if (compile != jit::Options{})
       throw Mistake{"'" + options.file +
-                    "' is compiled already: --profile, --lower, --raster, --pack, --scatter, --ablate and -D are for "
-                    ".dr programs"};
+                    "' is compiled already: --profile, --lower, --raster, --pack, --scatter, --ablate, --no-skip of "
+                    "what compiling leaves out and -D are for .dr programs"};
     return read_file(options.file);
   }
   jit::Options compile = options.compile;
   if (compile.profile.empty()) compile.profile = device_profile;
   if (compile.profile.empty()) throw Mistake{"no built-in profile fits the device: give one with --profile"};
-  auto bundle = jit::compile_file(options.file, compile);
+  auto bundle = jit::compile_file(options.file, compile, &skips);
   if (auto* messages = std::get_if<std::string>(&bundle)) {
     std::fputs(messages->c_str(), stderr);
     throw Mistake{};
@@ -72,9 +74,10 @@ int run(const Options& options) {
     if (options.list_devices) return list_devices();
     if (options.measure) return measure(options);
     catch_interrupts();
+    std::vector<jit::Skip> skips;
     if (options.device == "reference") {
       // The bundle's tables name leaves, steps and outputs; its graph runs.
-      const std::vector<uint8_t> bundle = load_or_compile(options, "lavapipe");
+      const std::vector<uint8_t> bundle = load_or_compile(options, "lavapipe", skips);
       const runtime::Program names = must(runtime::Program::describe(bundle));
       jit::ReferenceProgram program = must(jit::ReferenceProgram::load(bundle));
       Session(options, target_of(program), names, bundle).process();
@@ -82,15 +85,16 @@ int run(const Options& options) {
     }
     const runtime::Device device = must(runtime::Device::open({options.device, options.validate}));
     const auto begin = std::chrono::steady_clock::now();
-    const std::vector<uint8_t> bundle = load_or_compile(options, device.profile_name());
+    const std::vector<uint8_t> bundle = load_or_compile(options, device.profile_name(), skips);
     if (options.timing) std::printf("%s: compiled or read in %.0f ms\n", options.file.c_str(), ms_since(begin));
     runtime::LoadOptions load{.cache = options.cache,
-                              .pipeline_folder = jit::cache_folder(),
+                              .reuse_commands = options.commands,
+                              .pipeline_folder = options.pipelines ? jit::cache_folder() : std::string(),
                               .memory_limit = options.memory,
                               .store_all = options.check_finite};
     if (options.rebuild) load.rebuild = jit::rebuilder(bundle, options.compile);
     runtime::Program program = must(runtime::Program::load(device, bundle, load));
-    Session(options, target_of(program), program, bundle).process();
+    Session(options, target_of(program), program, bundle, skips).process();
     if (const auto messages = device.validation_messages(); !messages.empty()) {
       for (const std::string& m : messages) std::fprintf(stderr, "validation: %s\n", m.c_str());
       return 1;

@@ -43,7 +43,7 @@ void catch_interrupts() {
 void Session::process() {
   if (options_.timing && !target_.timed_run)
     throw Mistake{"--timing takes the times of a Vulkan device; the reference has none"};
-  if (options_.counters && !target_.counters)
+  if (!options_.counters.empty() && !target_.counters)
     throw Mistake{"--counters are those of a Vulkan device; the reference has none"};
   if (options_.check_finite && !target_.checked_run)
     throw Mistake{"--check-finite looks at a Vulkan device; on the reference use drc eval --check-finite"};
@@ -67,7 +67,7 @@ void Session::process() {
   if (const auto use = target_.memory_use ? target_.memory_use() : runtime::MemoryUse{}; !use.host_leaves.empty())
     std::fprintf(stderr, "drun: warning: the device's memory does not hold all: it reads %s from the host's\n",
                  list(use.host_leaves).c_str());
-  if (options_.counters) print_counters();
+  if (!options_.counters.empty()) print_counters();
   write_results();
 }
 
@@ -156,12 +156,13 @@ void Session::run_step(const std::string& step, int& done, int times) {
     if (first) now = 1;  // it compiles, and shows where the fit starts
     if (first && options_.timing) prepare(step);
     const auto begin = Clock::now();
-    // The last run of all is the one that is timed.
-    if (options_.timing && now == left && now > 1) --now;
+    // The last run of all is the one that is looked at.
+    const bool looks = options_.timing || !options_.counters.empty();
+    if (looks && now == left && now > 1) --now;
     std::string not_finite;
     if (options_.check_finite)
       not_finite = checked_run(step, done + 1);
-    else if (options_.timing && left == 1)
+    else if (looks && left == 1)
       timed_run(step);
     else
       now = run_for(step, now);
@@ -213,7 +214,13 @@ void Session::prepare(const std::string& step) {
 }
 
 void Session::timed_run(const std::string& step) {
-  const auto times = must(target_.timed_run(step));
+  auto result = target_.timed_run(step);
+  // A queue may take no times; nothing but --timing needs them.
+  if (!result && !options_.timing) return must(target_.run(step, 1));
+  const auto times = must(std::move(result));
+  counters_.steps[step].lists = lists_of(times);
+  for (const runtime::CommandTime& t : times) counters_.steps[step].fragments += t.fragments;
+  if (!options_.timing) return;
   std::fputs(timing_table(step, times).c_str(), stdout);
   if (std::vector<double>& paces = paces_[step]; !paces.empty()) {
     std::ranges::nth_element(paces, paces.begin() + static_cast<ptrdiff_t>(paces.size() / 2));
@@ -250,12 +257,12 @@ bool Session::maybe_scalar(const std::string& step, const std::string& name) {
   return scalar_[key] = must(target_.output(step, name)).scalar_count() == 1;
 }
 
-void Session::print_counters() const {
-  for (const std::string& step : ran_) {
-    const runtime::StepCounters c = target_.counters(step);
-    std::fputs(counters_line(step, c).c_str(), stdout);
-  }
-  std::fputs(memory_line(target_.memory_use()).c_str(), stdout);
+void Session::print_counters() {
+  for (const std::string& step : ran_) counters_.steps[step].work = target_.counters(step);
+  counters_.memory = target_.memory_use();
+  counters_.pipelines = target_.pipelines();
+  counters_.rebuilds = target_.rebuilds();
+  std::fputs((options_.counters == "json" ? print_json(counters_) : print(counters_)).c_str(), stdout);
 }
 
 void Session::write_results() {

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "runtime/drun/checkpoint.h"
+#include "runtime/drun/counters.h"
 #include "runtime/drun/loss_log.h"
 #include "runtime/drun/options.h"
 #include "runtime/drun/target.h"
@@ -21,12 +22,14 @@ void catch_interrupts();
 
 class Session {
  public:
-  // `names` has the tables of the program that `target` runs, which is `bundle`.
-  Session(const Options& options, const Target& target, const runtime::Program& names, std::span<const uint8_t> bundle)
+  // `names` has the tables of the program that `target` runs, which is `bundle`; `skips` is what compiling left out.
+  Session(const Options& options, const Target& target, const runtime::Program& names, std::span<const uint8_t> bundle,
+          std::vector<jit::Skip> skips = {})
       : options_(options),
         target_(target),
         names_(names),
         bundle_(bundle),
+        counters_{.compiled = std::move(skips), .steps = {}, .memory = {}, .pipelines = {}, .rebuilds = 0},
         log_(options.out.empty() ? "" : (std::filesystem::path(options.out) / "log.jsonl").string()) {}
   // Throws Mistake.
   void process();
@@ -41,6 +44,7 @@ class Session {
   int run_for(const std::string& step, int times);
   // Makes what the step needs before its first run, and prints how long that took.
   void prepare(const std::string& step);
+  // A run whose commands are looked at one by one, for --timing and --counters.
   void timed_run(const std::string& step);
   // The run that is number `run` of all; what it stored that is not finite, or nothing.
   std::string checked_run(const std::string& step, int run);
@@ -49,13 +53,14 @@ class Session {
   bool maybe_scalar(const std::string& step, const std::string& name);
   // Warns once of each mesh that the step expects to be closed and that is not.
   void warn_of_open_meshes(const std::string& step);
-  void print_counters() const;
+  void print_counters();
   void write_results();
 
   const Options& options_;
   const Target& target_;
   const runtime::Program& names_;
   std::span<const uint8_t> bundle_;
+  Counters counters_;
   std::vector<std::pair<std::string, int>> steps_;  // and how often
   Checkpoint at_;                                   // where it is
   LossLog log_;

@@ -50,6 +50,8 @@ Target target_of(runtime::Program& program) {
   t.timed_run = [&](const std::string& step) { return program.timed_run(step); };
   t.checked_run = [&](const std::string& step) { return program.checked_run(step); };
   t.memory_use = [&] { return program.memory_use(); };
+  t.pipelines = [&] { return program.pipelines(); };
+  t.rebuilds = [&] { return program.rebuilds(); };
   t.counters = [&](const std::string& step) { return program.counters(step); };
   return t;
 }

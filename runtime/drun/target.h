@@ -38,6 +38,8 @@ struct Target {
   std::function<io::Result<std::optional<runtime::NotFinite>>(const std::string&)> checked_run;
   std::function<runtime::StepCounters(const std::string&)> counters;
   std::function<runtime::MemoryUse()> memory_use;
+  std::function<runtime::PipelineCounters()> pipelines;
+  std::function<int()> rebuilds;
 };
 
 // Milliseconds since a moment of std::chrono::steady_clock.

@@ -56,24 +56,4 @@ std::string timing_table(const std::string& step, std::vector<runtime::CommandTi
   return out;
 }
 
-std::string counters_line(const std::string& step, const runtime::StepCounters& c) {
-  const auto part = [](const char* what, int64_t run, int64_t skipped) {
-    const double share =
-        run + skipped > 0 ? 100.0 * static_cast<double>(skipped) / static_cast<double>(run + skipped) : 0;
-    return format("  %s %lld run, %lld left out (%.0f%%)", what, static_cast<long long>(run),
-                  static_cast<long long>(skipped), share);
-  };
-  return step + ": " + std::to_string(c.runs) + (c.runs == 1 ? " run" : " runs") +
-         part("commands", c.run.commands, c.skipped.commands) + part("ops", c.run.ops, c.skipped.ops) +
-         part("bytes", c.run.bytes, c.skipped.bytes) + "\n";
-}
-
-std::string memory_line(const runtime::MemoryUse& use) {
-  std::string out = "memory: " + std::to_string(use.device) + " bytes of the device and " + std::to_string(use.host) +
-                    " of the host, " + std::to_string(use.peak) + " at most";
-  for (size_t k = 0; k < use.host_leaves.size(); ++k)
-    out += (k == 0 ? "; the device reads from the host's: " : ", ") + use.host_leaves[k];
-  return out + "\n";
-}
-
 }  // namespace dr::drun

@@ -15,15 +15,26 @@ struct Options {
   std::string lower = "auto";       // auto, fragment, compute
   std::string raster = "auto";      // auto, hardware, compute
   std::string pack = "fused";       // fused, naive
-  std::vector<std::string> ablate;  // substages, stages, remat, cache
+  std::vector<std::string> ablate;  // substages, stages, remat, and the names of compiler/backend/skips.h
   std::string scatter = "auto";     // auto, exact, rows, atomic
+  bool shader_cache = true;         // keep assembled shaders on disk
   std::vector<std::string> include_dirs;
   std::map<std::string, std::string, std::less<>> defines;
   friend bool operator==(const Options&, const Options&) = default;
 };
 
-// The bundle, or the diagnostics as they are to be printed.
-std::variant<std::vector<uint8_t>, std::string> compile_file(const std::string& path, const Options& options);
+// The work of one thing that can be left out (docs/skipping.md): what is done, and what is left out.
+struct Skip {
+  std::string id, unit;
+  int64_t done = 0, avoided = 0;
+};
+
+// Those that --no-skip knows of compiling.
+std::vector<std::string> skip_names();
+
+// The bundle, or the diagnostics as they are to be printed. `skips`, if not null, gets what compiling left out.
+std::variant<std::vector<uint8_t>, std::string> compile_file(const std::string& path, const Options& options,
+                                                             std::vector<Skip>* skips = nullptr);
 
 // Where compiled things are kept between runs: DRC_CACHE_DIR and so on (compiler/backend/shader_cache.h); may be empty.
 std::string cache_folder();

@@ -29,7 +29,7 @@ Result<backend::Compiled> compile(const bundle::BundleT& bundle, const Options& 
   if (const auto* problem = std::get_if<std::string>(&compile)) return Error{*problem};
   auto& chosen = std::get<backend::CompileOptions>(compile);
   chosen.moving = moving;
-  chosen.cache_folder = backend::default_cache_folder();
+  if (options.shader_cache) chosen.cache_folder = backend::default_cache_folder();
   const auto graph = ir::parse(bundle.graph);
   if (std::holds_alternative<ir::ParseError>(graph)) return Error{"the bundle's graph cannot be read"};
   chosen.lines = backend::SourceLines(std::get<ir::Graph>(graph), bundle);

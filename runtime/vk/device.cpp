@@ -195,6 +195,8 @@ std::shared_ptr<DeviceState> open_device(const DeviceOptions& options) {
   enable.robustBufferAccess = features.features.robustBufferAccess;
   enable.shaderInt64 = state->int64;
   enable.vertexPipelineStoresAndAtomics = features.features.vertexPipelineStoresAndAtomics;
+  enable.pipelineStatisticsQuery = features.features.pipelineStatisticsQuery;
+  state->pipeline_statistics = features.features.pipelineStatisticsQuery != 0;
   enable.fragmentStoresAndAtomics = features.features.fragmentStoresAndAtomics;
   vk::PhysicalDeviceShaderAtomicInt64Features enable_atomics;
   enable_atomics.shaderBufferInt64Atomics = VK_TRUE;

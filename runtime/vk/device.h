@@ -26,7 +26,8 @@ struct DeviceState {
   vk::raii::Device device{nullptr};
   vk::raii::Queue queue{nullptr};
   uint32_t family = 0;
-  uint32_t timestamp_bits = 0;  // 0: the queue has no timestamps
+  uint32_t timestamp_bits = 0;       // 0: the queue has no timestamps
+  bool pipeline_statistics = false;  // whether it counts what shaders run for
   vk::PhysicalDeviceProperties properties;
   vk::PhysicalDeviceMemoryProperties memory;
   uint32_t multiview_views = 0;  // that one render pass may draw; 0: no multiview

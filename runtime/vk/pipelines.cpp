@@ -195,9 +195,13 @@ void Pipelines::build() {
   for (size_t t = 1; t < threads; ++t) others.emplace_back(work);
   work();
   others.clear();  // waits for them
+  const auto made = static_cast<int64_t>(wanted_.size());
   wanted_.clear();
   if (failure) std::rethrow_exception(failure);
-  if (const std::vector<uint8_t> data = cache.getData(); data != known) file.write(data);
+  const std::vector<uint8_t> data = cache.getData();
+  const bool kept = !known.empty() && data == known;
+  counters_ += {made, kept ? made : 0};
+  if (data != known) file.write(data);
 }
 
 vk::raii::Pipeline Pipelines::make_compute(int shader, vk::PipelineLayout layout, uint32_t group,

@@ -42,6 +42,8 @@ class Pipelines {
   void build();
   vk::Pipeline operator[](size_t number) const { return *pipelines_[number]; }
 
+  const PipelineCounters& counters() const { return counters_; }
+
  private:
   using Cache = vk::raii::PipelineCache;
   vk::raii::Pipeline make_compute(int shader, vk::PipelineLayout layout, uint32_t group, const Cache& cache) const;
@@ -56,6 +58,7 @@ class Pipelines {
   const bundle::BundleT& bundle_;
   const Memory& memory_;
   std::filesystem::path cache_folder_;
+  PipelineCounters counters_;
   std::vector<std::function<vk::raii::Pipeline(const Cache&)>> wanted_;  // the last of pipelines_
   std::vector<int32_t> values_;                                          // of the symbols
   std::vector<vk::raii::ShaderModule> shaders_;

@@ -29,6 +29,11 @@ void Transfer::need_staging(vk::DeviceSize bytes) {
   staging_.bytes = bytes;
 }
 
+const vk::raii::Buffer& Transfer::readback(vk::DeviceSize bytes) {
+  need_staging(bytes);
+  return staging_.buffer;
+}
+
 void Transfer::upload(uint32_t resource, const io::Array& array) {
   const vk::DeviceSize bytes = memory_.buffer(resource).bytes;
   if (static_cast<vk::DeviceSize>(array.scalar_count()) * 4 != bytes)

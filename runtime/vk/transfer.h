@@ -2,6 +2,8 @@
 // Contents of resources from and to the host.
 #pragma once
 
+#include <span>
+
 #include "runtime/vk/memory.h"
 #include "runtime/vk/queue.h"
 
@@ -15,6 +17,10 @@ class Transfer {
   // Both wait for the device. The array is of the resource's kind and size.
   void upload(uint32_t resource, const io::Array& array);
   io::Array download(uint32_t resource);
+  // A buffer of the host that commands may copy so many bytes to, until the next call of anything here; words() are
+  // those, when the device is done.
+  const vk::raii::Buffer& readback(vk::DeviceSize bytes);
+  std::span<const uint32_t> words() const { return {static_cast<const uint32_t*>(staging_data_), staging_.bytes / 4}; }
   // Bytes of host-visible memory held.
   vk::DeviceSize bytes() const { return staging_memory_.bytes(); }
 

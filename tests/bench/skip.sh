@@ -3,7 +3,9 @@
 # skip.sh BUILD_FOLDER: what HardSoftRas leaves out where nothing soft shows (skip.dr), for a sphere of 5,120 faces and a crowd of
 # small ones whose outlines lie in front of others: the part of the picture that is blended, candidate pixels of compute loops, those
 # of draws by boxes and by the smaller of box and triangle, and times on the device in us, the least of three runs: `hard` of the commands that draw the first layer, `soft` of all others.
+# skip_scenes.sh comes after it, and takes what else is given: --quick, --device NAME.
 set -euo pipefail
+for ((k = 2; k < $#; ++k)); do if [[ ${!k} == --device ]]; then n=$((k + 1)); export DR_DEVICE=${!n}; fi; done
 build=$(cd "$1" && pwd)
 here=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd)
 out=$PWD/bench-out/skip
@@ -59,3 +61,4 @@ END
     done
   done
 done
+bash "$here/skip_scenes.sh" "$@"

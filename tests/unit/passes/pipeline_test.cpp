@@ -23,7 +23,7 @@ step s {
 }
 )";
 
-Graph break_it(const Graph& graph) {
+Graph break_it(const Graph& graph, const Skips&) {
   Graph broken = graph;
   broken.steps.push_back(broken.steps[0]);
   return broken;

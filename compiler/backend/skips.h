@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: Apache-2.0
+// What compiling may leave out of a program's work, by name: `--no-skip`. docs/skipping.md says what each is.
+#pragma once
+
+#include <span>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "compiler/passes/passes.h"
+
+namespace dr::backend {
+
+// `dead` to `share` are of the graph, the others of its schedule, `soft` of the library.
+inline constexpr std::string_view kSkips[] = {"dead",   "zero",     "fold", "share", "slots",
+                                              "active", "branches", "soft", "cache"};
+
+// The passes' part of what is switched off.
+passes::Skips pass_skips(std::span<const std::string> off);
+
+// The library's part: consts of modules and the values that they get, as after -D.
+std::vector<std::pair<std::string, std::string>> skip_defines(std::span<const std::string> off);
+
+// One skip's work: what is done, and what is left out.
+struct SkipCount {
+  std::string id, unit;
+  int64_t done = 0, avoided = 0;
+};
+
+// Of the passes that made a graph.
+std::vector<SkipCount> left_out_of_graph(const ir::Graph& graph, const passes::Skips::LeftOut& left_out);
+
+}  // namespace dr::backend

@@ -1,0 +1,383 @@
+// SPDX-License-Identifier: Apache-2.0
+// What is left out (docs/skipping.md): for each a small program with the exact counts of what is done and avoided, with
+// it and without it; the same bits either way; and, when what it depends on changes, the work that this asks for, with
+// the bits of a program that never left anything out.
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+
+#include "runtime/jit/jit.h"
+#include "runtime/runtime.h"
+#include "tests/catch.h"
+#include "tests/device/devices.h"
+
+using namespace dr;
+using io::Array;
+using runtime::Program;
+using test::must;
+
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Count {
+  int64_t done = 0, avoided = 0;
+  bool operator==(const Count&) const = default;
+};
+
+std::ostream& operator<<(std::ostream& out, const Count& c) {
+  return out << c.done << " done, " << c.avoided << " avoided";
+}
+
+using Bound = std::map<std::string, Array>;
+
+struct Case {
+  std::string id;
+  std::string text;  // with one step, `go`
+  Bound bound;
+  // What wakes it: a leaf that is bound anew, or a const that gets another value and has the program compiled anew.
+  std::string leaf = {}, define = {};
+  Array data = {};
+  Count with = {}, without = {}, woken = {};
+  std::string raster = "auto";
+  std::string only_on = {};  // a device
+};
+
+Array floats(std::vector<float> values, int64_t width, int64_t height = 1) {
+  return Array::from_floats(values, 1, width, height);
+}
+
+Array ramp(int64_t width, int64_t height = 1, float from = 0.1f) {
+  std::vector<float> values;
+  for (int64_t k = 0; k < width * height; ++k) values.push_back(from + 0.01f * static_cast<float>(k % 97));
+  return floats(values, width, height);
+}
+
+// `count` ones, then zeros.
+Array ones(int64_t width, int64_t height, int64_t count) {
+  std::vector<float> values(static_cast<size_t>(width * height), 0.0f);
+  std::fill_n(values.begin(), count, 1.0f);
+  return floats(values, width, height);
+}
+
+// A sphere: `around` vertices on each of `rings` rings, and two poles.
+Array sphere(int around, int rings, float radius) {
+  std::vector<float> out{0, radius, 0, 0, -radius, 0};
+  for (int r = 1; r <= rings; ++r)
+    for (int k = 0; k < around; ++k) {
+      const double theta = 3.14159265 * r / (rings + 1), phi = 6.2831853 * k / around;
+      out.push_back(radius * static_cast<float>(std::sin(theta) * std::sin(phi)));
+      out.push_back(radius * static_cast<float>(std::cos(theta)));
+      out.push_back(radius * static_cast<float>(std::sin(theta) * std::cos(phi)));
+    }
+  return Array::from_floats(out, 3, 2 + around * rings);
+}
+
+Array sphere_faces(int around, int rings) {
+  std::vector<int> out;
+  const auto at = [&](int ring, int k) { return 2 + ring * around + k % around; };
+  for (int k = 0; k < around; ++k) {
+    out.insert(out.end(), {0, at(0, k), at(0, k + 1), 1, at(rings - 1, k + 1), at(rings - 1, k)});
+    for (int r = 0; r + 1 < rings; ++r)
+      out.insert(out.end(), {at(r, k), at(r + 1, k), at(r + 1, k + 1), at(r, k), at(r + 1, k + 1), at(r, k + 1)});
+  }
+  return Array::from_ints(out, 3, 2 * around * rings);
+}
+
+// 10 of 256 pixels read a texel; later 25 do.
+const char* const kReadsTexels = R"(
+param texel : float[16] = 1.0;
+input seen : float[16, 16];
+let p = coord(16, 16);
+let color = if seen > 0.5 { texel.at((p.x * 5 + p.y) % 16) } else { 0.0 };
+let error = sum((color - 0.3) * (color - 0.3));
+step go { texel <- texel - 0.01 * grad(error, texel); output error, color; })";
+
+std::vector<Case> cases() {
+  return {
+      {.id = "dead",
+       // The gradient of `b` is asked for and then needed by no step.
+       .text = R"(
+const frozen = true;
+param a : float[W] = 0.5;
+param b : float[W] = 0.25;
+input x : float[W];
+let error = sum(sin(a * x) * exp(b));
+let (to_a, to_b) = grad(error, (a, b));
+step go { a <- a - 0.1 * to_a; b <- const if frozen { b } else { b - 0.1 * to_b }; output error; })",
+       .bound = {{"x", ramp(8)}},
+       .define = "frozen=false",
+       .with = {14, 3},
+       .without = {18, 0},
+       .woken = {17, 1}},
+      {.id = "zero",
+       // A term of weight 0: its gradient is zero whatever `a` is.
+       .text = R"(
+const weight = 0.0;
+param a : float[W] = 0.5;
+input x : float[W];
+let error = sum(sin(a * x)) + weight * sum(exp(a));
+step go { a <- a - 0.1 * grad(error, a); output error; })",
+       .bound = {{"x", ramp(8)}},
+       .define = "weight=0.5",
+       .with = {15, 2},
+       .without = {17, 0},
+       .woken = {17, 0}},
+      {.id = "fold",
+       // The gradient is the product of two constants.
+       .text = R"(
+const scale = 3.0;
+param a : float[W] = 0.5;
+input x : float[W];
+let error = scale * (1.5 * sum(a * x));
+step go { a <- a - 0.1 * grad(error, a); output error; })",
+       .bound = {{"x", ramp(8)}},
+       .define = "scale=5.0",
+       .with = {13, 1},
+       .without = {13, 0},
+       .woken = {13, 1}},
+      {.id = "share",
+       .text = R"(
+const other = false;
+input x : float[W];
+let a = sin(x) * exp(x);
+let b = const if other { cos(x) } else { sin(x) } * exp(x);
+step go { output y = a + b * b; })",
+       .bound = {{"x", ramp(8)}},
+       .define = "other=true",
+       .with = {6, 3},
+       .without = {9, 0},
+       .woken = {8, 1}},
+      {.id = "slots",
+       // Each blur is read beside its own place, so it is stored.
+       .text = R"(
+const times = 5;
+input x : float[W, H];
+fn blur(x: float[W, H]) -> float[W, H] { 0.5 * shift(x, 1, 0) + 0.5 * shift(x, 0, 1) }
+let y = { var y = x; for k in 0..times { y = blur(y); } y };
+step go { output y; })",
+       .bound = {{"x", ramp(8, 8)}},
+       .define = "times=3",
+       .with = {4, 2},
+       .without = {6, 0},
+       .woken = {4, 0}},
+      // Two dispatches by lists; one, where the pass that lists does the first itself.
+      {.id = "active",
+       .text = kReadsTexels,
+       .bound = {{"seen", ones(16, 16, 10)}},
+       .leaf = "seen",
+       .data = ones(16, 16, 25),
+       .with = {20, 492},
+       .without = {0, 0},
+       .woken = {50, 462},
+       .only_on = "lavapipe"},
+      {.id = "active",
+       .text = kReadsTexels,
+       .bound = {{"seen", ones(16, 16, 10)}},
+       .leaf = "seen",
+       .data = ones(16, 16, 25),
+       .with = {10, 246},
+       .without = {0, 0},
+       .woken = {25, 231},
+       .only_on = "swiftshader"},
+      {.id = "branches",
+       .text = R"(
+param tone : float = 1.0;
+input seen : float[16, 16];
+fn slow(x: float) -> float { sin(exp(sin(x) + cos(3.0 * x))) * exp(cos(x) + sin(exp(cos(7.0 * x)))) }
+step go {
+  tone <- 2.0 - tone;
+  output y = if seen > 0.5 { slow(tone * seen) + slow(2.0 * tone) + slow(3.0 * tone) } else { 0.0 };
+})",
+       .bound = {{"seen", ones(16, 16, 10)}},
+       .leaf = "seen",
+       .data = ones(16, 16, 25),
+       .with = {10, 246},
+       .without = {0, 0},
+       .woken = {25, 231},
+       .only_on = "lavapipe"},
+      {.id = "soft",
+       // By draws, which the device counts: faces of a sphere's inside are passed over.
+       .text = R"(
+import std.camera;
+import std.hardsoftras;
+import std.mesh;
+param tone : float = 1.0;
+input position : vec3[V];
+input face : ivec3[F];
+let clip = camera.project(camera.perspective(40.0) * camera.look_at(vec3(0.4, 0.6, 3.0)), tone * position);
+let soft = hardsoftras.rasterize(clip, face, 128, 128);
+let alpha = hardsoftras.silhouette(soft);
+step go { tone <- 2.0 - tone; output alpha, pull = grad(sum(alpha * alpha), position); })",
+       .bound = {{"position", sphere(24, 16, 1.0f)}, {"face", sphere_faces(24, 16)}},
+       .leaf = "position",
+       .data = sphere(24, 16, 0.6f),
+       .with = {372864, 0},
+       .without = {475344, 0},
+       .woken = {318928, 0},
+       .raster = "hardware",
+       .only_on = "lavapipe"},
+      {.id = "cache",
+       .text = R"(
+param tone : float = 1.0;
+input x : float[W];
+let slow = sum(sin(exp(x)));
+step go { tone <- tone * 0.5 + slow; output slow, twice = tone * 2.0; })",
+       .bound = {{"x", ramp(8)}},
+       .leaf = "x",
+       .data = ramp(8, 1, 0.7f),
+       .with = {7, 8},
+       .without = {15, 0},
+       .woken = {7, 8}},
+      {.id = "commands",
+       .text = R"(
+param tone : float = 1.0;
+input x : float[W];
+step go { tone <- tone * 0.5 + sum(sin(x)); output y = tone * x; })",
+       .bound = {{"x", ramp(8)}},
+       .leaf = "x",
+       .data = ramp(8, 1, 0.7f),
+       .with = {3, 2},
+       .without = {5, 0},
+       .woken = {1, 4}},
+      {.id = "pipelines",
+       .text = R"(
+const factor = 2.0;
+input x : float[W];
+step go { output y = sum(sin(x)) * factor * x; })",
+       .bound = {{"x", ramp(8)}},
+       .define = "factor=3.0",
+       .with = {0, 3},
+       .without = {3, 0},
+       .woken = {3, 0},
+       .only_on = "lavapipe"},
+      {.id = "shaders",
+       .text = R"(
+const factor = 2.0;
+input x : float[W];
+step go { output y = sum(cos(x)) * factor * x; })",
+       .bound = {{"x", ramp(8)}},
+       .define = "factor=3.0",
+       .with = {0, 4},
+       .without = {4, 0},
+       .woken = {1, 3}},
+  };
+}
+
+// One side of a case: the program compiled and loaded, with what compiling left out.
+struct Side {
+  std::vector<jit::Skip> compiled;
+  Program program;
+};
+
+Side side_of(const Case& c, const test::NamedDevice& device, bool off, const std::string& define,
+             const std::string& folder) {
+  const fs::path path = fs::path(folder) / "skip.dr";
+  std::ofstream(path) << "edition 1;\n" << c.text;
+  jit::Options options;
+  options.profile = device.name;
+  options.raster = c.raster;
+  if (!define.empty()) options.defines[define.substr(0, define.find('='))] = define.substr(define.find('=') + 1);
+  runtime::LoadOptions load{.pipeline_folder = folder};
+  const auto names = jit::skip_names();
+  if (off && std::ranges::find(names, c.id) != names.end()) options.ablate = {c.id};
+  if (off && c.id == "shaders") options.shader_cache = false;
+  if (off && c.id == "cache") load.cache = false;
+  if (off && c.id == "commands") load.reuse_commands = false;
+  if (off && c.id == "pipelines") load.pipeline_folder.clear();
+  std::vector<jit::Skip> compiled;
+  auto bundle = jit::compile_file(path.string(), options, &compiled);
+  if (auto* messages = std::get_if<std::string>(&bundle)) FAIL(*messages);
+  return {std::move(compiled), must(Program::load(device.device, std::get<std::vector<uint8_t>>(bundle), load))};
+}
+
+void bind(Program& program, const Bound& bound) {
+  for (const auto& [leaf, data] : bound) must(program.bind(leaf, data));
+}
+
+// What `run` gave, outputs and params.
+std::map<std::string, std::vector<std::byte>> results(Program& program) {
+  std::map<std::string, std::vector<std::byte>> out;
+  for (const std::string& name : program.outputs("go")) out[name] = must(program.output("go", name)).bytes;
+  for (const auto& leaf : program.leaves())
+    if (!program.is_input(leaf.name)) out["leaf " + leaf.name] = must(program.leaf(leaf.name)).bytes;
+  return out;
+}
+
+// Runs five times more; what those runs did and avoided of what the case is about.
+Count measured(const Case& c, Side& side) {
+  Program& p = side.program;
+  const auto before = p.counters("go");
+  must(p.run("go", 4));
+  const auto commands = must(p.timed_run("go"));
+  const auto after = p.counters("go");
+  if (c.id == "cache")
+    return {after.run.commands - before.run.commands, after.skipped.commands - before.skipped.commands};
+  if (c.id == "commands") {
+    const int64_t recorded = after.recorded - before.recorded;
+    return {recorded, after.runs - before.runs - recorded};
+  }
+  if (c.id == "pipelines") return {p.pipelines().made - p.pipelines().kept, p.pipelines().kept};
+  Count count;
+  if (c.id == "soft") {
+    for (const auto& command : commands) count.done += command.fragments;
+    return count;
+  }
+  for (const auto& command : commands)
+    if (command.list == c.id) count.done += command.listed, count.avoided += command.elements - command.listed;
+  for (const jit::Skip& skip : side.compiled)
+    if (skip.id == c.id) count = {skip.done, skip.avoided};
+  return count;
+}
+
+}  // namespace
+
+TEST_CASE("what is left out is counted, changes no bit, and is done when it is needed") {
+  const fs::path root = fs::path(DR_BUILD_DIR) / "skip_test";
+  for (const test::NamedDevice& device : test::devices()) {
+    for (const Case& c : cases()) {
+      if (!c.only_on.empty() && c.only_on != device.name) continue;
+      INFO(c.id << " on " << device.name);
+      fs::remove_all(root);
+      fs::create_directories(root);
+      setenv("DRC_CACHE_DIR", root.c_str(), 1);
+      const std::string folder = root.string();
+      const bool of_disk = c.id == "pipelines" || c.id == "shaders";
+      if (of_disk) {  // there is something to find
+        Side first = side_of(c, device, false, {}, folder);
+        bind(first.program, c.bound);
+        CHECK(measured(c, first).avoided == 0);
+      }
+      Side with = side_of(c, device, false, {}, folder), without = side_of(c, device, true, {}, folder);
+      // The steps of a cached prologue run once where nothing changes, and are looked at then.
+      bind(with.program, c.bound);
+      bind(without.program, c.bound);
+      CHECK(measured(c, with) == c.with);
+      CHECK(measured(c, without) == c.without);
+      const auto before = results(with.program);
+      CHECK(before == results(without.program));
+
+      // Woken: by data in the same program, or compiled anew.
+      const Array data = c.data;
+      if (!c.leaf.empty()) {
+        must(with.program.bind(c.leaf, data));
+        must(without.program.bind(c.leaf, data));
+        CHECK(measured(c, with) == c.woken);
+        measured(c, without);
+      } else {
+        with = side_of(c, device, false, c.define, folder);
+        without = side_of(c, device, true, c.define, folder);
+        bind(with.program, c.bound);
+        bind(without.program, c.bound);
+        CHECK(measured(c, with) == c.woken);
+        measured(c, without);
+      }
+      const auto woken = results(with.program);
+      CHECK(woken == results(without.program));
+      CHECK(woken != before);
+      for (const std::string& message : device.device.validation_messages()) FAIL("validation: " << message);
+    }
+  }
+}
