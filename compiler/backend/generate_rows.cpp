@@ -53,16 +53,18 @@ Generator::Table Generator::rows_table(const RowsTable& rows) {
       return static_cast<uint32_t>(bundle_->resources.size() - 1);
     };
     it->second.leaf = static_cast<uint32_t>(bundle_->leaves.size());
-    it->second.starts = add("start", ir::kInt, rows.targets + Dim(1));
-    it->second.items = add("item", ir::vec(2, ir::Scalar::Int), row_items(rows));
+    it->second.table.starts = add("start", ir::kInt, rows.targets + Dim(1));
+    const Dim items = schedule_.resources[rows.leaf].extent.w * Dim(rows.names());
+    it->second.table.items = add("item", ir::vec(2, ir::Scalar::Int), items);
   }
   step_tables_.insert(it->second.leaf);
   step_tables_.insert(it->second.leaf + 1);
-  return it->second;
+  return it->second.table;
 }
 
-Dim Generator::row_items(const RowsTable& rows) const {
-  return schedule_.resources[rows.leaf].extent.w * Dim(static_cast<int64_t>(rows.columns.size()));
+Dim Generator::row_items(const Pass& pass) const {
+  const Dim sources = pass.rows.sorted() ? element_count(pass.domain) : schedule_.resources[pass.rows.leaf].extent.w;
+  return sources * Dim(pass.rows.names());
 }
 
 namespace {
@@ -98,15 +100,23 @@ class RowsWriter {
   // Adds item `r`, or in run 0 looks at its magnitude.
   void add_item(const std::string& items) {
     line("int item = " + items + "(2 * r);");
-    const auto columns = static_cast<int>(pass_.rows.columns.size());
-    line("int term = item % " + std::to_string(columns) + ";");
-    line("ivec3 at = ivec3(item / " + std::to_string(columns) + ", 0, layer);");
-    for (int column = 0; column < columns; ++column) {
-      line((columns == 1 ? std::string("{") : "if (term == " + std::to_string(column) + ") {"));
+    const int64_t names = pass_.rows.names();
+    const std::string source = "item / " + std::to_string(names);
+    const ir::Extent& e = pass_.domain;
+    line("int term = item % " + std::to_string(names) + ";");
+    if (!pass_.rows.sorted() || (e.h.is_one() && e.l.is_one())) {
+      line("ivec3 at = ivec3(" + source + ", 0, layer);");
+    } else {
+      line("int source = " + source + ";");
+      const std::string w = dim_expression(e.w), h = dim_expression(e.h);
+      line("ivec3 at = ivec3(source % " + w + ", (source / " + w + ") % " + h + ", source / (" + w + " * " + h + "));");
+    }
+    for (int64_t name = 0; name < names; ++name) {
+      line((names == 1 ? std::string("{") : "if (term == " + std::to_string(name) + ") {"));
       s_.push_scope();
       for (size_t k = 0; k < pass_.sums.size(); ++k)
         for (const ValueId term : pass_.sums[k].terms)
-          if (column_of_term(term) == pass_.rows.columns[static_cast<size_t>(column)]) add_term(k, term);
+          if (names_by(term, static_cast<size_t>(name))) add_term(k, term);
       s_.pop_scope();
       line("}");
     }
@@ -122,15 +132,18 @@ class RowsWriter {
   void line(const std::string& text) { s_.body().line(text); }
   static std::string scalar_name(const ir::Type& type) { return type.scalar == ir::Scalar::Int ? "int" : "uint"; }
 
-  int column_of_term(ValueId term) const {
-    const ir::Op* op = &graph_.op(graph_.value(graph_.op(graph_.value(term).op).operands[0]).op);
+  // Whether name `k` of the table is where a term goes.
+  bool names_by(ValueId term, size_t k) const {
+    const ValueId index = graph_.op(graph_.value(term).op).operands[0];
+    if (pass_.rows.sorted()) return pass_.rows.indices[k] == index;
+    const ir::Op* op = &graph_.op(graph_.value(index).op);
     while (op->kind == ir::OpKind::Broadcast) op = &graph_.op(graph_.value(op->operands[0]).op);
-    return op->kind == ir::OpKind::Extract ? static_cast<int>(op->attrs.ints[0]) : 0;
+    return (op->kind == ir::OpKind::Extract ? static_cast<int>(op->attrs.ints[0]) : 0) == pass_.rows.columns[k];
   }
 
   void add_term(size_t k, ValueId term) {
     const ValueId value = graph_.op(graph_.value(term).op).operands[1];
-    compute(value);
+    s_.element_ops(ops_for(graph_, ops_, std::span(&value, 1)));
     const std::string x = s_.unique("x"), id = std::to_string(k);
     line(type(k).str() + " " + x + " = " + s_.use(value) + ";");
     if (!type(k).is_float()) {
@@ -149,23 +162,6 @@ class RowsWriter {
     line("}");
   }
 
-  // The pass's ops that a value needs, in order.
-  void compute(ValueId value) {
-    const std::set<ir::OpId> here(ops_.begin(), ops_.end());
-    std::set<ir::OpId> needed;
-    std::vector<ValueId> open{value};
-    while (!open.empty()) {
-      const ir::OpId id = graph_.value(open.back()).op;
-      open.pop_back();
-      if (here.count(id) == 0 || !needed.insert(id).second) continue;
-      for (const ValueId v : uses_of(graph_, graph_.op(id)).at_element) open.push_back(v);
-    }
-    std::vector<ir::OpId> ops;
-    for (const ir::OpId id : ops_)
-      if (needed.count(id) != 0) ops.push_back(id);
-    s_.element_ops(ops);
-  }
-
   const ir::Graph& graph_;
   const Pass& pass_;
   const std::vector<ir::OpId>& ops_;
@@ -175,10 +171,10 @@ class RowsWriter {
 }  // namespace
 
 void Generator::rows_pass(const Pass& pass) {
-  const Table table = rows_table(pass.rows);
+  const Table table = pass.rows.sorted() ? sorted_table(pass) : rows_table(pass.rows);
   const std::vector<ir::OpId> ops = element_ops(pass);
-  const Dim& layers = pass.domain.l;
-  const Dim blocks = row_items(pass.rows).divided_by(kBlock) + Dim(1);
+  const Dim layers = pass.rows.sorted() ? Dim(1) : pass.domain.l;  // that one table serves
+  const Dim blocks = row_items(pass).divided_by(kBlock) + Dim(1);
   int words = 0;
   for (const ScatterSum& sum : pass.sums) words += words_of(graph_.value(sum.value).type);
   const std::string block = std::to_string(kBlock), per_block = std::to_string(words);
@@ -193,7 +189,7 @@ void Generator::rows_pass(const Pass& pass) {
     const std::string out = b.bind_words(sums, "blocks", bundle::Access::Write);
     b.body().line("int layer = index / " + dim_expression(blocks) + ";");
     b.body().line("int begin = (index % " + dim_expression(blocks) + ") * " + block + ", end = begin + " + block + ";");
-    b.body().line("if (end > " + dim_expression(row_items(pass.rows)) + ") return;");
+    b.body().line("if (end > " + dim_expression(row_items(pass)) + ") return;");
     b.body().line("int row = " + items + "(2 * begin + 1);");
     b.body().line("if (row < 0 || row != " + items + "(2 * end - 1)) return;");
     writer.declare_totals();

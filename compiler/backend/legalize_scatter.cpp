@@ -59,6 +59,9 @@ class StepLegalizer {
       : graph_(graph), profile_(profile), lower_(lower), schedule_(schedule), step_(step), unused_(unused) {
     const std::vector<OpId>& order = graph.region(graph.root()).ops;
     for (size_t k = 0; k < order.size(); ++k) position_[order[k]] = k;
+    std::vector<Uses> uses(graph.op_count());
+    for (const OpId id : order) uses[id.index] = uses_of(graph, graph.op(id));
+    steady_ = steady_ops(graph, graph.steps[*graph.step_index(step.name)], order, uses);
   }
 
   // Whether passes were joined.
@@ -85,6 +88,7 @@ class StepLegalizer {
 
  private:
   const Op& def(ValueId v) const { return graph_.op(graph_.value(v).op); }
+  bool steady(ValueId v) const { return steady_[graph_.value(v).op.index]; }
   bool is_processor() const { return profile_.costs.compute_operations_per_ns < 64; }
   const Resource& resource(ValueId v) const { return schedule_.resources[step_.stored.at(v).index]; }
 
@@ -294,6 +298,9 @@ class StepLegalizer {
       case ScatterLower::Rows:
         if (auto rows = rows_of(pass); rows && (lower_ == ScatterLower::Rows || rows_pay(pass))) {
           pass.scatter = ScatterLowering::Rows;
+          pass.rows = std::move(*rows);
+        } else if (rows = sorted_rows_of(pass); rows && (lower_ == ScatterLower::Rows || sorted_rows_pay(pass))) {
+          pass.scatter = ScatterLowering::Rows;
           pass.rows = *rows;
         }
         break;
@@ -335,6 +342,34 @@ class StepLegalizer {
     return rows;
   }
 
+  // The table by which the device can: all that says where contributions go stays as it is in this step.
+  std::optional<RowsTable> sorted_rows_of(const Pass& pass) const {
+    RowsTable rows;
+    const ir::Extent& to = graph_.value(pass.sums[0].value).extent;
+    rows.targets = to.w * to.h * to.l;
+    for (const ScatterSum& sum : pass.sums) {
+      if (graph_.value(sum.value).extent != to) return std::nullopt;
+      for (const ValueId term : sum.terms) {
+        const Op& op = def(term);
+        if (op.kind != OpKind::ScatterAdd || steady(op.operands[0])) return std::nullopt;
+        if (std::ranges::find(rows.indices, op.operands[0]) == rows.indices.end())
+          rows.indices.push_back(op.operands[0]);
+      }
+    }
+    if (pass.writes.size() != pass.sums.size()) return std::nullopt;
+    constexpr uint32_t kTable = 3;  // starts, items, sums of blocks
+    if (!fits(profile_, bindings(pass.reads, pass.writes.size(), false, kTable))) return std::nullopt;
+    return rows;
+  }
+
+  // Where what is scattered does not change either, a run seldom needs to add it up, and sorting is in vain.
+  bool sorted_rows_pay(const Pass& pass) const {
+    const auto changes = [&](ValueId term) { return steady(term); };
+    return rows_pay(pass) && std::ranges::any_of(pass.sums, [&](const ScatterSum& sum) {
+             return std::ranges::any_of(sum.terms, changes);
+           });
+  }
+
   // Lanes beside each other often add to one element, and atomics of one element wait for each other. Where none do,
   // joining is in vain: it has to cost little beside the atomics. On a processor, where a thread has all lanes of a
   // subgroup, atomics do not wait, and sums over lanes go lane by lane.
@@ -371,6 +406,7 @@ class StepLegalizer {
   Schedule& schedule_;
   StepSchedule& step_;
   std::set<uint32_t>& unused_;  // resources
+  std::vector<bool> steady_;    // ops that depend on what the step changes, by index
   std::map<OpId, size_t> position_;
   std::map<ValueId, size_t> writer_;
   std::map<OpId, std::set<size_t>> holders_;  // passes that run an op

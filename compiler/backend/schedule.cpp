@@ -238,7 +238,11 @@ std::string print(const Graph& graph, const Schedule& schedule) {
       if (pass.set_up_by >= 0) out += "    set up by " + step.passes[static_cast<size_t>(pass.set_up_by)].name + "\n";
       if (pass.join_lanes) out += "    join lanes\n";
       if (pass.relist) out += "    relist\n";
-      if (pass.scatter == ScatterLowering::Rows) {
+      if (pass.scatter == ScatterLowering::Rows && pass.rows.sorted()) {
+        out += "    rows sorted by";
+        for (const ValueId v : pass.rows.indices) out += " " + value_text(step, v);
+        out += " of " + pass.rows.targets.str() + "\n";
+      } else if (pass.scatter == ScatterLowering::Rows) {
         out += "    rows " + schedule.resources[pass.rows.leaf].name + "[";
         for (size_t c = 0; c < pass.rows.columns.size(); ++c)
           out += (c ? ", " : "") + std::to_string(pass.rows.columns[c]);

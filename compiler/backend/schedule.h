@@ -38,12 +38,18 @@ struct ScatterSum {
   std::vector<ir::ValueId> terms;
 };
 
-// The sources of each target in ascending order, a table that the host makes of an input: source s and column
-// columns[k] of the input name a target of source * columns.size() + k, if it is one of 0 .. targets - 1.
+// The sources of each target in ascending order: source s and name k give item s * names() + k, where they name one of
+// 0 .. targets - 1. Either the host makes the table of an input, or the device sorts what it computes of an index that
+// the step does not change.
 struct RowsTable {
-  uint32_t leaf = 0;  // integers in one dimension
+  uint32_t leaf =
+      0;  // the host: integers in one dimension, and the columns that name targets; sources are its elements
   std::vector<int> columns;
-  ir::Dim targets;
+  std::vector<ir::ValueId> indices;  // the device, if there are any: sources are the elements of the pass
+  ir::Dim targets;                   // the device: elements of all dimensions
+
+  bool sorted() const { return !indices.empty(); }
+  int64_t names() const { return static_cast<int64_t>(sorted() ? indices.size() : columns.size()); }
 };
 
 // One pass. Its ops are root ops in graph order; what they need from outside is read from resources, what others
