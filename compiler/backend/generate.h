@@ -130,7 +130,8 @@ class Generator {
   }
 
   int add_shader(const std::string& name, bundle::Stage stage, std::string source);
-  uint32_t add_scratch(const std::string& name, const std::string& words);
+  // `type`: of its words, as shaders that only read them see them.
+  uint32_t add_scratch(const std::string& name, const std::string& words, const ir::Type& type = ir::kUint);
   bundle::CommandT& command(bundle::CommandKind kind, const std::string& label);
   bundle::CommandT& dispatch(const Pass& pass, const std::string& suffix, glsl::Shader& shader,
                              const std::string& elements, std::vector<int> push = {0, 0, 0});

@@ -7,7 +7,6 @@
 
 #include "compiler/backend/generate.h"
 #include "compiler/backend/glsl/fixed_point.h"
-#include "compiler/backend/uses.h"
 
 namespace dr::backend {
 
@@ -111,12 +110,17 @@ class RowsWriter {
       const std::string w = dim_expression(e.w), h = dim_expression(e.h);
       line("ivec3 at = ivec3(source % " + w + ", (source / " + w + ") % " + h + ", source / (" + w + " * " + h + "));");
     }
+    if (pass_.rows.sorted()) return add_places();
     for (int64_t name = 0; name < names; ++name) {
       line((names == 1 ? std::string("{") : "if (term == " + std::to_string(name) + ") {"));
       s_.push_scope();
       for (size_t k = 0; k < pass_.sums.size(); ++k)
-        for (const ValueId term : pass_.sums[k].terms)
-          if (names_by(term, static_cast<size_t>(name))) add_term(k, term);
+        for (const ValueId term : pass_.sums[k].terms) {
+          const ir::Op& op = graph_.op(graph_.value(term).op);
+          if (column_of(op.operands[0]) != pass_.rows.columns[static_cast<size_t>(name)]) continue;
+          s_.element_ops(ops_at(graph_, {}, ops_, std::span(&op.operands[1], 1)));
+          add_value(k, s_.use(op.operands[1]));
+        }
       s_.pop_scope();
       line("}");
     }
@@ -132,20 +136,59 @@ class RowsWriter {
   void line(const std::string& text) { s_.body().line(text); }
   static std::string scalar_name(const ir::Type& type) { return type.scalar == ir::Scalar::Int ? "int" : "uint"; }
 
-  // Whether name `k` of the table is where a term goes.
-  bool names_by(ValueId term, size_t k) const {
-    const ValueId index = graph_.op(graph_.value(term).op).operands[0];
-    if (pass_.rows.sorted()) return pass_.rows.indices[k] == index;
+  int column_of(ValueId index) const {
     const ir::Op* op = &graph_.op(graph_.value(index).op);
     while (op->kind == ir::OpKind::Broadcast) op = &graph_.op(graph_.value(op->operands[0]).op);
-    return (op->kind == ir::OpKind::Extract ? static_cast<int>(op->attrs.ints[0]) : 0) == pass_.rows.columns[k];
+    return op->kind == ir::OpKind::Extract ? static_cast<int>(op->attrs.ints[0]) : 0;
   }
 
-  void add_term(size_t k, ValueId term) {
-    const ValueId value = graph_.op(graph_.value(term).op).operands[1];
-    s_.element_ops(ops_for(graph_, ops_, std::span(&value, 1)));
+  // What the source adds at place `term`. Reads of one texture take most of what they add from the same values, so all
+  // of it is computed and one chosen, rather than each in a branch of its own.
+  void add_places() {
+    std::set<ir::OpId> computed;
+    for (size_t k = 0; k < pass_.sums.size(); ++k) {
+      // Names, each with the places that it stands for: what is added at one place together stands in several.
+      std::vector<std::pair<std::string, std::set<int64_t>>> chosen;
+      for (const ValueId v : pass_.sums[k].terms) {
+        const auto leaves = scatter_leaves(graph_, v);
+        for (const ScatterLeaf& leaf : *leaves) {
+          const auto place =
+              std::ranges::find_if(pass_.rows.places, [&](const ScatterLeaf& p) { return p.same_place(leaf); });
+          const int64_t term = place - pass_.rows.places.begin();
+          std::string condition = "term == " + std::to_string(term);
+          const std::string value = value_at(leaf, *place, computed, condition);
+          auto into = std::ranges::find_if(chosen, [&](const auto& c) { return c.second.count(term) == 0; });
+          if (into == chosen.end()) {
+            into = chosen.insert(chosen.end(), {s_.unique("x"), {}});
+            line(type(k).str() + " " + into->first + " = " + glsl::zero(type(k)) + ";");
+          }
+          into->second.insert(term);
+          line("if (" + condition + ") " + into->first + " = " + value + ";");
+        }
+      }
+      for (const auto& [value, places] : chosen) add_value(k, value);
+    }
+  }
+
+  // The value of a leaf, with ops that are not `computed` yet. What the table does not know of its conditions is added
+  // to `condition`.
+  std::string value_at(const ScatterLeaf& leaf, const ScatterLeaf& place, std::set<ir::OpId>& computed,
+                       std::string& condition) {
+    std::vector<ValueId> wanted{leaf.value};
+    for (const ScatterLeaf::Branch& branch : place.path)
+      if (!branch.in_table) wanted.push_back(graph_.op(branch.op).operands[0]);
+    std::vector<ir::OpId> ops = ops_at(graph_, leaf, ops_, wanted);
+    std::erase_if(ops, [&](ir::OpId id) { return !computed.insert(id).second; });
+    s_.element_ops(ops);
+    for (const ScatterLeaf::Branch& branch : place.path)
+      if (!branch.in_table)
+        condition += std::string(" && ") + (branch.region == 0 ? "" : "!") + s_.use(graph_.op(branch.op).operands[0]);
+    return s_.use(leaf.value);
+  }
+
+  void add_value(size_t k, const std::string& value) {
     const std::string x = s_.unique("x"), id = std::to_string(k);
-    line(type(k).str() + " " + x + " = " + s_.use(value) + ";");
+    line(type(k).str() + " " + x + " = " + value + ";");
     if (!type(k).is_float()) {
       for (int c = 0; c < type(k).components(); ++c) line(total(k, c) + " += " + component(type(k), x, c) + ";");
       return;

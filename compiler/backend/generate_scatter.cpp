@@ -147,7 +147,7 @@ uint32_t Generator::list_active(const Pass& pass) {
   place_from_index(s, pass.domain);
   std::vector<ValueId> needed;
   for (const auto& clause : pass.active) needed.insert(needed.end(), clause.begin(), clause.end());
-  s.element_ops(ops_for(graph_, pass.ops, needed));
+  s.element_ops(ops_at(graph_, {}, pass.ops, needed));
   const std::string active = active_condition(s, pass);
   const std::string words = s.bind_words(list, "active_elements", bundle::Access::ReadWrite);
   s.body().line("if (" + active + ") " + append(s, words, "index"));

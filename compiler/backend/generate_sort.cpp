@@ -5,7 +5,6 @@
 // Nothing depends on which lane is first, and no lane has more than a chunk to do, however long the rows are. What none
 // names a target with goes away with the first digit.
 #include "compiler/backend/generate.h"
-#include "compiler/backend/uses.h"
 
 namespace dr::backend {
 
@@ -50,24 +49,31 @@ Generator::Table Generator::sorted_table(const Pass& pass) {
   const Dim counts = chunks * Dim(kDigits);
   const Dim groups = counts.divided_by(kGroup) + Dim(1);
   const std::string n = dim_expression(count), group = std::to_string(kGroup), chunk = std::to_string(kChunk);
-  const uint32_t keys[] = {add_scratch(pass.name + "_keys", (count * Dim(2)).str()),
-                           add_scratch(pass.name + "_keys_2", (count * Dim(2)).str())};
-  const uint32_t count_words = add_scratch(pass.name + "_counts", counts.str());
-  const uint32_t group_words = add_scratch(pass.name + "_groups", (groups + Dim(1)).str());  // the last: of them all
-  const Table table{add_scratch(pass.name + "_rows_start", (rows.targets + Dim(1)).str()),
-                    add_scratch(pass.name + "_rows_item", (count * Dim(2)).str())};
+  const auto scratch = [&](const std::string& name, const Dim& words) {
+    return add_scratch(name, words.str(), ir::kInt);
+  };
+  const int digits = most_digits(rows.targets);
+  // Where the number of digits depends on symbols, a last dispatch takes the items from where they are in the end.
+  const bool known = rows.targets.is_constant();
+  const Dim pairs = count * Dim(2);
+  const uint32_t keys[] = {scratch(pass.name + "_keys", pairs),
+                           known && digits == 1 ? 0 : scratch(pass.name + "_keys_2", pairs)};
+  const uint32_t count_words = scratch(pass.name + "_counts", counts);
+  const uint32_t group_words = scratch(pass.name + "_groups", groups + Dim(1));  // the last: of them all
+  const Table table{scratch(pass.name + "_rows_start", rows.targets + Dim(1)),
+                    scratch(pass.name + "_rows_item", pairs)};
   const auto put = [](Shader& s, const std::string& where, const std::string& what) {
     s.body().line(where + " = " + s.at_once(ir::kInt, what) + ";");
   };
 
   key_pass(pass, keys[0]);
   fill("clear " + pass.name + "_groups", group_words, 0);
-  const std::string digits = digits_of(rows.targets);
+  if (known) fill("clear " + pass.name + "_rows_item", table.items, 0xffffffffu);
   const auto digit_shader = [&](const Dim& lanes) {
     Shader s = shader();
     linear_index(s, dim_expression(lanes));
-    if (!rows.targets.is_constant())
-      s.body().line("if (pc.a >= " + std::to_string(kDigitBits) + " * " + digits + ") return;");
+    if (!known)
+      s.body().line("if (pc.a >= " + std::to_string(kDigitBits) + " * " + digits_of(rows.targets) + ") return;");
     return s;
   };
   // Goes over the items of a chunk that have a target.
@@ -85,9 +91,9 @@ Generator::Table Generator::sorted_table(const Pass& pass) {
     s.body().line("}");
   };
   const std::string place = "digit * " + dim_expression(chunks) + " + index";
-  for (int digit = 0; digit < most_digits(rows.targets); ++digit) {
+  for (int digit = 0; digit < digits; ++digit) {
     const std::vector<int> push{kDigitBits * digit, 0, 0};
-    const uint32_t from = keys[digit % 2], to = keys[1 - digit % 2];
+    const uint32_t from = keys[digit % 2], to = known && digit == digits - 1 ? table.items : keys[1 - digit % 2];
     const std::string name = "_digit_" + std::to_string(digit);
 
     Shader count_items = digit_shader(chunks);
@@ -141,19 +147,18 @@ Generator::Table Generator::sorted_table(const Pass& pass) {
     dispatch(pass, name + "_move", move_items, chunks.str(), push);
   }
 
-  Shader take = shader();
-  {
-    Shader& s = take;
+  if (!known) {
+    Shader s = shader();
     linear_index(s, n);
     const std::string even = s.read_words(keys[0], "even", "int"), odd = s.read_words(keys[1], "odd", "int");
     const std::string sorted = s.read_words(group_words, "groups", "int") + "(" + dim_expression(groups) + ")";
     const std::string out = s.bind_words(table.items, "items", Access::Write, "int");
-    for (const char* word : {"2 * index", "2 * index + 1"})
+    for (const std::string word : {"2 * index", "2 * index + 1"})
       put(s, out + ".d[" + word + "]",
-          "(index >= " + sorted + " ? -1 : " + digits + " % 2 == 0 ? " + even + "(" + word + ") : " + odd + "(" + word +
-              "))");
+          "(index >= " + sorted + " ? -1 : " + digits_of(rows.targets) + " % 2 == 0 ? " + even + "(" + word +
+              ") : " + odd + "(" + word + "))");
+    dispatch(pass, "_rows_item", s, count.str());
   }
-  dispatch(pass, "_rows_item", take, count.str());
 
   // The first item of each row by bisection.
   Shader find = shader();
@@ -184,14 +189,26 @@ void Generator::key_pass(const Pass& pass, uint32_t keys) {
   linear_index(s, dim_expression(element_count(pass.domain)));
   place_from_index(s, pass.domain);
   const std::string out = s.bind_words(keys, "keys", Access::Write, "int");
-  s.element_ops(ops_for(graph_, pass.ops, rows.indices));
-  for (size_t k = 0; k < rows.indices.size(); ++k) {
-    const std::string id = std::to_string(k), place = "place_" + id;
-    s.body().line("ivec3 " + place + " = " + s.place_of(rows.indices[k], s.use(rows.indices[k]), to) + ";");
-    s.body().line("int item_" + id + " = index * " + names + " + " + id + ";");
-    const std::string key = "(" + Shader::in_range(to, place) + " ? " + Shader::element_index(to, place) + " : -1)";
-    s.body().line(out + ".d[2 * item_" + id + "] = " + s.at_once(ir::kInt, "item_" + id) + ";");
-    s.body().line(out + ".d[2 * item_" + id + " + 1] = " + s.at_once(ir::kInt, key) + ";");
+  for (size_t k = 0; k < rows.places.size(); ++k) {
+    const ScatterLeaf& leaf = rows.places[k];
+    const std::string id = std::to_string(k);
+    std::vector<ValueId> wanted{leaf.index};
+    for (const ScatterLeaf::Branch& branch : leaf.path)
+      if (branch.in_table) wanted.push_back(graph_.op(branch.op).operands[0]);
+    s.body().line("{");
+    s.push_scope();
+    s.element_ops(ops_at(graph_, leaf, pass.ops, wanted));
+    s.body().line("ivec3 place = " + s.place_of(leaf.index, s.use(leaf.index), to) + ";");
+    std::string valid = Shader::in_range(to, "place");
+    for (const ScatterLeaf::Branch& branch : leaf.path)
+      if (branch.in_table)
+        valid += std::string(" && ") + (branch.region == 0 ? "" : "!") + s.use(graph_.op(branch.op).operands[0]);
+    s.body().line("int item = index * " + names + " + " + id + ";");
+    s.body().line(out + ".d[2 * item] = " + s.at_once(ir::kInt, "item") + ";");
+    s.body().line(out + ".d[2 * item + 1] = " +
+                  s.at_once(ir::kInt, "(" + valid + " ? " + Shader::element_index(to, "place") + " : -1)") + ";");
+    s.pop_scope();
+    s.body().line("}");
   }
   dispatch(pass, "_keys", s, element_count(pass.domain).str());
 }

@@ -23,13 +23,11 @@ struct Uses {
 };
 Uses uses_of(const ir::Graph& graph, const ir::Op& op);
 
-// Those of `ops`, which are in order, that these values need at their own element.
-std::vector<ir::OpId> ops_for(const ir::Graph& graph, std::span<const ir::OpId> ops,
-                              std::span<const ir::ValueId> values);
-
 // Which ops depend on a leaf that the step updates or that is among the `moving` ones, or on its counter, by OpId
 // index; the others are its prologue. `order`: root ops, operands before users; `uses` by OpId index.
 std::vector<bool> steady_ops(const ir::Graph& graph, const ir::Step& step, std::span<const ir::OpId> order,
                              std::span<const Uses> uses, std::set<std::string> moving = {});
+// The same of all ops of the root region.
+std::vector<bool> steady_ops(const ir::Graph& graph, const ir::Step& step);
 
 }  // namespace dr::backend

@@ -21,6 +21,10 @@ ir::Graph differentiate(const ir::Graph& graph);
 // Constant folding, common subexpressions, dead code, and algebra that changes no bit of any result but the sign of a
 // zero (listed in simplify_identities.cpp). Values that a Grad names as targets are left alone.
 ir::Graph simplify(const ir::Graph& graph);
+// Write scattered terms of a sum next to each other, so that they can become one.
+ir::Graph group_sums(const ir::Graph& graph);
+// Move what scatters of a region compute their indices of to the root region, where no step changes it.
+ir::Graph hoist_indices(const ir::Graph& graph);
 
 struct Pass {
   std::string_view name;
