@@ -254,11 +254,11 @@ int Generator::add_shader(const std::string& name, bundle::Stage stage, std::str
   return static_cast<int>(shaders_->size() - 1);
 }
 
-uint32_t Generator::add_scratch(const std::string& name, const std::string& words) {
+uint32_t Generator::add_scratch(const std::string& name, const std::string& words, const ir::Type& type) {
   auto out = std::make_unique<bundle::ResourceT>();
   out->name = name;
   out->role = bundle::Role::Scratch;
-  out->type = bundle_type(ir::kUint);
+  out->type = bundle_type(type);
   out->extent = bundle_extent({});
   out->extent->w = words;
   bundle_->resources.push_back(std::move(out));

@@ -82,13 +82,16 @@ class Generator {
   uint32_t add_list(const Pass& pass, const std::string& name);
   uint32_t list_active(const Pass& pass);
   void rows_pass(const Pass& pass);
-  // The leaves of a table of rows: two, for where each row starts and for its items, each with its row.
+  // A table of rows in two resources of the bundle: where each row starts, and its items, each with its row.
   struct Table {
-    uint32_t leaf = 0;  // the first; indices of the bundle
     uint32_t starts = 0, items = 0;
   };
+  // The host makes it: two leaves.
   Table rows_table(const RowsTable& rows);
-  ir::Dim row_items(const RowsTable& rows) const;
+  // The device makes it, when what its indices depend on changed.
+  Table sorted_table(const Pass& pass);
+  void key_pass(const Pass& pass, uint32_t keys);
+  ir::Dim row_items(const Pass& pass) const;
   int contributions(ir::ValueId result) const;
   std::vector<ir::OpId> element_ops(const Pass& pass) const;
   void raster_pass(const Pass& pass);
@@ -131,7 +134,8 @@ class Generator {
   }
 
   int add_shader(const std::string& name, bundle::Stage stage, std::string source);
-  uint32_t add_scratch(const std::string& name, const std::string& words);
+  // `type`: of its words, as shaders that only read them see them.
+  uint32_t add_scratch(const std::string& name, const std::string& words, const ir::Type& type = ir::kUint);
   bundle::CommandT& command(bundle::CommandKind kind, const std::string& label);
   bundle::CommandT& dispatch(const Pass& pass, const std::string& suffix, glsl::Shader& shader,
                              const std::string& elements, std::vector<int> push = {0, 0, 0});
@@ -152,7 +156,11 @@ class Generator {
   bundle::StepT* out_ = nullptr;
   std::map<const Pass*, uint32_t> active_lists_;        // by scatter, of those that a map pass makes
   std::map<const Pass*, std::vector<Target>> targets_;  // of scatters that join the pass before
-  std::map<std::string, Table> tables_;
+  struct TableOfLeaves {
+    uint32_t leaf = 0;  // the first of two, of the bundle
+    Table table;
+  };
+  std::map<std::string, TableOfLeaves> tables_;
   std::set<uint32_t> step_tables_;  // leaves
 };
 

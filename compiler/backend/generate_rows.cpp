@@ -7,7 +7,6 @@
 
 #include "compiler/backend/generate.h"
 #include "compiler/backend/glsl/fixed_point.h"
-#include "compiler/backend/uses.h"
 
 namespace dr::backend {
 
@@ -53,16 +52,18 @@ Generator::Table Generator::rows_table(const RowsTable& rows) {
       return static_cast<uint32_t>(bundle_->resources.size() - 1);
     };
     it->second.leaf = static_cast<uint32_t>(bundle_->leaves.size());
-    it->second.starts = add("start", ir::kInt, rows.targets + Dim(1));
-    it->second.items = add("item", ir::vec(2, ir::Scalar::Int), row_items(rows));
+    it->second.table.starts = add("start", ir::kInt, rows.targets + Dim(1));
+    const Dim items = schedule_.resources[rows.leaf].extent.w * Dim(rows.names());
+    it->second.table.items = add("item", ir::vec(2, ir::Scalar::Int), items);
   }
   step_tables_.insert(it->second.leaf);
   step_tables_.insert(it->second.leaf + 1);
-  return it->second;
+  return it->second.table;
 }
 
-Dim Generator::row_items(const RowsTable& rows) const {
-  return schedule_.resources[rows.leaf].extent.w * Dim(static_cast<int64_t>(rows.columns.size()));
+Dim Generator::row_items(const Pass& pass) const {
+  const Dim sources = pass.rows.sorted() ? element_count(pass.domain) : schedule_.resources[pass.rows.leaf].extent.w;
+  return sources * Dim(pass.rows.names());
 }
 
 namespace {
@@ -98,15 +99,28 @@ class RowsWriter {
   // Adds item `r`, or in run 0 looks at its magnitude.
   void add_item(const std::string& items) {
     line("int item = " + items + "(2 * r);");
-    const auto columns = static_cast<int>(pass_.rows.columns.size());
-    line("int term = item % " + std::to_string(columns) + ";");
-    line("ivec3 at = ivec3(item / " + std::to_string(columns) + ", 0, layer);");
-    for (int column = 0; column < columns; ++column) {
-      line((columns == 1 ? std::string("{") : "if (term == " + std::to_string(column) + ") {"));
+    const int64_t names = pass_.rows.names();
+    const std::string source = "item / " + std::to_string(names);
+    const ir::Extent& e = pass_.domain;
+    line("int term = item % " + std::to_string(names) + ";");
+    if (!pass_.rows.sorted() || (e.h.is_one() && e.l.is_one())) {
+      line("ivec3 at = ivec3(" + source + ", 0, layer);");
+    } else {
+      line("int source = " + source + ";");
+      const std::string w = dim_expression(e.w), h = dim_expression(e.h);
+      line("ivec3 at = ivec3(source % " + w + ", (source / " + w + ") % " + h + ", source / (" + w + " * " + h + "));");
+    }
+    if (pass_.rows.sorted()) return add_places();
+    for (int64_t name = 0; name < names; ++name) {
+      line((names == 1 ? std::string("{") : "if (term == " + std::to_string(name) + ") {"));
       s_.push_scope();
       for (size_t k = 0; k < pass_.sums.size(); ++k)
-        for (const ValueId term : pass_.sums[k].terms)
-          if (column_of_term(term) == pass_.rows.columns[static_cast<size_t>(column)]) add_term(k, term);
+        for (const ValueId term : pass_.sums[k].terms) {
+          const ir::Op& op = graph_.op(graph_.value(term).op);
+          if (column_of(op.operands[0]) != pass_.rows.columns[static_cast<size_t>(name)]) continue;
+          s_.element_ops(ops_at(graph_, {}, ops_, std::span(&op.operands[1], 1)));
+          add_value(k, s_.use(op.operands[1]));
+        }
       s_.pop_scope();
       line("}");
     }
@@ -122,17 +136,59 @@ class RowsWriter {
   void line(const std::string& text) { s_.body().line(text); }
   static std::string scalar_name(const ir::Type& type) { return type.scalar == ir::Scalar::Int ? "int" : "uint"; }
 
-  int column_of_term(ValueId term) const {
-    const ir::Op* op = &graph_.op(graph_.value(graph_.op(graph_.value(term).op).operands[0]).op);
+  int column_of(ValueId index) const {
+    const ir::Op* op = &graph_.op(graph_.value(index).op);
     while (op->kind == ir::OpKind::Broadcast) op = &graph_.op(graph_.value(op->operands[0]).op);
     return op->kind == ir::OpKind::Extract ? static_cast<int>(op->attrs.ints[0]) : 0;
   }
 
-  void add_term(size_t k, ValueId term) {
-    const ValueId value = graph_.op(graph_.value(term).op).operands[1];
-    compute(value);
+  // What the source adds at place `term`. Reads of one texture take most of what they add from the same values, so all
+  // of it is computed and one chosen, rather than each in a branch of its own.
+  void add_places() {
+    std::set<ir::OpId> computed;
+    for (size_t k = 0; k < pass_.sums.size(); ++k) {
+      // Names, each with the places that it stands for: what is added at one place together stands in several.
+      std::vector<std::pair<std::string, std::set<int64_t>>> chosen;
+      for (const ValueId v : pass_.sums[k].terms) {
+        const auto leaves = scatter_leaves(graph_, v);
+        for (const ScatterLeaf& leaf : *leaves) {
+          const auto place =
+              std::ranges::find_if(pass_.rows.places, [&](const ScatterLeaf& p) { return p.same_place(leaf); });
+          const int64_t term = place - pass_.rows.places.begin();
+          std::string condition = "term == " + std::to_string(term);
+          const std::string value = value_at(leaf, *place, computed, condition);
+          auto into = std::ranges::find_if(chosen, [&](const auto& c) { return c.second.count(term) == 0; });
+          if (into == chosen.end()) {
+            into = chosen.insert(chosen.end(), {s_.unique("x"), {}});
+            line(type(k).str() + " " + into->first + " = " + glsl::zero(type(k)) + ";");
+          }
+          into->second.insert(term);
+          line("if (" + condition + ") " + into->first + " = " + value + ";");
+        }
+      }
+      for (const auto& [value, places] : chosen) add_value(k, value);
+    }
+  }
+
+  // The value of a leaf, with ops that are not `computed` yet. What the table does not know of its conditions is added
+  // to `condition`.
+  std::string value_at(const ScatterLeaf& leaf, const ScatterLeaf& place, std::set<ir::OpId>& computed,
+                       std::string& condition) {
+    std::vector<ValueId> wanted{leaf.value};
+    for (const ScatterLeaf::Branch& branch : place.path)
+      if (!branch.in_table) wanted.push_back(graph_.op(branch.op).operands[0]);
+    std::vector<ir::OpId> ops = ops_at(graph_, leaf, ops_, wanted);
+    std::erase_if(ops, [&](ir::OpId id) { return !computed.insert(id).second; });
+    s_.element_ops(ops);
+    for (const ScatterLeaf::Branch& branch : place.path)
+      if (!branch.in_table)
+        condition += std::string(" && ") + (branch.region == 0 ? "" : "!") + s_.use(graph_.op(branch.op).operands[0]);
+    return s_.use(leaf.value);
+  }
+
+  void add_value(size_t k, const std::string& value) {
     const std::string x = s_.unique("x"), id = std::to_string(k);
-    line(type(k).str() + " " + x + " = " + s_.use(value) + ";");
+    line(type(k).str() + " " + x + " = " + value + ";");
     if (!type(k).is_float()) {
       for (int c = 0; c < type(k).components(); ++c) line(total(k, c) + " += " + component(type(k), x, c) + ";");
       return;
@@ -149,23 +205,6 @@ class RowsWriter {
     line("}");
   }
 
-  // The pass's ops that a value needs, in order.
-  void compute(ValueId value) {
-    const std::set<ir::OpId> here(ops_.begin(), ops_.end());
-    std::set<ir::OpId> needed;
-    std::vector<ValueId> open{value};
-    while (!open.empty()) {
-      const ir::OpId id = graph_.value(open.back()).op;
-      open.pop_back();
-      if (here.count(id) == 0 || !needed.insert(id).second) continue;
-      for (const ValueId v : uses_of(graph_, graph_.op(id)).at_element) open.push_back(v);
-    }
-    std::vector<ir::OpId> ops;
-    for (const ir::OpId id : ops_)
-      if (needed.count(id) != 0) ops.push_back(id);
-    s_.element_ops(ops);
-  }
-
   const ir::Graph& graph_;
   const Pass& pass_;
   const std::vector<ir::OpId>& ops_;
@@ -175,10 +214,10 @@ class RowsWriter {
 }  // namespace
 
 void Generator::rows_pass(const Pass& pass) {
-  const Table table = rows_table(pass.rows);
+  const Table table = pass.rows.sorted() ? sorted_table(pass) : rows_table(pass.rows);
   const std::vector<ir::OpId> ops = element_ops(pass);
-  const Dim& layers = pass.domain.l;
-  const Dim blocks = row_items(pass.rows).divided_by(kBlock) + Dim(1);
+  const Dim layers = pass.rows.sorted() ? Dim(1) : pass.domain.l;  // that one table serves
+  const Dim blocks = row_items(pass).divided_by(kBlock) + Dim(1);
   int words = 0;
   for (const ScatterSum& sum : pass.sums) words += words_of(graph_.value(sum.value).type);
   const std::string block = std::to_string(kBlock), per_block = std::to_string(words);
@@ -193,7 +232,7 @@ void Generator::rows_pass(const Pass& pass) {
     const std::string out = b.bind_words(sums, "blocks", bundle::Access::Write);
     b.body().line("int layer = index / " + dim_expression(blocks) + ";");
     b.body().line("int begin = (index % " + dim_expression(blocks) + ") * " + block + ", end = begin + " + block + ";");
-    b.body().line("if (end > " + dim_expression(row_items(pass.rows)) + ") return;");
+    b.body().line("if (end > " + dim_expression(row_items(pass)) + ") return;");
     b.body().line("int row = " + items + "(2 * begin + 1);");
     b.body().line("if (row < 0 || row != " + items + "(2 * end - 1)) return;");
     writer.declare_totals();

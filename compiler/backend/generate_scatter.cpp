@@ -145,18 +145,9 @@ uint32_t Generator::list_active(const Pass& pass) {
   Shader s = shader();
   linear_index(s, dim_expression(count));
   place_from_index(s, pass.domain);
-  std::set<ValueId> needed;
-  for (const auto& clause : pass.active) needed.insert(clause.begin(), clause.end());
-  std::vector<ir::OpId> ops;
-  for (auto it = pass.ops.rbegin(); it != pass.ops.rend(); ++it) {
-    const ir::Op& op = graph_.op(*it);
-    if (std::ranges::none_of(op.results, [&](ValueId v) { return needed.count(v) != 0; })) continue;
-    ops.push_back(*it);
-    const Uses uses = uses_of(graph_, op);
-    needed.insert(uses.at_element.begin(), uses.at_element.end());
-  }
-  std::ranges::reverse(ops);
-  s.element_ops(ops);
+  std::vector<ValueId> needed;
+  for (const auto& clause : pass.active) needed.insert(needed.end(), clause.begin(), clause.end());
+  s.element_ops(ops_at(graph_, {}, pass.ops, needed));
   const std::string active = active_condition(s, pass);
   const std::string words = s.bind_words(list, "active_elements", bundle::Access::ReadWrite);
   s.body().line("if (" + active + ") " + append(s, words, "index"));

@@ -59,6 +59,7 @@ class StepLegalizer {
       : graph_(graph), profile_(profile), lower_(lower), schedule_(schedule), step_(step), unused_(unused) {
     const std::vector<OpId>& order = graph.region(graph.root()).ops;
     for (size_t k = 0; k < order.size(); ++k) position_[order[k]] = k;
+    steady_ = steady_ops(graph, graph.steps[*graph.step_index(step.name)]);
   }
 
   // Whether passes were joined.
@@ -85,6 +86,10 @@ class StepLegalizer {
 
  private:
   const Op& def(ValueId v) const { return graph_.op(graph_.value(v).op); }
+  bool steady(ValueId v) const { return steady_[graph_.value(v).op.index]; }
+  bool steady(const ScatterLeaf& leaf, ValueId v) const {
+    return std::ranges::any_of(root_values_at(graph_, leaf, std::span(&v, 1)), [&](ValueId x) { return steady(x); });
+  }
   bool is_processor() const { return profile_.costs.compute_operations_per_ns < 64; }
   const Resource& resource(ValueId v) const { return schedule_.resources[step_.stored.at(v).index]; }
 
@@ -128,6 +133,10 @@ class StepLegalizer {
       ScatterSum sum{op.results[0], {}};
       if (!collect(sum.value, sum.terms)) continue;
       if (std::set<ValueId>(sum.terms.begin(), sum.terms.end()).size() != sum.terms.size()) continue;  // x + x
+      const auto same_domain = [&](ValueId term) {
+        return step_.passes[writer_.at(term)].domain == step_.passes[writer_.at(sum.terms[0])].domain;
+      };
+      if (!std::ranges::all_of(sum.terms, same_domain)) continue;
       for (const OpId id : additions(sum)) taken.insert(graph_.op(id).results[0]);
       sums.push_back(std::move(sum));
     }
@@ -291,12 +300,22 @@ class StepLegalizer {
         break;
       }
       case ScatterLower::Auto:
-      case ScatterLower::Rows:
-        if (auto rows = rows_of(pass); rows && (lower_ == ScatterLower::Rows || rows_pay(pass))) {
+      case ScatterLower::Rows: {
+        const bool asked = lower_ == ScatterLower::Rows;
+        std::string lacks;
+        auto rows = rows_of(pass);
+        if (!rows || !(asked || rows_pay(pass, *rows))) {
+          rows = sorted_rows_of(pass, lacks);
+          if (rows && !asked && !(changes(pass) && rows_pay(pass, *rows))) rows.reset();
+        }
+        if (rows) {
           pass.scatter = ScatterLowering::Rows;
-          pass.rows = *rows;
+          pass.rows = std::move(*rows);
+        } else if (asked) {
+          pass.no_rows = lacks;
         }
         break;
+      }
     }
   }
 
@@ -335,6 +354,45 @@ class StepLegalizer {
     return rows;
   }
 
+  // The table by which the device can: all that says where contributions go stays as it is in this step. `lacks`: why
+  // there is none.
+  std::optional<RowsTable> sorted_rows_of(const Pass& pass, std::string& lacks) const {
+    RowsTable rows;
+    const ir::Extent& to = graph_.value(pass.sums[0].value).extent;
+    rows.targets = to.w * to.h * to.l;
+    const auto lack = [&](const char* what) {
+      lacks = what;
+      return std::nullopt;
+    };
+    if (pass.writes.size() != pass.sums.size()) return lack("the pass stores more than sums");
+    for (const ScatterSum& sum : pass.sums) {
+      if (graph_.value(sum.value).extent != to) return lack("the pass sums into images of several extents");
+      for (const ValueId term : sum.terms) {
+        auto leaves = scatter_leaves(graph_, term);
+        if (!leaves) return lack("a loop scatters");
+        for (ScatterLeaf& leaf : *leaves) {
+          if (steady(leaf, leaf.index)) return lack("an index depends on what the step changes");
+          for (ScatterLeaf::Branch& branch : leaf.path)
+            branch.in_table = !steady(leaf, graph_.op(branch.op).operands[0]);
+          const auto same = [&](const ScatterLeaf& place) { return place.same_place(leaf); };
+          if (std::ranges::none_of(rows.places, same)) rows.places.push_back(std::move(leaf));
+        }
+      }
+    }
+    if (rows.places.empty()) return lack("nothing is added anywhere");
+    constexpr uint32_t kTable = 3;  // starts, items, sums of blocks
+    if (!fits(profile_, bindings(pass.reads, pass.writes.size(), false, kTable)))
+      return lack("the profile allows too few buffers in a shader");
+    return rows;
+  }
+
+  // Where what is scattered does not change either, a run seldom needs to add it up, and sorting is in vain.
+  bool changes(const Pass& pass) const {
+    return std::ranges::any_of(pass.sums, [&](const ScatterSum& sum) {
+      return std::ranges::any_of(sum.terms, [&](ValueId term) { return steady(term); });
+    });
+  }
+
   // Lanes beside each other often add to one element, and atomics of one element wait for each other. Where none do,
   // joining is in vain: it has to cost little beside the atomics. On a processor, where a thread has all lanes of a
   // subgroup, atomics do not wait, and sums over lanes go lane by lane.
@@ -354,12 +412,17 @@ class StepLegalizer {
   }
 
   // A contribution costs a row its number and two loads, and an exact sum three words of atomics and their clearing.
-  bool rows_pay(const Pass& pass) const {
+  bool rows_pay(const Pass& pass, const RowsTable& rows) const {
     double row = 0, exact = 0;
     const target::Costs& c = profile_.costs;
     for (const ScatterSum& sum : pass.sums) {
-      const double n = graph_.value(sum.value).type.components() * static_cast<double>(sum.terms.size());
-      row += (8 * static_cast<double>(sum.terms.size()) + 2 * 4 * n) / c.compute_buffer_bytes_per_ns;
+      double terms = static_cast<double>(sum.terms.size());
+      if (rows.sorted()) {
+        terms = 0;
+        for (const ValueId term : sum.terms) terms += static_cast<double>(scatter_leaves(graph_, term)->size());
+      }
+      const double n = graph_.value(sum.value).type.components() * terms;
+      row += (8 * terms + 2 * 4 * n) / c.compute_buffer_bytes_per_ns;
       exact += 2 * 4 * n / c.compute_buffer_bytes_per_ns + 2 * n * c.atomic_add_ns;
     }
     return row <= exact;
@@ -371,6 +434,7 @@ class StepLegalizer {
   Schedule& schedule_;
   StepSchedule& step_;
   std::set<uint32_t>& unused_;  // resources
+  std::vector<bool> steady_;    // ops that depend on what the step changes, by index
   std::map<OpId, size_t> position_;
   std::map<ValueId, size_t> writer_;
   std::map<OpId, std::set<size_t>> holders_;  // passes that run an op

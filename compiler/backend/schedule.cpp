@@ -63,6 +63,7 @@ std::vector<std::string> check_schedule(const Graph& graph, const Schedule& sche
   for (const StepSchedule& step : schedule.steps) {
     std::set<ValueId> ready;
     std::set<uint32_t> overwritten;  // leaves that hold their new value already
+    const std::vector<bool> steady = steady_ops(graph, graph.steps[*graph.step_index(step.name)]);
     auto is_ready = [&](ValueId v) {
       if (!is_memory(graph.op(graph.value(v).op))) return ready.count(v) != 0;
       const auto it = step.stored.find(v);
@@ -107,6 +108,13 @@ std::vector<std::string> check_schedule(const Graph& graph, const Schedule& sche
             if (std::find(setup.writes.begin(), setup.writes.end(), v) != setup.writes.end())
               report("sets up late what '" + step.passes[j].name + "' reads");
         if (setup.steady != pass.steady) report("sets up what runs at other times");
+      }
+      for (const ScatterLeaf& place : pass.rows.places) {
+        std::vector<ValueId> sorted_by{place.index};
+        for (const ScatterLeaf::Branch& branch : place.path)
+          if (branch.in_table) sorted_by.push_back(graph.op(branch.op).operands[0]);
+        for (ValueId v : root_values_at(graph, place, sorted_by))
+          if (steady[graph.value(v).op.index]) report("sorts by what its step changes");
       }
       const bool fragment = pass.kind == Pass::Kind::Map && pass.hardware;
       if (k > 0 && step.passes[k - 1].stage == pass.stage) {
@@ -238,7 +246,12 @@ std::string print(const Graph& graph, const Schedule& schedule) {
       if (pass.set_up_by >= 0) out += "    set up by " + step.passes[static_cast<size_t>(pass.set_up_by)].name + "\n";
       if (pass.join_lanes) out += "    join lanes\n";
       if (pass.relist) out += "    relist\n";
-      if (pass.scatter == ScatterLowering::Rows) {
+      if (!pass.no_rows.empty()) out += "    no rows: " + pass.no_rows + "\n";
+      if (pass.scatter == ScatterLowering::Rows && pass.rows.sorted()) {
+        out += "    rows sorted by";
+        for (const ScatterLeaf& place : pass.rows.places) out += " " + value_text(step, place.index);
+        out += " of " + pass.rows.targets.str() + "\n";
+      } else if (pass.scatter == ScatterLowering::Rows) {
         out += "    rows " + schedule.resources[pass.rows.leaf].name + "[";
         for (size_t c = 0; c < pass.rows.columns.size(); ++c)
           out += (c ? ", " : "") + std::to_string(pass.rows.columns[c]);

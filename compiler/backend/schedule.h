@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "compiler/backend/scatter_leaves.h"
 #include "compiler/ir/graph.h"
 #include "compiler/target/profile.h"
 
@@ -38,12 +39,18 @@ struct ScatterSum {
   std::vector<ir::ValueId> terms;
 };
 
-// The sources of each target in ascending order, a table that the host makes of an input: source s and column
-// columns[k] of the input name a target of source * columns.size() + k, if it is one of 0 .. targets - 1.
+// The sources of each target in ascending order: source s and name k give item s * names() + k, where they name one of
+// 0 .. targets - 1. Either the host makes the table of an input, or the device sorts what it computes of an index that
+// the step does not change.
 struct RowsTable {
-  uint32_t leaf = 0;  // integers in one dimension
+  uint32_t leaf =
+      0;  // the host: integers in one dimension, and the columns that name targets; sources are its elements
   std::vector<int> columns;
-  ir::Dim targets;
+  std::vector<ScatterLeaf> places;  // the device, if there are any: sources are the elements of the pass
+  ir::Dim targets;                  // the device: elements of all dimensions
+
+  bool sorted() const { return !places.empty(); }
+  int64_t names() const { return static_cast<int64_t>(sorted() ? places.size() : columns.size()); }
 };
 
 // One pass. Its ops are root ops in graph order; what they need from outside is read from resources, what others
@@ -72,6 +79,7 @@ struct Pass {
   ScatterLowering scatter = ScatterLowering::Exact;
   std::vector<ScatterSum> sums;
   RowsTable rows;
+  std::string no_rows;  // why it has none, where they were asked for
   // Elements that may add something are listed first and only they run: those for which all values of one of these are
   // true or not zero. Empty: all elements run.
   std::vector<std::vector<ir::ValueId>> active;

@@ -73,4 +73,11 @@ std::vector<bool> steady_ops(const Graph& graph, const ir::Step& step, std::span
   return is_steady;
 }
 
+std::vector<bool> steady_ops(const Graph& graph, const ir::Step& step) {
+  const std::vector<OpId>& order = graph.region(graph.root()).ops;
+  std::vector<Uses> uses(graph.op_count());
+  for (const OpId id : order) uses[id.index] = uses_of(graph, graph.op(id));
+  return steady_ops(graph, step, order, uses);
+}
+
 }  // namespace dr::backend

@@ -27,5 +27,7 @@ Uses uses_of(const ir::Graph& graph, const ir::Op& op);
 // index; the others are its prologue. `order`: root ops, operands before users; `uses` by OpId index.
 std::vector<bool> steady_ops(const ir::Graph& graph, const ir::Step& step, std::span<const ir::OpId> order,
                              std::span<const Uses> uses, std::set<std::string> moving = {});
+// The same of all ops of the root region.
+std::vector<bool> steady_ops(const ir::Graph& graph, const ir::Step& step);
 
 }  // namespace dr::backend

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # scatter.sh BUILD_FOLDER [--device NAME] [--quick]: microseconds that it takes to add 400,000 vec3 (--quick: 40,000) to 65,536
-# targets by each way that drc has (--scatter), while several runs are under way, the least of three. The figures go to
+# targets by each way that drc has (--scatter; *sorted*: rows of a computed index), while several runs are under way, the least of three. The figures go to
 # bench-out/scatter.jsonl.
 set -euo pipefail
 drun=$(realpath "$1")/bin/drun
@@ -31,14 +31,15 @@ np.save(f"{folder}/one.npy", np.zeros(count, np.int32))
 np.save(f"{folder}/value.npy", random.normal(size=(count, 3)).astype(np.float32))
 END
 : > bench-out/scatter.jsonl
-printf '%-9s %10s %10s %10s\n' index rows exact atomic
+printf '%-9s %10s %10s %10s %10s\n' index rows sorted exact atomic
 for index in near anywhere one; do
   line=$(printf '%-9s' "$index")
-  for way in rows exact atomic; do
-    least=''
+  for way in rows sorted exact atomic; do
+    least='' scatter=$way step=add
+    if [[ $way == sorted ]]; then scatter=rows step=add_computed; fi
     for _ in 1 2 3; do
-      us=$("$drun" "$here/scatter.dr" --device "$device" --scatter "$way" --bind "index=$data/$index.npy" --bind "value=$data/value.npy" \
-        --step "add=$runs" --timing 2>&1 | sed -n 's/^add: \([0-9.]*\) us a run while.*/\1/p') || us=''
+      us=$("$drun" "$here/scatter.dr" --device "$device" --scatter "$scatter" --bind "index=$data/$index.npy" --bind "value=$data/value.npy" \
+        --step "$step=$runs" --timing 2>&1 | sed -n 's/^add[a-z_]*: \([0-9.]*\) us a run while.*/\1/p') || us=''
       [[ -n $us ]] || break
       least=$(printf '%s\n' "$us" $least | sort -g | head -1)
     done
