@@ -292,14 +292,14 @@ bundle::CommandT& Generator::dispatch(const Pass& pass, const std::string& suffi
   return c;
 }
 
-void Generator::linear_index(Shader& s, const std::string& elements) {
+void linear_index(Shader& s, const std::string& elements) {
   s.body().line(
       "int index = int((gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x) * gl_WorkGroupSize.x + "
       "gl_LocalInvocationID.x);");
   s.body().line("if (index >= " + elements + ") return;");
 }
 
-void Generator::place_from_index(Shader& s, const Extent& e, const std::string& index) {
+void place_from_index(Shader& s, const Extent& e, const std::string& index) {
   const std::string w = dim_expression(e.w), h = dim_expression(e.h);
   s.body().line("ivec3 at = ivec3(" + index + " % " + w + ", (" + index + " / " + w + ") % " + h + ", " + index +
                 " / (" + w + " * " + h + "));");
@@ -316,11 +316,11 @@ void Generator::map_pass(const Pass& pass) {
     if (!heavy.empty()) return listed_map_pass(pass, heavy);
   }
   Shader s = shader();
-  linear_index(s, dim_expression(element_count(pass.domain)));
-  place_from_index(s, pass.domain);
+  ListingLoop loop(s, pass.domain, profile_.lanes_in_turn && listed_for(pass) != nullptr);
   s.element_ops(pass.ops);
-  store_results(s, pass);
-  dispatch(pass, "", s, element_count(pass.domain).str());
+  store_results(s, pass, &loop);
+  const std::string count = loop.close();
+  dispatch(pass, "", s, count);
 }
 
 void Generator::fragment_pass(const Pass& pass, const std::vector<ValueId>& inputs, bool joins) {

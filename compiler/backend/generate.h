@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "compiler/backend/compile.h"
+#include "compiler/backend/element_lists.h"
 #include "compiler/backend/glsl/fixed_point.h"
 #include "compiler/backend/glsl/shader.h"
 #include "compiler/backend/source_lines.h"
@@ -75,9 +76,9 @@ class Generator {
   const Pass* listed_for(const Pass& pass) const;
   // A condition: whether an element is active.
   std::string active_condition(glsl::Shader& shader, const Pass& scatter) const;
-  // Stores what a map pass writes at an element and, where it lists elements for a scatter, lists it; `active`: whether
-  // it may be one of those.
-  void store_results(glsl::Shader& shader, const Pass& pass, bool active = true);
+  // Stores what a map pass writes at an element and, where it lists elements for a scatter, lists it; `loop`: that the
+  // shader runs, if it does; `active`: whether the element may be one of those.
+  void store_results(glsl::Shader& shader, const Pass& pass, ListingLoop* loop = nullptr, bool active = true);
   // An empty list of elements of the pass, a scratch buffer; a dispatch can be as large as it is long.
   uint32_t add_list(const Pass& pass, const std::string& name);
   uint32_t list_active(const Pass& pass);
@@ -115,10 +116,6 @@ class Generator {
   std::string compute_layout() const {
     return "layout(local_size_x = 64, local_size_x_id = " + std::to_string(bundle_->symbols.size()) + ") in;\n";
   }
-  // Opens a compute shader's main: computes `index`, returns past `elements`.
-  static void linear_index(glsl::Shader& shader, const std::string& elements);
-  static void place_from_index(glsl::Shader& shader, const ir::Extent& extent, const std::string& index = "index");
-
   // Whether shaders may use 64-bit integers and their atomics; those that do say so.
   bool wide_atomics() const { return profile_.shader_int64 && profile_.shader_buffer_int64_atomics; }
   static void wide_extensions(glsl::Shader& shader) {
@@ -164,12 +161,10 @@ class Generator {
   std::set<uint32_t> step_tables_;  // leaves
 };
 
-// Words of a list of elements: 0 to 2 the workgroups of 64 that take one each, then one more than there are, then the
-// elements.
-inline constexpr int kListEnd = 3, kListHead = 4;
-
-// A statement that adds an element to a list. Workgroups go on in the next row as those of other dispatches do.
-std::string append(glsl::Shader& s, const std::string& list, const std::string& element);
+// Opens a compute shader's main: computes `index`, returns past `elements`.
+void linear_index(glsl::Shader& shader, const std::string& elements);
+// Computes `at`, an element's place.
+void place_from_index(glsl::Shader& shader, const ir::Extent& extent, const std::string& index = "index");
 
 // Words of 32 bits of the fixed point sums of values of that type; `wide`: by 64-bit atomics.
 ir::Dim words_of_sums(const ir::Type& type, const ir::Extent& extent, bool wide);

@@ -18,9 +18,9 @@ using ir::ValueId;
 namespace {
 
 // What must be left out for each element to pay for a list and a dispatch more, in op_cost() units, and how many times
-// what is done instead. How many elements take a branch is not known: where a third of them do, as a texture's pixels
-// of an object, a list of branches that cost 100 makes a step a fifth slower; where few do, 90 are worth it already.
-constexpr int kWorthListing = 160, kTimesLighter = 4;
+// what is done instead. How many elements take a branch is not known: branches that cost 126 take, with a list, half
+// the time where one element in fifty takes them, nine tenths where a third do, and half as long again where all do.
+constexpr int kWorthListing = 120, kTimesLighter = 4;
 // Lighter branches run for all: a common one would put most elements on the list.
 constexpr int kHeavy = 20;
 constexpr int kLoopTrips = 8;
@@ -57,19 +57,32 @@ void Generator::listed_map_pass(const Pass& pass, const std::vector<ir::OpId>& h
   const std::string count = element_count(pass.domain).str();
   {
     Shader s = shader();
-    linear_index(s, dim_expression(element_count(pass.domain)));
-    place_from_index(s, pass.domain);
+    ListingLoop loop(s, pass.domain, true);
+    // Where no condition holds, `false` stands for all: nothing is read that only a branch left out needs. Elsewhere
+    // what follows a condition that holds is wrong, another condition too, and does not count.
+    std::set<ValueId> conditions;
+    for (const ir::OpId id : heavy) conditions.insert(graph_.op(id).operands[0]);
+    std::set<std::string> found;
+    const auto suppose = [&](ValueId v) {
+      if (conditions.erase(v) == 0) return;
+      found.insert(s.use(v));
+      s.define(v, "false");
+    };
+    std::set<ValueId> computed;
+    for (const ir::OpId id : pass.ops) computed.insert(graph_.op(id).results.begin(), graph_.op(id).results.end());
+    for (const ValueId v : std::set<ValueId>(conditions))
+      if (computed.count(v) == 0) suppose(v);
     for (const ir::OpId id : heavy) s.leave_out_branch(id);
-    s.element_ops(pass.ops);
-    // A condition that depends on a branch left out is wrong, but then that branch's own one holds.
-    std::set<std::string> conditions;
-    for (const ir::OpId id : heavy) conditions.insert(s.use(graph_.op(id).operands[0]));
+    for (const ir::OpId id : pass.ops) {
+      s.element_ops({id});
+      for (const ValueId v : graph_.op(id).results) suppose(v);
+    }
     std::string any;
-    for (const std::string& condition : conditions) any += (any.empty() ? "" : " || ") + condition;
+    for (const std::string& condition : found) any += (any.empty() ? "" : " || ") + condition;
     const std::string words = s.bind_words(list, "heavy_elements", bundle::Access::ReadWrite);
     s.body().line("if (" + any + ") {");
-    s.body().line(append(s, words, "index"));
-    s.body().line("return;");
+    loop.add(words);
+    loop.skip();
     s.body().line("}");
     // Where each clause of the scatter has a condition of a branch left out, no element is active here.
     bool active = false;
@@ -78,8 +91,9 @@ void Generator::listed_map_pass(const Pass& pass, const std::vector<ir::OpId>& h
         return std::ranges::none_of(
             heavy, [&](ir::OpId id) { return std::ranges::find(clause, graph_.op(id).operands[0]) != clause.end(); });
       });
-    store_results(s, pass, active);
-    dispatch(pass, "", s, count);
+    store_results(s, pass, &loop, active);
+    const std::string invocations = loop.close();
+    dispatch(pass, "", s, invocations);
   }
   Shader s = shader();
   const std::string words = s.read_words(list, "heavy_elements");

@@ -76,22 +76,6 @@ ir::Dim words_of_sums(const ir::Type& type, const ir::Extent& extent, bool wide)
   return wide ? words * ir::Dim(2) : words;
 }
 
-std::string append(Shader& s, const std::string& list, const std::string& element) {
-  s.declare(R"(void append_to_)" + list + R"((int element) {
-  uint place = atomicAdd()" +
-            list + ".d[" + std::to_string(kListEnd) + R"(], 1u) - 1u;
-  )" + list +
-            ".d[" + std::to_string(kListHead) + R"(u + place] = uint(element);
-  if (place % 64u != 0u) return;
-  atomicMax()" +
-            list + R"(.d[0], min(place / 64u + 1u, 65535u));
-  atomicMax()" +
-            list + R"(.d[1], place / 64u / 65535u + 1u);
-}
-)");
-  return "append_to_" + list + "(" + element + ");";
-}
-
 // How often an element of the domain adds to a Scatter result at most; -1 where a loop decides.
 int Generator::contributions(ValueId result) const {
   const ir::Op& op = graph_.op(graph_.value(result).op);
@@ -140,18 +124,19 @@ uint32_t Generator::add_list(const Pass& pass, const std::string& name) {
 
 // Lists the elements that add something.
 uint32_t Generator::list_active(const Pass& pass) {
-  const ir::Dim count = element_count(pass.domain);
   const uint32_t list = add_list(pass, "active");
   Shader s = shader();
-  linear_index(s, dim_expression(count));
-  place_from_index(s, pass.domain);
+  ListingLoop loop(s, pass.domain, profile_.lanes_in_turn);
   std::vector<ValueId> needed;
   for (const auto& clause : pass.active) needed.insert(needed.end(), clause.begin(), clause.end());
   s.element_ops(ops_at(graph_, {}, pass.ops, needed));
   const std::string active = active_condition(s, pass);
   const std::string words = s.bind_words(list, "active_elements", bundle::Access::ReadWrite);
-  s.body().line("if (" + active + ") " + append(s, words, "index"));
-  dispatch(pass, "_active", s, count.str());
+  s.body().line("if (" + active + ") {");
+  loop.add(words);
+  s.body().line("}");
+  const std::string invocations = loop.close();
+  dispatch(pass, "_active", s, invocations);
   return list;
 }
 
@@ -178,7 +163,7 @@ const Pass* Generator::listed_for(const Pass& pass) const {
   return nullptr;
 }
 
-void Generator::store_results(Shader& s, const Pass& pass, bool active) {
+void Generator::store_results(Shader& s, const Pass& pass, ListingLoop* loop, bool active) {
   const auto is_partial = [&](ValueId v) { return std::ranges::find(pass.partial, v) != pass.partial.end(); };
   for (const ValueId v : pass.writes)
     if (!is_partial(v)) s.store(v, "at", s.use(v));
@@ -186,9 +171,11 @@ void Generator::store_results(Shader& s, const Pass& pass, bool active) {
   if (scatter == nullptr || !active) return;
   if (scatter->joins_lister) return scatter_where_listed(s, pass, *scatter);
   const std::string list = s.bind_words(active_lists_.at(scatter), "active_elements", bundle::Access::ReadWrite);
-  const std::string statement = append(s, list, Shader::element_index(pass.domain, "at"));
   s.body().line("if (" + active_condition(s, *scatter) + ") {");
-  s.body().line(statement);
+  if (loop != nullptr)
+    loop->add(list);
+  else
+    s.body().line(append(s, list, Shader::element_index(pass.domain, "at")));
   for (const ValueId v : pass.partial) s.store(v, "at", s.use(v));
   s.body().line("}");
 }

@@ -40,7 +40,7 @@ class Identities {
       case OpKind::Extract: return extract();
       case OpKind::Compose: return compose();
       case OpKind::Broadcast: return broadcast_again();
-      case OpKind::Gather: return pull_gather(e_, c_);
+      case OpKind::Gather: return gather();
       case OpKind::Shift: return shift();
       case OpKind::ReduceSum:
       case OpKind::ReduceMin:
@@ -195,6 +195,18 @@ class Identities {
   std::optional<ValueId> shift() {
     const bool still = std::all_of(c_.attrs.ints.begin(), c_.attrs.ints.end(), [](int64_t by) { return by == 0; });
     return still ? same(0) : std::nullopt;
+  }
+
+  // What an element reads at its own place is itself.
+  std::optional<ValueId> gather() {
+    if (!e_.in_root() || e_.value(operand(0)).extent != c_.extent) return pull_gather(e_, c_);
+    std::vector<ValueId> axes{operand(1)};
+    if (const Op* place = e_.definition(operand(1), OpKind::Compose)) axes = place->operands;
+    for (size_t axis = 0; axis < axes.size(); ++axis) {
+      const Op* coordinate = e_.definition(axes[axis], OpKind::Coord);
+      if (!coordinate || coordinate->attrs.ints[0] != static_cast<int64_t>(axis)) return pull_gather(e_, c_);
+    }
+    return same(0);
   }
 
   // Axes of extent 1 have nothing to reduce.

@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 # skip.sh BUILD_FOLDER: what HardSoftRas leaves out where nothing soft shows (skip.dr), for a sphere of 5,120 faces and a crowd of
 # small ones whose outlines lie in front of others: the part of the picture that is blended, candidate pixels of compute loops, those
-# of draws by boxes and by the smaller of box and triangle, and times on the device in us, the least of three runs: `hard` of the commands that draw the first layer, `soft` of all others.
+# of draws by boxes and by the smaller of box and triangle, and times on the device in us, the least of three runs: `hard` of the
+# same frame without soft layers (step `plain`: the first layer, its silhouette and the loss), `soft` of what the frame takes beyond
+# that. `others` are the commands that do not draw the first layer, the loss over all pixels among them: what `soft` was before.
 # skip_scenes.sh comes after it, and takes what else is given: --quick, --device NAME.
 set -euo pipefail
 for ((k = 2; k < $#; ++k)); do if [[ ${!k} == --device ]]; then n=$((k + 1)); export DR_DEVICE=${!n}; fi; done
@@ -29,33 +31,35 @@ awk -v levels=4 -f "$here/icosphere.awk" > "$out/sphere.obj"
 } > "$out/crowd.obj"
 run() { "$build/bin/drun" "$here/skip.dr" -D outlines="$outlines" -D skip="$skip" --device "${DR_DEVICE-}" --bind "position=$out/$mesh.obj:position" \
   --bind "face=$out/$mesh.obj:indices" "$@"; }
-printf '%7s %9s %5s  %6s %9s %9s %9s %9s %9s  %8s %8s\n' mesh edges skip band all proposed measured boxes smaller hard soft
+printf '%7s %9s %5s  %6s %9s %9s %9s %9s %9s  %8s %8s %8s\n' mesh edges skip band all proposed measured boxes smaller hard soft others
 for mesh in sphere crowd; do
   for outlines in 0 1; do
     skip=1
     run --step count --out "$out/count" > /dev/null
     for skip in 0 1; do
-      for _ in 1 2 3; do run --step draw=3 --timing --ablate=cache; done > "$out/timing.txt"
+      for _ in 1 2 3; do run --step plain=3 --step draw=3 --timing --ablate=cache; done > "$out/timing.txt"
       /usr/bin/python3 - "$out" $mesh $outlines $skip << 'END'
 import json, re, sys
 out, mesh, outlines, skip = sys.argv[1:]
 counts = json.loads(open(out + "/count/log.jsonl").readlines()[-1])
-runs, now = [], None
+runs, now = {"plain": [], "draw": []}, []
 for line in open(out + "/timing.txt"):
-    if re.match(r"draw: \d+ commands", line):
-        now = {"hard": 0.0, "soft": 0.0}
-        runs.append(now)
+    step = re.match(r"(plain|draw): \d+ commands", line)
+    if step:
+        now = runs[step[1]]
+        now.append({"all": 0.0, "others": 0.0})
     row = re.match(r"\s*([\d.]+)\s+[\d.]+%\s+\d+\s+\d+  (.*)", line)
-    if row and now is not None:
-        first = re.match(r"(clear )?(covering|hard|raster)", row[2])
-        now["hard" if first else "soft"] += float(row[1])
-hard, soft = (min(r[k] for r in runs) for k in ("hard", "soft"))
+    if row:
+        now[-1]["all"] += float(row[1])
+        if not re.match(r"(clear )?(covering|hard|raster)", row[2]): now[-1]["others"] += float(row[1])
+hard, whole = (min(r["all"] for r in runs[step]) for step in ("plain", "draw"))
+soft, others = whole - hard, min(r["others"] for r in runs["draw"])
 proposed, measured = (counts["proposed"], counts["measured"]) if skip == "1" else (counts["all"], counts["all"])
 print(f"{mesh:>7} {['all', 'outlines'][int(outlines)]:>9} {['no', 'yes'][int(skip)]:>5}  {counts['band']:6.3f} {counts['all']:9.0f} {proposed:9.0f} {measured:9.0f}"
       f" {counts['drawn_boxes']:9.0f} {counts['drawn_smaller']:9.0f}"
-      f"  {hard:8.0f} {soft:8.0f}")
+      f"  {hard:8.0f} {soft:8.0f} {others:8.0f}")
 with open(out + "/skip.jsonl", "a") as log:
-    json.dump({"mesh": mesh, "outlines": int(outlines), "skip": int(skip), **counts, "hard_us": hard, "soft_us": soft}, log)
+    json.dump({"mesh": mesh, "outlines": int(outlines), "skip": int(skip), **counts, "hard_us": hard, "soft_us": soft, "others_us": others}, log)
     log.write("\n")
 END
     done

@@ -351,6 +351,28 @@ TEST_CASE("equal ops with regions become one") {
   CHECK(graph.steps[0].outputs[4].value == graph.steps[0].outputs[5].value);
 }
 
+TEST_CASE("what an element reads at its own place is itself") {
+  check_becomes(R"(%4 : int[W, H] = coord ints [0] dims [W, H, 1]
+%5 : int[W, H] = coord ints [1] dims [W, H, 1]
+%6 : ivec2[W, H] = compose %4, %5 ints [2, 1]
+%9 : float[W, H] = gather %0, %6
+)",
+                "%x.0");
+  check_kept(R"(%4 : int[W, H] = coord ints [1] dims [W, H, 1]
+%5 : int[W, H] = coord ints [0] dims [W, H, 1]
+%6 : ivec2[W, H] = compose %4, %5 ints [2, 1]
+%7 : float[W, H] = gather %x.0, %6
+)",
+             {"%7"});
+  // Of a larger image it is a part.
+  check_kept(R"(%4 : int[H, W] = coord ints [0] dims [H, W, 1]
+%5 : int[H, W] = coord ints [1] dims [H, W, 1]
+%6 : ivec2[H, W] = compose %4, %5 ints [2, 1]
+%7 : float[H, W] = gather %x.0, %6
+)",
+             {"%7"});
+}
+
 TEST_CASE("grad targets are left alone") {
   // %5 and %6 are the same number, but the gradient asks for one of them.
   check_kept(R"(%4 : float = const floats [2]

@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+// Lists of elements that shaders make and that later dispatches run for.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "compiler/backend/glsl/shader.h"
+
+namespace dr::backend {
+
+// Words of a list: 0 to 2 the workgroups of 64 that take one each, then one more than there are, then the elements.
+inline constexpr int kListEnd = 3, kListHead = 4;
+
+// A statement that adds an element to a list. Workgroups go on in the next row as those of other dispatches do.
+std::string append(glsl::Shader& s, const std::string& list, const std::string& element);
+
+// The main of a shader that computes the elements of an extent and lists some of them. With `runs` an invocation
+// computes 32 that follow each other, and lists them together: where lanes access memory in turn
+// (Profile::lanes_in_turn), an atomic costs a subgroup that lists nothing as much as any other.
+class ListingLoop {
+ public:
+  // Opens it: behind, `at` is an element's place.
+  ListingLoop(glsl::Shader& shader, const ir::Extent& extent, bool runs);
+  // Adds the element to a list, whose words are bound.
+  void add(const std::string& list);
+  // Is done with the element.
+  void skip() { shader_.body().line(runs_ ? "continue;" : "return;"); }
+  // Closes it; returns how many invocations there are.
+  std::string close();
+
+ private:
+  glsl::Shader& shader_;
+  const ir::Dim count_;
+  const bool runs_;
+  std::vector<std::string> lists_;
+};
+
+}  // namespace dr::backend
