@@ -41,7 +41,7 @@ struct Case {
   std::string leaf = {}, define = {};
   Array data = {};
   Count with = {}, without = {}, woken = {};
-  std::string raster = "auto";
+  std::string raster = "auto", scatter = "auto";
   std::string only_on = {};  // a device
 };
 
@@ -172,6 +172,7 @@ step go { output y; })",
        .with = {20, 492},
        .without = {0, 0},
        .woken = {50, 462},
+       .scatter = "exact",
        .only_on = "lavapipe"},
       {.id = "active",
        .text = kReadsTexels,
@@ -181,6 +182,7 @@ step go { output y; })",
        .with = {10, 246},
        .without = {0, 0},
        .woken = {25, 231},
+       .scatter = "exact",
        .only_on = "swiftshader"},
       {.id = "branches",
        .text = R"(
@@ -279,6 +281,7 @@ Side side_of(const Case& c, const test::NamedDevice& device, bool off, const std
   jit::Options options;
   options.profile = device.name;
   options.raster = c.raster;
+  options.scatter = c.scatter;
   if (!define.empty()) options.defines[define.substr(0, define.find('='))] = define.substr(define.find('=') + 1);
   runtime::LoadOptions load{.pipeline_folder = folder};
   const auto names = jit::skip_names();

@@ -12,7 +12,7 @@ failures=0
 complain() { printf 'FAILED: %s\n' "$*"; failures=$((failures + 1)); }
 
 cd backend
-"$drc" build --emit=bundle --lower=compute -o "$work/a.drb" reduce_map.dr
+"$drc" build --emit=bundle --lower=compute --scatter=exact -o "$work/a.drb" reduce_map.dr
 # The size of SPIR-V depends on the version of glslang.
 "$drc" inspect "$work/a.drb" | sed -E 's/[0-9]+ bytes/N bytes/' > "$work/a.txt"
 if [[ -n ${UPDATE-} ]]; then cp "$work/a.txt" reduce_map.inspect.txt; fi
@@ -49,7 +49,7 @@ damaged "$work/missing.drb" "cannot read"
 
 # A second build finds its shaders; a damaged cache changes nothing; without a cache there is none.
 [[ -n $(ls "$DRC_CACHE_DIR") ]] || complain "no shader was kept"
-build() { "$drc" build --emit=bundle --lower=compute -o "$1" "${@:2}" reduce_map.dr && cmp "$1" "$work/a.drb"; }
+build() { "$drc" build --emit=bundle --lower=compute --scatter=exact -o "$1" "${@:2}" reduce_map.dr && cmp "$1" "$work/a.drb"; }
 build "$work/b.drb" || complain "a bundle from the cache differs"
 # A bundle alone is found as well, by the same program and options, and no shader is made for it.
 kept=$(LC_ALL=C grep -la 'bundle 20:' "$DRC_CACHE_DIR"/* || true)
@@ -58,11 +58,11 @@ build "$work/b.drb" || complain "a bundle from the cache differs"
 [[ $(find "$DRC_CACHE_DIR" -type f | wc -l) == 1 ]] || complain "a bundle that was kept is not found"
 mkdir -p "$work/other/std"
 cp reduce_map.dr "$work/other/"
-(cd "$work/other" && "$drc" build --emit=bundle --lower=compute -o x.drb reduce_map.dr)
+(cd "$work/other" && "$drc" build --emit=bundle --lower=compute --scatter=exact -o x.drb reduce_map.dr)
 [[ -z $(LC_ALL=C grep -la 'bundle 20:' "$DRC_CACHE_DIR"/* | grep -vx "$kept") ]] || complain "kept beside modules that may change"
 rmdir "$work/other/std"
 sed -i 's/edition 1;/& const unused = 1;/' "$work/other/reduce_map.dr"
-(cd "$work/other" && "$drc" build --emit=bundle --lower=compute -o y.drb reduce_map.dr)
+(cd "$work/other" && "$drc" build --emit=bundle --lower=compute --scatter=exact -o y.drb reduce_map.dr)
 [[ $(LC_ALL=C grep -la 'bundle 20:' "$DRC_CACHE_DIR"/* | wc -l) == 2 ]] || complain "another program is taken for the first"
 "$drc" build --emit=bundle --lower=fragment -o "$work/z.drb" reduce_map.dr
 cmp -s "$work/z.drb" "$work/a.drb" && complain "another lowering is taken for the first"
