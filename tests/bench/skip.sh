@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 # skip.sh BUILD_FOLDER: what HardSoftRas leaves out where nothing soft shows (skip.dr), for a sphere of 5,120 faces and a crowd of
 # small ones whose outlines lie in front of others: the part of the picture that is blended, candidate pixels of compute loops, those
-# of draws by boxes and by the smaller of box and triangle, and times on the device in us, the least of three runs: `hard` of the
+# of draws by boxes and by the smaller of box and triangle, and times in us, medians of seven: `hard` of the
 # same frame without soft layers (step `plain`: the first layer, its silhouette and the loss), `soft` of what the frame takes beyond
-# that. `others` are the commands that do not draw the first layer, the loss over all pixels among them: what `soft` was before.
+# that, both a run while several are under way. `others`, with a wait after each, are the commands that do not draw the first layer, the loss over all pixels among them: what `soft` was before.
 # skip_scenes.sh comes after it, and takes what else is given: --quick, --device NAME.
 set -euo pipefail
 for ((k = 2; k < $#; ++k)); do if [[ ${!k} == --device ]]; then n=$((k + 1)); export DR_DEVICE=${!n}; fi; done
@@ -37,9 +37,9 @@ for mesh in sphere crowd; do
     skip=1
     run --step count --out "$out/count" > /dev/null
     for skip in 0 1; do
-      for _ in 1 2 3; do run --step plain=3 --step draw=3 --timing --ablate=cache; done > "$out/timing.txt"
+      for _ in 1 2 3 4 5 6 7; do run --step plain=15 --step draw=15 --timing --ablate=cache; done > "$out/timing.txt"
       /usr/bin/python3 - "$out" $mesh $outlines $skip << 'END'
-import json, re, sys
+import json, re, statistics, sys
 out, mesh, outlines, skip = sys.argv[1:]
 counts = json.loads(open(out + "/count/log.jsonl").readlines()[-1])
 runs, now = {"plain": [], "draw": []}, []
@@ -47,13 +47,15 @@ for line in open(out + "/timing.txt"):
     step = re.match(r"(plain|draw): \d+ commands", line)
     if step:
         now = runs[step[1]]
-        now.append({"all": 0.0, "others": 0.0})
+        now.append({"run": 0.0, "others": 0.0})
+    run = re.match(r"(?:plain|draw): ([\d.]+) us a run while", line)
+    if run: now[-1]["run"] = float(run[1])
     row = re.match(r"\s*([\d.]+)\s+[\d.]+%\s+\d+\s+\d+  (.*)", line)
     if row:
-        now[-1]["all"] += float(row[1])
         if not re.match(r"(clear )?(covering|hard|raster)", row[2]): now[-1]["others"] += float(row[1])
-hard, whole = (min(r["all"] for r in runs[step]) for step in ("plain", "draw"))
-soft, others = whole - hard, min(r["others"] for r in runs["draw"])
+hard, soft = (statistics.median(values) for values in (
+    [r["run"] for r in runs["plain"]], [d["run"] - p["run"] for d, p in zip(runs["draw"], runs["plain"])]))
+others = statistics.median(r["others"] for r in runs["draw"])
 proposed, measured = (counts["proposed"], counts["measured"]) if skip == "1" else (counts["all"], counts["all"])
 print(f"{mesh:>7} {['all', 'outlines'][int(outlines)]:>9} {['no', 'yes'][int(skip)]:>5}  {counts['band']:6.3f} {counts['all']:9.0f} {proposed:9.0f} {measured:9.0f}"
       f" {counts['drawn_boxes']:9.0f} {counts['drawn_smaller']:9.0f}"
