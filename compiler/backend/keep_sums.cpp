@@ -4,7 +4,6 @@
 #include <algorithm>
 
 #include "compiler/backend/uses.h"
-#include "compiler/ir/pins.h"
 
 namespace dr::backend {
 
@@ -24,12 +23,8 @@ bool reads_in_place(const ir::Graph& graph, const Pass& pass, ValueId v) {
 }  // namespace
 
 void keep_sums(const ir::Graph& graph, Schedule& schedule) {
-  const std::map<ValueId, std::string> pins = ir::pin_names(graph);
   for (StepSchedule& step : schedule.steps) {
-    std::set<ValueId> kept;
-    for (const auto& [name, v] : step.outputs) kept.insert(v);
-    for (const auto& [leaf, v] : step.updates) kept.insert(v);
-    for (const auto& [v, name] : pins) kept.insert(v);
+    const std::set<ValueId> kept = read_afterwards(graph, step);
     for (const Pass& pass : step.passes) {
       if (pass.kind != Pass::Kind::Scatter || pass.scatter != ScatterLowering::Exact) continue;
       for (const ScatterSum& sum : pass.sums) {

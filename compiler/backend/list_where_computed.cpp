@@ -5,7 +5,6 @@
 
 #include "compiler/backend/limits.h"
 #include "compiler/backend/uses.h"
-#include "compiler/ir/pins.h"
 
 namespace dr::backend {
 
@@ -61,12 +60,8 @@ bool may_join(const ir::Graph& graph, const target::Profile& profile, const Sche
 }  // namespace
 
 void list_where_computed(const ir::Graph& graph, const target::Profile& profile, Schedule& schedule) {
-  const std::map<ValueId, std::string> pins = ir::pin_names(graph);
   for (StepSchedule& step : schedule.steps) {
-    std::set<ValueId> kept;
-    for (const auto& [name, v] : step.outputs) kept.insert(v);
-    for (const auto& [leaf, v] : step.updates) kept.insert(v);
-    for (const auto& [v, name] : pins) kept.insert(v);
+    const std::set<ValueId> kept = read_afterwards(graph, step);
     std::set<int> taken;
     for (size_t k = 0; k < step.passes.size(); ++k) {
       Pass& scatter = step.passes[k];

@@ -10,7 +10,6 @@
 
 #include "compiler/backend/dependencies.h"
 #include "compiler/backend/uses.h"
-#include "compiler/ir/pins.h"
 
 namespace dr::backend {
 
@@ -66,13 +65,9 @@ void update_in_place(const ir::Graph& graph, Schedule& schedule) {
 }
 
 void keep_in_tiles(const ir::Graph& graph, Schedule& schedule) {
-  const std::map<ValueId, std::string> pins = ir::pin_names(graph);
   for (const StepSchedule& step : schedule.steps) {
     std::map<ValueId, uint32_t> stage_of;
-    std::set<ValueId> stored;
-    for (const auto& [name, v] : step.outputs) stored.insert(v);
-    for (const auto& [leaf, v] : step.updates) stored.insert(v);
-    for (const auto& [v, name] : pins) stored.insert(v);
+    std::set<ValueId> stored = read_afterwards(graph, step);
     for (const Pass& pass : step.passes) {
       for (ValueId v : pass.reads)
         if (const auto it = stage_of.find(v); it != stage_of.end() && it->second != pass.stage) stored.insert(v);

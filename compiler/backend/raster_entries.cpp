@@ -3,8 +3,6 @@
 
 #include <algorithm>
 
-#include "compiler/ir/pins.h"
-
 namespace dr::backend {
 
 using ir::ValueId;
@@ -17,13 +15,9 @@ RasterPart raster_part(const ir::Graph& graph, ValueId value) {
 
 void keep_entries(const ir::Graph& graph, const target::Profile& profile, Schedule& schedule) {
   if (!profile.shader_int64 || !profile.shader_buffer_int64_atomics) return;
-  const std::map<ValueId, std::string> pins = ir::pin_names(graph);
   std::set<uint32_t> unused;
   for (StepSchedule& step : schedule.steps) {
-    std::set<ValueId> kept;
-    for (const auto& [name, v] : step.outputs) kept.insert(v);
-    for (const auto& [leaf, v] : step.updates) kept.insert(v);
-    for (const auto& [v, name] : pins) kept.insert(v);
+    const std::set<ValueId> kept = read_afterwards(graph, step);
     for (const Pass& pass : step.passes) {
       if (pass.kind != Pass::Kind::Raster || pass.hardware) continue;
       const std::vector<ValueId>& results = graph.op(pass.ops.back()).results;

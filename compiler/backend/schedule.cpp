@@ -8,6 +8,7 @@
 #include "compiler/backend/pack_stages.h"
 #include "compiler/backend/raster_entries.h"
 #include "compiler/backend/uses.h"
+#include "compiler/ir/pins.h"
 #include "compiler/ops/op.h"
 
 namespace dr::backend {
@@ -31,6 +32,14 @@ void captured_operands(const Graph& graph, const Op& op, std::set<ValueId>& out)
 }
 
 }  // namespace
+
+std::set<ValueId> read_afterwards(const Graph& graph, const StepSchedule& step) {
+  std::set<ValueId> out;
+  for (const auto& [name, v] : step.outputs) out.insert(v);
+  for (const auto& [leaf, v] : step.updates) out.insert(v);
+  for (const auto& [v, name] : ir::pin_names(graph)) out.insert(v);
+  return out;
+}
 
 void remove_resources(Schedule& schedule, const std::set<uint32_t>& unused) {
   if (unused.empty()) return;

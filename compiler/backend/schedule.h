@@ -121,6 +121,9 @@ struct PackOptions {
 
 Schedule pack(const ir::Graph& graph, const target::Profile& profile, const PackOptions& options);
 
+// What is read when a step has run, and so needs memory of its own: outputs, updates and pinned values.
+std::set<ir::ValueId> read_afterwards(const ir::Graph& graph, const StepSchedule& step);
+
 // Takes resources away that no step stores anything in.
 void remove_resources(Schedule& schedule, const std::set<uint32_t>& unused);
 

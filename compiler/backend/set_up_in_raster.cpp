@@ -4,7 +4,6 @@
 #include <algorithm>
 
 #include "compiler/backend/limits.h"
-#include "compiler/ir/pins.h"
 
 namespace dr::backend {
 
@@ -43,12 +42,8 @@ bool one_shader(const StepSchedule& step, const Schedule& schedule, const target
 
 void set_up_in_raster(const ir::Graph& graph, const target::Profile& profile, Schedule& schedule) {
   if (!profile.shader_int64 || !profile.shader_buffer_int64_atomics) return;
-  const std::map<ValueId, std::string> pins = ir::pin_names(graph);
   for (StepSchedule& step : schedule.steps) {
-    std::set<ValueId> kept;
-    for (const auto& [name, v] : step.outputs) kept.insert(v);
-    for (const auto& [leaf, v] : step.updates) kept.insert(v);
-    for (const auto& [v, name] : pins) kept.insert(v);
+    const std::set<ValueId> kept = read_afterwards(graph, step);
     std::set<int> taken;  // those that list elements or set faces up already
     for (const Pass& pass : step.passes) taken.insert(pass.listed_by);
     for (size_t k = 0; k < step.passes.size(); ++k) {

@@ -15,6 +15,7 @@
 #include "compiler/ir/yields.h"
 #include "compiler/ops/emit.h"
 #include "compiler/ops/op.h"
+#include "compiler/passes/copy_steps.h"
 #include "compiler/passes/passes.h"
 
 namespace dr::passes {
@@ -190,11 +191,7 @@ class Differentiate {
       if (op.kind != OpKind::Grad && !depends_on_gradient(op)) continue;
       for (const ValueId result : op.results) by_gradient_[result.index] = true;
     }
-    b_.graph().steps = from_.steps;
-    for (ir::Step& step : b_.graph().steps) {
-      for (ir::Output& output : step.outputs) output.value = map_[output.value];
-      for (ir::Update& update : step.updates) update.value = map_[update.value];
-    }
+    b_.graph().steps = copy_steps(from_, map_);
     return std::move(b_).finish();
   }
 

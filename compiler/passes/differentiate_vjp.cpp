@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "compiler/ops/emit.h"
+#include "compiler/passes/copy_steps.h"
 #include "compiler/passes/differentiate.h"
 
 namespace dr::passes {
@@ -96,11 +97,7 @@ class Dropper {
   Graph run() && {
     to_.graph().leaves = from_.leaves;
     for (const OpId id : from_.region(from_.root()).ops) copy(id);
-    to_.graph().steps = from_.steps;
-    for (ir::Step& step : to_.graph().steps) {
-      for (ir::Output& output : step.outputs) output.value = map_[output.value];
-      for (ir::Update& update : step.updates) update.value = map_[update.value];
-    }
+    to_.graph().steps = copy_steps(from_, map_);
     return std::move(to_).finish();
   }
 

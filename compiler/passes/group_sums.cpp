@@ -8,6 +8,7 @@
 #include <optional>
 #include <set>
 
+#include "compiler/passes/copy_steps.h"
 #include "compiler/passes/passes.h"
 
 namespace dr::passes {
@@ -45,11 +46,7 @@ class Grouper {
       else
         copy_op(from_, id, to_, map_);
     }
-    for (Step step : from_.steps) {
-      for (Output& output : step.outputs) output.value = map_[output.value];
-      for (Update& update : step.updates) update.value = map_[update.value];
-      to_.graph().steps.push_back(std::move(step));
-    }
+    to_.graph().steps = copy_steps(from_, map_);
     return std::move(to_).finish();
   }
 

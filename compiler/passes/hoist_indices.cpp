@@ -10,6 +10,7 @@
 #include <string>
 
 #include "compiler/ir/yields.h"
+#include "compiler/passes/copy_steps.h"
 #include "compiler/passes/passes.h"
 
 namespace dr::passes {
@@ -96,11 +97,7 @@ class Hoister {
       for (const OpId moved : order_) copy_op(from_, moved, to_, map_);
       order_.empty() ? copy_op(from_, id, to_, map_) : copy_kept(id);
     }
-    for (Step step : from_.steps) {
-      for (Output& output : step.outputs) output.value = map_[output.value];
-      for (Update& update : step.updates) update.value = map_[update.value];
-      to_.graph().steps.push_back(std::move(step));
-    }
+    to_.graph().steps = copy_steps(from_, map_);
     return std::move(to_).finish();
   }
 

@@ -19,6 +19,7 @@
 
 #include "compiler/ir/yields.h"
 #include "compiler/ops/op.h"
+#include "compiler/passes/copy_steps.h"
 #include "compiler/passes/passes.h"
 
 namespace dr::passes {
@@ -54,11 +55,7 @@ class Round {
     to_.reserve(from_.op_count());
     to_.graph().leaves = from_.leaves;
     for (OpId op : from_.region(from_.root()).ops) rebuild(op);
-    for (Step step : from_.steps) {
-      for (Output& output : step.outputs) output.value = map_[output.value];
-      for (Update& update : step.updates) update.value = map_[update.value];
-      to_.graph().steps.push_back(std::move(step));
-    }
+    to_.graph().steps = copy_steps(from_, map_);
     return std::move(to_).finish();
   }
 
