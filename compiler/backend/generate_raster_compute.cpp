@@ -24,9 +24,7 @@ struct Bins {
   int middle_invocations, large_invocations;
 };
 constexpr Bins kGpu{16, 4096, 1 << 17, 1 << 16};
-// The lanes of a CPU's vector: side by side they would wait for the face with the largest box, and most faces have
-// none.
-constexpr Bins kCpu{0, 4096, 1 << 13, 1 << 12};
+constexpr Bins kCpu{64, 4096, 1 << 13, 1 << 12};
 constexpr int kLargeTeam = 1024;  // invocations that share a large face at least
 constexpr uint32_t kWideSubgroup = 16;
 
@@ -53,9 +51,11 @@ struct Walk {
       s.body().line("high = max(high, corner);");
     }
     s.body().line("vec2 size = vec2(" + dim_expression(parts.w) + ", " + dim_expression(parts.h) + ");");
-    // The pixels whose centres lie in the hull, with a quarter of a pixel for the rounding of its corners.
-    s.body().line("ivec2 first = ivec2(clamp(ceil(low - 0.75), vec2(0.0), size));");
-    s.body().line("ivec2 last = ivec2(clamp(floor(high + 0.75), vec2(0.0), size));");
+    // The pixels whose centres lie in the hull, with a sixteenth of a pixel and some last places more for rounding, of
+    // its corners and of what `keep` says there.
+    s.body().line("vec2 room = 0.5625 + 9.5367432e-7 * max(abs(low), abs(high));");
+    s.body().line("ivec2 first = ivec2(clamp(ceil(low - room), vec2(0.0), size));");
+    s.body().line("ivec2 last = ivec2(clamp(floor(high + room), vec2(0.0), size));");
     return area;
   }
 
@@ -131,7 +131,8 @@ struct Walk {
 
   // Lanes that share the faces of a list and the pixels of each: first those of the middle ones, in teams of a
   // subgroup, then those of the large ones. Where there are fewer faces than teams, several teams share a face.
-  void listed(Shader& s) const {
+  // `set_up` computes what is not stored of a face.
+  void listed(Shader& s, const std::function<void()>& set_up) const {
     const std::string count = dim_expression(parts.faces), lanes = std::to_string(subgroup_size);
     const std::string list = s.read_words(lists, "lists");
     const std::string middle = std::to_string(bins.middle_invocations);
@@ -151,11 +152,20 @@ struct Walk {
     s.body().line("int entry_index = int(" + list + "(begin + item));");
     s.body().line("int face = entry_index % " + count + ";");
     s.body().line("ivec3 at = ivec3(face, 0, entry_index / " + count + ");");
+    set_up();
+    closures.set_up();
     s.body().line(box(s, closures, false));
     closures.load_fields("at");
-    s.body().line("for (int i = lane; i < area; i += lanes) {");
+    // Floats divide faster, and exactly: a half is more than they are off by for numbers of 2^17.
+    s.body().line("int down = int((float(lanes) + 0.5) / float(across)), right = lanes - down * across;");
+    s.body().line("int y = int((float(lane) + 0.5) / float(across)), x = lane - y * across;");
+    s.body().line("for (int i = lane; i < area; i += lanes, x += right, y += down) {");
     s.push_scope();
-    s.body().line("at.xy = first + ivec2(i % across, i / across);");
+    s.body().line("if (x >= across) {");
+    s.body().line("x -= across;");
+    s.body().line("++y;");
+    s.body().line("}");
+    s.body().line("at.xy = first + ivec2(x, y);");
     pixel(s, closures);
     s.pop_scope();
     s.body().line("}");
@@ -205,7 +215,9 @@ void Generator::raster_compute(const Pass& pass, const ir::Op& op) {
     s.prelude(kIsNan);
     linear_index(s, dim_expression(elements));
     if (listed)
-      walk.listed(s);
+      walk.listed(s, [&] {
+        if (pass.sets_up_again) s.element_ops(setup->ops);
+      });
     else
       walk.faces(
           s, binned, [&] { compute(s); }, [&] { store_listed(s); });

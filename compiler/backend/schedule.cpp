@@ -98,6 +98,18 @@ std::vector<std::string> check_schedule(const Graph& graph, const Schedule& sche
           report("reads '" + schedule.resources[step.stored.at(v).index].name + "', which its stage has not written");
         here.insert(v);
       }
+      if (pass.set_up_by >= 0) {
+        // It runs no earlier than here.
+        const Pass& setup = step.passes[static_cast<size_t>(pass.set_up_by)];
+        for (size_t j = static_cast<size_t>(pass.set_up_by) + 1; j < k; ++j)
+          for (ValueId v : step.passes[j].reads)
+            if (std::find(setup.writes.begin(), setup.writes.end(), v) != setup.writes.end())
+              report("sets up late what '" + step.passes[j].name + "' reads");
+        if (setup.steady != pass.steady) report("sets up what runs at other times");
+        if (pass.sets_up_again)
+          for (OpId id : setup.ops)
+            for (ValueId v : graph.op(id).results) here.insert(v);
+      }
       std::set<ValueId> elsewhere;
       for (OpId id : pass.ops) {
         const Op& op = graph.op(id);
@@ -108,15 +120,6 @@ std::vector<std::string> check_schedule(const Graph& graph, const Schedule& sche
           if (here.count(v) == 0 && !(op.kind == OpKind::Raster && is_inline(graph.op(graph.value(v).op))))
             report("op '" + std::string(ir::op_name(op.kind)) + "' lacks an operand");
         for (ValueId v : op.results) here.insert(v);
-      }
-      if (pass.set_up_by >= 0) {
-        // It runs no earlier than here.
-        const Pass& setup = step.passes[static_cast<size_t>(pass.set_up_by)];
-        for (size_t j = static_cast<size_t>(pass.set_up_by) + 1; j < k; ++j)
-          for (ValueId v : step.passes[j].reads)
-            if (std::find(setup.writes.begin(), setup.writes.end(), v) != setup.writes.end())
-              report("sets up late what '" + step.passes[j].name + "' reads");
-        if (setup.steady != pass.steady) report("sets up what runs at other times");
       }
       for (const ScatterLeaf& place : pass.rows.places) {
         std::vector<ValueId> sorted_by{place.index};
@@ -252,7 +255,9 @@ std::string print(const Graph& graph, const Schedule& schedule) {
         out += std::string(pass.joins_lister ? ", joins " : ", listed by ") +
                step.passes[static_cast<size_t>(pass.listed_by)].name;
       if (!pass.active.empty()) out += "\n";
-      if (pass.set_up_by >= 0) out += "    set up by " + step.passes[static_cast<size_t>(pass.set_up_by)].name + "\n";
+      if (pass.set_up_by >= 0)
+        out += "    set up by " + step.passes[static_cast<size_t>(pass.set_up_by)].name +
+               (pass.sets_up_again ? ", twice where listed\n" : "\n");
       if (pass.join_lanes) out += "    join lanes\n";
       if (pass.relist) out += "    relist\n";
       if (!pass.no_rows.empty()) out += "    no rows: " + pass.no_rows + "\n";

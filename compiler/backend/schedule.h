@@ -89,7 +89,8 @@ struct Pass {
   bool joins_lister = false;
   // Raster: the earlier Map pass of the step that its first dispatch runs too; -1: none. See set_up_in_raster.h.
   int set_up_by = -1;
-  bool relist = false;  // the first run of an exact pass lists what adds something for the second
+  bool sets_up_again = false;  // and so does its second one, of each face that it walks
+  bool relist = false;         // the first run of an exact pass lists what adds something for the second
 };
 
 struct StepSchedule {

@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "compiler/backend/limits.h"
+#include "compiler/backend/uses.h"
 
 namespace dr::backend {
 
@@ -38,10 +39,41 @@ bool one_shader(const StepSchedule& step, const Schedule& schedule, const target
   return fits(profile, bindings);
 }
 
+// Whether to load what a face is set up from takes no more components than to store the partial results for listed
+// faces and to load those again. What it computes is cheap beside either, a few hundred operations.
+bool cheap_again(const ir::Graph& graph, const StepSchedule& step, const Pass& setup) {
+  std::set<ValueId> here;
+  int loaded = 0, kept = 0;
+  for (ir::OpId id : setup.ops) {
+    const ir::Op& op = graph.op(id);
+    if (!uses_of(graph, op).elsewhere.empty()) {
+      for (ValueId v : op.results) loaded += graph.value(v).type.components();
+    }
+    for (ValueId v : uses_of(graph, op).at_element)
+      if (step.stored.count(v) != 0 && std::ranges::find(setup.reads, v) != setup.reads.end() && here.insert(v).second)
+        loaded += graph.value(v).type.components();
+  }
+  for (ValueId v : setup.partial) kept += graph.value(v).type.components();
+  return loaded <= 2 * kept;
+}
+
+// Takes the partial results of a pass out of memory.
+void forget_partial(StepSchedule& step, Pass& setup, Pass& raster, std::set<uint32_t>& unused) {
+  for (ValueId v : setup.partial) {
+    std::erase(setup.writes, v);
+    std::erase(raster.reads, v);
+    unused.insert(step.stored.at(v).index);
+    step.stored.erase(v);
+  }
+  setup.partial.clear();
+  raster.sets_up_again = true;
+}
+
 }  // namespace
 
 void set_up_in_raster(const ir::Graph& graph, const target::Profile& profile, Schedule& schedule) {
   if (!profile.shader_int64 || !profile.shader_buffer_int64_atomics) return;
+  std::set<uint32_t> unused;
   for (StepSchedule& step : schedule.steps) {
     const std::set<ValueId> kept = read_afterwards(graph, step);
     std::set<int> taken;  // those that list elements or set faces up already
@@ -71,9 +103,13 @@ void set_up_in_raster(const ir::Graph& graph, const target::Profile& profile, Sc
           });
           if (!others && kept.count(v) == 0) setup.partial.push_back(v);
         }
+        if (cheap_again(graph, step, setup)) forget_partial(step, setup, raster, unused);
       }
     }
   }
+  for (const StepSchedule& step : schedule.steps)
+    for (const auto& [value, id] : step.stored) unused.erase(id.index);
+  remove_resources(schedule, unused);
 }
 
 }  // namespace dr::backend
