@@ -24,7 +24,8 @@ namespace dr::backend {
 std::variant<CompileOptions, std::string> compile_options(const std::string& lower, const std::string& raster,
                                                           const std::string& pack,
                                                           const std::vector<std::string>& ablate,
-                                                          const std::string& scatter) {
+                                                          const std::string& scatter,
+                                                          const std::string& float_profile) {
   CompileOptions out;
   if (lower == "fragment")
     out.lower = Lower::Fragment;
@@ -50,6 +51,10 @@ std::variant<CompileOptions, std::string> compile_options(const std::string& low
     out.scatter = ScatterLower::Atomic;
   else if (scatter != "auto")
     return "unknown scatter lowering '" + scatter + "'; there are auto, exact, rows and atomic";
+  if (float_profile == "native")
+    out.native_floats = true;
+  else if (float_profile != "strict")
+    return "unknown float profile '" + float_profile + "'; there are strict and native";
   for (const std::string& part : ablate) {
     if (part == "substages")
       out.fused = false;
@@ -150,11 +155,11 @@ std::variant<Compiled, std::string> compile(const ir::Graph& graph, const target
   const PackOptions packing = pack_options(profile, options);
   bundle.version = bundle::kVersion;
   bundle.profile = profile.name;
-  bundle.float_profile = "strict";
+  bundle.float_profile = options.native_floats ? "native" : "strict";
   const bool naive = !packing.fused && !packing.recompute && !packing.stages;
   bundle.lowering = std::string(naive ? "naive," : "fused,") + (packing.fragment ? "fragment," : "compute,") +
                     (packing.hardware_raster ? "hardware" : "compute");
-  Generator(graph, out.schedule, profile, options.lines, options.list_branches).process(bundle, out.glsl);
+  Generator(graph, out.schedule, profile, options).process(bundle, out.glsl);
   find_dependencies(bundle);
   plan_memory(bundle);
   if (!options.share_memory)

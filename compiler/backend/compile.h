@@ -27,6 +27,7 @@ struct CompileOptions {
   Lower lower = Lower::Auto;
   RasterLower raster = RasterLower::Auto;
   ScatterLower scatter = ScatterLower::Auto;
+  bool native_floats = false;          // the float profile, docs/architecture.md
   Moving moving;                       // see PackOptions
   SourceLines lines;                   // of the graph's ops, for the bundle
   std::filesystem::path cache_folder;  // of assembled shaders; empty: none
@@ -34,16 +35,19 @@ struct CompileOptions {
 
 // The options from the words of the command line: auto|fragment|compute, auto|hardware|compute, fused|naive, what is
 // switched off: substages, stages, remat (all three is naive), and the names of skips.h, of which those that are not
-// the schedule's change nothing here, and auto|exact|rows|atomic. The error names the word and those there are.
+// the schedule's change nothing here, auto|exact|rows|atomic, and strict|native. The error names the word and those
+// there are.
 std::variant<CompileOptions, std::string> compile_options(const std::string& lower, const std::string& raster,
                                                           const std::string& pack,
                                                           const std::vector<std::string>& ablate = {},
-                                                          const std::string& scatter = "auto");
+                                                          const std::string& scatter = "auto",
+                                                          const std::string& float_profile = "strict");
 
 struct GlslShader {
   std::string name;
   bundle::Stage stage = bundle::Stage::Compute;
   std::string source;
+  bool native = false;  // arithmetic of main is the driver's to contract
 };
 
 struct Compiled {

@@ -188,7 +188,7 @@ void Generator::count_on() {
   linear_index(s, "1");
   s.body().line(counter + ".d[0] = " + counter + ".d[0] + 1;");
   auto& c = command(bundle::CommandKind::Dispatch, "count_on");
-  c.compute = add_shader("count_on", bundle::Stage::Compute, s.finish(compute_layout()));
+  c.compute = add_shader("count_on", bundle::Stage::Compute, s);
   c.bindings = s.take_bindings();
   c.elements = "1";
   c.push = {0, 0, 0};
@@ -246,11 +246,13 @@ void Generator::set_lines(const Pass& pass, const Pass* setup) {
   for (const auto& [file, line] : lines) lines_.emplace_back(file, line);
 }
 
-int Generator::add_shader(const std::string& name, bundle::Stage stage, std::string source) {
+int Generator::add_shader(const std::string& name, bundle::Stage stage, Shader& shader) {
+  std::string source = shader.finish(stage == bundle::Stage::Compute ? compute_layout() : "");
   // Equal text is one shader.
   for (size_t k = 0; k < shaders_->size(); ++k)
-    if ((*shaders_)[k].stage == stage && (*shaders_)[k].source == source) return static_cast<int>(k);
-  shaders_->push_back({name, stage, std::move(source)});
+    if ((*shaders_)[k].stage == stage && (*shaders_)[k].source == source && (*shaders_)[k].native == shader.native())
+      return static_cast<int>(k);
+  shaders_->push_back({name, stage, std::move(source), shader.native()});
   return static_cast<int>(shaders_->size() - 1);
 }
 
@@ -285,7 +287,7 @@ void Generator::fill(const std::string& label, uint32_t target, uint32_t value, 
 bundle::CommandT& Generator::dispatch(const Pass& pass, const std::string& suffix, Shader& s,
                                       const std::string& elements, std::vector<int> push) {
   auto& c = command(bundle::CommandKind::Dispatch, pass.name + suffix);
-  c.compute = add_shader(pass.name + suffix, bundle::Stage::Compute, s.finish(compute_layout()));
+  c.compute = add_shader(pass.name + suffix, bundle::Stage::Compute, s);
   c.bindings = s.take_bindings();
   c.elements = elements;
   c.push = std::move(push);
@@ -349,8 +351,8 @@ void Generator::fragment_pass(const Pass& pass, const std::vector<ValueId>& inpu
     c.colors.push_back(resource_index(v));
     c.clear.push_back(0);
   }
-  c.vertex = add_shader("full_screen", bundle::Stage::Vertex, vertex.finish(""));
-  c.fragment = add_shader(pass.name, bundle::Stage::Fragment, s.finish(""));
+  c.vertex = add_shader("full_screen", bundle::Stage::Vertex, vertex);
+  c.fragment = add_shader(pass.name, bundle::Stage::Fragment, s);
   c.bindings = s.take_bindings();
   c.elements = "3";
   c.extent = bundle_extent(pass.domain);
@@ -405,7 +407,7 @@ void Generator::reduce_pass(const Pass& pass) {
   };
   const std::string word = glsl::storage_scalar(type.scalar);
 
-  Shader first = shader();
+  Shader first = strict_shader();
   begin(first);
   // Element r of result o: both count through their axes, x fastest.
   std::string function = "ivec3 source_place(int o, int r) {\n  ivec3 at = ivec3(0);\n";
@@ -426,7 +428,7 @@ void Generator::reduce_pass(const Pass& pass) {
   const std::string out_name = first.bind_words(a, "partials", bundle::Access::Write, word.c_str());
   fold(first, load, out_name);
 
-  Shader next = shader();
+  Shader next = strict_shader();
   begin(next);
   const std::string in = next.bind_words(a, "inputs", bundle::Access::Read, word.c_str());
   const std::string out = next.bind_words(b, "partials", bundle::Access::Write, word.c_str());
@@ -436,10 +438,10 @@ void Generator::reduce_pass(const Pass& pass) {
   fold(next, type.is_scalar() ? words : type.str() + "(" + words + ")", out);
 
   auto& c = command(bundle::CommandKind::Reduce, pass.name);
-  c.compute = add_shader(pass.name, bundle::Stage::Compute, first.finish(compute_layout()));
+  c.compute = add_shader(pass.name, bundle::Stage::Compute, first);
   c.bindings = first.take_bindings();
   c.bindings.pop_back();  // the output: target or scratch, as the sizes have it
-  c.next = add_shader(pass.name + "_next", bundle::Stage::Compute, next.finish(compute_layout()));
+  c.next = add_shader(pass.name + "_next", bundle::Stage::Compute, next);
   c.target = static_cast<int>(resource_index(target));
   c.outs = outs.str();
   c.count = count.str();

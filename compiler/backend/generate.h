@@ -20,12 +20,13 @@ namespace dr::backend {
 class Generator {
  public:
   Generator(const ir::Graph& graph, const Schedule& schedule, const target::Profile& profile,
-            const SourceLines& source_lines, bool list_branches = true)
+            const CompileOptions& options)
       : graph_(graph),
         schedule_(schedule),
         profile_(profile),
-        source_lines_(source_lines),
-        list_branches_(list_branches) {}
+        source_lines_(options.lines),
+        list_branches_(options.list_branches),
+        native_floats_(options.native_floats) {}
   void process(bundle::BundleT& bundle, std::vector<GlslShader>& shaders);
 
  private:
@@ -99,8 +100,11 @@ class Generator {
   void raster_hardware(const Pass& pass, const ir::Op& op);
   void raster_compute(const Pass& pass, const ir::Op& op);
 
-  glsl::Shader shader() const {
-    return glsl::Shader(graph_, schedule_, *step_, bundle_->symbols, profile_.lanes_in_turn,
+  // Where the float profile is `native`, so is the shader, but for those that must agree with each other on a decision.
+  glsl::Shader shader() const { return shader(native_floats_); }
+  glsl::Shader strict_shader() const { return shader(false); }
+  glsl::Shader shader(bool native) const {
+    return glsl::Shader(graph_, schedule_, *step_, bundle_->symbols, profile_.lanes_in_turn, native,
                         [this](glsl::Shader& s, ir::ValueId value, const std::string& function) {
                           return sums_reader(s, value, function);
                         });
@@ -130,7 +134,7 @@ class Generator {
     shader.extension("GL_KHR_shader_subgroup_arithmetic");
   }
 
-  int add_shader(const std::string& name, bundle::Stage stage, std::string source);
+  int add_shader(const std::string& name, bundle::Stage stage, glsl::Shader& shader);
   // `type`: of its words, as shaders that only read them see them.
   uint32_t add_scratch(const std::string& name, const std::string& words, const ir::Type& type = ir::kUint);
   bundle::CommandT& command(bundle::CommandKind kind, const std::string& label);
@@ -144,7 +148,7 @@ class Generator {
   const Schedule& schedule_;
   const target::Profile& profile_;
   const SourceLines& source_lines_;
-  bool list_branches_;
+  bool list_branches_, native_floats_;
   std::vector<bundle::Line> lines_;
   size_t ops_ = 0;  // of the pass, until a command says so
   bundle::BundleT* bundle_ = nullptr;

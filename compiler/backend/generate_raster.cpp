@@ -91,7 +91,7 @@ void Generator::raster_hardware(const Pass& pass, const ir::Op& op) {
         if (step_->stored.count(value) != 0) s.load(value, "at");
       if (step_->stored.count(parts.cull) != 0) s.load(parts.cull, "at");
     };
-    Shader v = shader();
+    Shader v = strict_shader();
     bind_corners(v);
     v.prelude(kIsNan);
     v.prelude(kGrow);
@@ -116,7 +116,7 @@ void Generator::raster_hardware(const Pass& pass, const ir::Op& op) {
     v.body().line("out_face = face;");
     v.body().line("gl_Position = vec4(p / size * 2.0 - 1.0, 0.5, 1.0);");
 
-    Shader f = shader();
+    Shader f = strict_shader();
     f.prelude(kIsNan);
     f.declare("layout(location = 0) flat in int in_face;\n");
     f.declare(
@@ -147,8 +147,8 @@ void Generator::raster_hardware(const Pass& pass, const ir::Op& op) {
 
     const std::string name = pass.name + "_" + std::to_string(k);
     auto& c = command(bundle::CommandKind::Draw, name);
-    c.vertex = add_shader(pass.name + "_corners", bundle::Stage::Vertex, v.finish(""));
-    c.fragment = add_shader(name, bundle::Stage::Fragment, f.finish(""));
+    c.vertex = add_shader(pass.name + "_corners", bundle::Stage::Vertex, v);
+    c.fragment = add_shader(name, bundle::Stage::Fragment, f);
     c.bindings = f.take_bindings();
     const auto own = v.take_bindings();
     for (size_t b = 0; b < own.size(); ++b)

@@ -210,7 +210,7 @@ void Generator::raster_compute(const Pass& pass, const ir::Op& op) {
     for (const ValueId v : setup->partial) s.store(v, "at", s.use(v));
   };
   const auto run = [&](bool listed, const char* suffix, const Dim& elements) {
-    Shader s = shader();
+    Shader s = strict_shader();
     if (wide) wide_extensions(s);
     s.prelude(kIsNan);
     linear_index(s, dim_expression(elements));
@@ -239,7 +239,7 @@ void Generator::raster_compute(const Pass& pass, const ir::Op& op) {
       }
 
   if (stay) return;
-  Shader r = shader();
+  Shader r = strict_shader();
   if (wide) wide_extensions(r);
   const std::string n = dim_expression(pixels);
   linear_index(r, n);

@@ -198,8 +198,11 @@ class RowsWriter {
       line("largest_" + id + " = max(largest_" + id + ", finite_magnitude(" + component(type(k), x, c) + "));");
     line("} else {");
     for (int c = 0; c < type(k).components(); ++c) {
-      const std::string part = component(type(k), x, c);
+      std::string part = component(type(k), x, c);
       line("flags_" + id + " |= special_flag(" + part + ") << " + std::to_string(4 * c) + ";");
+      // As in generate_scatter.cpp.
+      const std::string limit = "uintBitsToFloat(largest_" + id + ")";
+      if (s_.native()) part = "clamp(" + part + ", -" + limit + ", " + limit + ")";
       line(total(k, c) + " = fixed_add(" + total(k, c) + ", fixed_from_float(" + part + ", shift_" + id + "));");
     }
     line("}");

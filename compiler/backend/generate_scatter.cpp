@@ -223,6 +223,13 @@ std::string Generator::declare_target(Shader& s, const Pass& pass, const Target&
       s.prelude(t.most < 0 ? kCountBits : "");
       s.body().line(std::string(runs == Runs::Both ? "if (pc.a == 1) " : "") + "shift_" + id + " = fixed_shift(uint(" +
                     buffer + ".d[0]), " + count_bits(t.most, pass.domain, buffer + ".d[1]") + ");");
+      // The first run may have computed a contribution with other roundings, even one that is all rounding error:
+      // larger ones would overflow the sum.
+      if (s.native()) {
+        s.declare("float limit_" + id + " = 0.0;\n");
+        s.body().line(std::string(runs == Runs::Both ? "if (pc.a == 1) " : "") + "limit_" + id +
+                      " = uintBitsToFloat(uint(" + buffer + ".d[0]));");
+      }
     }
     const std::string flags = std::to_string(kHead) + " + " +
                               dim_expression(element_count(r.extent) * ir::Dim((wide ? 1 : 2) * n)) + " + element";
@@ -248,8 +255,9 @@ std::string Generator::declare_target(Shader& s, const Pass& pass, const Target&
       body += "  uint flags = 0u;\n";
       const auto part = [](int c) { return "part_" + std::to_string(c); };
       for (int c = 0; c < n; ++c) {
-        const std::string x = component(r.type, "value", c);
+        std::string x = component(r.type, "value", c);
         body += "  flags |= special_flag(" + x + ") << " + std::to_string(4 * c) + ";\n";
+        if (s.native()) x = "clamp(" + x + ", -limit_" + id + ", limit_" + id + ")";
         body += "  uvec2 " + part(c) + " = " +
                 s.at_once(ir::vec(2, ir::Scalar::Uint), "fixed_from_float(" + x + ", shift_" + id + ")") + ";\n";
       }

@@ -70,7 +70,7 @@ Generator::Table Generator::sorted_table(const Pass& pass) {
   fill("clear " + pass.name + "_groups", group_words, 0);
   if (known) fill("clear " + pass.name + "_rows_item", table.items, 0xffffffffu);
   const auto digit_shader = [&](const Dim& lanes) {
-    Shader s = shader();
+    Shader s = strict_shader();
     linear_index(s, dim_expression(lanes));
     if (!known)
       s.body().line("if (pc.a >= " + std::to_string(kDigitBits) + " * " + digits_of(rows.targets) + ") return;");
@@ -148,7 +148,7 @@ Generator::Table Generator::sorted_table(const Pass& pass) {
   }
 
   if (!known) {
-    Shader s = shader();
+    Shader s = strict_shader();
     linear_index(s, n);
     const std::string even = s.read_words(keys[0], "even", "int"), odd = s.read_words(keys[1], "odd", "int");
     const std::string sorted = s.read_words(group_words, "groups", "int") + "(" + dim_expression(groups) + ")";
@@ -161,7 +161,7 @@ Generator::Table Generator::sorted_table(const Pass& pass) {
   }
 
   // The first item of each row by bisection.
-  Shader find = shader();
+  Shader find = strict_shader();
   {
     Shader& s = find;
     linear_index(s, dim_expression(rows.targets + Dim(1)));
@@ -185,7 +185,7 @@ void Generator::key_pass(const Pass& pass, uint32_t keys) {
   const RowsTable& rows = pass.rows;
   const ir::Extent& to = graph_.value(pass.sums[0].value).extent;
   const std::string names = std::to_string(rows.names());
-  Shader s = shader();
+  Shader s = strict_shader();
   linear_index(s, dim_expression(element_count(pass.domain)));
   place_from_index(s, pass.domain);
   const std::string out = s.bind_words(keys, "keys", Access::Write, "int");

@@ -22,7 +22,7 @@ void initialize_glslang() {
   std::call_once(once, [] { glslang::InitializeProcess(); });
 }
 
-constexpr uint32_t kOpExtInstImport = 11, kOpDecorate = 71, kNoContraction = 42;
+constexpr uint32_t kOpEntryPoint = 15, kOpFunction = 54, kOpDecorate = 71, kNoContraction = 42;
 
 bool is_float_arithmetic(uint32_t opcode) {
   switch (opcode) {
@@ -47,16 +47,19 @@ bool is_float_arithmetic(uint32_t opcode) {
 
 }  // namespace
 
-std::vector<uint32_t> decorate_no_contraction(const std::vector<uint32_t>& module) {
+std::vector<uint32_t> decorate_no_contraction(const std::vector<uint32_t>& module, bool but_main) {
   constexpr size_t kHeader = 5;
   std::set<uint32_t> decorated;
   std::vector<uint32_t> ids;
   size_t first_decoration = 0;
+  uint32_t main = 0, function = 0;
   for (size_t at = kHeader; at < module.size(); at += std::max<uint32_t>(module[at] >> 16, 1)) {
     const uint32_t opcode = module[at] & 0xffff;
     if (opcode == kOpDecorate && first_decoration == 0) first_decoration = at;
     if (opcode == kOpDecorate && module[at + 2] == kNoContraction) decorated.insert(module[at + 1]);
-    if (is_float_arithmetic(opcode)) ids.push_back(module[at + 2]);
+    if (opcode == kOpEntryPoint) main = module[at + 2];
+    if (opcode == kOpFunction) function = module[at + 2];
+    if (is_float_arithmetic(opcode) && !(but_main && function == main)) ids.push_back(module[at + 2]);
   }
   std::vector<uint32_t> extra;
   for (uint32_t id : ids)
@@ -98,7 +101,7 @@ std::variant<std::vector<uint32_t>, std::string> assemble(const GlslShader& shad
   glslang::SpvOptions options;
   options.disableOptimizer = true;
   glslang::GlslangToSpv(*program.getIntermediate(stage), module, &options);
-  module = decorate_no_contraction(module);
+  module = decorate_no_contraction(module, shader.native);
 
   std::string problems;
   const spvtools::MessageConsumer note = [&](spv_message_level_t level, const char*, const spv_position_t&,
@@ -107,7 +110,7 @@ std::variant<std::vector<uint32_t>, std::string> assemble(const GlslShader& shad
   };
   // Drivers optimize. What is left to do here makes modules a fifth smaller: calls and variables go. More passes take
   // three times as long, some of them quadratic time, and neither lavapipe nor SwiftShader runs faster for it. The
-  // passes touch no arithmetic that is decorated, and what they copy is decorated again.
+  // passes touch no arithmetic that is decorated, and copy decorations with what they copy.
   spvtools::Optimizer optimizer(SPV_ENV_VULKAN_1_1);
   optimizer.SetMessageConsumer(note);
   optimizer.RegisterPass(spvtools::CreateInlineExhaustivePass())
@@ -120,7 +123,7 @@ std::variant<std::vector<uint32_t>, std::string> assemble(const GlslShader& shad
   std::vector<uint32_t> optimized;
   if (!optimizer.Run(module.data(), module.size(), &optimized, once))
     return "the optimizer refuses the module: " + problems;
-  module = decorate_no_contraction(optimized);
+  module = decorate_no_contraction(optimized, shader.native);
 
   spvtools::SpirvTools tools(SPV_ENV_VULKAN_1_1);
   tools.SetMessageConsumer(note);
@@ -138,7 +141,8 @@ std::variant<std::vector<uint32_t>, std::string> assemble(const GlslShader& shad
   static const std::string kTools = DR_SPIRV_SOURCE_HASH " " + std::to_string(version.major) + "." +
                                     std::to_string(version.minor) + "." + std::to_string(version.patch) + " " +
                                     spvSoftwareVersionDetailsString() + "\n";
-  const std::string key = kTools + bundle::EnumNameStage(shader.stage) + "\n" + shader.source;
+  const std::string key =
+      kTools + bundle::EnumNameStage(shader.stage) + (shader.native ? " native\n" : "\n") + shader.source;
   if (auto words = cache.find(key)) return *std::move(words);
   auto result = assemble(shader);
   if (const auto* words = std::get_if<std::vector<uint32_t>>(&result)) cache.store(key, *words);

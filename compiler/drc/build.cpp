@@ -78,8 +78,8 @@ class Stages {
     const ir::Graph* graph = differentiated();
     if (!graph) return nullptr;
     if (!profile()) return nullptr;
-    auto options =
-        backend::compile_options(options_.lower, options_.raster, options_.pack, options_.ablate, options_.scatter);
+    auto options = backend::compile_options(options_.lower, options_.raster, options_.pack, options_.ablate,
+                                            options_.scatter, options_.float_profile);
     if (const auto* problem = std::get_if<std::string>(&options)) {
       print_error(*problem);
       return nullptr;

@@ -70,9 +70,9 @@ BundleCache::BundleCache(const BuildOptions& options) {
   text << file.rdbuf();
   if (id.empty() || std::holds_alternative<std::string>(profile) || !file) return;
   key_ = "bundle ";
-  for (const std::string& part :
-       {id, input.file, text.str(), target::write_profile(std::get<target::Profile>(profile)), options.lower,
-        options.raster, options.scatter, options.pack, std::string(input.plain_gradients ? "plain" : "")})
+  for (const std::string& part : {id, input.file, text.str(), target::write_profile(std::get<target::Profile>(profile)),
+                                  options.lower, options.raster, options.scatter, options.float_profile, options.pack,
+                                  std::string(input.plain_gradients ? "plain" : "")})
     add(key_, part);
   for (const std::string& part : options.ablate) add(key_, part);
   add(key_, "defines");

@@ -30,6 +30,7 @@ struct BuildOptions {
   std::string profile = "lavapipe";                // a built-in name or a JSON file
   std::string lower = "auto";                      // auto, fragment, compute
   std::string scatter = "auto";                    // auto, exact, rows, atomic
+  std::string float_profile = "strict";            // strict, native
   std::string raster = "auto";                     // auto, hardware, compute
   std::string pack = "fused";                      // fused, naive
   std::vector<std::string> ablate;                 // substages, stages, remat, and the names of backend/skips.h

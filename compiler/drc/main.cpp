@@ -75,6 +75,11 @@ int main(int argc, char** argv) {
   build_command->add_option("--scatter", build_options.scatter, "How scattered values are summed")
       ->capture_default_str()
       ->check(CLI::IsMember({"auto", "exact", "rows", "atomic"}));
+  build_command
+      ->add_option("--float", build_options.float_profile,
+                   "Floats: our own functions, the same bits however ops are packed, or the driver's, faster")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"strict", "native"}));
   build_command->add_option("--pack", build_options.pack, "How ops share passes")
       ->capture_default_str()
       ->check(CLI::IsMember({"fused", "naive"}));

@@ -59,6 +59,10 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
   app.add_option("--scatter", options.compile.scatter, "how scattered values are summed")
       ->capture_default_str()
       ->check(CLI::IsMember({"auto", "exact", "rows", "atomic"}));
+  app.add_option("--float", options.compile.float_profile,
+                 "floats: our own functions, the same bits however ops are packed, or the driver's, faster")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"strict", "native"}));
   app.add_option("--pack", options.compile.pack, "how ops share passes")
       ->capture_default_str()
       ->check(CLI::IsMember({"fused", "naive"}));

@@ -51,9 +51,10 @@ std::vector<uint8_t> load_or_compile(const Options& options, const std::string& 
     compile.include_dirs.clear();         // a habit of command lines, and harmless
     compile.shader_cache = true;
     if (compile != jit::Options{})
-      throw Mistake{"'" + options.file +
-                    "' is compiled already: --profile, --lower, --raster, --pack, --scatter, --ablate, --no-skip of "
-                    "what compiling leaves out and -D are for .dr programs"};
+      throw Mistake{
+          "'" + options.file +
+          "' is compiled already: --profile, --lower, --raster, --pack, --scatter, --float, --ablate, --no-skip of "
+          "what compiling leaves out and -D are for .dr programs"};
     return read_file(options.file);
   }
   jit::Options compile = options.compile;

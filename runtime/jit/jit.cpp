@@ -22,7 +22,8 @@ std::vector<std::string> skip_names() { return {std::begin(backend::kSkips), std
 std::variant<std::vector<uint8_t>, std::string> compile_text(const std::string& name, const std::string& text,
                                                              const target::Profile& profile, const Options& options,
                                                              std::vector<Skip>* skips) {
-  auto compile = backend::compile_options(options.lower, options.raster, options.pack, options.ablate, options.scatter);
+  auto compile = backend::compile_options(options.lower, options.raster, options.pack, options.ablate, options.scatter,
+                                          options.float_profile);
   if (const auto* problem = std::get_if<std::string>(&compile)) return *problem + "\n";
   dsl::SourceManager sources;
   dsl::DiagnosticList diagnostics;

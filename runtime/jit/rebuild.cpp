@@ -19,13 +19,15 @@ using io::Result;
 Options with_lowering_of(const bundle::BundleT& bundle, Options options) {
   std::stringstream words(bundle.lowering);
   for (std::string* word : {&options.pack, &options.lower, &options.raster}) std::getline(words, *word, ',');
+  options.float_profile = bundle.float_profile;
   if (options.profile.empty()) options.profile = bundle.profile;
   return options;
 }
 
 Result<backend::Compiled> compile(const bundle::BundleT& bundle, const Options& options,
                                   const runtime::Moving& moving) {
-  auto compile = backend::compile_options(options.lower, options.raster, options.pack, options.ablate, options.scatter);
+  auto compile = backend::compile_options(options.lower, options.raster, options.pack, options.ablate, options.scatter,
+                                          options.float_profile);
   if (const auto* problem = std::get_if<std::string>(&compile)) return Error{*problem};
   auto& chosen = std::get<backend::CompileOptions>(compile);
   chosen.moving = moving;

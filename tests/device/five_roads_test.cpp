@@ -24,6 +24,9 @@ namespace {
 
 constexpr double kImageTolerance = 1e-5;     // absolute
 constexpr double kGradientTolerance = 1e-4;  // relative L2
+// Of the profile `native`: coverage is a sigmoid within (6 + 2|x|) 2^-23, |x| <= 7 inside the band; gradients sum its
+// products.
+constexpr double kNativeImageTolerance = 1e-4, kNativeGradientTolerance = 1e-3;
 constexpr int kSize = 48;
 
 const std::filesystem::path kExamples = std::filesystem::path(DR_SOURCE_DIR) / "docs/examples";
@@ -214,6 +217,39 @@ TEST_CASE("one program gives one answer on every road") {
     }
   }
   CHECK(truth.outputs.at("gradient").size() > 0);
+}
+
+TEST_CASE("the driver's floats are as close as their built-ins") {
+  const std::string path = write_program();
+  for (const auto& [name, device] : test::devices()) {
+    for (const char* lower : {"fragment", "compute"}) {
+      INFO(name << ", " << lower);
+      jit::Options options;
+      options.profile = name;
+      options.lower = lower;
+      options.raster = lower == std::string("fragment") ? "hardware" : "compute";
+      options.float_profile = "native";
+      const auto bundle = compile(path, options);
+      auto program = must(runtime::Program::load(device, bundle));
+      auto frozen = must(jit::ReferenceProgram::load(bundle));
+      bind_inputs(program);
+      bind_inputs(frozen);
+      must(program.run("probe"));
+      frozen.freeze("probe", must(program.rasters("probe")));
+      must(frozen.run("probe"));
+      double worst[2] = {0, 0};
+      for (const char* output : {"alpha", "picture"})
+        worst[0] = std::max(
+            worst[0], max_difference(must(program.output("probe", output)), must(frozen.output("probe", output))));
+      for (const char* output : {"gradient", "gain_gradient"})
+        worst[1] = std::max(worst[1],
+                            relative_l2(must(program.output("probe", output)), must(frozen.output("probe", output))));
+      std::printf("%-12s %s, native floats: image %.2g, gradients %.2g\n", name.c_str(), lower, worst[0], worst[1]);
+      CHECK(worst[0] <= kNativeImageTolerance);
+      CHECK(worst[1] <= kNativeGradientTolerance);
+    }
+    for (const std::string& message : device.validation_messages()) FAIL("validation: " << message);
+  }
 }
 
 TEST_CASE("a step gives the same bits every time") {

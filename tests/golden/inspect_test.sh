@@ -66,6 +66,10 @@ sed -i 's/edition 1;/& const unused = 1;/' "$work/other/reduce_map.dr"
 [[ $(LC_ALL=C grep -la 'bundle 20:' "$DRC_CACHE_DIR"/* | wc -l) == 2 ]] || complain "another program is taken for the first"
 "$drc" build --emit=bundle --lower=fragment -o "$work/z.drb" reduce_map.dr
 cmp -s "$work/z.drb" "$work/a.drb" && complain "another lowering is taken for the first"
+# Of the float profile native all is another.
+"$drc" build --emit=bundle --lower=compute --scatter=exact --float=native -o "$work/native.drb" reduce_map.dr
+"$drc" inspect "$work/native.drb" | head -n 1 | grep -q ', native, ' || complain "inspect does not say native"
+build "$work/b.drb" || complain "a bundle after one of native floats differs"
 for file in "$DRC_CACHE_DIR"/*; do head -c 100 "$file" > "$work/part" && cat "$work/part" > "$file"; done
 build "$work/c.drb" || complain "a bundle after the cache was damaged differs"
 for file in "$DRC_CACHE_DIR"/*; do printf 'x' | dd of="$file" bs=1 seek=$(($(stat -c %s "$file") - 8)) conv=notrunc status=none; done

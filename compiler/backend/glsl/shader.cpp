@@ -6,6 +6,7 @@
 
 #include "compiler/backend/raster_entries.h"
 #include "compiler/ir/yields.h"
+#include "compiler/ops/native.h"
 #include "compiler/ops/op.h"
 
 namespace dr::backend::glsl {
@@ -49,12 +50,13 @@ int texel_of(const Type& type) {
 }  // namespace
 
 Shader::Shader(const ir::Graph& graph, const Schedule& schedule, const StepSchedule& step,
-               const std::vector<std::string>& symbols, bool lanes_in_turn, SumsReader sums_reader)
+               const std::vector<std::string>& symbols, bool lanes_in_turn, bool native, SumsReader sums_reader)
     : graph_(graph),
       schedule_(schedule),
       step_(step),
       symbols_(symbols),
       lanes_in_turn_(lanes_in_turn),
+      native_(native),
       sums_reader_(std::move(sums_reader)) {}
 
 std::string Shader::unique(std::string_view base) {
@@ -242,6 +244,7 @@ void Shader::store(ValueId value, const std::string& place, const std::string& e
 }
 
 void Shader::prelude(std::string_view text) {
+  if (native_) text = ops::native_prelude(text);
   if (text.empty() || std::find(preludes_.begin(), preludes_.end(), text) != preludes_.end()) return;
   preludes_.emplace_back(text);
 }
@@ -304,8 +307,9 @@ bool is_known_to_driver(const ir::Graph& graph, ValueId v) {
 // Whether `v` is hidden from the driver where something is divided by it, which else may make something else of the
 // quotient. lavapipe's gives garbage for one by a zero that it sees at compile time; NVIDIA's takes x / sqrt(y) for x
 // inversesqrt(y), a quotient by a known number for a product with its inverse, and 1 / (1 / x) for x, also of what is
-// precise. Where the divisor comes from another shader it cannot, and the bits would depend on how ops are packed.
-bool hide_as_divisor(const ir::Graph& graph, ValueId v) {
+// precise. Where the divisor comes from another shader it cannot, and the bits would depend on how ops are packed: in
+// the profile `native` they may.
+bool hide_as_divisor(const ir::Graph& graph, ValueId v, bool native) {
   if (!graph.value(v).op.valid()) return false;
   const Op& op = graph.op(graph.value(v).op);
   switch (op.kind) {
@@ -313,12 +317,13 @@ bool hide_as_divisor(const ir::Graph& graph, ValueId v) {
       return std::find(op.attrs.floats.begin(), op.attrs.floats.end(), 0.0) != op.attrs.floats.end();
     case OpKind::Sqrt:
     case OpKind::InverseSqrt:
-    case OpKind::Div: return true;
+    case OpKind::Div: return !native;
     case OpKind::Broadcast:
     case OpKind::Splat:
     case OpKind::Extract:
     case OpKind::Compose:
-      return std::any_of(op.operands.begin(), op.operands.end(), [&](ValueId x) { return hide_as_divisor(graph, x); });
+      return std::any_of(op.operands.begin(), op.operands.end(),
+                         [&](ValueId x) { return hide_as_divisor(graph, x, native); });
     default: return is_known_to_driver(graph, v);
   }
 }
@@ -386,9 +391,13 @@ void Shader::op(const Op& op) {
     types.push_back(graph_.value(v).type);
   }
   // pc.c is 0 always.
-  if (op.kind == OpKind::Div && types[1].is_float() && hide_as_divisor(graph_, op.operands[1]))
+  if (op.kind == OpKind::Div && types[1].is_float() && hide_as_divisor(graph_, op.operands[1], native_))
     operands[1] = "uintBitsToFloat(floatBitsToUint(" + operands[1] + ") ^ uint(pc.c))";
   const ops::GlslInput input{operands, types, op.attrs, graph_.value(op.results[0]).type};
+  if (const auto own = native_ ? ops::native_glsl(op.kind, input) : std::nullopt) {
+    result(op.results[0], *own);
+    return;
+  }
   for (std::string_view text : ops::prelude(info, input)) prelude(text);
   result(op.results[0], info.glsl(input));
 }

@@ -29,9 +29,9 @@ class Shader {
   // GLSL of a function of that name which gives an element of a value whose resource holds fixed point sums.
   using SumsReader = std::function<std::string(Shader&, ir::ValueId, const std::string& function)>;
 
-  // `lanes_in_turn`: see target::Profile.
+  // `lanes_in_turn`: see target::Profile. `native`: of that float profile.
   Shader(const ir::Graph& graph, const Schedule& schedule, const StepSchedule& step,
-         const std::vector<std::string>& symbols, bool lanes_in_turn, SumsReader sums_reader);
+         const std::vector<std::string>& symbols, bool lanes_in_turn, bool native, SumsReader sums_reader);
 
   // Binds a resource of the bundle; further calls return the same name, and widen the access. Scratch is an array of
   // uint (or uint64_t) words, of a storage buffer.
@@ -80,6 +80,7 @@ class Shader {
   void extension(const std::string& name) { extensions_.insert(name); }
   void declare(const std::string& text) { declarations_ += text; }  // functions and interface variables
   void prelude(std::string_view text);
+  bool native() const { return native_; }
   std::string unique(std::string_view base);
 
   // The whole text; `layout` are the stage's layout lines.
@@ -129,7 +130,7 @@ class Shader {
   std::set<std::string> functions_;
   std::vector<std::unique_ptr<bundle::BindingT>> bindings_;
   std::map<uint32_t, Bound> bound_;
-  bool lanes_in_turn_;
+  bool lanes_in_turn_, native_;
   SumsReader sums_reader_;
   // Functions that read; how is known when all writes are.
   std::vector<uint32_t> loaded_;  // resources of the schedule

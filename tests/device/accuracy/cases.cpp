@@ -97,6 +97,7 @@ std::vector<Case> functions() {
   for (const OpKind kind : {OpKind::Sin, OpKind::Cos}) {
     all.push_back(turning(kind, turns, false));
     all.push_back(turning(kind, 8192, true));
+    all.push_back(turning(kind, std::numbers::pi, true));
   }
   all.push_back(with(unary(OpKind::Tan, floats(-1.5, 1.5)), 20, "a square of the value"));
   Case far = unary(OpKind::Tan, floats(-8192, 8192));
@@ -135,6 +136,7 @@ std::vector<Case> functions() {
 std::vector<Case> number_cases() {
   std::vector<Case> all = arithmetic();
   for (Case& c : functions()) all.push_back(std::move(c));
+  for (Case& c : all) promise_native(c);
   return all;
 }
 

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -27,6 +28,15 @@ using Scale = std::function<ir::ValueId(ir::Builder&, const Values&, ir::ValueId
 // Bool of the operands, true where only NaN and Inf are looked for.
 using Exception = std::function<ir::ValueId(ir::Builder&, const Values&)>;
 
+// What the float profile `native` is held to where a built-in stands for our own function, instead of the bound: the
+// last places that each element may be off by, Inf where nothing is promised.
+struct Promise {
+  Scale bound;
+  std::string text, why;
+  Scale scale = {};  // instead of the case's, if there is one
+  std::string scale_text = {};
+};
+
 struct Derivative {
   size_t operand = 0;
   double bound = 0;
@@ -34,6 +44,7 @@ struct Derivative {
   Scale scale = {};
   std::string scale_text = {};
   Exception except = {};
+  std::optional<Promise> native = {};
 };
 
 struct Case {
@@ -50,6 +61,7 @@ struct Case {
   // Elements of the result depend on many of the operands': these all lie in the domain.
   bool mixes = false;
   Exception except = {};  // for the value; each derivative has its own
+  std::optional<Promise> native = {};
 };
 
 // Every op that devices run; the rest is in `elsewhere`.
@@ -65,8 +77,9 @@ std::vector<Elsewhere> elsewhere();
 inline constexpr int64_t kWidth = 256;
 
 // The parts of cases(), a file each.
-std::vector<Case> number_cases();  // floats, component by component
-std::vector<Case> word_cases();    // integers, bits, bools, conversions
-std::vector<Case> image_cases();   // vectors, images, regions, sources
+std::vector<Case> number_cases();        // floats, component by component
+void promise_native(Case& number_case);  // what is promised of its built-in (cases_native.cpp)
+std::vector<Case> word_cases();          // integers, bits, bools, conversions
+std::vector<Case> image_cases();         // vectors, images, regions, sources
 
 }  // namespace dr::accuracy

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <bit>
-#include <cfloat>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -12,6 +11,7 @@
 #include "compiler/backend/shader_cache.h"
 #include "compiler/ops/emit.h"
 #include "compiler/passes/passes.h"
+#include "tests/device/accuracy/errors.h"
 #include "tests/device/accuracy/samples.h"
 #include "tests/gradient/build.h"
 
@@ -45,11 +45,21 @@ struct Graphs {
   Graph device, judge;
 };
 
-Graphs graphs_of(std::span<const Case> cases, const std::vector<Samples>& samples) {
+// A case or derivative in the float profile `native`, which may have a measure and a bound of its own.
+template <class T>
+T in_profile(T entry, bool native) {
+  if (!native || !entry.native) return entry;
+  entry.bound = 1;  // not 0: that of each element is computed
+  entry.why = entry.native->why;
+  if (entry.native->scale) entry.scale = entry.native->scale, entry.scale_text = entry.native->scale_text;
+  return entry;
+}
+
+Graphs graphs_of(std::span<const Case> cases, const std::vector<Samples>& samples, bool native) {
   ir::Builder device, judge;
   std::vector<std::pair<std::string, ValueId>> values, derivatives, judged;
   for (size_t c = 0; c < cases.size(); ++c) {
-    const Case& entry = cases[c];
+    const Case entry = in_profile(cases[c], native);
     const Image& first = samples[c].operands[0];
     const Extent extent{first.width, first.height, first.layers};
     Values xs, twins;
@@ -60,6 +70,7 @@ Graphs graphs_of(std::span<const Case> cases, const std::vector<Samples>& sample
     const ValueId y = entry.build(device, xs);
     values.emplace_back(named("value", c), y);
     if (entry.scale) judged.emplace_back(named("scale", c), entry.scale(judge, twins, {}));
+    if (native && entry.native) judged.emplace_back(named("bound", c), entry.native->bound(judge, twins, {}));
     if (entry.except) judged.emplace_back(named("except", c), entry.except(judge, twins));
     if (entry.derivatives.empty()) continue;
     const ir::ValueInfo result = device.value(y);
@@ -69,11 +80,11 @@ Graphs graphs_of(std::span<const Case> cases, const std::vector<Samples>& sample
     for (const Derivative& d : entry.derivatives) targets.push_back(xs[d.operand]);
     const std::vector<ValueId> found = gradient_test::grad(device, y, w, targets);
     for (size_t k = 0; k < found.size(); ++k) {
+      const Derivative d = in_profile(entry.derivatives[k], native);
       derivatives.emplace_back(named("derivative", c, k), found[k]);
-      if (entry.derivatives[k].scale)
-        judged.emplace_back(named("derivative_scale", c, k), entry.derivatives[k].scale(judge, twins, twin));
-      if (entry.derivatives[k].except)
-        judged.emplace_back(named("derivative_except", c, k), entry.derivatives[k].except(judge, twins));
+      if (d.scale) judged.emplace_back(named("derivative_scale", c, k), d.scale(judge, twins, twin));
+      if (d.except) judged.emplace_back(named("derivative_except", c, k), d.except(judge, twins));
+      if (native && d.native) judged.emplace_back(named("derivative_bound", c, k), d.native->bound(judge, twins, twin));
     }
   }
   gradient_test::add_step(device.graph(), "values", values);
@@ -118,26 +129,6 @@ Images evaluate(const Graph& graph, const Images& leaves, bool flush) {
   return results;
 }
 
-double ulp_of(double size) { return std::exp2(std::floor(std::log2(std::max(size, 0x1p-126))) - 23); }
-
-// In last places of the larger of `expected` and `scale`. Beyond float32's range Inf stands for 2^128; below `least`
-// nothing is promised but that the result is there too.
-double error_of(bool is_float, double found, double expected, double scale, double least) {
-  if (std::isnan(found) || std::isnan(expected)) return std::isnan(found) && std::isnan(expected) ? 0 : HUGE_VAL;
-  if (!is_float) return found == expected ? 0 : HUGE_VAL;
-  const auto bounded = [](double x) { return std::clamp(x, -0x1p128, 0x1p128); };
-  found = bounded(found);
-  expected = bounded(expected);
-  if (std::abs(expected) < least && std::abs(found) <= least) return 0;
-  // Terms of a sum may be flushed, four of them at most where they are few.
-  if (scale > 0 && std::abs(found - expected) <= 0x1p-124) return 0;
-  const double size = std::max(std::abs(expected), std::isfinite(scale) ? std::max(scale, 0.0) : 0.0);
-  return std::abs(found - expected) / ulp_of(std::min(size, double{FLT_MAX}));
-}
-
-bool is_subnormal(double x) { return x != 0 && std::abs(x) < 0x1p-126; }
-bool finite_float(double x) { return std::isfinite(static_cast<float>(x)); }
-
 std::string hex(double x) {
   char text[16];
   std::snprintf(text, sizeof text, "%08x", std::bit_cast<uint32_t>(static_cast<float>(x)));
@@ -166,6 +157,7 @@ std::string range(const Operand& o) {
 struct Judged {
   const Image* expected[2];
   const Image* scale[2] = {nullptr, nullptr};
+  const Image* bound[2] = {nullptr, nullptr};
   const Image* except[2] = {nullptr, nullptr};
   const Image* value[2] = {nullptr, nullptr};  // of a derivative: the result itself
 };
@@ -182,53 +174,50 @@ void judge(Row& row, const io::Array& array, const Judged& by, const Case& c, co
     const size_t planes = from->data.size() / m;
     return from->data[(planes == 1 ? 0 : k) * m + (m == 1 ? 0 : i % m)];
   };
+  const Asked asked{.is_float = image.type.is_float(),
+                    .derivative = by.value[0] != nullptr,
+                    .exact = row.bound == 0,
+                    .promised = by.bound[0] != nullptr,
+                    .has_scale = by.scale[0] != nullptr};
   std::vector<double> errors;
-  row.worst = -1;
+  double worst_share = -1, worst_error = -1;
   for (size_t i = 0; i < n; ++i) {
     // Operands of images mix: all are inside, or none counts.
     bool inside = own ? samples.inside[i] : true;
     // Nor have derivatives all their digits where an operand or the result is a subnormal number.
-    if (own && by.value[0] && row.bound > 0)
+    if (own && by.value[0] && !asked.exact)
       for (const Image& operand : samples.operands)
         for (size_t p = 0; p < static_cast<size_t>(operand.type.components()); ++p)
           inside = inside && !(operand.type.is_float() && is_subnormal(operand.data[p * n + i]));
     for (size_t k = 0; k < components; ++k) {
       const double result = found[i * components + k];
-      double error = HUGE_VAL;
-      size_t twin = 0;
-      bool may_be_infinite = false, except = false;
+      Expected twins[2];
       for (size_t f = 0; f < 2; ++f) {
-        const double expected = by.expected[f]->data[k * n + i];
-        const double scale = by.scale[f] ? at(by.scale[f], i, k) : 0;
-        // A factor of a derivative may leave the range before all of it does.
-        const double room = by.value[f] ? 0x1p7 : 1;
-        double e = error_of(image.type.is_float(), result, expected, scale, room * 0x1p-126);
-        if (by.except[f] && at(by.except[f], i, k) != 0) except = true;
-        may_be_infinite = may_be_infinite || !finite_float(room * expected) || !finite_float(scale);
+        twins[f].value = by.expected[f]->data[k * n + i];
+        twins[f].scale = by.scale[f] ? at(by.scale[f], i, k) : 0;
+        twins[f].bound = by.bound[f] ? at(by.bound[f], i, k) : row.bound;
+        twins[f].except = by.except[f] && at(by.except[f], i, k) != 0;
         if (by.value[f])
           for (size_t v = 0; v < static_cast<size_t>(by.value[f]->type.components()); ++v) {
-            may_be_infinite = may_be_infinite || !finite_float(at(by.value[f], i, v));
-            except = except || (row.bound > 0 && is_subnormal(at(by.value[f], i, v)));
+            twins[f].value_infinite = twins[f].value_infinite || !finite_float(at(by.value[f], i, v));
+            twins[f].value_subnormal = twins[f].value_subnormal || is_subnormal(at(by.value[f], i, v));
           }
-        if (e < error) error = e, twin = f;
       }
-      if (image.type.is_float() && !std::isfinite(result) && !may_be_infinite) {
-        if (++row.not_finite == 1 || !inside) error = HUGE_VAL;
-      } else if (!inside || except) {
-        ++row.special;
-        continue;
-      }
-      // Where the result itself overflows, the derivative that is made of it means nothing; nor does a sum where its
-      // terms do.
-      if (may_be_infinite && (by.value[0] || by.scale[0])) continue;
-      const double expected = by.expected[twin]->data[k * n + i];
+      const Verdict v = judge_one(asked, result, inside, twins, 2);
+      row.special += v.special ? 1 : 0;
+      row.not_finite += v.not_finite ? 1 : 0;
+      if (v.special || v.left_out) continue;
+      const double error = v.not_finite ? HUGE_VAL : v.error, share = v.not_finite ? HUGE_VAL : v.share;
+      const double expected = twins[v.twin].value;
       if (std::abs(expected) >= 0x1p-126 && std::isfinite(expected) && finite_float(expected) && std::isfinite(result))
         row.relative = std::max(row.relative, std::abs(result - expected) / std::abs(expected));
       else if (std::abs(expected) < 0x1p-126 && std::isfinite(result))
         row.near_zero = std::max(row.near_zero, std::abs(result - expected));
       errors.push_back(error);
-      if (error > row.worst) {
-        row.worst = error;
+      row.worst = std::max(row.worst, error);
+      if (share > worst_share || (share == worst_share && error > worst_error)) {
+        worst_share = share;
+        worst_error = error;
         row.expected = expected;
         row.found = result;
         row.worst_input.clear();
@@ -244,7 +233,7 @@ void judge(Row& row, const io::Array& array, const Judged& by, const Case& c, co
     }
   }
   row.samples = static_cast<int64_t>(errors.size());
-  row.worst = std::max(row.worst, 0.0);
+  row.share = std::max(worst_share, 0.0);
   if (!errors.empty()) {
     const auto place = errors.begin() + static_cast<std::ptrdiff_t>((errors.size() - 1) * 999 / 1000);
     std::nth_element(errors.begin(), place, errors.end());
@@ -258,7 +247,8 @@ std::vector<Row> measure(const runtime::Device& device, std::span<const Case> ca
   std::vector<Samples> samples;
   for (const Case& c : cases)
     samples.push_back(draw(c, options.random, options.seed + static_cast<uint64_t>(c.kind) * 1000 + c.name.size()));
-  const Graphs graphs = graphs_of(cases, samples);
+  const bool native = options.float_profile == "native";
+  const Graphs graphs = graphs_of(cases, samples, native);
   Images leaves;
   for (size_t c = 0; c < cases.size(); ++c)
     for (size_t k = 0; k < cases[c].operands.size(); ++k) leaves[named("x", c, k)] = samples[c].operands[k];
@@ -271,7 +261,7 @@ std::vector<Row> measure(const runtime::Device& device, std::span<const Case> ca
 
   auto profile = target::load_profile(options.profile);
   if (const auto* problem = std::get_if<std::string>(&profile)) stop(*problem);
-  auto chosen = backend::compile_options(options.lower, "auto", "fused");
+  auto chosen = backend::compile_options(options.lower, "auto", "fused", {}, "auto", options.float_profile);
   if (const auto* problem = std::get_if<std::string>(&chosen)) stop(*problem);
   auto& compile_options = std::get<backend::CompileOptions>(chosen);
   compile_options.cache_folder = backend::default_cache_folder();
@@ -292,7 +282,7 @@ std::vector<Row> measure(const runtime::Device& device, std::span<const Case> ca
   };
   std::vector<Row> rows;
   for (size_t c = 0; c < cases.size(); ++c) {
-    const Case& entry = cases[c];
+    const Case entry = in_profile(cases[c], native);
     Row row{
         .op = entry.name, .direction = "value", .domain = entry.domain, .scale = entry.scale_text, .why = entry.why};
     for (size_t k = 0; k < entry.operands.size(); ++k) {
@@ -300,14 +290,16 @@ std::vector<Row> measure(const runtime::Device& device, std::span<const Case> ca
       if (!text.empty()) row.domain += (row.domain.empty() ? "" : "; ") + text;
     }
     row.bound = entry.bound;
+    if (native && entry.native) row.promise = entry.native->text;
     Judged by{};
     both(expected, named("value", c), by.expected);
     both(judged, named("scale", c), by.scale);
+    both(judged, named("bound", c), by.bound);
     both(judged, named("except", c), by.except);
     judge(row, must(program.output("values", named("value", c))), by, entry, samples[c]);
     rows.push_back(row);
     for (size_t k = 0; k < entry.derivatives.size(); ++k) {
-      const Derivative& d = entry.derivatives[k];
+      const Derivative d = in_profile(entry.derivatives[k], native);
       Row other{.op = entry.name,
                 .direction = "d/dx" + std::to_string(d.operand + 1),
                 .domain = row.domain,
@@ -317,7 +309,9 @@ std::vector<Row> measure(const runtime::Device& device, std::span<const Case> ca
       Judged of{};
       both(expected, named("derivative", c, k), of.expected);
       both(judged, named("derivative_scale", c, k), of.scale);
+      both(judged, named("derivative_bound", c, k), of.bound);
       both(judged, named("derivative_except", c, k), of.except);
+      if (native && d.native) other.promise = d.native->text;
       if (expected[0].at(named("value", c)).count() == expected[0].at(named("derivative", c, k)).count())
         both(expected, named("value", c), of.value);
       judge(other, must(program.output("derivatives", named("derivative", c, k))), of, entry, samples[c]);

@@ -15,8 +15,9 @@ struct Row {
   std::string op, direction;  // "pow", "value" or "d/dx2"
   std::string domain = {}, scale = {}, why = {};
   int64_t samples = 0;   // elements inside the domain whose error was taken
-  double bound = 0;      // in last places
+  double bound = 0;      // in last places; where there is a promise, that says what it is
   double worst = 0;      // the largest error in last places; infinite for NaN or Inf where there must be none
+  double share = 0;      // the largest error as a share of what is allowed there
   double p999 = 0;       // below which 99.9% of the errors are
   double relative = 0;   // the largest relative error of results that are normal numbers
   double near_zero = 0;  // the largest absolute error of those that are not
@@ -24,13 +25,15 @@ struct Row {
   int64_t not_finite = 0;
   std::string worst_input = {};  // float32 bits of the operands' components, or the element of an image
   double expected = 0, found = 0;
-  bool passes() const { return worst <= bound && not_finite == 0; }
+  std::string promise = {};
+  bool passes() const { return share <= 1 && not_finite == 0; }
 };
 
 struct Options {
   std::string profile;
   std::string lower = "auto";  // auto, fragment, compute
-  int64_t random = 4096;       // random elements a case, besides special values
+  std::string float_profile = "strict";
+  int64_t random = 4096;  // random elements a case, besides special values
   uint64_t seed = 1;
 };
 

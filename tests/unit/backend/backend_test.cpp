@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The compiler's second half without a device: schedules are sound on every profile and packing, SPIR-V is strict.
+#include <algorithm>
 #include <set>
 
 #include "compiler/backend/compile.h"
@@ -96,21 +97,55 @@ TEST_CASE("a limit of the profile splits a pass or is told") {
   CHECK(std::get<std::string>(result).find("device allows 1") != std::string::npos);
 }
 
+namespace {
+
+// Of a module: how many float instructions it has, and how many of them are decorated NoContraction.
+std::pair<size_t, size_t> arithmetic_of(const std::vector<uint32_t>& code) {
+  std::set<uint32_t> decorated;
+  std::vector<uint32_t> arithmetic;
+  for (size_t at = 5; at < code.size(); at += code[at] >> 16) {
+    const uint32_t opcode = code[at] & 0xffff;
+    if (opcode == 71 && code[at + 2] == 42) decorated.insert(code[at + 1]);
+    if (opcode == 127 || opcode == 129 || opcode == 131 || opcode == 133 || opcode == 136 || opcode == 142 ||
+        opcode == 148)
+      arithmetic.push_back(code[at + 2]);
+  }
+  return {arithmetic.size(), std::ranges::count_if(arithmetic, [&](uint32_t id) { return decorated.contains(id); })};
+}
+
+}  // namespace
+
 TEST_CASE("every float instruction is decorated NoContraction") {
   const ir::Graph g = graph();
   auto result = compile(g, profile("swiftshader"), {});
   for (const auto& shader : std::get<Compiled>(result).bundle.shaders) {
-    std::set<uint32_t> decorated;
-    std::vector<uint32_t> arithmetic;
-    const auto& code = shader->spirv;
-    for (size_t at = 5; at < code.size(); at += code[at] >> 16) {
-      const uint32_t opcode = code[at] & 0xffff;
-      if (opcode == 71 && code[at + 2] == 42) decorated.insert(code[at + 1]);
-      if (opcode == 127 || opcode == 129 || opcode == 131 || opcode == 133 || opcode == 136 || opcode == 142 ||
-          opcode == 148)
-        arithmetic.push_back(code[at + 2]);
-    }
-    for (uint32_t id : arithmetic) CHECK(decorated.count(id) == 1);
-    CHECK(decorate_no_contraction(code) == code);
+    const auto [all, decorated] = arithmetic_of(shader->spirv);
+    CHECK(decorated == all);
+    CHECK(decorate_no_contraction(shader->spirv) == shader->spirv);
   }
+}
+
+TEST_CASE("in the profile native what the program says is the driver's to contract, and our functions are not") {
+  auto g = ir::parse(R"(leaf a : float[V] input
+%0 : float[V] = leaf text "a"
+%1 : float[V] = mul %0, %0
+%2 : float[V] = add %1, %0
+%3 : float[V] = mod %2, %0
+step go {
+  output y %3
+}
+)");
+  CompileOptions options;
+  options.lower = Lower::Compute;
+  const auto strict = compile(std::get<ir::Graph>(g), profile("swiftshader"), options);
+  options.native_floats = true;
+  const auto native = compile(std::get<ir::Graph>(g), profile("swiftshader"), options);
+  CHECK(std::get<Compiled>(strict).bundle.float_profile == "strict");
+  CHECK(std::get<Compiled>(native).bundle.float_profile == "native");
+  const auto [all, decorated] = arithmetic_of(std::get<Compiled>(strict).bundle.shaders[0]->spirv);
+  CHECK(all > 2);
+  CHECK(decorated == all);
+  const auto [same, fewer] = arithmetic_of(std::get<Compiled>(native).bundle.shaders[0]->spirv);
+  CHECK(same == all);
+  CHECK(fewer == all - 2);
 }

@@ -1,0 +1,135 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "compiler/ops/native.h"
+
+#include "compiler/ops/prelude.h"
+
+namespace dr::ops {
+
+namespace {
+
+struct Pair {
+  std::string_view strict, native;
+};
+
+constexpr Pair kPairs[] = {
+    {glsl::kExp, R"(
+float dr_exp(float x) { return exp(x); }
+)"},
+    {glsl::kExp2, R"(
+float dr_exp2(float x) { return exp2(x); }
+)"},
+    {glsl::kLog, R"(
+float dr_log(float x) { return log(x); }
+)"},
+    {glsl::kLog2, R"(
+float dr_log2(float x) { return log2(x); }
+)"},
+    {glsl::kPow, R"(
+// GLSL's is undefined below 0, and at 0 for y <= 0.
+float dr_pow(float x, float y) {
+  if (x == 1.0 || y == 0.0) return 1.0;
+  float a = abs(x);
+  float r = a == 1.0 ? 1.0 : (a == 0.0 ? (y > 0.0 ? 0.0 : (y < 0.0 ? uintBitsToFloat(0x7f800000u) : y)) : pow(a, y));
+  if (x >= 0.0) return r;
+  if (floor(y) != y) return uintBitsToFloat(0x7fc00000u);
+  float half_y = 0.5 * y;
+  return floor(half_y) != half_y ? -r : r;
+}
+)"},
+    {glsl::kSinPart, ""},
+    {glsl::kSin, R"(
+float dr_sin(float x) { return sin(x); }
+)"},
+    {glsl::kCos, R"(
+float dr_cos(float x) { return cos(x); }
+)"},
+    {glsl::kTan, R"(
+// GLSL's is a quotient of these, and may be one by 0.
+float dr_tan(float x) {
+  float c = cos(x);
+  return sin(x) / (abs(c) < 1e-8 ? 1e-8 : c);
+}
+)"},
+    {glsl::kAsinPart, ""},
+    {glsl::kAsin, R"(
+float dr_asin(float x) { return asin(x > 1.0 ? 1.0 : (x < -1.0 ? -1.0 : x)); }
+)"},
+    {glsl::kAcos, R"(
+float dr_acos(float x) { return acos(x > 1.0 ? 1.0 : (x < -1.0 ? -1.0 : x)); }
+)"},
+    {glsl::kAtanPart, ""},
+    {glsl::kAtan, R"(
+float dr_atan(float x) { return atan(x); }
+)"},
+    {glsl::kAtan2, R"(
+// 0 at the origin; a zero counts as positive, also one that y becomes when scaled.
+float dr_atan2(float y, float x) {
+  if (y == 0.0) return x < 0.0 ? 3.14159265 : (x >= 0.0 ? 0.0 : x);
+  float high = max(abs(x), abs(y));
+  float scale = high > 1e30 ? 1e-20 : (high < 1e-18 ? 1e20 : 1.0);
+  float r = atan(abs(y) * scale, x * scale);
+  return y < 0.0 ? -r : r;
+}
+)"},
+    {glsl::kSinh, R"(
+// exp(a) overflows before the function does.
+float dr_sinh(float x) {
+  float a = abs(x);
+  if (a <= 80.0) return sinh(x);
+  float root = exp(0.5 * a);
+  float r = 0.5 * root * root;
+  return x < 0.0 ? -r : r;
+}
+)"},
+    {glsl::kCosh, R"(
+float dr_cosh(float x) {
+  float a = abs(x);
+  if (a <= 80.0) return cosh(x);
+  float root = exp(0.5 * a);
+  return 0.5 * root * root;
+}
+)"},
+    {glsl::kTanh, R"(
+// A quotient of two that overflow, where it is 1 already.
+float dr_tanh(float x) { return tanh(x > 10.0 ? 10.0 : (x < -10.0 ? -10.0 : x)); }
+)"},
+    {glsl::kAsinh, R"(
+// By way of x^2, and for negative x of a difference.
+float dr_asinh(float x) {
+  float a = abs(x);
+  float r = a > 1e8 ? log(a) + 0.693147181 : asinh(a);
+  return x < 0.0 ? -r : r;
+}
+)"},
+    {glsl::kAcosh, R"(
+float dr_acosh(float x) {
+  if (x < 1.0) return uintBitsToFloat(0x7fc00000u);
+  return x > 1e8 ? log(x) + 0.693147181 : acosh(x);
+}
+)"},
+    {glsl::kAtanh, R"(
+float dr_atanh(float x) {
+  float a = abs(x);
+  if (a > 1.0) return uintBitsToFloat(0x7fc00000u);
+  float r = a == 1.0 ? uintBitsToFloat(0x7f800000u) : atanh(a);
+  return x < 0.0 ? -r : r;
+}
+)"},
+};
+
+}  // namespace
+
+std::string_view native_prelude(std::string_view strict) {
+  for (const Pair& pair : kPairs)
+    if (pair.strict == strict) return pair.native;
+  return strict;
+}
+
+std::optional<std::string> native_glsl(ir::OpKind kind, const GlslInput& in) {
+  if (kind == ir::OpKind::InverseSqrt) return "inversesqrt(" + in.operands[0] + ")";
+  if (kind == ir::OpKind::Dot && !in.operand_types[0].is_scalar())
+    return "dot(" + in.operands[0] + ", " + in.operands[1] + ")";
+  return std::nullopt;
+}
+
+}  // namespace dr::ops
