@@ -25,11 +25,14 @@ float dr_log(float x) { return log(x); }
 float dr_log2(float x) { return log2(x); }
 )"},
     {glsl::kPow, R"(
-// GLSL's is undefined below 0, and at 0 for y <= 0.
+// GLSL's is undefined below 0, and at 0 for y <= 0; some drivers take powers of subnormal numbers for others.
 float dr_pow(float x, float y) {
   if (x == 1.0 || y == 0.0) return 1.0;
   float a = abs(x);
-  float r = a == 1.0 ? 1.0 : (a == 0.0 ? (y > 0.0 ? 0.0 : (y < 0.0 ? uintBitsToFloat(0x7f800000u) : y)) : pow(a, y));
+  float r;
+  if (a == 0.0) r = y > 0.0 ? 0.0 : (y < 0.0 ? uintBitsToFloat(0x7f800000u) : y);
+  else if (a == 1.0) r = 1.0;
+  else r = a < 1.17549435e-38 ? pow(a * 8388608.0, y) * exp2(-23.0 * y) : pow(a, y);
   if (x >= 0.0) return r;
   if (floor(y) != y) return uintBitsToFloat(0x7fc00000u);
   float half_y = 0.5 * y;

@@ -91,6 +91,10 @@ io::Array Transfer::download(uint32_t resource) {
   io::Array out = io::Array::zeros(kind_of(*r.type), n, size.w, size.h, size.l);
   const auto* words = static_cast<const uint32_t*>(staging_data_);
   const size_t width = io::scalar_size(out.kind);
+  if (width == 4 && stored == n) {
+    std::memcpy(out.bytes.data(), words, bytes);
+    return out;
+  }
   for (int64_t e = 0; e < size.count(); ++e)
     for (int c = 0; c < n; ++c) {
       const uint32_t word = words[e * stored + c];

@@ -13,6 +13,7 @@
 #include <sstream>
 
 #include "compiler/ops/op.h"
+#include "tests/bench/every_float.h"
 #include "tests/device/accuracy/measure.h"
 
 using namespace dr;
@@ -36,48 +37,62 @@ json read(const std::string& path) {
   return data;
 }
 
+// JSON has no infinity.
+json json_of(const accuracy::Row& row) {
+  return {{"op", row.op},
+          {"direction", row.direction},
+          {"domain", row.domain},
+          {"scale", row.scale},
+          {"why", row.why},
+          {"samples", row.samples},
+          {"special", row.special},
+          {"not_finite", row.not_finite},
+          {"bound", row.bound},
+          {"promise", row.promise},
+          {"max_ulp", std::min(row.worst, 1e30)},
+          {"share", std::min(row.share, 1e30)},
+          {"p999_ulp", std::min(row.p999, 1e30)},
+          {"max_relative", std::min(row.relative, 1e30)},
+          {"max_near_zero", row.near_zero},
+          {"worst_input", row.worst_input},
+          {"expected", row.expected},
+          {"found", row.found},
+          {"pass", row.passes()}};
+}
+
 int measure(const std::string& path, const std::string& name, const std::string& wanted, int64_t samples) {
   auto device = runtime::Device::open({wanted, false});
   if (!device) stop(device.error());
   const std::string known = device->profile_name();
   const std::string profile = known.empty() ? "lavapipe" : known;
-  json rows = json::array();
   const std::vector<accuracy::Case> cases = accuracy::cases();
+  json both = json::object();
   int failed = 0;
-  for (size_t first = 0; first < cases.size(); first += kTogether) {
-    const auto some = std::span(cases).subspan(first, std::min(kTogether, cases.size() - first));
-    for (const accuracy::Row& row : accuracy::measure(*device, some, {.profile = profile, .random = samples})) {
-      // JSON has no infinity.
-      rows.push_back({{"op", row.op},
-                      {"direction", row.direction},
-                      {"domain", row.domain},
-                      {"scale", row.scale},
-                      {"why", row.why},
-                      {"samples", row.samples},
-                      {"special", row.special},
-                      {"not_finite", row.not_finite},
-                      {"bound", row.bound},
-                      {"max_ulp", std::min(row.worst, 1e30)},
-                      {"p999_ulp", std::min(row.p999, 1e30)},
-                      {"max_relative", std::min(row.relative, 1e30)},
-                      {"max_near_zero", row.near_zero},
-                      {"worst_input", row.worst_input},
-                      {"expected", row.expected},
-                      {"found", row.found},
-                      {"pass", row.passes()}});
-      if (row.passes()) continue;
-      ++failed;
-      std::printf("%s %s: %g last places, %g allowed, at %s\n", row.op.c_str(), row.direction.c_str(), row.worst,
-                  row.bound, row.worst_input.c_str());
+  for (const char* floats : {"strict", "native"}) {
+    json rows = json::array();
+    int beyond = 0;
+    for (size_t first = 0; first < cases.size(); first += kTogether) {
+      const auto some = std::span(cases).subspan(first, std::min(kTogether, cases.size() - first));
+      const accuracy::Options options{.profile = profile, .float_profile = floats, .random = samples};
+      for (const accuracy::Row& row : accuracy::measure(*device, some, options)) {
+        rows.push_back(json_of(row));
+        if (row.passes()) continue;
+        ++beyond;
+        failed += row.promise.empty() ? 1 : 0;  // what a driver promises and does not keep is told, no failure of ours
+        std::printf("%s %s %s: %g last places, %g of what is allowed, at %s\n", floats, row.op.c_str(),
+                    row.direction.c_str(), row.worst, row.share, row.worst_input.c_str());
+      }
     }
+    std::printf("%s (%s), %s: %zu rows, %d beyond their bound\n", name.c_str(), device->info().name.c_str(), floats,
+                rows.size(), beyond);
+    both[floats] = std::move(rows);
   }
-  std::printf("%s (%s): %zu rows, %d beyond their bound\n", name.c_str(), device->info().name.c_str(), rows.size(),
-              failed);
   json data = read(path);
   data["devices"][name] = {{"device", device->info().name},
                            {"driver", device->info().driver},
                            {"vulkan", device->info().api_version},
-                           {"rows", std::move(rows)}};
+                           {"rows", std::move(both["strict"])},
+                           {"native", std::move(both["native"])}};
   std::ofstream(path) << data.dump(1) << "\n";
   return failed == 0 ? 0 : 1;
 }
@@ -89,6 +104,66 @@ std::string number(double x) {
   return text;
 }
 
+// What a device's rows say of one of another's: the largest error, that of 99.9%, and where it is largest.
+std::string cell(const json& rows, const json& row) {
+  const auto found = std::find_if(rows.begin(), rows.end(), [&](const json& r) {
+    return r["op"] == row["op"] && r["direction"] == row["direction"] && r["domain"] == row["domain"];
+  });
+  if (found == rows.end()) return "";
+  const double worst = (*found)["max_ulp"].get<double>();
+  const std::string text = ((*found)["pass"].get<bool>() ? "" : "**beyond** ") + number(worst);
+  if (worst == 0) return text;
+  return text + " (" + number((*found)["p999_ulp"].get<double>()) + ") at `" +
+         (*found)["worst_input"].get<std::string>() + "`";
+}
+
+std::string verdict(const json& rows) {
+  int64_t failed = 0, samples = 0, special = 0;
+  for (const json& row : rows) {
+    failed += row["pass"].get<bool>() ? 0 : 1;
+    samples += row["samples"].get<int64_t>();
+    special += row["special"].get<int64_t>();
+  }
+  return std::to_string(rows.size()) + " rows, " + std::to_string(failed) + " beyond their bound; " +
+         std::to_string(samples) + " errors taken, " + std::to_string(special) + " special values";
+}
+
+// The rows of the float profile `native` that have a bound of their own, and those beyond the strict one.
+void document_native(const json& devices) {
+  std::printf(R"(
+## The profile `native`
+
+With `--float=native` drivers' built-ins stand for our functions ([architecture.md](architecture.md)). Bounds are what Vulkan promises of
+the built-in, and what follows for functions and derivatives that are made of it (`tests/device/accuracy/cases_native.cpp`): n last places
+of a factor are 2n of the product, since a last place is worth half as much at the upper end of a binade as at the lower; a
+derivative adds its own roundings. Where the promise is absolute, the scale says of what: 2^-11 of 1 is 4096 last places. `none`: nothing
+is promised there, and results must only be finite. A result within its bound of the largest number may be Inf. Rows that are missing here have the
+same GLSL in both profiles, but for contraction, and are held to the bound above; they are listed where they exceed it. The last column has
+why a bound is what it is.
+
+| op | direction | domain | scale | bound |)");
+  for (const auto& [name, device] : devices.items()) std::printf(" %s |", name.c_str());
+  std::printf(" why |\n| --- | --- | --- | --- | --- | --- |");
+  for (size_t k = 0; k < devices.size(); ++k) std::printf(" --- |");
+  std::printf("\n");
+  for (const json& row : devices.begin().value().value("native", json::array())) {
+    const std::string promise = row["promise"].get<std::string>();
+    bool listed = !promise.empty();
+    std::string cells;
+    for (const auto& [name, device] : devices.items()) {
+      const std::string text = cell(device.value("native", json::array()), row);
+      listed = listed || text.starts_with("**");
+      cells += " " + text + " |";
+    }
+    if (!listed) continue;
+    std::printf("| `%s` | %s | %s | %s | %s |%s %s |\n", row["op"].get<std::string>().c_str(),
+                row["direction"].get<std::string>().c_str(), row["domain"].get<std::string>().c_str(),
+                row["scale"].get<std::string>().c_str(),
+                promise.empty() ? number(row["bound"].get<double>()).c_str() : promise.c_str(), cells.c_str(),
+                row["why"].get<std::string>().c_str());
+  }
+}
+
 // One row an op and direction, by operation in the order of the table, a column a device.
 int document(const std::string& path) {
   const json data = read(path);
@@ -96,7 +171,7 @@ int document(const std::string& path) {
   if (devices.empty()) stop("'" + path + "' has no device");
   std::printf(R"(# Accuracy
 
-How far the ops are off on devices, made by `./dr bench accuracy` from `bench-out/accuracy.json`; `tests/device/accuracy_test`
+How far the ops are off on devices, in both float profiles, made by `./dr bench accuracy` from `bench-out/accuracy.json`; `tests/device/accuracy_test`
 holds a smaller sample to the same bounds. The judge is the float64 evaluator on the same graph, given the same float32
 operands.
 
@@ -114,20 +189,13 @@ operands.
 Each cell has the largest error, in parentheses that of 99.9%% of the samples, and the operands' bits (integers as numbers) where
 it is largest.
 
-| device | name | driver | Vulkan | verdict |
-| --- | --- | --- | --- | --- |
+| device | name | driver | Vulkan | strict | native |
+| --- | --- | --- | --- | --- | --- |
 )");
   for (const auto& [name, device] : devices.items()) {
-    int64_t failed = 0, samples = 0, special = 0;
-    for (const json& row : device["rows"]) {
-      failed += row["pass"].get<bool>() ? 0 : 1;
-      samples += row["samples"].get<int64_t>();
-      special += row["special"].get<int64_t>();
-    }
-    std::printf("| %s | %s | %s | %s | %zu rows, %lld beyond their bound; %lld errors taken, %lld special values |\n",
-                name.c_str(), device["device"].get<std::string>().c_str(), device["driver"].get<std::string>().c_str(),
-                device["vulkan"].get<std::string>().c_str(), device["rows"].size(), static_cast<long long>(failed),
-                static_cast<long long>(samples), static_cast<long long>(special));
+    std::printf("| %s | %s | %s | %s | %s | %s |\n", name.c_str(), device["device"].get<std::string>().c_str(),
+                device["driver"].get<std::string>().c_str(), device["vulkan"].get<std::string>().c_str(),
+                verdict(device["rows"]).c_str(), verdict(device.value("native", json::array())).c_str());
   }
   std::printf("\n## The table\n\n| op | direction | domain | samples | scale | bound |");
   for (const auto& [name, device] : devices.items()) std::printf(" %s |", name.c_str());
@@ -135,27 +203,13 @@ it is largest.
   for (size_t k = 0; k < devices.size(); ++k) std::printf(" --- |");
   std::printf("\n");
   const json& first = devices.begin().value()["rows"];
-  const auto same = [](const json& a, const json& b) {
-    return a["op"] == b["op"] && a["direction"] == b["direction"] && a["domain"] == b["domain"];
-  };
   for (const json& row : first) {
     std::printf("| `%s` | %s | %s | %lld | %s | %s |", row["op"].get<std::string>().c_str(),
                 row["direction"].get<std::string>().c_str(), row["domain"].get<std::string>().c_str(),
                 static_cast<long long>(row["samples"].get<int64_t>()), row["scale"].get<std::string>().c_str(),
                 number(row["bound"].get<double>()).c_str());
     for (const auto& [name, device] : devices.items()) {
-      const json& rows = device["rows"];
-      const auto found = std::find_if(rows.begin(), rows.end(), [&](const json& r) { return same(r, row); });
-      if (found == rows.end()) {
-        std::printf(" |");
-        continue;
-      }
-      const double worst = (*found)["max_ulp"].get<double>();
-      std::printf(" %s%s", (*found)["pass"].get<bool>() ? "" : "**beyond** ", number(worst).c_str());
-      if (worst > 0)
-        std::printf(" (%s) at `%s`", number((*found)["p999_ulp"].get<double>()).c_str(),
-                    (*found)["worst_input"].get<std::string>().c_str());
-      std::printf(" |");
+      std::printf(" %s |", cell(device["rows"], row).c_str());
     }
     std::printf("\n");
   }
@@ -167,6 +221,10 @@ it is largest.
     const std::string line = "`" + row["op"].get<std::string>() + "` " + row["direction"].get<std::string>();
     std::printf("- %s: %s\n", line.c_str(), why.c_str());
   }
+  document_native(devices);
+  const std::filesystem::path folder = std::filesystem::path(path).parent_path();
+  document_every_float(folder.empty() ? "." : folder.string());
+  document_judge(folder.empty() ? "." : folder.string());
   std::printf("\n## Not in the table\n\n");
   for (const accuracy::Elsewhere& other : accuracy::elsewhere())
     std::printf("- `%s`: %s\n", std::string(ir::op_name(other.kind)).c_str(), other.where.c_str());

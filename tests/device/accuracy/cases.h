@@ -64,6 +64,16 @@ struct Case {
   std::optional<Promise> native = {};
 };
 
+// A case or derivative in the float profile `native`, which may have a measure and a bound of its own.
+template <class T>
+T in_profile(T entry, bool native) {
+  if (!native || !entry.native) return entry;
+  entry.bound = 1;  // not 0: that of each element is computed
+  entry.why = entry.native->why;
+  if (entry.native->scale) entry.scale = entry.native->scale, entry.scale_text = entry.native->scale_text;
+  return entry;
+}
+
 // Every op that devices run; the rest is in `elsewhere`.
 std::vector<Case> cases();
 // Kinds that are gone before a device sees the graph, or whose results are discrete decisions of their own measure.

@@ -50,6 +50,9 @@ ValueId tan_square(Builder& b, ValueId x) {
   return ops::add(b, one(b), times(b, y, y));
 }
 
+// No more than `most`, where the quotient is by zero.
+ValueId capped(Builder& b, double most, ValueId x) { return ops::emit(b, OpKind::Min, {x, number(b, most)}); }
+
 // exp2(y log2(x)): 3 + 2 |p| last places, and what p is off by, in relative terms log(2) times as much: 4 |y| 2^-23 for
 // x in [1/2, 2], else 3 |p| 2^-23, and its own rounding. Then a factor 2 and a constant.
 Fn power(double factor, double more) {
@@ -59,12 +62,12 @@ Fn power(double factor, double more) {
     const ValueId off = near_one(b, x, times(b, number(b, 4), abs_of(b, xs[1])), times(b, number(b, 3), p));
     const ValueId relative = times(b, number(b, 1.4), ops::add(b, off, times(b, number(b, 0.5), p)));
     const ValueId whole = ops::add(b, ops::add(b, number(b, 3), times(b, number(b, 2), p)), relative);
-    return ops::add(b, number(b, more), times(b, number(b, factor), whole));
+    // Subnormal numbers take a product of two powers; 0 has exact ones.
+    const ValueId tiny = ops::emit(b, OpKind::Less, {x, number(b, 0x1p-126)});
+    const ValueId another = ops::emit(b, OpKind::Select, {tiny, number(b, more + 4), number(b, more)});
+    return ops::add(b, another, times(b, number(b, factor), capped(b, 0x1p24, whole)));
   };
 }
-
-// No more than `most`, where the quotient is by zero.
-ValueId capped(Builder& b, double most, ValueId x) { return ops::emit(b, OpKind::Min, {x, number(b, most)}); }
 
 // sqrt((x - 1)(x + 1)), or with the other sign.
 ValueId root(Builder& b, ValueId x, bool below) {

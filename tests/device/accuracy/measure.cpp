@@ -45,16 +45,6 @@ struct Graphs {
   Graph device, judge;
 };
 
-// A case or derivative in the float profile `native`, which may have a measure and a bound of its own.
-template <class T>
-T in_profile(T entry, bool native) {
-  if (!native || !entry.native) return entry;
-  entry.bound = 1;  // not 0: that of each element is computed
-  entry.why = entry.native->why;
-  if (entry.native->scale) entry.scale = entry.native->scale, entry.scale_text = entry.native->scale_text;
-  return entry;
-}
-
 Graphs graphs_of(std::span<const Case> cases, const std::vector<Samples>& samples, bool native) {
   ir::Builder device, judge;
   std::vector<std::pair<std::string, ValueId>> values, derivatives, judged;
@@ -133,24 +123,6 @@ std::string hex(double x) {
   char text[16];
   std::snprintf(text, sizeof text, "%08x", std::bit_cast<uint32_t>(static_cast<float>(x)));
   return text;
-}
-
-std::string range(const Operand& o) {
-  if (o.type.is_bool()) return "all";
-  if (o.low == 0 && o.high == 0) return "";
-  char text[64];
-  if (o.type.is_float() ? o.low <= -double{FLT_MAX} && o.high >= double{FLT_MAX} && o.least == 0 : o.high - o.low > 4e9)
-    return "all";
-  const auto number = [](double x) {
-    char word[32];
-    if (std::abs(x) >= double{FLT_MAX}) return std::string(x < 0 ? "-max" : "max");
-    std::snprintf(word, sizeof word, "%.6g", x);
-    return std::string(word);
-  };
-  std::snprintf(text, sizeof text, "%s … %s", number(o.low).c_str(), number(o.high).c_str());
-  std::string result = text;
-  if (o.least > 0) result += ", sizes from " + number(o.least);
-  return result;
 }
 
 // What one output is judged by: pairs of results for operands as they are and for flushed ones.
@@ -242,6 +214,24 @@ void judge(Row& row, const io::Array& array, const Judged& by, const Case& c, co
 }
 
 }  // namespace
+
+std::string range(const Operand& o) {
+  if (o.type.is_bool()) return "all";
+  if (o.low == 0 && o.high == 0) return "";
+  char text[64];
+  if (o.type.is_float() ? o.low <= -double{FLT_MAX} && o.high >= double{FLT_MAX} && o.least == 0 : o.high - o.low > 4e9)
+    return "all";
+  const auto number = [](double x) {
+    char word[32];
+    if (std::abs(x) >= double{FLT_MAX}) return std::string(x < 0 ? "-max" : "max");
+    std::snprintf(word, sizeof word, "%.6g", x);
+    return std::string(word);
+  };
+  std::snprintf(text, sizeof text, "%s … %s", number(o.low).c_str(), number(o.high).c_str());
+  std::string result = text;
+  if (o.least > 0) result += ", sizes from " + number(o.least);
+  return result;
+}
 
 std::vector<Row> measure(const runtime::Device& device, std::span<const Case> cases, const Options& options) {
   std::vector<Samples> samples;

@@ -37,6 +37,9 @@ struct Options {
   uint64_t seed = 1;
 };
 
+// An operand's domain in words.
+std::string range(const Operand& operand);
+
 // Errors of the device or the compiler end the process with a message.
 std::vector<Row> measure(const runtime::Device& device, std::span<const Case> cases, const Options& options);
 

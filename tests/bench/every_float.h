@@ -1,0 +1,13 @@
+// SPDX-License-Identifier: Apache-2.0
+// The parts of docs/accuracy.md that `./dr bench sweep` and `./dr bench judge` have the figures of.
+#pragma once
+
+#include <string>
+
+namespace dr {
+
+// From the lines of JSON in `folder`/sweep and from `folder`/judge.json, on stdout; nothing for what is not there.
+void document_every_float(const std::string& folder);
+void document_judge(const std::string& folder);
+
+}  // namespace dr
