@@ -113,7 +113,7 @@ std::string cell(const json& rows, const json& row) {
   const double worst = (*found)["max_ulp"].get<double>();
   const std::string text = ((*found)["pass"].get<bool>() ? "" : "**beyond** ") + number(worst);
   if (worst == 0) return text;
-  return text + " (" + number((*found)["p999_ulp"].get<double>()) + ") at `" +
+  return text + " (" + number((*found)["p999_ulp"].get<double>()) + ")" + share_of(*found) + " at `" +
          (*found)["worst_input"].get<std::string>() + "`";
 }
 
@@ -137,9 +137,10 @@ With `--float=native` drivers' built-ins stand for our functions ([architecture.
 the built-in, and what follows for functions and derivatives that are made of it (`tests/device/accuracy/cases_native.cpp`): n last places
 of a factor are 2n of the product, since a last place is worth half as much at the upper end of a binade as at the lower; a
 derivative adds its own roundings. Where the promise is absolute, the scale says of what: 2^-11 of 1 is 4096 last places. `none`: nothing
-is promised there, and results must only be finite. A result within its bound of the largest number may be Inf. Rows that are missing here have the
-same GLSL in both profiles, but for contraction, and are held to the bound above; they are listed where they exceed it. The last column has
-why a bound is what it is.
+is promised there, and results must only be finite. A result within its bound of the largest number may be Inf. Where a bound depends on the
+operands, cells say how much of it an error is at most, and at which operands; the largest error may be elsewhere. Rows that are missing
+here have the same GLSL in both profiles, but for contraction, and are held to the bounds above; they are listed where they exceed
+one. The last column has why a bound is what it is.
 
 | op | direction | domain | scale | bound |)");
   for (const auto& [name, device] : devices.items()) std::printf(" %s |", name.c_str());
