@@ -41,7 +41,7 @@ struct DeviceInfo {
   std::string name;
   std::string kind;         // "cpu", "discrete gpu", ...
   std::string api_version;  // "1.3.230"
-  std::string driver;
+  std::string driver;       // its name and version: "llvmpipe Mesa 22.3.6 (LLVM 15.0.6)"
 };
 
 // What a device profile wants to know (compiler/target/profile.h has the same names).

@@ -28,8 +28,8 @@ std::vector<uint8_t> read_file(const std::string& path) {
 int list_devices() {
   const auto devices = must(runtime::Device::list());
   for (size_t k = 0; k < devices.size(); ++k)
-    std::printf("%zu: %s (%s, Vulkan %s)\n", k, devices[k].name.c_str(), devices[k].kind.c_str(),
-                devices[k].api_version.c_str());
+    std::printf("%zu: %s (%s, Vulkan %s, driver %s)\n", k, devices[k].name.c_str(), devices[k].kind.c_str(),
+                devices[k].api_version.c_str(), devices[k].driver.c_str());
   return 0;
 }
 

@@ -202,7 +202,7 @@ int Session::run_for(const std::string& step, int times) {
     const double seconds = ms_since(begin) * 1e-3;
     together_ = static_cast<int>(std::clamp(0.2 * now / std::max(seconds, 1e-6), 1.0, 1e6));
     // The device takes its time to start, and the host to know how much it takes at once.
-    if (ran_.count(step) != 0) paces_[step].push_back(seconds / now);
+    if (ran_.count(step) != 0) batches_[step].push_back({seconds, now});
   }
   return done;
 }
@@ -222,9 +222,16 @@ void Session::timed_run(const std::string& step) {
   for (const runtime::CommandTime& t : times) counters_.steps[step].fragments += t.fragments;
   if (!options_.timing) return;
   std::fputs(timing_table(step, times).c_str(), stdout);
-  if (std::vector<double>& paces = paces_[step]; !paces.empty()) {
+  if (const std::vector<Batch>& batches = batches_[step]; !batches.empty()) {
+    std::vector<double> paces;
+    Batch all{0, 0};
+    for (const Batch& batch : batches) {
+      paces.push_back(batch.seconds / batch.runs);
+      all = {all.seconds + batch.seconds, all.runs + batch.runs};
+    }
     std::ranges::nth_element(paces, paces.begin() + static_cast<ptrdiff_t>(paces.size() / 2));
-    std::printf("%s: %.1f us a run while several are under way\n", step.c_str(), 1e6 * paces[paces.size() / 2]);
+    std::printf("%s: %.1f us a run while several are under way; %d runs in %.6f s\n", step.c_str(),
+                1e6 * paces[paces.size() / 2], all.runs, all.seconds);
   }
 }
 

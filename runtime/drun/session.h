@@ -68,8 +68,12 @@ class Session {
   std::set<std::string> warned_;  // leaves
   std::map<std::string, std::string> last_values_;
   std::map<std::string, bool> scalar_;
-  int together_ = 1;                                  // runs of a step between two looks at whether somebody interrupts
-  std::map<std::string, std::vector<double>> paces_;  // of each step: seconds a run, one for each batch
+  int together_ = 1;  // runs of a step between two looks at whether somebody interrupts
+  struct Batch {
+    double seconds;
+    int runs;
+  };
+  std::map<std::string, std::vector<Batch>> batches_;  // of each step, without its first run
 };
 
 }  // namespace dr::drun

@@ -71,7 +71,22 @@ std::string version_text(uint32_t v) {
          std::to_string(VK_API_VERSION_PATCH(v));
 }
 
-DeviceInfo describe(const vk::PhysicalDeviceProperties& p) {
+// The driver's name and version in its own words, "llvmpipe Mesa 22.3.6 (LLVM 15.0.6)"; where those are missing, its number,
+// whose parts mean something else with each vendor.
+std::string driver_text(const vk::raii::PhysicalDevice& device) {
+  const std::string number = version_text(device.getProperties().driverVersion);
+  for (const vk::ExtensionProperties& extension : device.enumerateDeviceExtensionProperties()) {
+    if (std::string_view(extension.extensionName.data()) != VK_KHR_DRIVER_PROPERTIES_EXTENSION_NAME) continue;
+    const auto chain = device.getProperties2<vk::PhysicalDeviceProperties2, vk::PhysicalDeviceDriverProperties>();
+    const auto& driver = chain.get<vk::PhysicalDeviceDriverProperties>();
+    const std::string version = driver.driverInfo.data();
+    return std::string(driver.driverName.data()) + " " + (version.empty() ? number : version);
+  }
+  return number;
+}
+
+DeviceInfo describe(const vk::raii::PhysicalDevice& device) {
+  const vk::PhysicalDeviceProperties p = device.getProperties();
   DeviceInfo info;
   info.name = p.deviceName.data();
   switch (p.deviceType) {
@@ -82,7 +97,7 @@ DeviceInfo describe(const vk::PhysicalDeviceProperties& p) {
     case vk::PhysicalDeviceType::eOther: info.kind = "other"; break;
   }
   info.api_version = version_text(p.apiVersion);
-  info.driver = version_text(p.driverVersion);
+  info.driver = driver_text(device);
   return info;
 }
 
@@ -129,7 +144,7 @@ std::shared_ptr<DeviceState> open_device(const DeviceOptions& options) {
   std::string names;
   bool found = false;
   for (size_t k = 0; k < devices.size() && !found; ++k) {
-    const DeviceInfo info = describe(devices[k].getProperties());
+    const DeviceInfo info = describe(devices[k]);
     names += (k ? ", " : "") + info.name;
     if (!matches(info, k, options.name)) continue;
     state->physical = std::move(devices[k]);
@@ -232,7 +247,7 @@ Result<std::vector<DeviceInfo>> Device::list() {
     make_instance(state, false);
     vk::raii::PhysicalDevices devices(state.instance);
     std::vector<DeviceInfo> out;
-    for (const auto& d : devices) out.push_back(describe(d.getProperties()));
+    for (const auto& d : devices) out.push_back(describe(d));
     return out;
   } catch (const Failure& failure) {
     return io::Error{failure.message};
@@ -253,7 +268,7 @@ Result<Device> Device::open(const DeviceOptions& options) {
   }
 }
 
-DeviceInfo Device::info() const { return describe(state_->properties); }
+DeviceInfo Device::info() const { return describe(state_->physical); }
 
 DeviceLimits Device::limits() const {
   const auto& physical = state_->physical;

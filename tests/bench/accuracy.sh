@@ -1,22 +1,14 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# accuracy.sh BUILD_FOLDER [--quick] [--device NAME]: the accuracy of every op on lavapipe and SwiftShader, or on the
+# accuracy.sh BUILD_FOLDER [--device NAME] [--quick]: the accuracy of every op on lavapipe and SwiftShader, or on the
 # device that is named instead. The figures go to bench-out/accuracy.json, beside those of other devices that are there,
-# and from there to docs/accuracy.md.
+# and from there to docs/accuracy.md; those of --quick to bench-out/accuracy/ alone.
 set -euo pipefail
-bin=$(realpath "$1")/bin
-shift
-samples=262144 device=''
-while (($# > 0)); do
-  case $1 in
-    --quick) samples=16384 ;;
-    --device) device=${2-}; [[ -n $device ]] || { echo "accuracy.sh: --device takes a name" >&2; exit 2; }; shift ;;
-    *) echo "accuracy.sh: unknown option $1 (--quick, --device NAME)" >&2; exit 2 ;;
-  esac
-  shift
-done
-mkdir -p bench-out
-file=bench-out/accuracy.json
+source "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/suite.bash"
+suite accuracy "$@"
+no_more
+samples=${quick:+16384} file=${quick:+$out/figures.json}
+samples=${samples:-262144} file=${file:-bench-out/accuracy.json}
 failed=0
 measure() { "$bin/bench_accuracy" measure "$file" "$1" "$2" "$samples" || failed=1; }
 if [[ -n $device ]]; then
@@ -28,6 +20,8 @@ else
     VK_ICD_FILENAMES=$icd VK_DRIVER_FILES=$icd measure "$name" ''
   done
 fi
-"$bin/bench_accuracy" document "$file" > bench-out/accuracy.md
-cp bench-out/accuracy.md "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/../../docs/accuracy.md"
+if [[ -z $quick ]]; then
+  "$bin/bench_accuracy" document "$file" > bench-out/accuracy.md
+  cp bench-out/accuracy.md "$root/docs/accuracy.md"
+fi
 exit $failed

@@ -1,21 +1,19 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# avocado.sh BUILD_FOLDER [MESH [FRAMES]]: milliseconds of a frame's silhouette and gradients, forward and backward, at 256²
-# to 2048² (the paper's Table 4), of the Avocado in $DR_SHARED_DATA, or shared/data beside the sources. For distances to
-# outlines, and to all edges of the nearest one and three faces. `wall` is the time that passes, the best of three runs of
-# FRAMES frames less runs of none; `cpu` the processor time of that. Also as bench-out/avocado/figures.json. DR_DEVICE
-# chooses the device; without it, lavapipe.
+# avocado.sh BUILD_FOLDER [MESH [FRAMES]] [--device NAME] [--quick]: milliseconds of a frame's silhouette and gradients, forward and backward, at 256²
+# to 2048² (--quick: 512²; the paper's Table 4), of the Avocado in $DR_SHARED_DATA, or shared/data beside the sources. For distances to
+# outlines, and to all edges of the nearest one and three faces. `wall` is the time that passes, the best of three (one) runs of
+# FRAMES frames less runs of none; `cpu` the processor time of that. Also as bench-out/avocado/figures.json.
 set -euo pipefail
-build=$(cd "$1" && pwd)
-here=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd)
-mesh=${2:-${DR_SHARED_DATA:-$here/../../../shared/data}/gltf/Avocado/Avocado.gltf}
+source "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/suite.bash"
+suite avocado "$@"
+mesh=${rest[0]:-${DR_SHARED_DATA:-$root/../shared/data}/gltf/Avocado/Avocado.gltf}
 if [[ ! -e $mesh ]]; then echo "avocado: skipped, there is no $mesh"; exit 0; fi
-if [[ -z ${DR_DEVICE-} && -n ${DR_LAVAPIPE_ICD-} ]]; then export VK_ICD_FILENAMES=$DR_LAVAPIPE_ICD VK_DRIVER_FILES=$DR_LAVAPIPE_ICD; fi
-mkdir -p bench-out/avocado
-/usr/bin/python3 - "$build/bin/drun" "$here/avocado.dr" "$mesh" "${3:-20}" "${DR_DEVICE-}" << 'END'
+/usr/bin/python3 - "$bin/drun" "$here/avocado.dr" "$mesh" "${rest[1]:-20}" "$device" "$quick" << 'END'
 import json, os, subprocess, sys, time
 
-drun, program, mesh, frames, device = *sys.argv[1:4], int(sys.argv[4]), sys.argv[5]
+drun, program, mesh, frames, device, quick = *sys.argv[1:4], int(sys.argv[4]), *sys.argv[5:7]
+rounds = 1 if quick else 3
 
 def run(size, layers, frames):
     """Wall and processor time of a whole run, in ms."""
@@ -31,13 +29,13 @@ def run(size, layers, frames):
 
 figures = []
 print(f"{'size':>5} {'distances to':<20} {'wall ms':>9} {'cpu ms':>9}")
-for size in (256, 512, 1024, 2048):
+for size in (256, 512) if quick else (256, 512, 1024, 2048):
     for layers, name in ((0, "outlines"), (1, "all edges, K = 1"), (3, "all edges, K = 3")):
         count = max(frames * 256 // size, 2)
         run(size, layers, 1)  # fills the caches of compiler and driver
         # What the first frame prepares and what starting costs is in both.
-        short = [run(size, layers, 1) for _ in range(3)]
-        long = [run(size, layers, 1 + count) for _ in range(3)]
+        short = [run(size, layers, 1) for _ in range(rounds)]
+        long = [run(size, layers, 1 + count) for _ in range(rounds)]
         wall, cpu = ((min(t[i] for t in long) - min(t[i] for t in short)) / count for i in (0, 1))
         print(f"{size:>5} {name:<20} {wall:9.1f} {cpu:9.1f}", flush=True)
         figures.append({"size": size, "distances": name, "wall_ms": wall, "cpu_ms": cpu})

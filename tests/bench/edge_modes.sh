@@ -1,21 +1,22 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# edge_modes.sh BUILD_FOLDER: what edge_modes.dr says of icospheres of 320 to 5,120 faces: the error of coverage within the
+# edge_modes.sh BUILD_FOLDER [--device NAME] [--quick]: what edge_modes.dr says of icospheres of 320 to 5,120 faces (--quick: 1,280
+# and a radius of 2 px): the error of coverage within the
 # radius (root of the mean square, and the largest), beyond it, its jump at the inner border, and the share of pixels that
 # fill all layers.
 set -euo pipefail
-build=$(cd "$1" && pwd)
-here=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd)
-out=$PWD/bench-out/edge_modes
-mkdir -p "$out"
-if [[ -n ${DR_LAVAPIPE_ICD-} ]]; then export VK_ICD_FILENAMES=$DR_LAVAPIPE_ICD VK_DRIVER_FILES=$DR_LAVAPIPE_ICD; fi
+source "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/suite.bash"
+suite edge_modes "$@"
+no_more
+levels_of=(2 3 4) radii=(1.0 2.0 7.0)
+if [[ -n $quick ]]; then levels_of=(3) radii=(2.0); fi
 printf '%5s %6s %9s %4s %2s  %7s %8s %7s %6s %6s\n' faces radius edges mask K rms largest beyond jump filled
-for levels in 2 3 4; do
+for levels in "${levels_of[@]}"; do
   awk -v levels=$levels -f "$here/icosphere.awk" > "$out/sphere.obj"
-  for radius in 1.0 2.0 7.0; do
+  for radius in "${radii[@]}"; do
     for mode in "0 0 1" "0 0 3" "0 0 5" "1 0 1" "1 0 2" "1 0 3" "1 1 1" "1 1 2" "1 1 3"; do
       read -r outlines everywhere layers <<< "$mode"
-      "$build/bin/drun" "$here/edge_modes.dr" -D R=$radius -D K="$layers" -D outlines="$outlines" -D everywhere="$everywhere" \
+      "$bin/drun" "$here/edge_modes.dr" --device "$device" -D R=$radius -D K="$layers" -D outlines="$outlines" -D everywhere="$everywhere" \
         --bind "position=$out/sphere.obj:position" --bind "face=$out/sphere.obj:indices" --out "$out" > /dev/null
       /usr/bin/python3 - "$out/log.jsonl" $((20 * 4 ** levels)) "$radius" "$outlines" "$everywhere" "$layers" << 'END'
 import json, sys

@@ -29,9 +29,10 @@ target = target / np.linalg.norm(target, axis=1, keepdims=True)
 bound += suite.bind("target", true_position=skull(target)[:, None] * target) + ["--bind", dense[3].replace("face=", "true_face=", 1)]
 
 
-def fit(length, **consts):
+def fit(length, radius, trial=0, **consts):
     """The distance after each tenth (fifth) of the steps."""
-    words = [w for k, v in dict(consts, S=size, steps=length).items() for w in ("-D", f"{k}={v}")]
+    words = [w for k, v in dict(consts, S=size).items() for w in ("-D", f"{k}={v}")]
+    words += ["--bind", f"radius==[[{radius}, {radius}]]", "--bind", f"steps=={length}.0", "--bind", f"trial=={trial}"]
     ways = [w for _ in range(stops) for w in ("--step", f"fit={length // stops}", "--step", "measure")]
     suite.drun("figure11.dr", *words, *bound, *ways, "--log-every", length, "--out", suite.out / "fit")
     log = [json.loads(line) for line in (suite.out / "fit" / "log.jsonl").read_text().splitlines()]
@@ -43,12 +44,12 @@ for length in lengths:
     grid = np.full((len(layers), len(radii)), np.nan)
     for i, K in enumerate(layers):
         for j, R in enumerate(radii):
-            course = fit(length, K=K, R=float(R))
+            course = fit(length, R, K=K)
             grid[i, j] = 100 * course[-1]
             suite.record(steps=length, K=K, r=R, distance=course[-1], course=course)
             print(f"{length:5} steps  K = {K}  r = {R:<4} distance {grid[i, j]:.3f}%", flush=True)
             curves.plot(np.arange(1, stops + 1) * (length // stops), 100 * np.array(course), label=f"K = {K}, r = {R}")
-    course = fit(length, way=0, R=2.0, K=1)
+    course = fit(length, 2, way=0, K=1)
     suite.record(steps=length, K=1, r=2, way="outlines", distance=course[-1], course=course)
     print(f"{length:5} steps  outlines, r = 2    distance {100 * course[-1]:.3f}%", flush=True)
     curves.plot(np.arange(1, stops + 1) * (length // stops), 100 * np.array(course), "k--", label="outlines, r = 2")
@@ -63,7 +64,7 @@ for length in lengths:
     curves.set(xlabel="steps", ylabel="mean distance, %", yscale="log")
     curves.legend(fontsize=6, ncols=2)
     suite.save(figure, f"plot_{length}")
-    ends = [100 * fit(length, K=3, R=2.0, trial=t)[-1] for t in range(trials)]
+    ends = [100 * fit(length, 2, t, K=3)[-1] for t in range(trials)]
     suite.record(steps=length, K=3, r=2, trials=trials, mean=statistics.mean(ends), deviation=statistics.stdev(ends), least=min(ends), most=max(ends))
     print(f"{length:5} steps  K = 3  r = 2: {trials} trials, mean {statistics.mean(ends):.3f}%, standard deviation {statistics.stdev(ends):.3f}, "
           f"{min(ends):.3f} to {max(ends):.3f}", flush=True)

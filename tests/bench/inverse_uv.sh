@@ -1,43 +1,38 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# inverse_uv.sh BUILD_FOLDER [STEPS]: the pear's texture by exact gradients of texels and by inverse UV, each at three
-# rates: how far the texels that pictures show are from the truth, over iterations and over seconds. A table on
-# stdout, bench-out/inverse_uv/plot.png and figures.json. DR_DEVICE chooses the device; without it, lavapipe.
+# inverse_uv.sh BUILD_FOLDER [STEPS] [--device NAME] [--quick]: the pear's texture by exact gradients of texels and by inverse UV, 200 steps at each of three
+# rates (--quick: 40 at one, pictures and texture of 128²): how far the texels that pictures show are from the truth, over iterations and over seconds. A table on
+# stdout, bench-out/inverse_uv/plot.png and figures.json.
 set -euo pipefail
-build=$(cd "$1" && pwd)
-steps=${2:-200}
-root=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/../.." && pwd)
-out=$PWD/bench-out/inverse_uv
-mkdir -p "$out"
-if [[ -z ${DR_DEVICE-} && -n ${DR_LAVAPIPE_ICD-} ]]; then export VK_ICD_FILENAMES=$DR_LAVAPIPE_ICD VK_DRIVER_FILES=$DR_LAVAPIPE_ICD; fi
-run() { "$build/bin/drun" "$@" --device "${DR_DEVICE-}" > "$out/run.txt" || { cat "$out/run.txt"; exit 1; }; }
+source "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/suite.bash"
+suite inverse_uv "$@"
+default=200 size=256 rates=(0.2 0.05 0.0125) rounds=5
+if [[ -n $quick ]]; then default=40 size=128 rates=(0.2) rounds=2; fi
+steps=${rest[0]:-$default}
+run() { "$bin/drun" "$@" --device "$device" > "$out/run.txt" || { cat "$out/run.txt"; exit 1; }; }
 target=$out/target
-run "$root/docs/examples/pear/target.dr" --step render --step meshes --out "$target"
-fit() {  # fit INVERSE RATE TRUTH STEPS OUT
-  run "$root/tests/bench/inverse_uv.dr" -I "$root/docs/examples/pear" -D "inverse=$1" -D "rate=$2" -D "truth_too=$3" \
-    -D "steps=$steps" --bind "position=$target/pear_position.npy" --bind "face=$target/pear_face.npy" --bind "uv=$target/pear_uv.npy" \
+run "$root/docs/examples/pear/target.dr" -D "W=$size" -D "H=$size" -D "T=$size" --step render --step meshes --out "$target"
+fit() {  # fit INVERSE RATE OUT OPTION...
+  run "$here/inverse_uv.dr" -I "$root/docs/examples/pear" -D "T=$size" -D "inverse=$1" --bind "rate==$2" --bind "steps==$steps.0" --bind "position=$target/pear_position.npy" --bind "face=$target/pear_face.npy" --bind "uv=$target/pear_uv.npy" \
     --bind "uv_face=$target/pear_uv_face.npy" --bind "view=$target/view.npy" --bind "mask=$target/mask.npy" \
-    --bind "image=$target/image.npy" --step "fit=$4" --log-every 5 --out "$5"
+    --bind "image=$target/image.npy" --out "$3" "${@:4}"
 }
-now() { date +%s%N; }
+course=()
+for ((k = 0; k < steps / 5; ++k)); do course+=(--step fit=5 --step measure); done
 for inverse in false true; do
-  for rate in 0.2 0.05 0.0125; do fit "$inverse" "$rate" true "$steps" "$out/${inverse}_$rate"; done
+  for rate in "${rates[@]}"; do fit "$inverse" "$rate" "$out/${inverse}_$rate" "${course[@]}"; done
 done
-# Time of an iteration: the least of five runs of 21 less the least of five runs of one, in turns.
+# Time of an iteration while several are under way: the least of so many runs of 20, in turns.
 declare -A least
-for _ in 1 2 3 4 5; do
+for ((k = 0; k < rounds; ++k)); do
   for inverse in false true; do
-    for count in 1 21; do
-      begin=$(now)
-      fit "$inverse" 0.05 false "$count" "$out/timed"
-      took=$(($(now) - begin)) key=$inverse$count
-      if [[ -z ${least[$key]-} || $took -lt ${least[$key]} ]]; then least[$key]=$took; fi
-    done
+    fit "$inverse" 0.05 "$out/timed" --step fit=22 --log-every 10 --timing
+    us=$(sed -n 's/^fit: \([0-9.]*\) us a run while.*/\1/p' "$out/run.txt")
+    least[$inverse]=$(printf '%s\n' "$us" ${least[$inverse]-} | sort -g | head -1)
   done
 done
-for inverse in false true; do echo "$(((${least[${inverse}21]} - ${least[${inverse}1]}) / 20))" > "$out/$inverse.ns"; done
 
-/usr/bin/python3 - "$out" << 'END'
+/usr/bin/python3 - "$out" "${least[false]}" "${least[true]}" "${rates[@]}" << 'END'
 import json, sys
 from pathlib import Path
 import matplotlib
@@ -46,11 +41,12 @@ import matplotlib.pyplot as plt
 out = Path(sys.argv[1])
 figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.4), dpi=120, sharey=True)
 figures = []
-for inverse, name, color in (("false", "exact scatter", "#7a9a2b"), ("true", "inverse UV", "#c8963c")):
-    seconds = int((out / f"{inverse}.ns").read_text()) * 1e-9
-    for rate, style in (("0.2", "--"), ("0.05", "-"), ("0.0125", ":")):
+for inverse, name, color, us in (("false", "exact scatter", "#7a9a2b", sys.argv[2]), ("true", "inverse UV", "#c8963c", sys.argv[3])):
+    seconds = float(us) * 1e-6
+    for rate, style in zip(sys.argv[4:], ("--", "-", ":")):
         log = [json.loads(line) for line in (out / f"{inverse}_{rate}" / "log.jsonl").read_text().splitlines()]
-        runs, errors = zip(*((r["run"], r["texel_error"]) for r in log))
+        errors = [r["texel_error"] for r in log if "texel_error" in r]
+        runs = range(5, 5 * len(errors) + 1, 5)
         left.plot(runs, errors, style, color=color, label=f"{name}, rate {rate}")
         right.plot([seconds * r for r in runs], errors, style, color=color)
         # What it takes to come within these of the truth.

@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# runtime.sh BUILD_FOLDER [DEVICE [ROUNDS]]: what the host adds to a step. The figures go to bench-out/runtime.json as
-# well. The device is lavapipe, where DR_LAVAPIPE_ICD says it is, unless another one is named.
+# runtime.sh BUILD_FOLDER [ROUNDS] [--device NAME] [--quick]: what the host adds to a step, in 25 rounds (--quick: 5). The figures go
+# to bench-out/runtime.json as well.
 set -euo pipefail
-mkdir -p bench-out
-if [[ -z ${2-} && -n ${DR_LAVAPIPE_ICD-} ]]; then export VK_ICD_FILENAMES=$DR_LAVAPIPE_ICD VK_DRIVER_FILES=$DR_LAVAPIPE_ICD; fi
-exec "$1/bin/bench_runtime" bench-out/runtime.json "${@:2}"
+source "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/suite.bash"
+suite runtime "$@"
+default=${quick:+5}
+exec "$bin/bench_runtime" bench-out/runtime.json "$device" "${rest[0]:-${default:-25}}"

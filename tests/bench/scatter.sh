@@ -4,22 +4,12 @@
 # targets by each way that drc has (--scatter; *sorted*: rows of a computed index), while several runs are under way, the least of three. The figures go to
 # bench-out/scatter.jsonl.
 set -euo pipefail
-drun=$(realpath "$1")/bin/drun
-shift
-count=400000 runs=60 device=''
-while (($# > 0)); do
-  case $1 in
-    --quick) count=40000 runs=20 ;;
-    --device) device=${2-}; [[ -n $device ]] || { echo "scatter.sh: --device takes a name" >&2; exit 2; }; shift ;;
-    *) echo "scatter.sh: unknown option $1 (--quick, --device NAME)" >&2; exit 2 ;;
-  esac
-  shift
-done
-here=$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")
-mkdir -p bench-out/scatter
-data=bench-out/scatter
-if [[ -z $device && -n ${DR_LAVAPIPE_ICD-} ]]; then export VK_ICD_FILENAMES=$DR_LAVAPIPE_ICD VK_DRIVER_FILES=$DR_LAVAPIPE_ICD; fi
-/usr/bin/python3 - "$data" "$count" << 'END'
+source "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/suite.bash"
+suite scatter "$@"
+no_more
+count=400000 runs=60
+if [[ -n $quick ]]; then count=40000 runs=20; fi
+/usr/bin/python3 - "$out" "$count" << 'END'
 import sys
 import numpy as np
 folder, count = sys.argv[1], int(sys.argv[2])
@@ -38,7 +28,7 @@ for index in near anywhere one; do
     least='' scatter=$way step=add
     if [[ $way == sorted ]]; then scatter=rows step=add_computed; fi
     for _ in 1 2 3; do
-      us=$("$drun" "$here/scatter.dr" --device "$device" --scatter "$scatter" --bind "index=$data/$index.npy" --bind "value=$data/value.npy" \
+      us=$("$bin/drun" "$here/scatter.dr" --device "$device" --scatter "$scatter" --bind "index=$out/$index.npy" --bind "value=$out/value.npy" \
         --step "$step=$runs" --timing 2>&1 | sed -n 's/^add[a-z_]*: \([0-9.]*\) us a run while.*/\1/p') || us=''
       [[ -n $us ]] || break
       least=$(printf '%s\n' "$us" $least | sort -g | head -1)

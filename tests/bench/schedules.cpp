@@ -2,10 +2,10 @@
 // Schedules of one program: how many passes and stages each profile takes, and whether the costs that a profile
 // predicts put schedules into the order in which a device runs them.
 //
-//   bench_schedules FILE tables PROGRAM NAME=NUMBER...            passes, stages and bytes by profile and ablation, of
-//   a
-//                                                                 first run and of later ones, beside lower bounds
-//   bench_schedules FILE order PROGRAM [DEVICE] NAME=NUMBER... LEAF=SOURCE...    predicted against measured times of 50
+//   bench_schedules FILE tables PROGRAM NAME=NUMBER...
+//     passes, stages and bytes by profile and ablation, of a first run and of later ones, beside lower bounds
+//   bench_schedules FILE order EVERY DEVICE PROGRAM NAME=NUMBER... LEAF=SOURCE...
+//     predicted against measured times of each EVERYth of 50
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -180,12 +180,8 @@ std::vector<Way> fifty_ways() {
   return ways;
 }
 
-void order(std::FILE* file, const std::string& program, std::vector<std::string> arguments) {
-  std::string wanted;
-  if (!arguments.empty() && arguments[0].find('=') == std::string::npos) {
-    wanted = arguments[0];
-    arguments.erase(arguments.begin());
-  }
+void order(std::FILE* file, size_t every, const std::string& wanted, const std::string& program,
+           const std::vector<std::string>& arguments) {
   const auto device = must(runtime::Device::open({wanted, false}));
   const std::string name = device.profile_name().empty() ? "lavapipe" : device.profile_name();
   const auto profile = must(target::load_profile(name));
@@ -199,7 +195,9 @@ void order(std::FILE* file, const std::string& program, std::vector<std::string>
     must(loaded.run(step, runs));
     return std::chrono::duration<double, std::milli>(Clock::now() - begin).count() / runs;
   };
-  const std::vector<Way> ways = fifty_ways();
+  std::vector<Way> ways;
+  const std::vector<Way> all = fifty_ways();
+  for (size_t k = 0; k < all.size(); k += every) ways.push_back(all[k]);
   std::vector<double> predicted;
   std::vector<runtime::Program> programs;
   for (const Way& way : ways) {
@@ -250,14 +248,16 @@ void order(std::FILE* file, const std::string& program, std::vector<std::string>
 }  // namespace
 
 int main(int argc, char** argv) {
-  const std::string what = argc > 3 ? argv[2] : "";
-  std::FILE* file = what == "tables" || what == "order" ? std::fopen(argv[1], "w") : nullptr;
+  const std::string what = argc > 2 ? argv[2] : "";
+  const int every = what == "order" && argc > 5 ? std::atoi(argv[3]) : 0;
+  std::FILE* file = (what == "tables" && argc > 3) || every > 0 ? std::fopen(argv[1], "w") : nullptr;
   if (file == nullptr) {
-    std::fputs("usage: bench_schedules FILE tables|order PROGRAM ARGUMENT...\n", stderr);
+    std::fputs("usage: bench_schedules FILE tables PROGRAM ARGUMENT...\n"
+               "       bench_schedules FILE order EVERY DEVICE PROGRAM ARGUMENT...\n", stderr);
     return 2;
   }
-  const std::vector<std::string> arguments(argv + 4, argv + argc);
-  what == "tables" ? tables(file, argv[3], arguments) : order(file, argv[3], arguments);
+  const std::vector<std::string> arguments(argv + (every > 0 ? 6 : 4), argv + argc);
+  every > 0 ? order(file, static_cast<size_t>(every), argv[4], argv[5], arguments) : tables(file, argv[3], arguments);
   std::fclose(file);
   return 0;
 }

@@ -1,18 +1,17 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# skip.sh BUILD_FOLDER: what HardSoftRas leaves out where nothing soft shows (skip.dr), for a sphere of 5,120 faces and a crowd of
+# skip.sh BUILD_FOLDER [--device NAME] [--quick]: what HardSoftRas leaves out where nothing soft shows (skip.dr), for a sphere of 5,120 faces and a crowd of
 # small ones whose outlines lie in front of others: the part of the picture that is blended, candidate pixels of compute loops, those
-# of draws by boxes and by the smaller of box and triangle, and times in us, medians of seven: `hard` of the
+# of draws by boxes and by the smaller of box and triangle, and times in us, medians of seven (--quick: of two, for the sphere alone): `hard` of the
 # same frame without soft layers (step `plain`: the first layer, its silhouette and the loss), `soft` of what the frame takes beyond
 # that, both a run while several are under way. `others`, with a wait after each, are the commands that do not draw the first layer, the loss over all pixels among them: what `soft` was before.
-# skip_scenes.sh comes after it, and takes what else is given: --quick, --device NAME.
+# skip_scenes.sh comes after it.
 set -euo pipefail
-for ((k = 2; k < $#; ++k)); do if [[ ${!k} == --device ]]; then n=$((k + 1)); export DR_DEVICE=${!n}; fi; done
-build=$(cd "$1" && pwd)
-here=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd)
-out=$PWD/bench-out/skip
-mkdir -p "$out"
-if [[ -z ${DR_DEVICE-} && -n ${DR_LAVAPIPE_ICD-} ]]; then export VK_ICD_FILENAMES=$DR_LAVAPIPE_ICD VK_DRIVER_FILES=$DR_LAVAPIPE_ICD; fi
+source "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/suite.bash"
+suite skip "$@"
+no_more
+meshes=(sphere crowd) rounds=7
+if [[ -n $quick ]]; then meshes=(sphere) rounds=2; fi
 awk -v levels=4 -f "$here/icosphere.awk" > "$out/sphere.obj"
 # Sixty spheres of 320 faces on a large one.
 {
@@ -29,15 +28,15 @@ awk -v levels=4 -f "$here/icosphere.awk" > "$out/sphere.obj"
         for (i = 1; i <= m; ++i) { o = 2562 + s * n; print "f", o + a[i], o + b[i], o + c[i] }
     }'
 } > "$out/crowd.obj"
-run() { "$build/bin/drun" "$here/skip.dr" -D outlines="$outlines" -D skip="$skip" --device "${DR_DEVICE-}" --bind "position=$out/$mesh.obj:position" \
+run() { "$bin/drun" "$here/skip.dr" -D outlines="$outlines" -D skip="$skip" --device "$device" --bind "position=$out/$mesh.obj:position" \
   --bind "face=$out/$mesh.obj:indices" "$@"; }
 printf '%7s %9s %5s  %6s %9s %9s %9s %9s %9s  %8s %8s %8s\n' mesh edges skip band all proposed measured boxes smaller hard soft others
-for mesh in sphere crowd; do
+for mesh in "${meshes[@]}"; do
   for outlines in 0 1; do
     skip=1
     run --step count --out "$out/count" > /dev/null
     for skip in 0 1; do
-      for _ in 1 2 3 4 5 6 7; do run --step plain=15 --step draw=15 --timing --ablate=cache; done > "$out/timing.txt"
+      for ((k = 0; k < rounds; ++k)); do run --step plain=15 --step draw=15 --timing --ablate=cache; done > "$out/timing.txt"
       /usr/bin/python3 - "$out" $mesh $outlines $skip << 'END'
 import json, re, statistics, sys
 out, mesh, outlines, skip = sys.argv[1:]

@@ -1,18 +1,16 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# spot.sh BUILD_FOLDER [MESH.obj]: a sphere of 2,562 vertices becomes Spot, or another mesh, from the silhouettes of eight
-# views of 128², by the program and settings of the pear. Overlap with the eight and with four other views, on 512² points
+# spot.sh BUILD_FOLDER [MESH.obj] [--device NAME] [--quick]: a sphere of 2,562 vertices becomes Spot, or another mesh, from the silhouettes of eight
+# views of 128², by the program and settings of the pear, in 150 steps (--quick: 40). Overlap with the eight and with four other views, on 512² points
 # each, and distances as parts of the mesh's radius. Also as bench-out/spot/figures.json. Without a mesh it wants Spot in
 # $DR_SHARED_DATA, or shared/data beside the sources.
 set -euo pipefail
-build=$(cd "$1" && pwd)
-root=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/../.." && pwd)
-mesh=${2:-${DR_SHARED_DATA:-$root/../shared/data}/obj/spot/cow.obj}
+source "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/suite.bash"
+suite spot "$@"
+mesh=${rest[0]:-${DR_SHARED_DATA:-$root/../shared/data}/obj/spot/cow.obj}
 if [[ ! -e $mesh ]]; then echo "spot: skipped, there is no $mesh"; exit 0; fi
-out=$PWD/bench-out/spot
-mkdir -p "$out"
-if [[ -n ${DR_LAVAPIPE_ICD-} ]]; then export VK_ICD_FILENAMES=$DR_LAVAPIPE_ICD VK_DRIVER_FILES=$DR_LAVAPIPE_ICD; fi
-run() { "$build/bin/drun" "$@" > "$out/run.txt" || { cat "$out/run.txt"; exit 1; }; }
+steps=${quick:+40} steps=${steps:-150}
+run() { "$bin/drun" "$@" --device "$device" > "$out/run.txt" || { cat "$out/run.txt"; exit 1; }; }
 pear=$root/docs/examples/pear
 obj=(--bind "position=$mesh:position" --bind "face=$mesh:indices")
 
@@ -21,7 +19,7 @@ run "$root/docs/examples/studio.dr" "${obj[@]}" -D N=4 -D turn=22.5 -D elevation
 run "$pear/target.dr" -D coarse=16 --step meshes --out "$out/sphere"
 
 run "$pear/fit.dr" --bind "position=$out/sphere/position.npy" --bind "face=$out/sphere/face.npy" \
-  --bind "view=$out/train/view.npy" --bind "mask=$out/train/mask.npy" --step fit_shape=150 --out "$out/fit" \
+  --bind "view=$out/train/view.npy" --bind "mask=$out/train/mask.npy" -D "steps=$steps" --step "fit_shape=$steps" --out "$out/fit" \
   --mesh "$out/fit.glb=position:face"
 
 judge() {  # judge VIEWS: against the mesh itself

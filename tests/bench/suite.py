@@ -164,6 +164,17 @@ class Suite:
         return arguments
 
 
+def fronts(suite, kind, rows, cost, error, name):
+    """The rows that none has less error than for less cost, by rising cost: recorded, printed and given."""
+    front = []
+    for r in sorted(rows, key=lambda r: r[cost]):
+        if not front or r[error] < front[-1][error]:
+            front.append(r)
+    suite.record(front=kind, cells=[name(r) for r in front])
+    print(f"the front of {kind}:", "; ".join(f"{name(r)} {r[error]:.2g}" for r in front), flush=True)
+    return front
+
+
 def text(fields):
     return " ".join(f"{k}={v:.4g}" if isinstance(v, float) else f"{k}={v}" for k, v in fields.items())
 

@@ -7,24 +7,14 @@
 # first of all frames stand beside the same frame written by hand (handwritten/), in turns in one process; --twin does that alone,
 # and needs no Python. The ratio is compiled over hand-written, `apart` how far the gradients are, relative L2.
 set -euo pipefail
-device=${DR_DEVICE-} size=2048 textures=(1024 2048 4096) rounds=9 twin='' words=("$1")
-for ((k = 2; k <= $#; ++k)); do
-  case ${!k} in
-    --twin) twin=1; continue ;;
-    --quick) size=512 textures=(512 1024) rounds=3 ;;
-    --device) n=$((k + 1)) device=${!n-} ;;
-  esac
-  words+=("${!k}")
-done
-build=$(cd "$1" && pwd)
-here=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd)
-out=$PWD/bench-out/table5
-mkdir -p "$out"
+source "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/suite.bash"
+suite table5 "$@"
+size=2048 textures=(1024 2048 4096) rounds=9 spheres=("96 75" "220 126")
+if [[ -n $quick ]]; then size=512 textures=(512 1024) rounds=3 spheres=("96 75"); fi
 (
-  if [[ -z $device && -n ${DR_LAVAPIPE_ICD-} ]]; then export VK_ICD_FILENAMES=$DR_LAVAPIPE_ICD VK_DRIVER_FILES=$DR_LAVAPIPE_ICD; fi
   : > "$out/handwritten.jsonl"
   "$build/bin/bench_handwritten" --heading
-  for sphere in "96 75" "220 126"; do
+  for sphere in "${spheres[@]}"; do
     read -r around rings <<< "$sphere"
     awk -v around="$around" -v rings="$rings" -v textured=1 -f "$here/uv_sphere.awk" > "$out/sphere.obj"
     for texture in "${textures[@]}"; do
@@ -37,8 +27,8 @@ mkdir -p "$out"
     done
   done
 )
-if [[ -n $twin ]]; then exit 0; fi
-set -- "${words[@]}"
+if [[ ${rest[0]-} == --twin ]]; then exit 0; fi
+set -- "$build" ${device:+--device "$device"} ${quick:+--quick}
 PYTHONDONTWRITEBYTECODE=1 PYTHONPATH=$(dirname "$(readlink -f "${BASH_SOURCE[0]}")") exec /usr/bin/python3 - "$@" << 'END'
 from suite import Suite, lines, plt
 
