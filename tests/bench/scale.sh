@@ -32,7 +32,7 @@ for axis, values in axes_of.items():
         cells.append((at, "scale.dr", "frame", runs, [*spheres[at["triangles"]], "--bind", "rate==1e-9", "--bind", "gain==1e-3", "-D",
                                                       f"S={at['pixels']}", "-D", f"N={at['views']}", "-D", f"ops={at['ops']}"]))
 
-rows = suite.race(cells, 3)
+rows = suite.race(cells, 1 if suite.quick else 3)
 figure, panels = plt.subplots(1, 4, figsize=(16, 4))
 for panel, axis in zip(panels, axes_of):
     mine = sorted((r for r in rows if all(r[k] == v for k, v in base.items() if k != axis)), key=lambda r: r[axis])
