@@ -43,6 +43,7 @@ int op_cost(OpKind kind) {
     case OpKind::Select:
     case OpKind::Floor: return 1;
     case OpKind::Dot: return 2;
+    case OpKind::Half: return 12;
     // Polynomials of our own and what brings numbers into their range.
     case OpKind::Exp:
     case OpKind::Exp2:
@@ -116,8 +117,8 @@ struct Model {
     const Resource& r = schedule.resources[step.stored.at(v).index];
     // A face and its tag are read at once.
     if (r.entries) return raster_part(graph, v).tag ? 0 : 8.0 * elements(graph.value(v).extent);
-    const int components = r.storage != Resource::Storage::Buffer && r.type.rows == 3 ? 4 : r.type.components();
-    return 4.0 * components * elements(r.extent);
+    const int words = r.storage != Resource::Storage::Buffer && r.type.rows == 3 ? 4 : r.words();
+    return 4.0 * words * elements(r.extent);
   }
   double bandwidth(ValueId v, bool fragment) const {
     const Resource::Storage storage = schedule.resources[step.stored.at(v).index].storage;

@@ -69,7 +69,7 @@ void Generator::process(bundle::BundleT& bundle, std::vector<GlslShader>& shader
                    : r.storage == Resource::Storage::Tile ? bundle::Storage::Tile
                                                           : bundle::Storage::Buffer;
     out->role = r.leaf >= 0 ? bundle::Role::Leaf : r.step_index ? bundle::Role::StepIndex : bundle::Role::Value;
-    out->type = bundle_type(r.type);
+    out->type = bundle_type(r.half ? ir::vec(r.words(), ir::Scalar::Uint) : r.type);
     out->extent = bundle_extent(r.extent);
     if (r.sums) {
       out->role = bundle::Role::Scratch;

@@ -50,7 +50,7 @@ class Bound {
         const ir::ValueInfo& info = graph_.value(v);
         const auto elements = (info.extent.w * info.extent.h * info.extent.l).evaluate(symbols_);
         known = known && elements.has_value();
-        out.bytes += 4 * info.type.components() * elements.value_or(0);
+        out.bytes += (is_packed(graph_, v) ? 2 : 4) * info.type.components() * elements.value_or(0);
       }
     };
     add(written_);

@@ -257,6 +257,9 @@ void StepPacker::add_resource(ValueId v, const Op& op) {
   r.step_index = op.kind == OpKind::StepIndex;
   r.name = unique_name(r.step_index ? "step_index" : info.name.empty() ? std::string(ir::op_name(op.kind)) : info.name);
   if (is_image(v)) r.storage = Resource::Storage::Image;
+  // What the host reads and what leaves take is whole.
+  const bool output = std::ranges::any_of(step_.outputs, [&](const ir::Output& o) { return o.value == v; });
+  r.half = r.storage == Resource::Storage::Buffer && !output && updated_.count(v) == 0 && is_packed(graph_, v);
   resources_.push_back(r);
   resource_[v.index] = static_cast<uint32_t>(resources_.size() - 1);
   out_.stored[v] = ResourceId{resource_[v.index]};

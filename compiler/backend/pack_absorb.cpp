@@ -41,7 +41,8 @@ void StepPacker::absorb_into(OpId scatter) {
     const double image_rate = before && fragment ? costs.fragment_image_bytes_per_ns : costs.compute_image_bytes_per_ns;
     const double buffer_rate =
         before && fragment ? costs.fragment_buffer_bytes_per_ns : costs.compute_buffer_bytes_per_ns;
-    return 4.0 * info.type.components() / (image ? image_rate : buffer_rate);
+    const double bytes = (is_packed(graph_, v) && !image ? 2.0 : 4.0) * info.type.components();
+    return bytes / (image ? image_rate : buffer_rate);
   };
   const auto work_ns = [&](ValueId v, bool before) {
     const Op& op = def(v);

@@ -33,6 +33,11 @@ void captured_operands(const Graph& graph, const Op& op, std::set<ValueId>& out)
 
 }  // namespace
 
+bool is_packed(const Graph& graph, ValueId value) {
+  const ir::ValueInfo& info = graph.value(value);
+  return info.op.valid() && graph.op(info.op).kind == ir::OpKind::Half && info.type.components() > 1;
+}
+
 std::set<ValueId> read_afterwards(const Graph& graph, const StepSchedule& step) {
   std::set<ValueId> out;
   for (const auto& [name, v] : step.outputs) out.insert(v);
@@ -222,6 +227,7 @@ std::string print(const Graph& graph, const Schedule& schedule) {
                (r.leaf >= 0                             ? "leaf"
                 : r.entries                             ? "entries"
                 : r.sums                                ? "sums"
+                : r.half                                ? "half buffer"
                 : r.storage == Resource::Storage::Image ? "image"
                 : r.storage == Resource::Storage::Tile  ? "tile"
                                                         : "buffer") +

@@ -28,7 +28,15 @@ struct Resource {
   bool step_index = false;
   bool entries = false;  // of a raster, faces and tags of all its ranks; see raster_entries.h
   bool sums = false;     // fixed point sums; see keep_sums.h
+  bool half = false;     // a buffer of float16, two components a word; an element begins with a word
+
+  // Of 32 bits, of an element in a buffer.
+  int words() const { return half ? (type.components() + 1) / 2 : type.components(); }
 };
+
+// Whether buffers hold two components of a value in a word, without loss: of a vector that `half` made. A scalar takes
+// a word in any case, as words are what lanes may write side by side.
+bool is_packed(const ir::Graph& graph, ir::ValueId value);
 
 // How the sums of a Scatter pass come about; see legalize_scatter.h.
 enum class ScatterLowering : uint8_t { Exact, Rows, Atomic };

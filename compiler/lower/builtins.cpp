@@ -36,6 +36,7 @@ struct BuiltinTable {
         {"roundEven", 1, 1, &E::float_function, OpKind::Round},
         {"trunc", 1, 1, &E::float_function, OpKind::Trunc},
         {"fract", 1, 1, &E::float_function, OpKind::Fract},
+        {"half", 1, 1, &E::float_function, OpKind::Half},
         {"sigmoid", 1, 1, &E::float_function, OpKind::Sigmoid},
         {"softplus", 1, 1, &E::float_function, OpKind::Softplus},
         {"log1p", 1, 1, &E::float_function, OpKind::Log1p},

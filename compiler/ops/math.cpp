@@ -32,6 +32,23 @@ double fract(double x) {
   return r >= 1 ? std::nextafter(1.0, 0.0) : r;
 }
 
+constexpr double kLargestHalf = 65504;
+
+// The nearest float16, of two as near the even one. Its last place is 2^-24 at least.
+double nearest_half(double x) {
+  if (std::isnan(x)) return x;
+  const double size = std::min(std::abs(x), kLargestHalf);
+  const double unit = std::max(std::exp2(-24), std::exp2(std::ilogb(std::max(size, 0x1p-30)) - 10));
+  return std::copysign(std::nearbyint(size / unit) * unit, x);
+}
+
+// By the result, which is what is stored: x would have to be kept for it.
+AdjointOutput half_adjoint(const AdjointInput& in) {
+  Builder& b = in.builder;
+  const ValueId inside = apply(b, OpKind::Less, apply(b, OpKind::Abs, in.result), like(b, in.result, kLargestHalf));
+  return {keep_where(b, inside, in.adjoint)};
+}
+
 // asin and acos are those of the clamped operand.
 double into_unit(double x) { return x > 1 ? 1.0 : (x < -1 ? -1.0 : x); }
 
@@ -165,6 +182,20 @@ std::vector<OpInfo> math_ops() {
        .domains = {{-3, 3}},
        .singular = {{{0}}, {{1}}, {{-2}}},
        .ulp_bound = 1},
+      {.kind = OpKind::Half,
+       .shape = Shape::Elementwise,
+       .doc =
+           "The nearest float16, of two as near the even one; 65504 with x's sign for what is larger. Buffers between "
+           "passes keep it in 16 bits. Derivative 1, as if nothing were rounded, and 0 where that gives 65504.",
+       .infer = infer1,
+       .eval = [](const EvalBatch& e) { map1(e, nearest_half); },
+       .glsl = function<"dr_half">,
+       .prelude = {glsl::kHalf},
+       .vector_prelude = glsl::kHalfVectors,
+       .adjoint = half_adjoint,
+       .domains = {{-3, 3}},
+       .singular = {{{0}}, {{65504}}, {{-65520}}, {{1e30}}},
+       .ulp_bound = 0},
       {.kind = OpKind::Sqrt,
        .shape = Shape::Elementwise,
        .doc = "Square root, NaN below 0. Derivative 0 for x <= 0.",

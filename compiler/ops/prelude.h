@@ -66,6 +66,33 @@ float dr_fract(float x) {
 )";
 inline constexpr std::string_view kFractVectors = DR_VECTORS_1("dr_fract");
 
+inline constexpr std::string_view kHalf = R"(
+// The bits of the nearest float16, of two as near the even one; the largest for what is larger; one NaN for all.
+uint dr_half_bits(float x) {
+  uint bits = floatBitsToUint(x);
+  uint sign = (bits >> 16) & 0x8000u;
+  uint a = bits & 0x7fffffffu;
+  if (a > 0x7f800000u) return 0x7e00u;
+  if (a >= 0x477fe000u) return sign | 0x7bffu;
+  if (a >= 0x38800000u) return sign | ((a - 0x38000000u + 0xfffu + ((a >> 13) & 1u)) >> 13);
+  if (a < 0x33000000u) return sign;
+  // Subnormal, in units of 2^-24: so many bits of the significand are lost.
+  uint lost = 126u - (a >> 23);
+  uint m = (a & 0x7fffffu) | 0x800000u;
+  return sign | ((m + (1u << (lost - 1u)) - 1u + ((m >> lost) & 1u)) >> lost);
+}
+// What the low 16 bits mean.
+float dr_from_half(uint bits) {
+  uint sign = (bits & 0x8000u) << 16;
+  uint m = bits & 0x7fffu;
+  if (m > 0x7c00u) return uintBitsToFloat(0x7fc00000u);
+  if (m < 0x400u) return uintBitsToFloat(sign | floatBitsToUint(float(int(m)) * 5.9604644775390625e-8));
+  return uintBitsToFloat(sign | ((m << 13) + 0x38000000u));
+}
+float dr_half(float x) { return dr_from_half(dr_half_bits(x)); }
+)";
+inline constexpr std::string_view kHalfVectors = DR_VECTORS_1("dr_half");
+
 // --- integers ---
 
 inline constexpr std::string_view kIntDiv = R"(

@@ -71,8 +71,8 @@ std::string version_text(uint32_t v) {
          std::to_string(VK_API_VERSION_PATCH(v));
 }
 
-// The driver's name and version in its own words, "llvmpipe Mesa 22.3.6 (LLVM 15.0.6)"; where those are missing, its number,
-// whose parts mean something else with each vendor.
+// The driver's name and version in its own words, "llvmpipe Mesa 22.3.6 (LLVM 15.0.6)"; where those are missing, its
+// number, whose parts mean something else with each vendor.
 std::string driver_text(const vk::raii::PhysicalDevice& device) {
   const std::string number = version_text(device.getProperties().driverVersion);
   for (const vk::ExtensionProperties& extension : device.enumerateDeviceExtensionProperties()) {

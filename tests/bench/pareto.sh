@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 # pareto.sh BUILD_FOLDER [--device NAME] [--quick]: run time against error, which is split.
 # First of a frame's gradients (pareto.dr), for a sphere of 1,280 faces at 256² (--quick: 96²), an axis at a time: how edges are softened,
-# layers K, radius, sigma (its share of the radius; 0: the library's), edge mask, culling of what looks away, scatter, texture fetch, lowering, float
-# profile, size of the picture. Errors are relative L2 of gradients: `numerical_*` of the device against the float64 evaluator that is given its
+# layers K, radius, sigma (its share of the radius; 0: the library's), edge mask, culling of what looks away, texture fetch, bits of colours (where a loss
+# of the blurred picture reads them at other places), scatter, lowering, float profile, size of the picture. Errors are relative L2 of gradients: `numerical_*` of the device against the float64 evaluator that is given its
 # decisions, to vertices and to texels; `bias` of the evaluator's against the gradient of exact area coverage, vertex by vertex,
 # and `bias_whole` of their sums for shifts and growth of the whole. The latter is in closed form: the silhouette of a convex
 # mesh is the hull of its projected vertices, and moving an edge changes coverage by the integral along it, which is cut at the
@@ -53,11 +53,11 @@ def truth(pixels):
     return points, true_gradient(points)
 
 
-base = {"pixels": size, "way": "outlines", "K": 1, "radius": 2.0, "share": 7, "mask": True, "cull": True, "fetch": "linear", "scatter": "exact",
-        "lower": "auto", "float": "strict"}
+base = {"pixels": size, "way": "outlines", "K": 1, "radius": 2.0, "share": 7, "mask": True, "cull": True, "fetch": "linear", "loss": "linear", "store": 32,
+        "scatter": "exact", "lower": "auto", "float": "strict"}
 faces, antialias = {"way": "faces", "K": 3}, {"way": "antialias"}
 changes = [{}, {"radius": 4.0}, {"share": 3}, antialias, faces, {**faces, "mask": False}, {"scatter": "atomic"}, {"fetch": "nearest"}, {"lower": "fragment"},
-           {**faces, "cull": False}, {"float": "native"}]
+           {**faces, "cull": False}, {"loss": "blurred"}, {"loss": "blurred", "store": 16}, {"float": "native"}]
 sides = (192,) if suite.quick else (128, 512, 1024)
 changes += [{**way, "pixels": side} for side in sides for way in ({}, faces, antialias)]
 if not suite.quick:
@@ -65,16 +65,21 @@ if not suite.quick:
                 {"K": 3}, {"mask": False}, {"lower": "compute"}, {"scatter": "rows"}, {**antialias, "scatter": "atomic"}, *({**faces, "K": k} for k in (1, 2, 5))]
     changes += [{"way": "faces", "K": k, "radius": r} for k in (1, 3) for r in (1.0, 4.0, 7.0)]
     changes += [{**faces, "share": s} for s in (3, 10)]
-    changes += [{"cull": False}, {**antialias, "cull": False}, *({**faces, "K": k, "cull": False} for k in (1, 2, 5)), {**faces, "float": "native"}]
+    changes += [*({**way, "loss": "blurred", "store": bits} for way in (faces, antialias) for bits in (32, 16)), {"cull": False}, {**antialias, "cull": False}, *({**faces, "K": k, "cull": False} for k in (1, 2, 5)), {**faces, "float": "native"}]
 
+colors = suite.bind("random", texels=np.random.default_rng(1).uniform(size=(64, 64, 3)))
 floats = "--float" in suite.call("drun", "--help")
 cells = []
 for change in changes:
     at = {**base, **change}
     consts = {"S": at["pixels"], "way": ["outlines", "faces", "antialias"].index(at["way"]), "K": at["K"], "R": at["radius"], "share": f"{at['share']}.0",
-              "everywhere": int(not at["mask"]), "linear": int(at["fetch"] == "linear"), "cull": int(at["cull"])}
+              "everywhere": int(not at["mask"]), "linear": int(at["fetch"] == "linear"), "cull": int(at["cull"]),
+              "blurred": int(at["loss"] == "blurred")}
     arguments = [*bound, *(w for k, v in consts.items() for w in ("-D", f"{k}={v}"))]
-    options = ["--scatter", at["scatter"], "--lower", at["lower"]]
+    if at["loss"] == "blurred":
+        arguments += colors
+    # The evaluator has all colours in full.
+    options = ["--scatter", at["scatter"], "--lower", at["lower"], "-D", f"store={at['store']}"]
     if at["float"] != base["float"]:
         options += ["--float", at["float"]]
     try:

@@ -252,8 +252,10 @@ int main(int argc, char** argv) {
   const int every = what == "order" && argc > 5 ? std::atoi(argv[3]) : 0;
   std::FILE* file = (what == "tables" && argc > 3) || every > 0 ? std::fopen(argv[1], "w") : nullptr;
   if (file == nullptr) {
-    std::fputs("usage: bench_schedules FILE tables PROGRAM ARGUMENT...\n"
-               "       bench_schedules FILE order EVERY DEVICE PROGRAM ARGUMENT...\n", stderr);
+    std::fputs(
+        "usage: bench_schedules FILE tables PROGRAM ARGUMENT...\n"
+        "       bench_schedules FILE order EVERY DEVICE PROGRAM ARGUMENT...\n",
+        stderr);
     return 2;
   }
   const std::vector<std::string> arguments(argv + (every > 0 ? 6 : 4), argv + argc);

@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # schedules.sh BUILD_FOLDER [tables|order] [--device NAME] [--quick]: how the pear's steps are packed for each profile, whole and with parts of packing
-# switched off; then 50 schedules of fit_sphere.dr (--quick: 10), predicted against measured. The figures go to
+# switched off; then 50 schedules of fit_sphere.dr (--quick: 5), predicted against measured. The figures go to
 # bench-out/schedules/ as well.
 set -euo pipefail
 source "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/suite.bash"
 suite schedules "$@"
-examples=$root/docs/examples every=${quick:+5}
+examples=$root/docs/examples every=${quick:+10}
 
 if [[ ${rest[0]-tables} == tables ]]; then
   # Six views of 256 x 256, an icosphere of 642 vertices.

@@ -27,7 +27,7 @@ suite() {
   done
   if [[ -z $device && -n ${DR_LAVAPIPE_ICD-} ]]; then export VK_ICD_FILENAMES=$DR_LAVAPIPE_ICD VK_DRIVER_FILES=$DR_LAVAPIPE_ICD; fi
   mkdir -p "$out"
-  described=$("$bin/drun" devices | grep -i -m 1 -e "^$device:" -e "$device" || true)
+  described=$("$bin/drun" devices | grep -i -m 1 -e "^$device:" -e "$device" || "$bin/drun" devices | head -n 1)
   local commit changes
   commit=$(git -C "$here" rev-parse --short HEAD 2> /dev/null || true)
   changes=$(git -C "$here" status --porcelain -uno 2> /dev/null || true)
@@ -37,4 +37,8 @@ suite() {
 }
 
 # Of a suite that takes nothing else.
-no_more() { if ((${#rest[@]} > 0)); then echo "$(basename "$out"): unknown argument ${rest[0]} (BUILD_FOLDER [--device NAME] [--quick])" >&2; exit 2; fi; }
+no_more() {
+  if ((${#rest[@]} == 0)); then return; fi
+  echo "$(basename "$out"): unknown argument ${rest[0]} (BUILD_FOLDER [--device NAME] [--quick])" >&2
+  exit 2
+}

@@ -87,25 +87,26 @@ class Suite:
         return float(re.search(rf"^{step}: ([\d.]+) us a run while", said, re.M)[1]), said
 
     def race(self, cells, rounds=None):
-        """cells: [(fields, program, step, runs, arguments)]. Gives records of fields and us, us_least, us_most, run in turns after
-        one round that fills the caches of compiler and driver. What cannot run is recorded with its `problem`, and left out."""
+        """cells: [(fields, program, step, runs, arguments)]. Gives records of fields, us, us_least, us_most, and megabytes that a run
+        reads and writes, run in turns after one round that fills the caches of compiler and driver. What cannot run is recorded with its `problem`, and left out."""
         rounds = rounds or (3 if self.quick else 5)
         running = []
         for cell in cells:
             fields, program, step, _, arguments = cell
             try:
-                self.pace(program, step, 1, arguments)
-                running.append((cell, []))
+                _, said = self.pace(program, step, 1, arguments)
+                run, moved = re.search(rf"^{step}: (\d+) runs? .*bytes (\d+) run", said, re.M).groups()
+                running.append((cell, [], int(moved) / int(run) / 1e6))
             except Failed as failed:
                 self.record(**fields, problem=failed.args[1])
                 print(text(fields), " does not run:", failed.args[1], flush=True)
         for _ in range(rounds):
-            for (_, program, step, runs, arguments), times in running:
+            for (_, program, step, runs, arguments), times, _ in running:
                 times.append(self.pace(program, step, runs, arguments)[0])
-        for (fields, _, _, runs, _), times in running:
+        for (fields, _, _, runs, _), times, megabytes in running:
             us = statistics.median(times)
-            self.record(**fields, us=us, us_least=min(times), us_most=max(times), rounds=rounds, runs=runs)
-            print(text(fields), f"  {us / 1000:.3f} ms ({min(times) / 1000:.3f} to {max(times) / 1000:.3f})", flush=True)
+            self.record(**fields, us=us, us_least=min(times), us_most=max(times), megabytes=megabytes, rounds=rounds, runs=runs)
+            print(text(fields), f"  {us / 1000:.3f} ms ({min(times) / 1000:.3f} to {max(times) / 1000:.3f}), {megabytes:.2f} MB", flush=True)
         return self.records[len(self.records) - len(running):]
 
     def against_evaluator(self, program, step, outputs, arguments, options=()):

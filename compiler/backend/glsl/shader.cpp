@@ -8,6 +8,7 @@
 #include "compiler/ir/yields.h"
 #include "compiler/ops/native.h"
 #include "compiler/ops/op.h"
+#include "compiler/ops/prelude.h"
 
 namespace dr::backend::glsl {
 
@@ -32,6 +33,19 @@ std::string from_buffer(const Type& type, const std::string& buffer, int texel) 
     if (type.is_bool() && step == 1) out += " != 0u";
   }
   return type.is_scalar() ? out : type.str() + "(" + out + ")";
+}
+
+// A vector out of `words`, two components in each.
+std::string from_halves(const Type& type) {
+  const bool one = type.components() <= 2;
+  std::string out;
+  for (int c = 0; c < type.components(); ++c)
+    out += std::string(c ? ", " : "") + "dr_from_half(words" +
+           (one     ? ""
+            : c < 2 ? ".x"
+                    : ".y") +
+           (c % 2 ? " >> 16)" : ")");
+  return type.str() + "(" + out + ")";
 }
 
 // Of an entry, see raster_entries.h. An empty one's face comes out as -1.
@@ -99,6 +113,10 @@ std::string Shader::bind(ResourceId id, bundle::Access access) {
   if (r.storage == Resource::Storage::Image)
     return bind_image(id.index, name, r.type.is_float() ? "" : r.type.scalar == ir::Scalar::Int ? "i" : "u");
   if (r.entries) return buffer(id.index, name, access, "uvec2", 2);
+  if (r.half) {
+    prelude(ops::glsl::kHalf);
+    return buffer(id.index, name, access, "uint", texel_of(ir::vec(r.words(), ir::Scalar::Uint)));
+  }
   return buffer(id.index, name, access, storage_scalar(r.type.scalar).c_str(), texel_of(r.type));
 }
 
@@ -201,9 +219,12 @@ std::string Shader::load_function(const Resource& r, const Bound& bound) const {
       text += "  return " + (texel == 0 ? name + ".d[" + index + "]" : "texelFetch(" + name + ", " + index + ").xy");
       return text + ";\n}\n";
     }
-    const int parts = r.type.components() / std::max(texel, 1);
+    const int parts = r.words() / std::max(texel, 1);
     text += "  int base = " + element_index(r.extent, "at") + (parts == 1 ? "" : " * " + std::to_string(parts)) + ";\n";
-    text += "  return " + from_buffer(r.type, name, texel) + ";\n";
+    const Type words = r.half ? ir::vec(r.words(), ir::Scalar::Uint) : r.type;
+    const std::string found = from_buffer(words, name, texel);
+    text += r.half ? "  " + words.str() + " words = " + found + ";\n  return " + from_halves(r.type) + ";\n"
+                   : "  return " + found + ";\n";
   }
   return text + "}\n";
 }
@@ -227,20 +248,24 @@ std::string Shader::at_once(const Type& type, const std::string& expression) con
 void Shader::store(ValueId value, const std::string& place, const std::string& expression) {
   const Resource& r = resource(value);
   const std::string name = bind(step_.stored.at(value), bundle::Access::Write);
-  const int n = r.type.components();
-  const auto word = [&](const std::string& part) {
-    const std::string all = at_once({r.type.scalar, 1, 1}, part);
+  const int n = r.words();
+  const auto word = [&](int k) {
+    if (r.half) {
+      const auto half = [&](int c) { return "dr_half_bits(" + component(r.type, expression, c) + ")"; };
+      const bool two = 2 * k + 1 < r.type.components();
+      return at_once(ir::kUint, two ? "(" + half(2 * k) + " | (" + half(2 * k + 1) + " << 16))" : half(2 * k));
+    }
+    const std::string all = at_once({r.type.scalar, 1, 1}, n == 1 ? expression : component(r.type, expression, k));
     return r.type.is_bool() ? "uint(" + all + ")" : all;
   };
   if (n == 1) {
-    body_.line(name + ".d[" + element_index(r.extent, place) + "] = " + word(expression) + ";");
+    body_.line(name + ".d[" + element_index(r.extent, place) + "] = " + word(0) + ";");
     return;
   }
   const std::string base = unique("base");
   body_.line("int " + base + " = " + element_index(r.extent, place) + " * " + std::to_string(n) + ";");
   for (int c = 0; c < n; ++c)
-    body_.line(name + ".d[" + base + (c ? " + " + std::to_string(c) : "") +
-               "] = " + word(component(r.type, expression, c)) + ";");
+    body_.line(name + ".d[" + base + (c ? " + " + std::to_string(c) : "") + "] = " + word(c) + ";");
 }
 
 void Shader::prelude(std::string_view text) {

@@ -71,6 +71,7 @@ std::vector<Case> functions() {
   std::vector<Case> all;
   for (const OpKind kind : {OpKind::Floor, OpKind::Ceil, OpKind::Round, OpKind::Trunc}) all.push_back(unary(kind, any));
   all.push_back(with(unary(OpKind::Fract, any), 0, kExact));
+  all.push_back(with(unary(OpKind::Half, any), 0, kExact));
   all.push_back(with(unary(OpKind::Sqrt, positive), 8, "a root, a quotient, a product"));
   all.push_back(with(unary(OpKind::InverseSqrt, positive), 12, "the value, a quotient, two products"));
   all.push_back(with(unary(OpKind::Exp, floats(-110, 88.7)), 3, "the value; " + kProduct));

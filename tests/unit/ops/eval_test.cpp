@@ -179,6 +179,29 @@ TEST_CASE("a NaN comes through every function but the ones that it loses in") {
   CHECK(evaluate(OpKind::SMul, 0, kInf) == 0);
 }
 
+TEST_CASE("half gives the nearest float16, of two as near the even one") {
+  // All that are not negative, in order.
+  std::vector<double> halves;
+  for (int bits = 0; bits < 0x7c00; ++bits) {
+    const int exponent = bits >> 10, significand = bits & 0x3ff;
+    halves.push_back(exponent == 0 ? std::ldexp(significand, -24) : std::ldexp(significand + 1024, exponent - 25));
+  }
+  REQUIRE(halves.back() == 65504);
+  const auto half = [](double x) {
+    REQUIRE(evaluate(OpKind::Half, -x) == -evaluate(OpKind::Half, x));
+    return evaluate(OpKind::Half, x);
+  };
+  for (size_t k = 0; k + 1 < halves.size(); ++k) {
+    const double low = halves[k], high = halves[k + 1], middle = 0.5 * (low + high);
+    REQUIRE(half(low) == low);
+    REQUIRE(half(middle) == (k % 2 == 0 ? low : high));
+    REQUIRE(half(std::nextafter(middle, low)) == low);
+    REQUIRE(half(std::nextafter(middle, high)) == high);
+  }
+  for (const double x : {65504.0, 65519.0, 65520.0, 1e30, kInf}) CHECK(half(x) == 65504);
+  CHECK(std::isnan(evaluate(OpKind::Half, kNan)));
+}
+
 TEST_CASE("tails keep their relative accuracy") {
   for (double x = -700; x <= 30; x += 0.37) {
     CHECK(evaluate(OpKind::Sigmoid, x) == Approx(std::exp(x) / (1 + std::exp(x))).epsilon(1e-14));
