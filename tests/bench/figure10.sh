@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # figure10.sh BUILD_FOLDER [--device NAME] [--quick]: the paper's Figure 10: how the error falls on each device. The fit of figure11.dr
-# (K = 3, r = 2, 64² pixels, 642 vertices; 200 steps, --quick: 20) on lavapipe, SwiftShader and the device that is named, as far as they are there:
+# (K = 3, r = 2, 64² pixels, 642 vertices; 200 steps, --quick: 50) on lavapipe, SwiftShader and the device that is named, as far as they are there:
 # the mean distance after each tenth, in a table and a plot, and the most by which it differs between devices.
 set -euo pipefail
 PYTHONDONTWRITEBYTECODE=1 PYTHONPATH=$(dirname "$(readlink -f "${BASH_SOURCE[0]}")") exec /usr/bin/python3 - "$@" << 'END'
@@ -12,7 +12,7 @@ from skull import skull, vertices
 
 given = os.environ.copy()
 suite = Suite("figure10")
-steps = 20 if suite.quick else 200
+steps = 50 if suite.quick else 200
 bound = suite.icosphere(3)
 sphere = vertices(bound[1].partition("=")[2].rpartition(":")[0])
 faces = bound[3]
