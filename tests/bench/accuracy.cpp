@@ -13,6 +13,7 @@
 #include <sstream>
 
 #include "compiler/ops/op.h"
+#include "tests/device/accuracy/library.h"
 #include "tests/device/accuracy/measure.h"
 
 using namespace dr;
@@ -34,6 +35,22 @@ json read(const std::string& path) {
   json data = json::parse(file, nullptr, false);
   if (data.is_discarded() || !data.contains("devices")) stop("'" + path + "' is not what this program writes");
   return data;
+}
+
+// The rows of library functions; how many are beyond their bounds goes to `failed`.
+json measure_library(const runtime::Device& device, const std::string& profile, int64_t samples, int& failed) {
+  const std::vector<accuracy::library::Function> functions = accuracy::library::functions();
+  accuracy::library::Options options{.profile = profile};
+  if (samples < (1 << 18)) options.batches = options.rounds = 2;
+  const std::vector<accuracy::library::Row> rows = accuracy::library::measure(device, functions, options);
+  for (const accuracy::library::Row& row : rows) {
+    if (row.passes()) continue;
+    ++failed;
+    std::printf("%s %s %s: %g, %g allowed, at %s\n", row.function.c_str(), row.part.c_str(), row.direction.c_str(),
+                row.worst, row.bound, row.worst_input.c_str());
+  }
+  std::printf("%zu rows of library functions\n", rows.size());
+  return accuracy::library::to_json(rows);
 }
 
 int measure(const std::string& path, const std::string& name, const std::string& wanted, int64_t samples) {
@@ -71,13 +88,15 @@ int measure(const std::string& path, const std::string& name, const std::string&
                   row.bound, row.worst_input.c_str());
     }
   }
+  json library = measure_library(*device, profile, samples, failed);
   std::printf("%s (%s): %zu rows, %d beyond their bound\n", name.c_str(), device->info().name.c_str(), rows.size(),
               failed);
   json data = read(path);
   data["devices"][name] = {{"device", device->info().name},
                            {"driver", device->info().driver},
                            {"vulkan", device->info().api_version},
-                           {"rows", std::move(rows)}};
+                           {"rows", std::move(rows)},
+                           {"library", std::move(library)}};
   std::ofstream(path) << data.dump(1) << "\n";
   return failed == 0 ? 0 : 1;
 }
@@ -170,6 +189,7 @@ it is largest.
   std::printf("\n## Not in the table\n\n");
   for (const accuracy::Elsewhere& other : accuracy::elsewhere())
     std::printf("- `%s`: %s\n", std::string(ir::op_name(other.kind)).c_str(), other.where.c_str());
+  accuracy::library::document(devices);
   return 0;
 }
 
