@@ -63,6 +63,8 @@ struct Function {
   // Elements of the result depend on many of the operands': no search for worse operands, and seeds of all components.
   bool whole = false;
   std::string statement = {};  // of the step, instead of a value
+  // Takes seconds to compile: left to `./dr bench accuracy`.
+  bool slow = false;
 };
 
 std::vector<Function> functions();

@@ -24,12 +24,10 @@ using Images = std::map<std::string, Image>;
 constexpr size_t kTogether = 10;
 // Sizes below this count as it: what a device flushes, times up to 2^12, is below their last place.
 constexpr double kLeast = 0x1p-90;
-// How the condition is found: by relative changes of these sizes, whose signs alternate in several ways and are then
-// all turned. Where the larger ones change the result by so many times more than the smaller ones do, a decision falls
-// otherwise close by.
+// How the condition is found: each component of the operands is changed by the smaller part of its vector's largest
+// one, or all elements at once where they depend on each other. Where changes of the larger size, of random signs,
+// change the result by so many times more, a decision falls otherwise close by.
 constexpr double kLargeChange = 0x1p-18, kSmallChange = 0x1p-24;
-constexpr std::pair<double, uint64_t> kChanges[] = {{kLargeChange, 0}, {kLargeChange, 1}, {kSmallChange, 0},
-                                                    {kSmallChange, 1}, {kSmallChange, 2}, {kSmallChange, 3}};
 constexpr double kJump = 64;
 // The worst elements that the search goes on from, of each direction, and how many are looked at near each.
 constexpr size_t kWorst = 64;
@@ -218,19 +216,19 @@ class Group {
 
   struct Result {
     Images expected, found;
-    std::vector<std::pair<double, Images>> changed;  // by how much the operands were changed
+    std::vector<Images> large, small;  // for changed operands
   };
 
   Result evaluate(size_t k, const Images& leaves, Draw& random) {
-    Result result;
+    Result result{};
     const std::string step = step_name(k);
     // Schedules and optimizers count from the step's runs.
     const auto runs = static_cast<int64_t>(std::exp2(random.uniform(0, 20))) - 1;
     for (const auto& [name, image] : leaves) must(program_.bind(name, array_of(image)));
-    const uint64_t seed = random.pick(SIZE_MAX);
-    const auto bind_judge = [&](double change, uint64_t pattern) {
-      std::mt19937_64 sign(seed);
-      uint64_t component = 0;  // of all operands; any two are changed alike in one pattern and unlike in another
+    // With `only` this component is changed alone, counted through all operands.
+    const auto run_judge = [&](double change, uint64_t signs, const reference::Options& given, int only = -1) {
+      std::mt19937_64 sign(signs);
+      int component = 0;
       for (const auto& [name, image] : leaves) {
         Image copy = image;
         if (change != 0 && image.type.is_float() && name != seed_name(k)) {
@@ -239,13 +237,15 @@ class Group {
           for (size_t i = 0; i < copy.data.size(); ++i) {
             double most = 0;
             for (size_t at = i % n; at < image.data.size(); at += n) most = std::max(most, std::abs(image.data[at]));
-            const bool up = (((component + i / n) & pattern) % 3 != 0) != ((sign() & 1) != 0);
-            copy.data[i] += most * (up ? change : -change);
+            const bool up = (sign() & 1) != 0;
+            if (only < 0 || component + static_cast<int>(i / n) == only) copy.data[i] += most * (up ? change : -change);
           }
-          component += copy.data.size() / n;
+          component += image.type.components();
         }
         give(judge_, name, copy);
       }
+      judge_.set_runs(step, runs);
+      return run(judge_, step, given);
     };
     must(program_.set_runs(step, runs));
     must(program_.run(step));
@@ -256,9 +256,7 @@ class Group {
     }
     reference::Options given;
     if (!frozen.rasters.empty()) given.frozen = &frozen;
-    bind_judge(0, 0);
-    judge_.set_runs(step, runs);
-    result.expected = run(judge_, step, given);
+    result.expected = run_judge(0, 0, given);
     bool conditioned = false;
     for (const Direction& d : functions_[k].directions) {
       conditioned = conditioned || d.metric == Metric::Conditioned;
@@ -273,14 +271,14 @@ class Group {
         result.found[name] = image_of(must(program_.output(step, name)), result.expected.at(name).type);
       }
     }
-    for (const auto& [size, pattern] : kChanges) {
-      if (!conditioned) break;
-      for (const double change : {size, -size}) {
-        bind_judge(change, pattern);
-        judge_.set_runs(step, runs);
-        result.changed.emplace_back(size, run(judge_, step, given));
-      }
-    }
+    if (!conditioned) return result;
+    int components = 0;
+    for (const auto& [name, image] : leaves)
+      if (image.type.is_float() && name != seed_name(k)) components += image.type.components();
+    const uint64_t signs = random.pick(SIZE_MAX);
+    for (const double change : {kLargeChange, -kLargeChange}) result.large.push_back(run_judge(change, signs, given));
+    for (int c = functions_[k].whole ? -1 : 0; c < (functions_[k].whole ? 0 : components); ++c)
+      result.small.push_back(run_judge(kSmallChange, signs + 1, given, c));
     return result;
   }
 
@@ -339,14 +337,15 @@ class Group {
       double size = norm(expected, i);
       if (d.metric == Metric::Scaled) size = at(scale, i, 0);
       if (d.metric == Metric::Conditioned) {
-        double large = 0, small = 0;
-        for (const auto& [change, changed] : result.changed) {
-          double moved = 0;
+        const auto moved = [&](const Images& changed) {
+          double sum = 0;
           for (size_t c = 0; c < components; ++c)
-            moved = std::hypot(moved, at(&changed.at(name), i, c) - at(&expected, i, c));
-          double& most = change == kLargeChange ? large : small;
-          most = std::max(most, moved / change);
-        }
+            sum = std::hypot(sum, at(&changed.at(name), i, c) - at(&expected, i, c));
+          return sum;
+        };
+        double large = 0, small = 0;
+        for (const Images& changed : result.large) large = std::max(large, moved(changed) / kLargeChange);
+        for (const Images& changed : result.small) small += moved(changed) / kSmallChange;
         if (large > kJump * (small + size)) {
           ++row.excepted;
           continue;
@@ -375,11 +374,13 @@ class Group {
     std::vector<std::vector<double>> kept(rows.size());
     std::vector<std::vector<Worst>> worst(rows.size());
     const int rounds = f.whole ? 0 : options_.rounds;
-    for (int batch = 0; batch < options_.batches + rounds; ++batch) {
-      const bool searching = batch >= options_.batches;
+    int batches = f.operands.empty() ? 1 : options_.batches;
+    for (int batch = 0; batch < batches + rounds; ++batch) {
+      const bool searching = batch >= batches;
       const Images drawn = searching ? near(k, worst, random) : draw(k, random);
       const Images leaves = derive(k, drawn);
       const Result result = evaluate(k, leaves, random);
+      if (batch == 0 && f.whole) batches = enough(k, result, batches);
       for (size_t r = 0; r < rows.size(); ++r) {
         Row& row = rows[r];
         const Direction& d = f.directions[r];
@@ -403,6 +404,16 @@ class Group {
       rows[r].p999 = *place;
     }
     return rows;
+  }
+
+  // As many batches as give as many errors of the largest result as elements have, six times as many at most.
+  int enough(size_t k, const Result& result, int batches) const {
+    int64_t elements = 1;
+    for (const Direction& d : functions_[k].directions)
+      elements = std::max(elements, result.expected.at(output_name(d)).count());
+    const int64_t wanted = (batches * kSide * kSide + elements - 1) / elements;
+    return batches == 1 || functions_[k].operands.empty() ? 1
+                                                          : static_cast<int>(std::min<int64_t>(wanted, 6 * batches));
   }
 
   // Where the worst error is.

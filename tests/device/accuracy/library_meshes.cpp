@@ -6,14 +6,14 @@ namespace dr::accuracy::library {
 
 namespace {
 
-constexpr const char* kVertices = "[4412]";
-constexpr const char* kFaces = "[8820]";
+constexpr const char* kVertices = "[812]";
+constexpr const char* kFaces = "[1620]";
 
 // Edges of any length, faces of any shape; a box of 1 x `flat` x 1.
 Operands mesh() {
   return {whole(vectors("dent_", -0.3, 0.3, 1e-6), kVertices), whole(floats("flat_", 1e-3, 1), "[1]"),
-          made("p", "vec3", "mesh.icosphere_position(21) * (1.0 + dent_) * vec3(1.0, flat_, 1.0)", kVertices),
-          made("face", "ivec3", "mesh.icosphere_face(21)", kFaces)};
+          made("p", "vec3", "mesh.icosphere_position(9) * (1.0 + dent_) * vec3(1.0, flat_, 1.0)", kVertices),
+          made("face", "ivec3", "mesh.icosphere_face(9)", kFaces)};
 }
 
 std::vector<Function> of_points() {
@@ -67,7 +67,7 @@ std::vector<Function> of_meshes() {
                    .operands = mesh(),
                    .value = "mesh." + name + "(" + arguments + ")",
                    .directions = std::move(directions),
-                   .domain = "a dented, flattened icosphere, 4412 vertices",
+                   .domain = "a dented, flattened icosphere, 812 vertices",
                    .whole = true});
   };
   const std::string table = "topology($face)";
@@ -88,9 +88,9 @@ std::vector<Function> of_meshes() {
   add("normal_consistency", "float[1]", "p, face, " + table, {relative("value", 1e-6, kFew), l2("p", 1e-5, kFew)});
 
   Operands charts = mesh();
-  charts.push_back(whole(vectors("shift_", -0.002, 0.002, 1e-6, "vec2"), "[4840]"));
-  charts.push_back(made("uv", "vec2", "mesh.icosphere_uv(21, 0.01) + shift_", "[4840]"));
-  charts.push_back(made("uv_face", "ivec3", "mesh.icosphere_uv_face(21)", kFaces));
+  charts.push_back(whole(vectors("shift_", -0.004, 0.004, 1e-6, "vec2"), "[1000]"));
+  charts.push_back(made("uv", "vec2", "mesh.icosphere_uv(9, 0.01) + shift_", "[1000]"));
+  charts.push_back(made("uv_face", "ivec3", "mesh.icosphere_uv_face(9)", kFaces));
   for (const char* k : {"0", "1"})
     all.push_back({.name = "mesh.tangents",
                    .part = k[0] == '0' ? "u" : "v",
@@ -104,12 +104,12 @@ std::vector<Function> of_meshes() {
       {.name = "mesh.distance_to",
        .part = {},
        .result = "float",
-       .operands = {vectors("q", -2, 2, 1e-3), whole(vectors("dent_", -0.3, 0.3, 1e-6), "[42]"),
-                    made("p", "vec3", "mesh.icosphere_position(2) * (1.0 + dent_)", "[42]"),
-                    made("face", "ivec3", "mesh.icosphere_face(2)", "[80]")},
+       .operands = {vectors("q", -2, 2, 1e-3), whole(vectors("dent_", -0.3, 0.3, 1e-6), "[12]"),
+                    made("p", "vec3", "mesh.icosphere_position(1) * (1.0 + dent_)", "[12]"),
+                    made("face", "ivec3", "mesh.icosphere_face(1)", "[20]")},
        .value = "mesh.distance_to(q, p, face)",
        .directions = {conditioned("value", 16 * u), conditioned("q", 0x1p-12, "like triangle_distance_squared")},
-       .domain = "a dented icosphere, 80 faces"});
+       .domain = "a dented icosphere, 20 faces"});
   const auto generated = [&](const std::string& name, const std::string& result, const std::string& value,
                              double bound) {
     all.push_back({.name = "mesh." + name,

@@ -156,7 +156,8 @@ std::vector<Function> pictures() {
                    .directions = std::move(directions),
                    .before = before,
                    .domain = "a dented icosphere in 64 x 64 pixels, two views",
-                   .whole = true});
+                   .whole = true,
+                   .slow = true});
   };
   const Direction to_clip = l2("clip", kFrame, kDesign), to_paint = l2("paint", kFrame, kDesign);
   // A last place of a coordinate in pixels, seen from a face: how much its weights change.

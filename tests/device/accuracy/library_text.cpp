@@ -167,7 +167,9 @@ ir::Graph graph_of(const std::string& text) {
     std::fprintf(stderr, "%s\n%s\n", text.c_str(), dsl::format(diagnostics, sources).c_str());
     std::exit(1);
   }
-  return passes::run_passes(*graph, passes::default_passes());
+  passes::PipelineOptions options;
+  options.verify_each = false;
+  return passes::run_passes(*graph, passes::default_passes(), options);
 }
 
 }  // namespace dr::accuracy::library
