@@ -10,10 +10,13 @@ constexpr const char* kVertices = "[812]";
 constexpr const char* kFaces = "[1620]";
 
 // Edges of any length, faces of any shape; a box of 1 x `flat` x 1.
-Operands mesh() {
-  return {whole(vectors("dent_", -0.3, 0.3, 1e-6), kVertices), whole(floats("flat_", 1e-3, 1), "[1]"),
-          made("p", "vec3", "mesh.icosphere_position(9) * (1.0 + dent_) * vec3(1.0, flat_, 1.0)", kVertices),
-          made("face", "ivec3", "mesh.icosphere_face(9)", kFaces)};
+Operands mesh(const std::string& dents = "1.0", const std::string& place = "0.0") {
+  return {
+      whole(vectors("dent_", -0.3, 0.3, 1e-6), kVertices), whole(floats("flat_", 1e-3, 1), "[1]"),
+      made("p", "vec3",
+           "mesh.icosphere_position(9) * (1.0 + " + dents + " * dent_) * vec3(1.0, flat_, 1.0) + vec3(" + place + ")",
+           kVertices),
+      made("face", "ivec3", "mesh.icosphere_face(9)", kFaces)};
 }
 
 std::vector<Function> of_points() {
@@ -76,16 +79,27 @@ std::vector<Function> of_meshes() {
   add("face_normal", std::string("vec3") + kFaces, "p, face", all_conditioned(8 * u, 16 * u, {"p"}));
   add("normal", std::string("vec3") + kVertices, "p, face", all_conditioned(32 * u, 64 * u, {"p"}));
   add("face_count", std::string("float") + kVertices, "p, face", {equal()});
-  add("umbrella", std::string("vec3") + kVertices, "p, face",
-      {over("value", 24 * u, longest, "the longest edge", per_edge), l2("p", 24 * u, per_edge)});
-  add("uniform_laplacian", std::string("vec3") + kVertices, "p, " + table,
-      {over("value", 24 * u, longest, "the longest edge", per_edge), l2("p", 24 * u, per_edge)});
+  // Nearly smooth, and far from the origin.
+  const auto add_smooth = [&](const std::string& name, const std::string& result, const std::string& arguments,
+                              Directions directions) {
+    add(name, result, arguments, std::move(directions));
+    all.push_back(all.back());
+    all.back().part = "smooth";
+    all.back().operands = mesh("0.001", "10.0, -20.0, 5.0");
+    all.back().operands[1].low = 0.5;
+    all.back().domain = "a smooth icosphere around (10, -20, 5), 812 vertices";
+  };
+  add_smooth("umbrella", std::string("vec3") + kVertices, "p, face",
+             {over("value", 24 * u, longest, "the longest edge", per_edge), l2("p", 24 * u, per_edge)});
+  add_smooth("uniform_laplacian", std::string("vec3") + kVertices, "p, " + table,
+             {over("value", 24 * u, longest, "the longest edge", per_edge), l2("p", 24 * u, per_edge)});
   add("cotangent_laplacian", std::string("vec3") + kVertices, "p, face", all_conditioned(64 * u, 64 * u, {"p"}));
-  add("laplacian", "float[1]", "p, face", {relative("value", 1e-6, kFew), l2("p", 1e-6, kFew)});
-  add("edge_variation", "float[1]", "p, face", {relative("value", 1e-6, kFew), l2("p", 1e-5, kFew)});
-  add("edge_length", "float[1]", "p, " + table, {relative("value", 1e-6, kFew), l2("p", 1e-6, kFew)});
+  add_smooth("laplacian", "float[1]", "p, face", {relative("value", 1e-6, kFew), l2("p", 1e-6, kFew)});
+  add_smooth("edge_variation", "float[1]", "p, face", {relative("value", 1e-6, kFew), l2("p", 1e-5, kFew)});
+  add_smooth("edge_length", "float[1]", "p, " + table, {relative("value", 1e-6, kFew), l2("p", 1e-6, kFew)});
   add("volume", "float[1]", "p, face", {relative("value", 1e-6, kFew), conditioned("p", 64 * u)});
-  add("normal_consistency", "float[1]", "p, face, " + table, {relative("value", 1e-6, kFew), l2("p", 1e-5, kFew)});
+  add_smooth("normal_consistency", "float[1]", "p, face, " + table,
+             {relative("value", 1e-6, kFew), l2("p", 1e-5, kFew)});
 
   Operands charts = mesh();
   charts.push_back(whole(vectors("shift_", -0.004, 0.004, 1e-6, "vec2"), "[1000]"));
