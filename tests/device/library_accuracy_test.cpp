@@ -2,6 +2,7 @@
 // Every function of the library on every device: value and gradients at a few thousand operands each, against the
 // bounds of accuracy/library_*.cpp. `./dr bench accuracy` takes more, searches for worse ones, and writes
 // docs/accuracy.md.
+#include <algorithm>
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
@@ -76,7 +77,9 @@ TEST_CASE("functions of the library are as accurate on devices as the table says
   });
   for (const auto& [name, device] : test::devices()) {
     int64_t samples = 0;
-    const auto rows = library::measure(device, functions, {.profile = name, .batches = 1, .rounds = 0});
+    const char* more = std::getenv("DR_ACCURACY_BATCHES");
+    const int batches = more != nullptr ? std::max(std::atoi(more), 1) : 1;
+    const auto rows = library::measure(device, functions, {.profile = name, .batches = batches, .rounds = batches / 2});
     for (const library::Row& row : rows) {
       INFO(name << ": " << row.function << " " << row.part << " " << row.direction << " (" << row.metric
                 << "), worst at " << row.worst_input << ": found " << row.found << ", expected " << row.expected

@@ -83,7 +83,7 @@ std::vector<Function> picture_functions();  // hardsoftras, raster, nvdiffrast
 
 // One function and direction on one device.
 struct Row {
-  std::string function, part, direction, domain, metric, why, profile, except;
+  std::string function, part, direction, formula, domain, metric, why, profile, except;
   int64_t samples = 0, excepted = 0, not_finite = 0;
   double bound = 0, worst = 0, p999 = 0;
   double drawn = 0;              // the largest error of random operands, before the search

@@ -80,19 +80,31 @@ std::vector<Function> textures() {
     return d;
   };
   const Direction value = over("value", 4 * u, scale, text, why);
-  const Direction to_image = l2("image", 1e-6, "the design's, as a dot product"),
-                  to_uv = conditioned("uv", 64 * u, "roundings of weights, times the contrast of other texels");
+  const Direction to_image = l2("image", 1e-6, "the design's, as a dot product");
+  // Borders between which four texels count, on so many levels.
+  const auto slope = [&](int levels) {
+    Direction d =
+        over("uv", 4 * u, "dot(abs(g), max(image) - min(image)) * 16.0 * (1.0 + dot(abs(uv) + 1.0, vec2(16.0, 8.0)))",
+             "contrast, times the texture's size and |uv| + the size, in texels, times |adjoint|", why);
+    for (int k = 0; k < levels; ++k) {
+      const std::string size = "vec2(" + std::to_string(16 >> k) + ".0, " + std::to_string(8 >> k) + ".0)";
+      d.except += std::string(k > 0 ? " || " : "") + "any(lessThan(abs(fract(uv * " + size + ") - 0.5), vec2(1e-5)))";
+    }
+    d.except_text = "middles of texels, where others begin to count";
+    return d;
+  };
   read("nearest", "texture.nearest(image, uv)",
        {
            apart(equal()),
        });
-  read("bilinear", "texture.bilinear(image, uv)", {value, to_image, to_uv});
+  read("bilinear", "texture.bilinear(image, uv)", {value, to_image, slope(1)});
   read("bilinear_repeat", "texture.bilinear_repeat(image, uv)",
        {over("value", 4 * u, "(max(image) - min(image)) * (1.0 + dot(abs(uv) + 1.0, vec2(16.0, 8.0)))",
              "contrast, times 1 + |uv| + the texture's size, in texels", why),
-        to_image, to_uv});
+        to_image, slope(1)});
   read("trilinear", "texture.trilinear(texture.pyramid(image, 3), uv, level)",
-       {over("value", 4 * u, scale, text, why), to_image, to_uv, conditioned("level", 64 * u, "like the coordinates")},
+       {over("value", 4 * u, scale, text, why), to_image, slope(3),
+        conditioned("level", 64 * u, "like the coordinates")},
        {floats("level", -1, 4, 1e-6)});
   all.push_back(
       {.name = "texture.between",

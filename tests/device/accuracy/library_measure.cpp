@@ -365,6 +365,7 @@ class Group {
       rows.push_back({.function = f.name,
                       .part = f.part,
                       .direction = d.of == "value" || is_next(d) ? d.of : "d/d" + d.of,
+                      .formula = f.value.empty() ? f.statement : f.value,
                       .domain = domain_of(f),
                       .metric = metric_of(d),
                       .why = d.why,

@@ -93,7 +93,9 @@ std::vector<Function> of_meshes() {
              {over("value", 24 * u, longest, "the longest edge", per_edge), l2("p", 24 * u, per_edge)});
   add_smooth("uniform_laplacian", std::string("vec3") + kVertices, "p, " + table,
              {over("value", 24 * u, longest, "the longest edge", per_edge), l2("p", 24 * u, per_edge)});
-  add("cotangent_laplacian", std::string("vec3") + kVertices, "p, face", all_conditioned(64 * u, 64 * u, {"p"}));
+  add("cotangent_laplacian", std::string("vec3") + kVertices, "p, face",
+      {conditioned("value", 128 * u),
+       conditioned("p", 256 * u, "second derivatives of thin faces, whose condition is estimated")});
   add_smooth("laplacian", "float[1]", "p, face", {relative("value", 1e-6, kFew), l2("p", 1e-6, kFew)});
   add_smooth("edge_variation", "float[1]", "p, face", {relative("value", 1e-6, kFew), l2("p", 1e-5, kFew)});
   add_smooth("edge_length", "float[1]", "p, " + table, {relative("value", 1e-6, kFew), l2("p", 1e-6, kFew)});

@@ -82,6 +82,9 @@ std::vector<Function> schedules() {
       over("first", 16 * u, "abs(g * y / first)", "|y / first| |adjoint|", "of two terms that cancel at the end"),
       relative("last", 16 * u, "like the value")};
   Function cosine = schedule("cosine", -1e3, 8 * u, true);
+  cosine.before = "  let angle = radians(90.0) * optim.progress(steps);\n";
+  cosine.directions[0] = over("value", 8 * u, "(cos(angle) + 1e-7) * abs(first) + sin(angle) * abs(last)",
+                              "cos |first| + sin |last| + 2 u |first|", "the angle's own rounding");
   cosine.directions[1] = over("first", 8 * u, "abs(g)", "|adjoint|", "what is left of 1 at the end");
   return {{.name = "optim.progress",
            .part = {},

@@ -73,14 +73,15 @@ std::vector<Function> of_fragments() {
          .result = "float",
          .operands = points,
          .value = std::string("hardsoftras.edge_distance(a, b, p, ") + (straight ? "true" : "false") + ", inside)",
-         .directions = {over("value", 0x1p-23, size + " + distance(p, a) * distance(p, b) / distance(a, b)",
-                             "the largest coordinate + |p - a| |p - b| / |b - a|",
-                             "the design's, and edges shorter than the distance"),
-                        known(over("p", 4 * u, "abs(g)", "|adjoint|", kDesign)),
-                        known(over("a", 8 * u, "abs(g) * (1.0 + distance(p, a) / distance(a, b))",
-                                   "|adjoint| (1 + |p - a| / |b - a|)", "the design's, and where along the edge")),
-                        known(over("b", 8 * u, "abs(g) * (1.0 + distance(p, a) / distance(a, b))",
-                                   "|adjoint| (1 + |p - a| / |b - a|)", "the design's, and where along the edge"))}});
+         .directions = {
+             over("value", 0x1p-22, size + " + distance(p, a) * distance(p, b) / distance(a, b)",
+                  "the largest coordinate + |p - a| |p - b| / |b - a|",
+                  "what the library promises: differences, products and a quotient; the design's is half of it"),
+             known(over("p", 4 * u, "abs(g)", "|adjoint|", kDesign)),
+             known(over("a", 8 * u, "abs(g) * (1.0 + distance(p, a) / distance(a, b))",
+                        "|adjoint| (1 + |p - a| / |b - a|)", "the design's, and where along the edge")),
+             known(over("b", 8 * u, "abs(g) * (1.0 + distance(p, a) / distance(a, b))",
+                        "|adjoint| (1 + |p - a| / |b - a|)", "the design's, and where along the edge"))}});
     if (straight) continue;
     all.back().directions.pop_back();
     all.back().directions[0] = relative("value", 8 * u, kDesign);
@@ -186,7 +187,9 @@ std::vector<Function> pictures() {
        to_clip});
   for (const char* way : {"weight_dx", "weight_dy"})
     add("raster.rasterize", way, "vec3", hit, std::string("hit.") + way,
-        {over("value", 8 * u, kappa("hit.corner"), kappa_text, "like the weights"), to_clip});
+        {over("value", 8 * u, kappa("hit.corner") + " * (1.0 + length(y))", kappa_text + ", times 1 + the result",
+              "like the weights"),
+         l2("clip", 1e-3, "second derivatives of weights: faces seen from the side have nearly all of the sum")});
   add("raster.rasterize", "depth", "float", hit, "hit.depth",
       {relative("value", 2e-6, kDesign), l2("clip", kFrame, kDesign)});
   const std::string color =

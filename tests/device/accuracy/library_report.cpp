@@ -21,6 +21,15 @@ std::string number(double x) {
 }
 
 std::string text(const json& row, const char* field) { return row[field].get<std::string>(); }
+// In a table's cell, where a bar would end it.
+std::string cell(const json& row, const char* field) {
+  std::string out;
+  for (const char c : text(row, field)) {
+    if (c == '|') out += '\\';
+    out += c;
+  }
+  return out;
+}
 double value(const json& row, const char* field) { return row[field].get<double>(); }
 
 std::string title(const json& row) {
@@ -47,6 +56,7 @@ json to_json(std::span<const Row> rows) {
     all.push_back({{"function", row.function},
                    {"part", row.part},
                    {"direction", row.direction},
+                   {"formula", row.formula},
                    {"domain", row.domain},
                    {"metric", row.metric},
                    {"except", row.except},
@@ -107,10 +117,16 @@ has one component of the result alone where elements are independent. Entries ar
   std::printf(
       "\n### Worst first\n\nThe rows that are nearest to their bounds, or beyond.\n\n"
       "| function | direction | device | error over bound | at |\n| --- | --- | --- | --- | --- |\n");
+  // Of each row the device where it is worst, the first of those that are alike.
   std::vector<std::pair<std::string, const json*>> order;
-  for (const json& name : names)
-    for (const json& row : devices[name.get<std::string>()]["library"])
-      order.emplace_back(name.get<std::string>(), &row);
+  for (const json& row : *first) {
+    std::pair<std::string, const json*> worst{"", nullptr};
+    for (const json& name : names)
+      for (const json& other : devices[name.get<std::string>()]["library"])
+        if (same(row, other) && (worst.second == nullptr || share(other) > share(*worst.second)))
+          worst = {name.get<std::string>(), &other};
+    order.push_back(worst);
+  }
   std::stable_sort(order.begin(), order.end(),
                    [](const auto& a, const auto& b) { return share(*a.second) > share(*b.second); });
   for (size_t k = 0; k < std::min<size_t>(order.size(), 20); ++k) {
@@ -127,10 +143,10 @@ has one component of the result alone where elements are independent. Entries ar
   for (size_t k = 0; k < names.size(); ++k) std::printf(" --- |");
   std::printf(" --- |\n");
   for (const json& row : *first) {
-    const std::string except = text(row, "except");
+    const std::string except = cell(row, "except");
     std::printf("| %s | %s | %s | %lld | %s%s | %s |", title(row).c_str(), text(row, "direction").c_str(),
-                text(row, "domain").c_str(), static_cast<long long>(row["samples"].get<int64_t>()),
-                text(row, "metric").c_str(), except.empty() ? "" : (", except " + except).c_str(),
+                cell(row, "domain").c_str(), static_cast<long long>(row["samples"].get<int64_t>()),
+                cell(row, "metric").c_str(), except.empty() ? "" : (", except " + except).c_str(),
                 number(value(row, "bound")).c_str());
     for (const json& name : names) {
       const json& rows = devices[name.get<std::string>()]["library"];
@@ -143,7 +159,7 @@ has one component of the result alone where elements are independent. Entries ar
       if (value(*found, "max") > 0) std::printf(" (%s)", number(value(*found, "p999")).c_str());
       std::printf(" |");
     }
-    std::printf(" %s |\n", text(row, "why").c_str());
+    std::printf(" %s |\n", cell(row, "why").c_str());
   }
   std::printf("\n### Not in the table\n\n");
   for (const Elsewhere& other : elsewhere()) std::printf("- `%s`: %s\n", other.function.c_str(), other.where.c_str());
