@@ -14,6 +14,7 @@
 
 #include "compiler/ops/op.h"
 #include "tests/bench/every_float.h"
+#include "tests/device/accuracy/library.h"
 #include "tests/device/accuracy/measure.h"
 
 using namespace dr;
@@ -60,6 +61,22 @@ json json_of(const accuracy::Row& row) {
           {"pass", row.passes()}};
 }
 
+// The rows of library functions; how many are beyond their bounds goes to `failed`.
+json measure_library(const runtime::Device& device, const std::string& profile, int64_t samples, int& failed) {
+  const std::vector<accuracy::library::Function> functions = accuracy::library::functions();
+  accuracy::library::Options options{.profile = profile};
+  if (samples < (1 << 18)) options.batches = options.rounds = 2;
+  const std::vector<accuracy::library::Row> rows = accuracy::library::measure(device, functions, options);
+  for (const accuracy::library::Row& row : rows) {
+    if (row.passes()) continue;
+    ++failed;
+    std::printf("%s %s %s: %g, %g allowed, at %s\n", row.function.c_str(), row.part.c_str(), row.direction.c_str(),
+                row.worst, row.bound, row.worst_input.c_str());
+  }
+  std::printf("%zu rows of library functions\n", rows.size());
+  return accuracy::library::to_json(rows);
+}
+
 int measure(const std::string& path, const std::string& name, const std::string& wanted, int64_t samples) {
   auto device = runtime::Device::open({wanted, false});
   if (!device) stop(device.error());
@@ -87,12 +104,14 @@ int measure(const std::string& path, const std::string& name, const std::string&
                 rows.size(), beyond);
     both[floats] = std::move(rows);
   }
+  json library = measure_library(*device, profile, samples, failed);
   json data = read(path);
   data["devices"][name] = {{"device", device->info().name},
                            {"driver", device->info().driver},
                            {"vulkan", device->info().api_version},
                            {"rows", std::move(both["strict"])},
-                           {"native", std::move(both["native"])}};
+                           {"native", std::move(both["native"])},
+                           {"library", std::move(library)}};
   std::ofstream(path) << data.dump(1) << "\n";
   return failed == 0 ? 0 : 1;
 }
@@ -229,6 +248,7 @@ it is largest.
   std::printf("\n## Not in the table\n\n");
   for (const accuracy::Elsewhere& other : accuracy::elsewhere())
     std::printf("- `%s`: %s\n", std::string(ir::op_name(other.kind)).c_str(), other.where.c_str());
+  accuracy::library::document(devices);
   return 0;
 }
 

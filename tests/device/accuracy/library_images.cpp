@@ -1,0 +1,153 @@
+// SPDX-License-Identifier: Apache-2.0
+// Functions of whole images of std.loss and std.texture.
+#include "tests/device/accuracy/library_table.h"
+
+namespace dr::accuracy::library {
+
+namespace {
+
+constexpr double kSum = 2e-7;  // the design's, of sums over images
+
+std::vector<Function> losses() {
+  const Operand a = vectors("a", -8, 8, 1e-3), b = vectors("b", -8, 8, 1e-3), mask = floats("mask", 0, 1, 1e-3);
+  const std::string why = "the design's of sums, and a few roundings of each term";
+  std::vector<Function> all;
+  const auto measure = [&](const std::string& name, const std::string& arguments, Operands operands,
+                           Directions extra = {}) {
+    Directions directions = {relative("value", kSum + 4 * u, why)};
+    for (Direction& d : extra) directions.push_back(std::move(d));
+    all.push_back({.name = "loss." + name,
+                   .part = {},
+                   .result = "float[1]",
+                   .operands = std::move(operands),
+                   .value = "loss." + name + "(" + arguments + ")",
+                   .directions = std::move(directions),
+                   .whole = true});
+  };
+  const Direction to_a = conditioned("a", 8 * u), to_b = conditioned("b", 8 * u);
+  measure("l1", "a, b", {a, b}, {to_a, to_b});
+  measure("l2", "a, b", {a, b}, {to_a, to_b});
+  measure("huber", "a, b, 0.5", {a, b}, {to_a, to_b});
+  measure("masked_l1", "a, b, mask", {a, b, mask}, {to_a, to_b});
+  measure("masked_l2", "a, b, mask", {a, b, mask}, {to_a, to_b});
+  measure("masked_huber", "a, b, mask, 0.5", {a, b, mask}, {to_a, to_b});
+  measure("masked_mean", "x, mask", {floats("x", 0, 8, 1e-3), mask}, {conditioned("x", 8 * u)});
+  measure("pyramid", "a, b, 4", {a, b}, {to_a, to_b});
+  measure("roughness", "a", {a}, {to_a});
+  measure("psnr", "a, b", {a, b}, {to_a});
+  measure("masked_psnr", "a, b, mask", {a, b, mask}, {to_a});
+  const Operand m = floats("m", 0, 1, 1e-3), n = floats("n", 0, 1, 1e-3);
+  measure("iou", "m, n", {m, n}, {conditioned("m", 8 * u), conditioned("n", 8 * u)});
+  measure("masked_iou", "m, n, mask", {m, n, mask}, {conditioned("m", 8 * u), conditioned("n", 8 * u)});
+  const std::string terms = "sum(abs(a * b), over = (x, y)) / sum(a * a, over = (x, y))";
+  for (const bool masked : {false, true}) {
+    const std::string name = masked ? "masked_gain" : "gain";
+    all.push_back(
+        {.name = "loss." + name,
+         .part = {},
+         .result = "vec3[1]",
+         .operands = masked ? Operands{a, b, mask} : Operands{a, b},
+         .value = "loss." + name + (masked ? "(a, b, mask)" : "(a, b)"),
+         .directions = {over(
+                            "value", 2 * kSum + 4 * u,
+                            masked ? "sum(mask * abs(a * b), over = (x, y)) / sum(mask * a * a, over = (x, y))" : terms,
+                            "the sum of the terms' sizes", why),
+                        conditioned("a", 8 * u), conditioned("b", 8 * u)},
+         .whole = true});
+  }
+  return all;
+}
+
+std::vector<Function> textures() {
+  const Operand uv = vectors("uv", -0.5, 1.5, 1e-6, "vec2");
+  const Operand image = whole(vectors("image", 0, 1, 1e-3), "[16, 8]");
+  // Contrast, and what the coordinates' own rounding does to the weights.
+  const std::string scale = "(max(image) - min(image)) * (1.0 + dot(abs(uv), vec2(16.0, 8.0)))";
+  const std::string text = "contrast, times 1 + |uv| in texels";
+  const std::string why = "the design's 4u, and the coordinates' own rounding";
+  std::vector<Function> all;
+  const auto read = [&](const std::string& name, const std::string& value, Directions directions, Operands more = {}) {
+    all.push_back({.name = "texture." + name,
+                   .part = {},
+                   .result = "vec3",
+                   .operands = join({{image, uv}, std::move(more)}),
+                   .value = value,
+                   .directions = std::move(directions)});
+  };
+  const auto apart = [](Direction d) {
+    d.except = "any(lessThan(abs(fract(uv * vec2(16.0, 8.0) + 0.5) - 0.5), vec2(1e-5)))";
+    d.except_text = "borders of texels";
+    return d;
+  };
+  const Direction value = over("value", 4 * u, scale, text, why);
+  const Direction to_image = l2("image", 1e-6, "the design's, as a dot product");
+  // Borders between which four texels count, on so many levels.
+  const auto slope = [&](int levels) {
+    Direction d =
+        over("uv", 4 * u, "dot(abs(g), max(image) - min(image)) * 16.0 * (1.0 + dot(abs(uv) + 1.0, vec2(16.0, 8.0)))",
+             "contrast, times the texture's size and |uv| + the size, in texels, times |adjoint|", why);
+    for (int k = 0; k < levels; ++k) {
+      const std::string size = "vec2(" + std::to_string(16 >> k) + ".0, " + std::to_string(8 >> k) + ".0)";
+      d.except += std::string(k > 0 ? " || " : "") + "any(lessThan(abs(fract(uv * " + size + ") - 0.5), vec2(1e-5)))";
+    }
+    d.except_text = "middles of texels, where others begin to count";
+    return d;
+  };
+  read("nearest", "texture.nearest(image, uv)",
+       {
+           apart(equal()),
+       });
+  read("bilinear", "texture.bilinear(image, uv)", {value, to_image, slope(1)});
+  read("bilinear_repeat", "texture.bilinear_repeat(image, uv)",
+       {over("value", 4 * u, "(max(image) - min(image)) * (1.0 + dot(abs(uv) + 1.0, vec2(16.0, 8.0)))",
+             "contrast, times 1 + |uv| + the texture's size, in texels", why),
+        to_image, slope(1)});
+  read("trilinear", "texture.trilinear(texture.pyramid(image, 3), uv, level)",
+       {over("value", 4 * u, scale, text, why), to_image, slope(3),
+        conditioned("level", 64 * u, "like the coordinates")},
+       {floats("level", -1, 4, 1e-6)});
+  all.push_back(
+      {.name = "texture.between",
+       .part = {},
+       .result = "vec3",
+       .operands = {image,
+                    {.name = "low", .type = "ivec2", .low = 0, .high = 7},
+                    {.name = "high", .type = "ivec2", .low = 0, .high = 7},
+                    vectors("t", 0, 1, 1e-6, "vec2")},
+       .value = "texture.between(image, low, high, t)",
+       .directions = {over("value", 4 * u, "max(image) - min(image)", "contrast", kDesign), to_image,
+                      over("t", 4 * u, "dot(abs(g), max(image) - min(image))", "contrast times |adjoint|", kDesign)}});
+  const Operand large = vectors("image", 0, 1, 1e-3);
+  all.push_back({.name = "texture.halve",
+                 .part = {},
+                 .result = "vec3[32, 32]",
+                 .operands = {large},
+                 .value = "texture.halve(image)",
+                 .directions = {relative("value", 4 * u, kFew), relative("image", 2 * u, kFew)},
+                 .whole = true});
+  all.push_back({.name = "texture.pyramid",
+                 .part = {},
+                 .result = "vec3[8, 8]",
+                 .operands = {large},
+                 .value = "texture.pyramid(image, 4)[3]",
+                 .directions = {relative("value", 8 * u, kFew), relative("image", 4 * u, kFew)},
+                 .whole = true});
+  all.push_back({.name = "texture.bilinear_inverse",
+                 .part = {},
+                 .result = "vec3",
+                 .operands = {image, uv, {.name = "table", .type = "int", .low = 0, .high = 4096, .extent = "[16, 8]"}},
+                 .value = "texture.bilinear_inverse(image, uv, table)",
+                 .directions = {value, equal("image")},
+                 .whole = true});
+  return all;
+}
+
+}  // namespace
+
+std::vector<Function> image_functions() {
+  std::vector<Function> all = losses();
+  for (Function& f : textures()) all.push_back(std::move(f));
+  return all;
+}
+
+}  // namespace dr::accuracy::library

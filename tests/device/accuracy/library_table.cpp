@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/device/accuracy/library_table.h"
+
+namespace dr::accuracy::library {
+
+std::vector<Function> functions() {
+  std::vector<Function> all;
+  for (auto&& part : {point_functions(), number_functions(), image_functions(), mesh_functions(), picture_functions()})
+    all.insert(all.end(), part.begin(), part.end());
+  return all;
+}
+
+std::vector<Elsewhere> elsewhere() {
+  return {
+      {"mesh.neighbours", "integers of `topology`"},
+      {"mesh.beyond", "integers of `topology`"},
+      {"mesh.icosphere_cell", "a part of icosphere_face"},
+      {"mesh.rhomb_vertex", "a part of icosphere_face"},
+      {"mesh.rhomb_point", "a part of icosphere_position"},
+      {"mesh.ring_corner", "a part of icosphere_position"},
+      {"random.directions", "numbers known when a program is compiled; `combined` reads them"},
+      {"tiles.touched", "decisions: which tiles a box reaches"},
+      {"texture.inverse_uv",
+       "integers: which texel a pixel is given to is decided by rounding where it lies between two"},
+  };
+}
+
+}  // namespace dr::accuracy::library
