@@ -10,6 +10,7 @@
 #include <fstream>
 #include <set>
 
+#include "compiler/ops/native.h"
 #include "tests/catch.h"
 #include "tests/unit/ops/support.h"
 
@@ -26,7 +27,7 @@ std::string literal(Type type) {
 }
 
 // One shader with a block for each form. All it computes is written out, so nothing is dropped.
-std::string shader(OpKind kind) {
+std::string shader(OpKind kind, bool native) {
   const ops::OpInfo& info = ops::info(kind);
   std::string functions, body;
   std::set<std::string_view> printed;
@@ -44,10 +45,12 @@ std::string shader(OpKind kind) {
     const auto store = [&](const std::vector<std::string>& operands, const std::string& result) {
       const ops::GlslInput input{
           .operands = operands, .operand_types = form.operands, .attrs = form.attrs, .result_type = form.result};
-      for (const std::string_view text : ops::prelude(info, input)) {
+      for (const std::string_view strict : ops::prelude(info, input)) {
+        const std::string_view text = native ? ops::native_prelude(strict) : strict;
         if (printed.insert(text).second) functions += text;
       }
-      block += "    " + form.result.str() + " " + result + " = " + info.glsl(input) + ";\n";
+      const auto own = native ? ops::native_glsl(kind, input) : std::nullopt;
+      block += "    " + form.result.str() + " " + result + " = " + (own ? *own : info.glsl(input)) + ";\n";
       for (int c = 0; c < form.result.components(); ++c) {
         const std::string part = form.result.is_scalar()   ? ""
                                  : form.result.is_vector() ? std::string(".") + "xyzw"[c]
@@ -79,7 +82,7 @@ std::string complaints(const std::string& text, const std::filesystem::path& fol
 
 }  // namespace
 
-TEST_CASE("glslang accepts every op in every form") {
+TEST_CASE("glslang accepts every op in every form, of both float profiles") {
   if (!have_glslang()) {
     WARN("glslangValidator is not installed: the GLSL of the ops is not checked");
     return;
@@ -88,10 +91,13 @@ TEST_CASE("glslang accepts every op in every form") {
   REQUIRE(mkdtemp(pattern.data()) != nullptr);
   const std::filesystem::path folder = pattern;
   for (const OpKind kind : elementwise_kinds()) {
-    const std::string text = shader(kind);
     INFO(ir::op_name(kind));
-    const std::string wrong = complaints(text, folder);
-    if (!wrong.empty()) FAIL_CHECK(wrong << "\n" << text);
+    std::vector<std::string> texts{shader(kind, false), shader(kind, true)};
+    if (texts[0] == texts[1]) texts.pop_back();
+    for (const std::string& text : texts) {
+      const std::string wrong = complaints(text, folder);
+      if (!wrong.empty()) FAIL_CHECK(wrong << "\n" << text);
+    }
   }
   std::filesystem::remove_all(folder);
 }
