@@ -63,6 +63,13 @@ def inside(x, derivative):
     return derivative() if -1 < x < 1 else ZERO
 
 
+def half(x):
+    """The nearest number of 11 digits, no finer than 2^-24, at most 65504."""
+    size = min(abs(x), mpf(65504))
+    unit = max(mpf(2) ** -24, mpf(2) ** (mpmath.frexp(size)[1] - 11)) if size > 0 else ONE
+    return mpmath.nint(size / unit) * unit * (-1 if x < 0 else 1)
+
+
 def above(x, low, derivative):
     return derivative() if x > low else ZERO
 
@@ -129,6 +136,7 @@ F = {
     "round": [mpmath.nint],
     "trunc": [lambda x: mpmath.floor(x) if x > 0 else mpmath.ceil(x)],
     "fract": [lambda x: x - mpmath.floor(x), lambda x: ONE],
+    "half": [half, lambda x: ONE if abs(half(x)) < 65504 else ZERO],
     "sqrt": [lambda x: mpmath.sqrt(x) if x >= 0 else NAN, lambda x: above(x, 0, lambda: HALF / mpmath.sqrt(x))],
     "inversesqrt": [lambda x: 1 / mpmath.sqrt(x) if x > 0 else INF if x == 0 else NAN,
                     lambda x: above(x, 0, lambda: -HALF / (x * mpmath.sqrt(x)))],

@@ -1,28 +1,17 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# judge.sh BUILD_FOLDER [--quick] [--points COUNT]: the judge of accuracy and sweep itself: the float64 evaluator's values and derivatives at
-# COUNT points (a million, --quick: 20000) against mpmath with 50 digits; no device has a part in it. The figures go to bench-out/judge.json, and with
-# bench-out/accuracy.json into docs/accuracy.md.
+# judge.sh BUILD_FOLDER [COUNT] [--quick]: the judge of accuracy and sweep itself: the float64 evaluator's values and derivatives at
+# COUNT points (a million; --quick: 20,000) against mpmath with 50 digits. The figures go to bench-out/judge.json, and with
+# bench-out/accuracy.json into docs/accuracy.md; those of --quick to bench-out/judge/ alone.
 set -euo pipefail
-bin=$(realpath "$1")/bin
-here=$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")
-shift
-count=1000000
-while (($# > 0)); do
-  case $1 in
-    --quick) count=20000 ;;
-    --points) count=${2-}; shift ;;
-    --device) shift ;;  # as other suites take it
-    *) echo "judge.sh: unknown option $1 (--quick, --points COUNT)" >&2; exit 2 ;;
-  esac
-  shift
-done
-mkdir -p bench-out
+source "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/suite.bash"
+suite judge "$@"
+default=${quick:+20000} file=${quick:+$out/figures.json}
 points=$(mktemp)
 trap 'rm -f "$points"' EXIT
-"$bin/bench_sweep" points "$points" "$count"
-python3 "$here/judge.py" "$points" bench-out/judge.json
-if [[ -f bench-out/accuracy.json ]]; then
+"$bin/bench_sweep" points "$points" "${rest[0]:-${default:-1000000}}"
+/usr/bin/python3 "$here/judge.py" "$points" "${file:-bench-out/judge.json}"
+if [[ -z $quick && -f bench-out/accuracy.json ]]; then
   "$bin/bench_accuracy" document bench-out/accuracy.json > bench-out/accuracy.md
-  cp bench-out/accuracy.md "$here/../../docs/accuracy.md"
+  cp bench-out/accuracy.md "$root/docs/accuracy.md"
 fi
