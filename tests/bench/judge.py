@@ -124,7 +124,7 @@ F = {
             lambda x, y: 1 / y if y != 0 else ZERO,
             lambda x, y: -x / (y * y) if y != 0 else ZERO],
     "mod": [floor_mod, lambda x, y: ONE, lambda x, y: -mpmath.floor(x / y) if y != 0 else ZERO],
-    "half": [lambda x: half(x), lambda x: ONE if abs(half(x)) < 65504 else ZERO],
+    "half": [half, lambda x: ONE if abs(half(x)) < 65504 else ZERO],
     "neg": [lambda x: -x, lambda x: -ONE],
     "abs": [abs, sign],
     "sign": [sign],
@@ -136,7 +136,6 @@ F = {
     "round": [mpmath.nint],
     "trunc": [lambda x: mpmath.floor(x) if x > 0 else mpmath.ceil(x)],
     "fract": [lambda x: x - mpmath.floor(x), lambda x: ONE],
-    "half": [half, lambda x: ONE if abs(half(x)) < 65504 else ZERO],
     "sqrt": [lambda x: mpmath.sqrt(x) if x >= 0 else NAN, lambda x: above(x, 0, lambda: HALF / mpmath.sqrt(x))],
     "inversesqrt": [lambda x: 1 / mpmath.sqrt(x) if x > 0 else INF if x == 0 else NAN,
                     lambda x: above(x, 0, lambda: -HALF / (x * mpmath.sqrt(x)))],
@@ -177,17 +176,6 @@ F = {
 }
 # Their arguments span the range: what is 1 + 1e-38, or x - floor(x) of a huge x, needs as many digits.
 WIDE = {"atan", "atan2", "asinh", "mod", "add", "sub", "fract", "sigmoid", "softplus", "tanh", "sin", "cos", "tan", "log1p"}
-
-
-def half(x):
-    """The nearest float16, of two the even one; the largest ones beyond them."""
-    size = abs(x)
-    if size > 65504:
-        return sign(x) * 65504
-    if size == 0:
-        return ZERO
-    place = mpf(2) ** max(int(mpmath.floor(mpmath.log(size, 2))) - 10, -24)
-    return mpmath.nint(x / place) * place
 
 
 def kind(x):
