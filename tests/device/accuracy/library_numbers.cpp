@@ -91,7 +91,7 @@ std::vector<Function> schedules() {
            .result = "float",
            .operands = {steps},
            .value = "optim.progress(steps)",
-           .directions = {relative("value", 2 * u, kFew)},
+           .directions = {relative("value", 5 * u, "a quotient, of 2.5 last places")},
            .domain = domain},
           schedule("linear", -1e3, 4 * u, true),
           exponential,
