@@ -106,12 +106,9 @@ int measure(const std::string& path, const std::string& name, const std::string&
   }
   json library = measure_library(*device, profile, samples, failed);
   json data = read(path);
-  data["devices"][name] = {{"device", device->info().name},
-                           {"driver", device->info().driver},
-                           {"vulkan", device->info().api_version},
-                           {"rows", std::move(both["strict"])},
-                           {"native", std::move(both["native"])},
-                           {"library", std::move(library)}};
+  data["devices"][name] = {{"device", device->info().name},        {"driver", device->info().driver},
+                           {"vulkan", device->info().api_version}, {"rows", std::move(both["strict"])},
+                           {"native", std::move(both["native"])},  {"library", std::move(library)}};
   std::ofstream(path) << data.dump(1) << "\n";
   return failed == 0 ? 0 : 1;
 }
