@@ -41,16 +41,16 @@ bool one_shader(const StepSchedule& step, const Schedule& schedule, const target
 
 // Whether to load what a face is set up from takes no more components than to store the partial results for listed
 // faces and to load those again. What it computes is cheap beside either, a few hundred operations.
-bool cheap_again(const ir::Graph& graph, const StepSchedule& step, const Pass& setup) {
+bool cheap_again(const ir::Graph& graph, const Pass& setup) {
   std::set<ValueId> here;
   int loaded = 0, kept = 0;
   for (ir::OpId id : setup.ops) {
     const ir::Op& op = graph.op(id);
-    if (!uses_of(graph, op).elsewhere.empty()) {
+    const Uses uses = uses_of(graph, op);
+    if (!uses.elsewhere.empty())
       for (ValueId v : op.results) loaded += graph.value(v).type.components();
-    }
-    for (ValueId v : uses_of(graph, op).at_element)
-      if (step.stored.count(v) != 0 && std::ranges::find(setup.reads, v) != setup.reads.end() && here.insert(v).second)
+    for (ValueId v : uses.at_element)
+      if (std::ranges::find(setup.reads, v) != setup.reads.end() && here.insert(v).second)
         loaded += graph.value(v).type.components();
   }
   for (ValueId v : setup.partial) kept += graph.value(v).type.components();
@@ -103,7 +103,7 @@ void set_up_in_raster(const ir::Graph& graph, const target::Profile& profile, Sc
           });
           if (!others && kept.count(v) == 0) setup.partial.push_back(v);
         }
-        if (cheap_again(graph, step, setup)) forget_partial(step, setup, raster, unused);
+        if (cheap_again(graph, setup)) forget_partial(step, setup, raster, unused);
       }
     }
   }

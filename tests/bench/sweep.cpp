@@ -24,6 +24,7 @@
 #include "compiler/backend/shader_cache.h"
 #include "compiler/ops/emit.h"
 #include "compiler/passes/passes.h"
+#include "tests/bench/must.h"
 #include "tests/device/accuracy/batch.h"
 #include "tests/device/accuracy/errors.h"
 #include "tests/device/accuracy/measure.h"
@@ -42,16 +43,8 @@ constexpr uint32_t kStride = 4099;  // of patterns with --quick, a prime
 constexpr int64_t kQuickWidth = 1024;
 constexpr size_t kBatch = BatchGraph::kBatch;
 
-[[noreturn]] void stop(const std::string& why) {
-  std::fprintf(stderr, "bench_sweep: %s\n", why.c_str());
-  std::exit(1);
-}
-
-template <class T>
-T must(io::Result<T> result) {
-  if (!result) stop(result.error());
-  if constexpr (!std::is_void_v<T>) return std::move(result).value();
-}
+using benchmark::must;
+using benchmark::stop;
 
 // The cases of one op, which differ in their domains.
 struct Group {

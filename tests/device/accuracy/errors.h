@@ -7,8 +7,17 @@
 #include <cfloat>
 #include <cmath>
 #include <cstdint>
+#include <cstdio>
+#include <string>
 
 namespace dr::accuracy {
+
+// The bits of a float32 number.
+inline std::string hex(double x) {
+  char text[16];
+  std::snprintf(text, sizeof text, "%08x", std::bit_cast<uint32_t>(static_cast<float>(x)));
+  return text;
+}
 
 inline bool is_subnormal(double x) { return x != 0 && std::abs(x) < 0x1p-126; }
 inline bool finite_float(double x) { return std::isfinite(static_cast<float>(x)); }

@@ -10,6 +10,8 @@
 #include "compiler/backend/compile.h"
 #include "compiler/backend/shader_cache.h"
 #include "compiler/reference/evaluate.h"
+#include "tests/bench/must.h"
+#include "tests/device/accuracy/errors.h"
 #include "tests/device/accuracy/library_draw.h"
 #include "tests/device/accuracy/library_text.h"
 
@@ -32,16 +34,8 @@ constexpr double kJump = 64;
 // The worst elements that the search goes on from, of each direction, and how many are looked at near each.
 constexpr size_t kWorst = 64;
 
-[[noreturn]] void stop(const std::string& why) {
-  std::fprintf(stderr, "accuracy: %s\n", why.c_str());
-  std::exit(1);
-}
-
-template <class T>
-T must(io::Result<T> result) {
-  if (!result) stop(result.error());
-  if constexpr (!std::is_void_v<T>) return std::move(result).value();
-}
+using benchmark::must;
+using benchmark::stop;
 
 io::Array array_of(const Image& image) {
   const auto n = static_cast<size_t>(image.count()), components = static_cast<size_t>(image.type.components());
@@ -79,12 +73,6 @@ double norm(const Image& image, size_t element) {
   double sum = 0;
   for (size_t at = element; at < image.data.size(); at += n) sum = std::hypot(sum, image.data[at]);
   return sum;
-}
-
-std::string hex(double x) {
-  char text[16];
-  std::snprintf(text, sizeof text, "%08x", std::bit_cast<uint32_t>(static_cast<float>(x)));
-  return text;
 }
 
 // A worst element: its operands, drawn ones and the seed, component by component.

@@ -11,6 +11,7 @@
 #include "compiler/backend/shader_cache.h"
 #include "compiler/ops/emit.h"
 #include "compiler/passes/passes.h"
+#include "tests/bench/must.h"
 #include "tests/device/accuracy/errors.h"
 #include "tests/device/accuracy/samples.h"
 #include "tests/gradient/build.h"
@@ -25,16 +26,8 @@ using ir::ValueId;
 using reference::Image;
 using Images = std::map<std::string, Image>;
 
-[[noreturn]] void stop(const std::string& why) {
-  std::fprintf(stderr, "accuracy: %s\n", why.c_str());
-  std::exit(1);
-}
-
-template <class T>
-T must(io::Result<T> result) {
-  if (!result) stop(result.error());
-  if constexpr (!std::is_void_v<T>) return std::move(result).value();
-}
+using benchmark::must;
+using benchmark::stop;
 
 std::string named(const char* what, size_t c, size_t k = 0) {
   return std::string(what) + std::to_string(c) + "_" + std::to_string(k);
@@ -117,12 +110,6 @@ Images evaluate(const Graph& graph, const Images& leaves, bool flush) {
     for (auto& [name, image] : gradient_test::run(session, step.name)) results[name] = std::move(image);
   }
   return results;
-}
-
-std::string hex(double x) {
-  char text[16];
-  std::snprintf(text, sizeof text, "%08x", std::bit_cast<uint32_t>(static_cast<float>(x)));
-  return text;
 }
 
 // What one output is judged by: pairs of results for operands as they are and for flushed ones.
