@@ -169,9 +169,9 @@ std::vector<OpInfo> arithmetic_ops() {
              numbers2(
                  e, [](double x, double y) { return x / y; }, int_div);
            },
-       .glsl = [](const GlslInput& in) { return is_float(in) ? infix(in, "/") : call("dr_div", in); },
+       .glsl = [](const GlslInput& in) { return call(is_float(in) ? "dr_quotient" : "dr_div", in); },
        .prelude_of = [](const GlslInput& in) -> Texts {
-         if (is_float(in)) return {};
+         if (is_float(in)) return with_vectors(in, {glsl::kQuotient}, glsl::kQuotientVectors);
          return integer_texts(in, glsl::kIntDiv, glsl::kIntDivVectors, glsl::kUintDiv, glsl::kUintDivVectors);
        },
        .adjoint = div_adjoint,
@@ -186,7 +186,7 @@ std::vector<OpInfo> arithmetic_ops() {
        .eval = [](const EvalBatch& e) { numbers2(e, floor_mod, int_mod); },
        .glsl = function<"dr_mod">,
        .prelude_of = [](const GlslInput& in) -> Texts {
-         if (is_float(in)) return with_vectors(in, {glsl::kMod}, glsl::kModVectors);
+         if (is_float(in)) return with_vectors(in, {glsl::kQuotient, glsl::kMod}, glsl::kModVectors);
          return integer_texts(in, glsl::kIntMod, glsl::kIntModVectors, glsl::kUintMod, glsl::kUintModVectors);
        },
        .adjoint = mod_adjoint,

@@ -46,11 +46,20 @@ float dr_max(float x, float y) { return y > x || dr_is_nan(x) ? y : x; }
 )";
 inline constexpr std::string_view kMaxVectors = DR_VECTORS_2("dr_max");
 
+inline constexpr std::string_view kQuotient = R"(
+// x / y. Devices may take a divisor beyond 2^126 for infinite: Vulkan promises quotients by smaller ones only.
+float dr_quotient(float x, float y) {
+  float scale = abs(y) > 8.5e37 ? 0.25 : 1.0;
+  return (x * scale) / (y * scale);
+}
+)";
+inline constexpr std::string_view kQuotientVectors = DR_VECTORS_2("dr_quotient");
+
 inline constexpr std::string_view kMod = R"(
 // x - y * floor(x / y), brought into the half-open range from 0 to y where rounding has left it; 0 for y = 0.
 float dr_mod(float x, float y) {
   if (y == 0.0) return 0.0;
-  float r = x - y * floor(x / y);
+  float r = x - y * floor(dr_quotient(x, y));
   if (r != 0.0 && (r < 0.0) != (y < 0.0)) r += y;
   return abs(r) >= abs(y) ? y * 0.99999994 : r;
 }

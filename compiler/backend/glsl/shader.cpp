@@ -353,6 +353,29 @@ bool hide_as_divisor(const ir::Graph& graph, ValueId v, bool native) {
   }
 }
 
+// Whether `v` is surely no larger than 2^126 and a few bits, up to which devices divide as they should.
+bool is_moderate(const ir::Graph& graph, ValueId v) {
+  constexpr double kLarge = 8e37;
+  if (!graph.value(v).op.valid()) return false;
+  const Op& op = graph.op(graph.value(v).op);
+  const auto are_moderate = [&](std::span<const ValueId> values) {
+    return std::ranges::all_of(values, [&](ValueId x) { return is_moderate(graph, x); });
+  };
+  switch (op.kind) {
+    case OpKind::Const: return std::ranges::all_of(op.attrs.floats, [](double x) { return std::abs(x) < kLarge; });
+    case OpKind::DimValue:
+    case OpKind::Sqrt:
+    case OpKind::InverseSqrt: return true;
+    case OpKind::Convert: return !graph.value(op.operands[0]).type.is_float();
+    case OpKind::Broadcast:
+    case OpKind::Splat:
+    case OpKind::Extract:
+    case OpKind::Compose: return are_moderate(op.operands);
+    case OpKind::Select: return are_moderate(std::span(op.operands).subspan(1));
+    default: return false;
+  }
+}
+
 }  // namespace
 
 void Shader::op(const Op& op) {
@@ -419,6 +442,10 @@ void Shader::op(const Op& op) {
   if (op.kind == OpKind::Div && types[1].is_float() && hide_as_divisor(graph_, op.operands[1], native_))
     operands[1] = "uintBitsToFloat(floatBitsToUint(" + operands[1] + ") ^ uint(pc.c))";
   const ops::GlslInput input{operands, types, op.attrs, graph_.value(op.results[0]).type};
+  if (op.kind == OpKind::Div && types[1].is_float() && is_moderate(graph_, op.operands[1])) {
+    result(op.results[0], operands[0] + " / " + operands[1]);
+    return;
+  }
   if (const auto own = native_ ? ops::native_glsl(op.kind, input) : std::nullopt) {
     result(op.results[0], *own);
     return;
