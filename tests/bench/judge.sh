@@ -9,7 +9,7 @@ suite judge "$@"
 default=${quick:+20000} file=${quick:+$out/figures.json}
 points=$(mktemp)
 trap 'rm -f "$points"' EXIT
-"$bin/bench_sweep" points "$points" "${rest[0]:-${default:-1000000}}"
+"$bin/bench_judge" "$points" "${rest[0]:-${default:-1000000}}"
 /usr/bin/python3 "$here/judge.py" "$points" "${file:-bench-out/judge.json}"
 if [[ -z $quick && -f bench-out/accuracy.json ]]; then
   "$bin/bench_accuracy" document bench-out/accuracy.json > bench-out/accuracy.md
