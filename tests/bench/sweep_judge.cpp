@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <limits>
 #include <numeric>
 #include <utility>
 
@@ -83,6 +84,12 @@ namespace {
 size_t bin_of(double error) {
   return std::bit_cast<uint32_t>(static_cast<float>(std::min(error, double{FLT_MAX}))) >> 18;
 }
+bool all_finite(const float* found) {
+  int32_t most = 0;
+  for (size_t i = 0; i < Judge::kBatch; ++i)
+    most = std::max(most, std::bit_cast<int32_t>(found[i]) & std::numeric_limits<int32_t>::max());
+  return most < std::bit_cast<int32_t>(HUGE_VALF);
+}
 double upper_end(size_t bin) { return std::bit_cast<float>(static_cast<uint32_t>(bin + 1) << 18); }
 
 }  // namespace
@@ -114,11 +121,12 @@ double Tally::p999() const {
   return 0;
 }
 
-Judge::Judge(const ir::Graph& graph, const std::vector<Row>& rows)
-    : graph_(graph), rows_(rows), tallies_(rows.size()), inside_(rows.size(), std::vector<uint64_t>(kBatch)) {
+Judge::Judge(const ir::Graph& graph, const std::vector<Row>& rows) : graph_(graph), rows_(rows), tallies_(rows.size()) {
   operand_ = graph_.leaf("x");
   value_ = graph_.result(graph_.output("value"));
   for (const Row& row : rows) {
+    if (domains_.empty() || domains_.back().of != row.entry) domains_.push_back({row.entry, {}, false});
+    domain_of_.push_back(domains_.size() - 1);
     bounds_.emplace_back(kBatch, row.bound);
     const auto plane = [&](const std::string& name, const double* otherwise) {
       const size_t output = graph_.output(name);
@@ -137,22 +145,23 @@ void Judge::batch(const uint32_t* bits, const std::vector<const float*>& found) 
     x_[i] = static_cast<double>(std::bit_cast<float>(bits[i]));
     tiny |= static_cast<uint64_t>(x_[i] != 0) & static_cast<uint64_t>(std::abs(x_[i]) < 0x1p-126);
   }
+  for (Inside& inside : domains_) {
+    const Operand& o = inside.of->operands[0];
+    uint64_t any = 0;
+    for (size_t i = 0; i < kBatch; ++i) {
+      inside.is[i] = static_cast<uint64_t>(x_[i] >= o.low) & static_cast<uint64_t>(x_[i] <= o.high) &
+                     static_cast<uint64_t>(std::abs(x_[i]) >= o.least);
+      any |= inside.is[i];
+    }
+    inside.any = any != 0;
+  }
   // Where a row has nothing to compare with, it is enough that all is finite.
   std::vector<size_t> asked;
-  for (size_t r = 0; r < rows_.size(); ++r) {
-    const Operand& o = rows_[r].entry->operands[0];
-    uint64_t any = 0, not_finite = 0;
-    for (size_t i = 0; i < kBatch; ++i) {
-      inside_[r][i] = static_cast<uint64_t>(x_[i] >= o.low) & static_cast<uint64_t>(x_[i] <= o.high) &
-                      static_cast<uint64_t>(std::abs(x_[i]) >= o.least);
-      any |= inside_[r][i];
-    }
-    for (size_t i = 0; i < kBatch; ++i) not_finite |= static_cast<uint64_t>(!(std::abs(found[r][i]) <= FLT_MAX));
-    if ((any | not_finite) != 0)
+  for (size_t r = 0; r < rows_.size(); ++r)
+    if (domains_[domain_of_[r]].any || !all_finite(found[r]))
       asked.push_back(r);
     else
       tallies_[r].special += kBatch;
-  }
   if (asked.empty()) return;
   if (tiny != 0) {
     for (size_t i = 0; i < kBatch; ++i) operand_[i] = is_subnormal(x_[i]) ? std::copysign(0.0, x_[i]) : x_[i];
@@ -182,7 +191,7 @@ void Judge::fast(size_t r, const uint32_t* bits, const float* found) {
   Tally& tally = tallies_[r];
   Verdicts& v = verdicts_;
   v.judge(rows_[r].asked, {.found = found,
-                           .inside = inside_[r].data(),
+                           .inside = domains_[domain_of_[r]].is.data(),
                            .expected = o.expected,
                            .value = rows_[r].derivative ? value_ : o.expected,
                            .scale = o.scale,
@@ -205,7 +214,8 @@ void Judge::one_by_one(size_t r, const uint32_t* bits, const float* found) {
   const Row& row = rows_[r];
   Tally& tally = tallies_[r];
   for (size_t i = 0; i < kBatch; ++i) {
-    const bool inside = inside_[r][i] != 0 && !(row.derivative && !row.asked.exact && is_subnormal(x_[i]));
+    const bool inside =
+        domains_[domain_of_[r]].is[i] != 0 && !(row.derivative && !row.asked.exact && is_subnormal(x_[i]));
     const Expected twins[2] = {expected(r, i), flushed_[r * kBatch + i]};
     const Verdict verdict = judge_one(row.asked, static_cast<double>(found[i]), inside, twins, 2);
     tally.special += verdict.special ? 1 : 0;

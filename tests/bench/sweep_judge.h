@@ -2,6 +2,7 @@
 // What the sweep asks of each op, and the judge: a row of the result from billions of elements.
 #pragma once
 
+#include <array>
 #include <cmath>
 #include <span>
 #include <string>
@@ -79,6 +80,13 @@ class Judge {
     const double *expected, *scale, *bound, *except;
   };
 
+  // The domain of a case, which its rows share: 1 inside, else 0.
+  struct Inside {
+    const accuracy::Case* of;
+    std::array<uint64_t, kBatch> is;
+    bool any;
+  };
+
   accuracy::Expected expected(size_t row, size_t i) const;
   void fast(size_t row, const uint32_t* bits, const float* found);
   void one_by_one(size_t row, const uint32_t* bits, const float* found);
@@ -89,10 +97,11 @@ class Judge {
   const double* value_;
   std::vector<Outputs> outputs_;
   std::vector<Tally> tallies_;
-  // Of the batch: operands, the domain of each row (1 inside, else 0), what is expected with flushed operands.
+  // Of the batch: operands, the domains, what is expected with flushed operands.
   Plane x_ = Plane(kBatch), zero_ = Plane(kBatch);
   std::vector<Plane> bounds_;
-  std::vector<std::vector<uint64_t>> inside_;
+  std::vector<Inside> domains_;
+  std::vector<size_t> domain_of_;
   std::vector<accuracy::Expected> flushed_;
   accuracy::Verdicts verdicts_;
 };

@@ -68,19 +68,18 @@ DR_VECTOR_CLONES void Verdicts::judge(const Asked& asked, const Elements& elemen
   }
   count = counts, special = specials, left_out = left, not_finite = bads;
   int64_t most = 0, most_share = 0, most_at_share = 0;
+  for (size_t i = 0; i < kBatch; ++i) most = std::max(most, bits_of(error[i]));
+  worst = std::bit_cast<double>(most), worst_share = at_share = 0;
+  share.fill(0);
+  if (most == 0) return;
   for (size_t i = 0; i < kBatch; ++i) {
     const double quotient = error[i] == 0 ? 0.0 : error[i] / bound[i];
     share[i] = quotient < HUGE_VAL ? quotient : HUGE_VAL;  // Inf of Inf too
   }
-  for (size_t i = 0; i < kBatch; ++i) {
-    most = std::max(most, bits_of(error[i]));
-    most_share = std::max(most_share, bits_of(share[i]));
-  }
+  for (size_t i = 0; i < kBatch; ++i) most_share = std::max(most_share, bits_of(share[i]));
   for (size_t i = 0; i < kBatch; ++i)
     most_at_share = std::max(most_at_share, bits_of(share[i]) == most_share ? bits_of(error[i]) : 0);
-  worst = std::bit_cast<double>(most);
-  worst_share = std::bit_cast<double>(most_share);
-  at_share = std::bit_cast<double>(most_at_share);
+  worst_share = std::bit_cast<double>(most_share), at_share = std::bit_cast<double>(most_at_share);
 }
 
 }  // namespace dr::accuracy
