@@ -2,9 +2,13 @@
 // Finding the software devices.
 #include "tests/device/devices.h"
 
+#include <unistd.h>
+
 #include <cstdio>
 #include <cstdlib>
+#include <filesystem>
 #include <fstream>
+#include <map>
 
 #include "compiler/target/profile.h"
 #include "tests/catch.h"
@@ -41,9 +45,19 @@ std::vector<NamedDevice> devices() {
 std::string profile_of_subpasses(const std::string& device) {
   target::Profile profile = std::get<target::Profile>(target::load_profile(device));
   profile.costs.subpass_ns = 1;
-  std::string path = device + "_subpasses.json";
-  std::ofstream(path) << target::write_profile(profile);
-  return path;
+  // Of this process alone: tests run beside each other.
+  struct File {
+    std::filesystem::path path;
+    ~File() {
+      std::error_code ignored;
+      std::filesystem::remove(path, ignored);
+    }
+  };
+  static std::map<std::string, File> files;
+  File& file = files[device];
+  file.path = std::filesystem::temp_directory_path() / (device + "_subpasses_" + std::to_string(getpid()) + ".json");
+  std::ofstream(file.path) << target::write_profile(profile);
+  return file.path.string();
 }
 
 }  // namespace dr::test

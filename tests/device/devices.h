@@ -20,8 +20,8 @@ struct NamedDevice {
 // or index, without validation: a GPU, by hand.
 std::vector<NamedDevice> devices();
 
-// The path of a profile, written here, of a device for which subpasses cost next to nothing, so that packing makes
-// them.
+// The path of a profile, which is there until the process ends, of a device for which subpasses cost next to nothing,
+// so that packing makes them.
 std::string profile_of_subpasses(const std::string& device);
 
 // What a call gives; its error fails the test.

@@ -14,10 +14,12 @@
 #include "runtime/jit/reference_program.h"
 #include "runtime/runtime.h"
 #include "tests/catch.h"
+#include "tests/device/compile.h"
 #include "tests/device/devices.h"
 
 using namespace dr;
 using io::Array;
+using test::compile;
 using test::must;
 
 namespace {
@@ -41,12 +43,6 @@ std::string write_program() {
                       << "\nstep probe {\n  output alpha, picture, total, gradient = grad(total, position), "
                          "gain_gradient = grad(photo_loss, gain);\n}\n";
   return path.string();
-}
-
-std::vector<uint8_t> compile(const std::string& path, const jit::Options& options) {
-  auto result = jit::compile_file(path, options);
-  if (auto* messages = std::get_if<std::string>(&result)) FAIL(*messages);
-  return std::get<std::vector<uint8_t>>(result);
 }
 
 // A disc as target: any silhouette will do, as long as it is not the sphere's own.

@@ -13,10 +13,12 @@
 #include "runtime/jit/reference_program.h"
 #include "runtime/runtime.h"
 #include "tests/catch.h"
+#include "tests/device/compile.h"
 #include "tests/device/devices.h"
 
 using namespace dr;
 using io::Array;
+using test::compile;
 using test::must;
 
 namespace {
@@ -88,15 +90,6 @@ std::vector<Data> data_sets() {
   make(
       "one source", 1, [](size_t) { return 5; }, [](size_t) { return 1e-37; });
   return sets;
-}
-
-std::vector<uint8_t> compile(const std::string& path, const std::string& profile, const std::string& scatter) {
-  jit::Options options;
-  options.profile = profile;
-  options.scatter = scatter;
-  auto result = jit::compile_file(path, options);
-  if (auto* messages = std::get_if<std::string>(&result)) FAIL(*messages);
-  return std::get<std::vector<uint8_t>>(result);
 }
 
 template <class P>

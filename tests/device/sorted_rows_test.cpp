@@ -10,6 +10,7 @@
 #include "runtime/jit/reference_program.h"
 #include "runtime/runtime.h"
 #include "tests/catch.h"
+#include "tests/device/compile.h"
 #include "tests/device/devices.h"
 
 using namespace dr;
@@ -79,12 +80,7 @@ std::vector<Data> data_sets() {
 std::vector<uint8_t> compile(const std::string& profile, const std::string& scatter) {
   const auto path = (std::filesystem::path(DR_BUILD_DIR) / "sorted_rows_test.dr").string();
   std::ofstream(path) << kText;
-  jit::Options options;
-  options.profile = profile;
-  options.scatter = scatter;
-  auto result = jit::compile_file(path, options);
-  if (auto* messages = std::get_if<std::string>(&result)) FAIL(*messages);
-  return std::get<std::vector<uint8_t>>(result);
+  return test::compile(path, profile, scatter);
 }
 
 template <class P>

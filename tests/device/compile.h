@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: Apache-2.0
+// Compiling a program within a device test.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "runtime/jit/jit.h"
+#include "tests/catch.h"
+
+namespace dr::test {
+
+// The bundle of a file; an error fails the test.
+inline std::vector<uint8_t> compile(const std::string& path, const jit::Options& options) {
+  auto result = jit::compile_file(path, options);
+  if (const auto* messages = std::get_if<std::string>(&result)) FAIL(*messages);
+  return std::get<std::vector<uint8_t>>(std::move(result));
+}
+
+// For a profile, with one of the forms of jit::Options::scatter.
+inline std::vector<uint8_t> compile(const std::string& path, const std::string& profile, const std::string& scatter) {
+  jit::Options options;
+  options.profile = profile;
+  options.scatter = scatter;
+  return compile(path, options);
+}
+
+}  // namespace dr::test
