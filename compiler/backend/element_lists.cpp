@@ -18,20 +18,25 @@ std::string members(const std::string& list) { return "members_of_" + list; }
 
 }  // namespace
 
-std::string append(Shader& s, const std::string& list, const std::string& element) {
-  s.declare(R"(void append_to_)" + list + R"((int element) {
-  uint place = atomicAdd()" +
-            list + ".d[" + std::to_string(kListEnd) + R"(], 1u) - 1u;
-  )" + list +
-            ".d[" + std::to_string(kListHead) + R"(u + place] = uint(element);
-  if (place % 64u != 0u) return;
+std::string append(Shader& s, const std::string& list, const std::string& element, bool together) {
+  const std::string end = list + ".d[" + std::to_string(kListEnd) + "]";
+  s.declare("uint append_to_" + list + "(int element) {\n" +
+            (together ? "  uvec4 lanes = subgroupBallot(true);\n  uint place = 0u;\n"
+                        "  if (subgroupElect()) place = atomicAdd(" +
+                            end +
+                            ", subgroupBallotBitCount(lanes));\n"
+                            "  place = subgroupBroadcastFirst(place) + subgroupBallotExclusiveBitCount(lanes) - 1u;\n"
+                      : "  uint place = atomicAdd(" + end + ", 1u) - 1u;\n") +
+            "  " + list + ".d[" + std::to_string(kListHead) + R"(u + place] = uint(element);
+  if (place % 64u != 0u) return place;
   atomicMax()" +
             list + R"(.d[0], min(place / 64u + 1u, 65535u));
   atomicMax()" +
             list + R"(.d[1], place / 64u / 65535u + 1u);
+  return place;
 }
 )");
-  return "append_to_" + list + "(" + element + ");";
+  return "append_to_" + list + "(" + element + ")";
 }
 
 ListingLoop::ListingLoop(Shader& shader, const ir::Extent& extent, bool runs)
@@ -52,7 +57,7 @@ ListingLoop::ListingLoop(Shader& shader, const ir::Extent& extent, bool runs)
 
 void ListingLoop::add(const std::string& list) {
   if (!runs_) {
-    shader_.body().line(append(shader_, list, "index"));
+    shader_.body().line(append(shader_, list, "index") + ";");
     return;
   }
   if (std::ranges::find(lists_, list) == lists_.end()) {

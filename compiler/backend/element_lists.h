@@ -12,8 +12,9 @@ namespace dr::backend {
 // Words of a list: 0 to 2 the workgroups of 64 that take one each, then one more than there are, then the elements.
 inline constexpr int kListEnd = 3, kListHead = 4;
 
-// A statement that adds an element to a list. Workgroups go on in the next row as those of other dispatches do.
-std::string append(glsl::Shader& s, const std::string& list, const std::string& element);
+// A call that adds an element to a list and gives its place there. Workgroups go on in the next row as those of other
+// dispatches do. `together`: the lanes of a subgroup that are here take their places by one atomic.
+std::string append(glsl::Shader& s, const std::string& list, const std::string& element, bool together = false);
 
 // The main of a shader that computes the elements of an extent and lists some of them. With `runs` an invocation
 // computes 32 that follow each other, and lists them together: where lanes access memory in turn

@@ -51,6 +51,7 @@ class Generator {
     uint32_t words = 0;  // bundle resource
     int most = 0;        // fixed: contributions from an element, negative: unknown
     bool fixed = false;  // added as fixed point numbers
+    uint32_t terms = 0;  // bundle resource: contributions kept, where the pass keeps them
   };
   // Makes the resources, and clears them.
   std::vector<Target> scatter_targets(const Pass& pass);
@@ -61,6 +62,13 @@ class Generator {
   std::string declare_target(glsl::Shader& shader, const Pass& pass, const Target& target, Runs runs, bool lists);
   // What a map pass does for the scatter that joins it (Pass::joins_lister).
   void scatter_where_listed(glsl::Shader& shader, const Pass& pass, const Pass& scatter);
+  // Contributions that the first run of exact sums keeps for the second (Pass::keeps_terms), by their place in the list
+  // of active elements: words of the buffer; what scatter_<name> does with one, its `value` for `element` at `site`;
+  // that an element has none yet; and the add_<name> of them all, a part of which each invocation takes.
+  ir::Dim words_of_terms(const Target& target, const ir::Extent& domain) const;
+  std::string keep_term(glsl::Shader& shader, const Pass& pass, const Target& target) const;
+  void keep_no_terms(glsl::Shader& shader, const Pass& pass, const Target& target) const;
+  void add_kept_terms(glsl::Shader& shader, const Pass& pass, const std::vector<Target>& targets) const;
   void scatter_resolve(const Pass& pass, const Target& target);
   // Fixed point sums as floats: statements, and an expression a component, for the element `index`.
   struct FloatSums {
@@ -94,7 +102,6 @@ class Generator {
   Table sorted_table(const Pass& pass);
   void key_pass(const Pass& pass, uint32_t keys);
   ir::Dim row_items(const Pass& pass) const;
-  int contributions(ir::ValueId result) const;
   std::vector<ir::OpId> element_ops(const Pass& pass) const;
   void raster_pass(const Pass& pass);
   void raster_hardware(const Pass& pass, const ir::Op& op);
@@ -165,6 +172,9 @@ class Generator {
   std::set<uint32_t> step_tables_;  // leaves
 };
 
+// How many elements of a list have room for what they add (Pass::keeps_terms): few add something to a sum whose
+// elements are listed, and those beyond are computed again.
+ir::Dim room_for_terms(const ir::Extent& domain);
 // Opens a compute shader's main: computes `index`, returns past `elements`.
 void linear_index(glsl::Shader& shader, const std::string& elements);
 // Computes `at`, an element's place.

@@ -76,25 +76,10 @@ ir::Dim words_of_sums(const ir::Type& type, const ir::Extent& extent, bool wide)
   return wide ? words * ir::Dim(2) : words;
 }
 
-// How often an element of the domain adds to a Scatter result at most; -1 where a loop decides.
-int Generator::contributions(ValueId result) const {
-  const ir::Op& op = graph_.op(graph_.value(result).op);
-  if (op.regions.empty()) return 1;
-  if (op.kind == OpKind::Reduce) return -1;
-  int most = 0;
-  for (const ir::RegionId region : op.regions) {
-    const ir::Yielded yield = ir::yielded(graph_, op, region)[graph_.value(result).result_index];
-    const int here = yield.index.valid() ? 1 : contributions(yield.value);
-    if (here < 0) return -1;
-    most = std::max(most, here);
-  }
-  return most;
-}
-
 int Generator::contributions(const ScatterSum& sum) const {
   int most = 0;
   for (const ValueId term : sum.terms) {
-    const int one = contributions(term);
+    const int one = backend::contributions(graph_, term);
     most = most < 0 || one < 0 ? -1 : most + one;
   }
   return most;
@@ -175,7 +160,7 @@ void Generator::store_results(Shader& s, const Pass& pass, ListingLoop* loop, bo
   if (loop != nullptr)
     loop->add(list);
   else
-    s.body().line(append(s, list, Shader::element_index(pass.domain, "at")));
+    s.body().line(append(s, list, Shader::element_index(pass.domain, "at")) + ";");
   for (const ValueId v : pass.partial) s.store(v, "at", s.use(v));
   s.body().line("}");
 }
@@ -193,6 +178,7 @@ std::vector<Generator::Target> Generator::scatter_targets(const Pass& pass) {
     if (t.fixed) {
       t.most = contributions(sum);
       if (!r.sums) t.words = add_scratch(r.name + "_sums", words_of_sums(r.type, r.extent, wide_atomics()).str());
+      if (pass.keeps_terms) t.terms = add_scratch(r.name + "_terms", words_of_terms(t, pass.domain).str());
     }
     fill("clear " + r.name, t.words, maximum ? 0x80000000u : 0u);
     targets.push_back(std::move(t));
@@ -239,6 +225,7 @@ std::string Generator::declare_target(Shader& s, const Pass& pass, const Target&
       for (int c = 0; c < n; ++c)
         body += "    largest_" + id + " = max(largest_" + id + ", finite_magnitude(" + component(r.type, "value", c) +
                 "));\n";
+      if (t.terms != 0) body += keep_term(s, pass, t);
       if (lists) body += "    adds |= " + any_bits(r.type, "value") + ";\n";
       if (runs == Runs::Both) body += "    return;\n  }\n";
       const std::string word = wide ? "uint64_t" : "uint";
@@ -285,29 +272,44 @@ std::string Generator::declare_target(Shader& s, const Pass& pass, const Target&
       body += std::string("  ") + (maximum ? "atomicMax(" : "atomicAdd(") + buffer + ".d[element * " +
               std::to_string(n) + " + " + std::to_string(c) + "], " + component(r.type, "value", c) + ");\n";
   }
-  s.declare("void scatter_" + id + "(ivec3 place, " + r.type.str() + " value) {\n  if (!(" +
-            Shader::in_range(r.extent, "place") +
-            ")) return;\n  int element = " + Shader::element_index(r.extent, "place") + ";\n" + body + "}\n");
-  for (const ValueId term : t.sum.terms) s.accumulate_into(term, t.accumulator);
+  const bool keeps = t.terms != 0 && runs == Runs::First;
+  s.declare("void add_" + id + "(int element, " + r.type.str() + " value" + (keeps ? ", int site" : "") + ") {\n" +
+            body + "}\nvoid scatter_" + id + "(ivec3 place, " + r.type.str() + " value" + (keeps ? ", int site" : "") +
+            ") {\n  if (" + Shader::in_range(r.extent, "place") + ") add_" + id + "(" +
+            Shader::element_index(r.extent, "place") + ", value" + (keeps ? ", site" : "") + ");\n}\n");
+  for (size_t k = 0; k < t.sum.terms.size(); ++k) {
+    Accumulator accumulator = t.accumulator;
+    if (keeps) accumulator.site = static_cast<int>(k);
+    s.accumulate_into(t.sum.terms[k], std::move(accumulator));
+  }
   return finish;
 }
 
 void Generator::scatter_where_listed(Shader& s, const Pass& pass, const Pass& scatter) {
-  const bool fixed = scatter.scatter == ScatterLowering::Exact;
-  if (fixed) s.declare("uint adds = 0u;\n");
+  const bool fixed = scatter.scatter == ScatterLowering::Exact, keeps = scatter.keeps_terms;
+  if (fixed && !keeps) s.declare("uint adds = 0u;\n");
+  if (keeps) s.declare("uint listed_at = 0u;\n");
   std::string finish;
   for (const Target& t : targets_.at(&scatter))
-    finish += declare_target(s, scatter, t, fixed ? Runs::First : Runs::Second, fixed);
+    finish += declare_target(s, scatter, t, fixed ? Runs::First : Runs::Second, fixed && !keeps);
   s.body().line("if (" + active_condition(s, scatter) + ") {");
   s.push_scope();
+  const auto list = [&] {
+    const std::string words = s.bind_words(active_lists_.at(&scatter), "active_elements", bundle::Access::ReadWrite);
+    if (scatter.join_lanes) subgroup_extensions(s);
+    return append(s, words, Shader::element_index(pass.domain, "at"), scatter.join_lanes);
+  };
+  if (keeps) {
+    s.body().line("listed_at = " + list() + ";");
+    for (const Target& t : targets_.at(&scatter)) keep_no_terms(s, scatter, t);
+  }
   for (const ir::OpId id : element_ops(scatter))
     if (!s.is_defined(graph_.op(id).results[0])) s.element_ops({id});
   if (fixed) {
-    const std::string list = s.bind_words(active_lists_.at(&scatter), "active_elements", bundle::Access::ReadWrite);
-    s.body().line("if (adds != 0u) {");
-    s.body().line(append(s, list, Shader::element_index(pass.domain, "at")));
+    if (!keeps) s.body().line("if (adds != 0u) {");
+    if (!keeps) s.body().line(list() + ";");
     for (const ValueId v : pass.partial) s.store(v, "at", s.use(v));
-    s.body().line("}");
+    if (!keeps) s.body().line("}");
   }
   s.pop_scope();
   s.body().line("}");
@@ -325,8 +327,9 @@ void Generator::scatter_pass(const Pass& pass) {
   uint32_t adding = 0;
   if (lists) adding = add_list(pass, "adding");
   const std::vector<Target> targets = joined ? targets_.at(&pass) : scatter_targets(pass);
+  const ir::Dim invocations = pass.keeps_terms ? room_for_terms(pass.domain) : element_count(pass.domain);
   Shader s = shader();
-  linear_index(s, dim_expression(element_count(pass.domain)));
+  linear_index(s, dim_expression(invocations));
   if (!lists && !listed) place_from_index(s, pass.domain);
   std::string finish;
   if (lists) s.declare("uint adds = 0u;\n");
@@ -345,17 +348,28 @@ void Generator::scatter_pass(const Pass& pass) {
                   again + ".d[" + item + "]);");
     place_from_index(s, pass.domain, "element");
     s.element_ops(element_ops(pass));
-    s.body().line("if (pc.a == 0 && adds != 0u) " + append(s, again, "element"));
+    s.body().line("if (pc.a == 0 && adds != 0u) " + append(s, again, "element") + ";");
   } else {
     if (listed) {
       const std::string elements = s.read_words(list, "active_elements");
       s.body().line("int end = int(" + elements + "(" + std::to_string(kListEnd) + ")) - 1;");
       if (pass.join_lanes) s.body().line("joins = end >= " + std::to_string(kWorthJoining) + ";");
-      s.body().line("if (index >= end) return;");
+      if (pass.keeps_terms) {
+        add_kept_terms(s, pass, targets);
+        const std::string room = dim_expression(invocations);
+        s.body().line("for (index += " + room + "; index < end; index += " + room + ") {");
+        s.push_scope();
+      } else {
+        s.body().line("if (index >= end) return;");
+      }
       s.body().line("int element = int(" + elements + "(" + std::to_string(kListHead) + " + index));");
       place_from_index(s, pass.domain, "element");
     }
     s.element_ops(element_ops(pass));
+    if (pass.keeps_terms) {
+      s.pop_scope();
+      s.body().line("}");
+    }
   }
   for (ValueId v : pass.writes)
     if (std::none_of(targets.begin(), targets.end(), [&](const Target& t) { return t.sum.value == v; }))
@@ -366,9 +380,8 @@ void Generator::scatter_pass(const Pass& pass) {
   }
 
   const bool two_runs = !finish.empty();
-  auto& magnitudes =
-      dispatch(pass, joined ? " add" : "", s, element_count(pass.domain).str(), {two_runs ? 0 : 1, 0, 0});
-  if (listed) magnitudes.indirect = static_cast<int>(list);
+  auto& magnitudes = dispatch(pass, joined ? " add" : "", s, invocations.str(), {two_runs ? 0 : 1, 0, 0});
+  if (listed && !pass.keeps_terms) magnitudes.indirect = static_cast<int>(list);
   if (two_runs) {
     auto& sums_run = command(bundle::CommandKind::Dispatch, pass.name + " add");
     sums_run.compute = magnitudes.compute;

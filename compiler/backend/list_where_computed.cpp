@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "compiler/backend/limits.h"
+#include "compiler/backend/scatter_leaves.h"
 #include "compiler/backend/uses.h"
 
 namespace dr::backend {
@@ -31,6 +32,20 @@ int lister(const ir::Graph& graph, const StepSchedule& step, size_t scatter) {
   return -1;
 }
 
+// What a shader binds that does both the lister's work and the scatter's, and lists.
+Bindings joined_bindings(const Schedule& schedule, const StepSchedule& step, const Pass& scatter) {
+  const Pass& pass = step.passes[static_cast<size_t>(scatter.listed_by)];
+  std::set<uint32_t> buffers, images;
+  for (const std::vector<ValueId>* reads : {&pass.reads, &scatter.reads})
+    for (const ValueId v : *reads) {
+      const uint32_t r = step.stored.at(v).index;
+      (schedule.resources[r].storage == Resource::Storage::Buffer ? buffers : images).insert(r);
+    }
+  constexpr size_t kLists = 1;
+  return {static_cast<uint32_t>(buffers.size()), static_cast<uint32_t>(images.size()),
+          static_cast<uint32_t>(pass.writes.size() + scatter.sums.size() + kLists), false};
+}
+
 // Whether the lister can do at an active element what the scatter's first run does: all that it needs is there by then,
 // nothing that the lister writes is read at other places, and one shader may bind it all. Where lanes run both branches
 // of every `if`, few elements would make all pay.
@@ -45,16 +60,23 @@ bool may_join(const ir::Graph& graph, const target::Profile& profile, const Sche
   if (std::ranges::any_of(pass.writes, [&](ValueId v) { return elsewhere.count(v) != 0; })) return false;
   for (size_t k = static_cast<size_t>(scatter.listed_by) + 1; &step.passes[k] != &scatter; ++k)
     if (std::ranges::any_of(step.passes[k].writes, [&](ValueId v) { return contains(scatter.reads, v); })) return false;
-  std::set<uint32_t> buffers, images;
-  for (const std::vector<ValueId>* reads : {&pass.reads, &scatter.reads})
-    for (const ValueId v : *reads) {
-      const uint32_t r = step.stored.at(v).index;
-      (schedule.resources[r].storage == Resource::Storage::Buffer ? buffers : images).insert(r);
+  return fits(profile, joined_bindings(schedule, step, scatter));
+}
+
+// Whether what elements add may be kept: each term adds once at most, and shaders may bind one more buffer a sum.
+bool may_keep_terms(const ir::Graph& graph, const target::Profile& profile, const Schedule& schedule,
+                    const StepSchedule& step, const Pass& scatter) {
+  if (scatter.scatter != ScatterLowering::Exact) return false;
+  constexpr int kMostWords = 64;  // of an element
+  int words = 0;
+  for (const ScatterSum& sum : scatter.sums)
+    for (const ValueId term : sum.terms) {
+      if (contributions(graph, term) != 1) return false;
+      words += graph.value(term).type.components() + 1;
     }
-  constexpr size_t kLists = 1;
-  const size_t writes = pass.writes.size() + scatter.sums.size() + kLists;
-  return fits(profile, {static_cast<uint32_t>(buffers.size()), static_cast<uint32_t>(images.size()),
-                        static_cast<uint32_t>(writes), false});
+  Bindings bindings = joined_bindings(schedule, step, scatter);
+  bindings.writes += static_cast<uint32_t>(scatter.sums.size());
+  return words <= kMostWords && fits(profile, bindings);
 }
 
 }  // namespace
@@ -90,7 +112,9 @@ void list_where_computed(const ir::Graph& graph, const target::Profile& profile,
         if (kept.count(v) == 0 && elsewhere.count(v) == 0 && !others) pass.partial.push_back(v);
       }
       scatter.joins_lister = may_join(graph, profile, schedule, step, scatter, elsewhere);
-      if (scatter.joins_lister) scatter.relist = false;  // those that add nothing are not listed
+      if (!scatter.joins_lister) continue;
+      scatter.relist = false;  // those that add nothing are not listed
+      scatter.keeps_terms = may_keep_terms(graph, profile, schedule, step, scatter);
     }
   }
 }

@@ -85,6 +85,20 @@ std::optional<std::vector<ScatterLeaf>> scatter_leaves(const Graph& graph, Value
   return leaves;
 }
 
+int contributions(const Graph& graph, ValueId result) {
+  const Op& op = graph.op(graph.value(result).op);
+  if (op.regions.empty()) return 1;
+  if (op.kind == OpKind::Reduce) return -1;
+  int most = 0;
+  for (const RegionId region : op.regions) {
+    const ir::Yielded yield = ir::yielded(graph, op, region)[graph.value(result).result_index];
+    const int here = yield.index.valid() ? 1 : contributions(graph, yield.value);
+    if (here < 0) return -1;
+    most = std::max(most, here);
+  }
+  return most;
+}
+
 std::vector<OpId> ops_at(const Graph& graph, const ScatterLeaf& leaf, std::span<const OpId> root_ops,
                          std::span<const ValueId> values) {
   std::vector<OpId> ops;

@@ -34,6 +34,9 @@ struct ScatterLeaf {
 // out of range by their text. Nothing where a loop makes them.
 std::optional<std::vector<ScatterLeaf>> scatter_leaves(const ir::Graph& graph, ir::ValueId result);
 
+// How often an element of the domain adds to a Scatter result at most; -1 where a loop decides.
+int contributions(const ir::Graph& graph, ir::ValueId result);
+
 // The ops that compute `values`, which are seen from where the leaf is, without its conditions, operands before users:
 // those of the regions around it, and of `root_ops`, which are in order.
 std::vector<ir::OpId> ops_at(const ir::Graph& graph, const ScatterLeaf& leaf, std::span<const ir::OpId> root_ops,

@@ -264,6 +264,7 @@ std::string print(const Graph& graph, const Schedule& schedule) {
       if (pass.set_up_by >= 0)
         out += "    set up by " + step.passes[static_cast<size_t>(pass.set_up_by)].name +
                (pass.sets_up_again ? ", twice where listed\n" : "\n");
+      if (pass.keeps_terms) out += "    keeps terms\n";
       if (pass.join_lanes) out += "    join lanes\n";
       if (pass.relist) out += "    relist\n";
       if (!pass.no_rows.empty()) out += "    no rows: " + pass.no_rows + "\n";

@@ -95,6 +95,9 @@ struct Pass {
   int listed_by = -1;       // the earlier Map pass of the step that lists them; -1: a dispatch of its own does
   // What that pass does at an active element, too: the first run of exact sums, or all of a scatter by float atomics.
   bool joins_lister = false;
+  // The first run of exact sums, where the lister does it, keeps what elements add, as far as there is room: the second
+  // then need not compute it again.
+  bool keeps_terms = false;
   // Raster: the earlier Map pass of the step that its first dispatch runs too; -1: none. See set_up_in_raster.h.
   int set_up_by = -1;
   bool sets_up_again = false;  // and so does its second one, of each face that it walks

@@ -61,6 +61,36 @@ json json_of(const accuracy::Row& row) {
           {"pass", row.passes()}};
 }
 
+// One library function again, in place of its rows in the file.
+int measure_again(const std::string& path, const std::string& name, const std::string& wanted,
+                  const std::string& function) {
+  auto device = runtime::Device::open({wanted, false});
+  if (!device) stop(device.error());
+  json data = read(path);
+  if (!data.contains("devices") || !data["devices"].contains(name)) stop("no device " + name + " in " + path);
+  std::vector<accuracy::library::Function> some = accuracy::library::functions();
+  std::erase_if(some, [&](const accuracy::library::Function& f) { return f.name != function; });
+  if (some.empty()) stop("no library function '" + function + "'");
+  const std::string known = device->profile_name();
+  const std::vector<accuracy::library::Row> rows =
+      accuracy::library::measure(*device, some, {.profile = known.empty() ? "lavapipe" : known});
+  json all = json::array(), fresh = accuracy::library::to_json(rows);
+  for (json& row : data["devices"][name]["library"]) {
+    if (row["function"] != function) {
+      all.push_back(std::move(row));
+    } else if (!fresh.empty()) {
+      for (json& other : fresh) all.push_back(std::move(other));
+      fresh = json::array();
+    }
+  }
+  data["devices"][name]["library"] = std::move(all);
+  std::ofstream(path) << data.dump(1) << "\n";
+  for (const accuracy::library::Row& row : rows)
+    std::printf("%s %s: %g, %g allowed, at %s\n", row.function.c_str(), row.direction.c_str(), row.worst, row.bound,
+                row.worst_input.c_str());
+  return std::ranges::all_of(rows, [](const accuracy::library::Row& row) { return row.passes(); }) ? 0 : 1;
+}
+
 // The rows of library functions; how many are beyond their bounds goes to `failed`.
 json measure_library(const runtime::Device& device, const std::string& profile, int64_t samples, int& failed) {
   std::vector<accuracy::library::Function> functions = accuracy::library::functions();
@@ -261,6 +291,9 @@ int main(int argc, char** argv) {
   const int64_t samples = argc > 5 ? std::atoll(argv[5]) : int64_t{1} << 18;
   if (what == "document" && argc == 3) return document(argv[2]);
   if (what == "measure" && argc >= 4 && samples > 0) return measure(argv[2], argv[3], argc > 4 ? argv[4] : "", samples);
-  std::fputs("usage: bench_accuracy measure FILE NAME [DEVICE] [SAMPLES] | document FILE\n", stderr);
+  if (what == "again" && argc == 6) return measure_again(argv[2], argv[3], argv[4], argv[5]);
+  std::fputs(
+      "usage: bench_accuracy measure FILE NAME [DEVICE] [SAMPLES] | again FILE NAME DEVICE FUNCTION | document FILE\n",
+      stderr);
   return 2;
 }

@@ -3,7 +3,7 @@
 # table4.sh BUILD_FOLDER [ROUNDS [SIZE...]] [--device NAME] [--quick]: a frame of a fit by silhouettes (table4.dr), forward and backward: microseconds while
 # several are under way, for spheres of 682, 14,208 and 51,414 triangles, beside the same frame written by hand
 # (handwritten/), in turns in one process; exact sums and float atomics. The ratio is compiled over hand-written, the median
-# of ROUNDS rounds; `apart` is how far the gradients are, relative L2. --quick: 256² and 512², without the largest sphere.
+# of ROUNDS rounds; `waited for` is the time of a frame that is submitted and waited for; `apart` is how far the gradients are, relative L2. --quick: 256² and 512², without the largest sphere.
 set -euo pipefail
 source "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/suite.bash"
 suite table4 "$@"

@@ -208,6 +208,53 @@ TEST_CASE("lanes that join what they add give the same bits") {
   }
 }
 
+TEST_CASE("exact sums keep what few elements add, and compute again what finds no room") {
+  const auto path = (std::filesystem::path(DR_BUILD_DIR) / "scatter_kept_test.dr").string();
+  std::ofstream(path) << R"(edition 1;
+param tone : float[300];
+input where : float[S];
+input weight : float[S];
+fn pick(tone: float[300], x: float) -> float { sqrt(tone.at(int(x)) * tone.at(int(x) + 1)) }
+let blend = if weight > 0.0 { pick(tone, where) } else { 0.0 };
+let pull = grad(sum(blend * blend), tone);
+step run { tone <- tone - 1e-3 * pull; output blend, pull; }
+)";
+  constexpr size_t kElements = 40000;
+  std::mt19937 random(3);
+  std::uniform_real_distribution<float> place(-10, 310), share(0, 1), tone(0.5F, 2);
+  std::vector<float> where(kElements), tones(300);
+  for (float& x : where) x = place(random);
+  for (float& x : tones) x = tone(random);
+  const auto pull = [&](auto& program, const std::vector<float>& weight) {
+    must(program.bind("tone", Array::from_floats(tones)));
+    must(program.bind("where", Array::from_floats(where)));
+    must(program.bind("weight", Array::from_floats(weight)));
+    must(program.run("run"));
+    return must(program.output("run", "pull"));
+  };
+  for (const float active : {0.01F, 0.6F}) {  // of the elements; there is room for one in 32 and a thousand
+    std::vector<float> weight(kElements);
+    for (float& x : weight) x = share(random) < active ? share(random) : -1.0F;
+    auto reference = must(jit::ReferenceProgram::load(test::compile(path, "lavapipe", "exact")));
+    const Array truth = pull(reference, weight);
+    for (const auto& [name, device] : test::devices()) {
+      INFO(name << ", " << active << " of the elements");
+      jit::Options all;
+      all.profile = "swiftshader", all.scatter = "exact", all.ablate = {"active"};
+      auto unlisted = must(runtime::Program::load(device, test::compile(path, all)));
+      const Array expected = pull(unlisted, weight);
+      CHECK(distance(expected, truth) <= kTolerance);
+      for (const std::string& profile : {std::string("swiftshader"), joining("swiftshader")}) {
+        const auto bytes = test::compile(path, profile, "exact");
+        const auto bundle = std::get<bundle::BundleT>(bundle::read(bytes));
+        CHECK(std::ranges::any_of(bundle.resources, [](const auto& r) { return r->name.ends_with("_terms"); }));
+        auto program = must(runtime::Program::load(device, bytes));
+        CHECK(pull(program, weight).bytes == expected.bytes);
+      }
+    }
+  }
+}
+
 TEST_CASE("rows follow an index that is bound anew") {
   const auto path = (std::filesystem::path(DR_BUILD_DIR) / "scatter_test.dr").string();
   const auto sets = data_sets();

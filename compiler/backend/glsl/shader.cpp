@@ -306,6 +306,12 @@ std::string Shader::place_of(ValueId index_value, const std::string& index, cons
   return index;
 }
 
+std::string Shader::scatter(const Accumulator& accumulator, ValueId index_value, const std::string& index,
+                            const std::string& value) const {
+  return "scatter_" + accumulator.name + "(" + place_of(index_value, index, accumulator.extent) + ", " + value +
+         (accumulator.site < 0 ? "" : ", " + std::to_string(accumulator.site)) + ");";
+}
+
 void Shader::element_ops(const std::vector<ir::OpId>& ops) {
   for (ir::OpId id : ops) op(graph_.op(id));
 }
@@ -417,8 +423,7 @@ void Shader::op(const Op& op) {
       const auto it = accumulators_.find(op.results[0]);
       DR_ASSERT(it != accumulators_.end());
       const std::string index = use(op.operands[0]);
-      body_.line("scatter_" + it->second.name + "(" + place_of(op.operands[0], index, it->second.extent) + ", " +
-                 use(op.operands[1]) + ");");
+      body_.line(scatter(it->second, op.operands[0], index, use(op.operands[1])));
       return;
     }
     case OpKind::ReduceSum:
@@ -498,8 +503,7 @@ void Shader::yields(const Op& op, ir::RegionId region, const std::vector<std::st
         break;
       case Yield::Scatter:
         if (auto it = accumulators_.find(op.results[k]); parts[k].index.valid() && it != accumulators_.end())
-          body_.line("scatter_" + it->second.name + "(" + place_of(parts[k].index, all[k].index, it->second.extent) +
-                     ", " + y + ");");
+          body_.line(scatter(it->second, parts[k].index, all[k].index, y));
         break;
     }
   }

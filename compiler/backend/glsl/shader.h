@@ -22,6 +22,7 @@ struct Accumulator {
   std::string name;  // suffix of its functions: scatter_<name>(ivec3 place, T value)
   ir::Type type;
   ir::Extent extent;  // of the result
+  int site = -1;      // a third argument, unless negative
 };
 
 class Shader {
@@ -70,6 +71,9 @@ class Shader {
   void accumulate_into(ir::ValueId scatter_result, Accumulator accumulator) {
     accumulators_[scatter_result] = std::move(accumulator);
   }
+  // A statement that adds a value at an index to a result.
+  std::string scatter(const Accumulator& accumulator, ir::ValueId index_value, const std::string& index,
+                      const std::string& value) const;
   // The ivec3 place that an index expression names in an image of that extent.
   std::string place_of(ir::ValueId index_value, const std::string& index, const ir::Extent& extent) const;
 

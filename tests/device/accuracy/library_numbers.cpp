@@ -77,10 +77,14 @@ std::vector<Function> schedules() {
     return f;
   };
   Function exponential = schedule("exponential", 1e-6, 16 * u, true);
+  // The exponent e = log(last / first) progress is a product of quotients, of 2.5 last places each, and a logarithm's:
+  // it is off by 8 u |e|, and the power by as much of itself.
+  exponential.before = "  let part = optim.progress(steps);\n  let size = 1.0 + abs(log(last / first) * part);\n";
+  const char* const kExponent = "the exponent's own rounding, by two quotients";
   exponential.directions = {
-      relative("value", 16 * u, "the bound of pow, and two roundings"),
-      over("first", 16 * u, "abs(g * y / first)", "|y / first| |adjoint|", "of two terms that cancel at the end"),
-      relative("last", 16 * u, "like the value")};
+      over("value", 8 * u, "size * y", "(1 + |e|) y, e the exponent", kExponent),
+      over("first", 16 * u, "size * abs(g * y / first)", "(1 + |e|) |y / first| |adjoint|", kExponent),
+      over("last", 16 * u, "size * abs(g * part * y / last)", "(1 + |e|) progress |y / last| |adjoint|", kExponent)};
   Function cosine = schedule("cosine", -1e3, 8 * u, true);
   cosine.before = "  let angle = radians(90.0) * optim.progress(steps);\n";
   cosine.directions[0] = over("value", 8 * u, "(cos(angle) + 1e-7) * abs(first) + sin(angle) * abs(last)",
