@@ -83,7 +83,7 @@ int recompute_limit(const target::Profile& profile, bool fragment) {
 
 namespace {
 
-constexpr double kUnknownTrips = 8, kGroup = 64;
+constexpr double kUnknownTrips = 8, kReduceGroup = 64;
 // The share of a scatter's elements that add something, where only those run.
 constexpr double kActive = 0.125;
 
@@ -149,7 +149,7 @@ struct Model {
     switch (pass.kind) {
       case Pass::Kind::Map: return cost + work;
       case Pass::Kind::Reduce:
-        for (double n = count; n > kGroup; n /= kGroup) cost += costs.dispatch_ns;
+        for (double n = count; n > kReduceGroup; n /= kReduceGroup) cost += costs.dispatch_ns;
         return cost + work;
       case Pass::Kind::Scatter: {
         // A row's sources are read where the table says.

@@ -8,6 +8,12 @@
 
 namespace dr::ir {
 
+// Whether an op's results are combined out of what its regions yield.
+inline bool combines_yields(OpKind kind) { return kind == OpKind::If || kind == OpKind::Reduce; }
+
+// The elements that an op with regions runs them for.
+inline Extent domain_of(const Op& op) { return {op.attrs.dims[0], op.attrs.dims[1], op.attrs.dims[2]}; }
+
 // What a region yields for one result. `index` is valid for a Scatter of (index, value) only; a Scatter without one
 // yields an accumulation of an inner op on.
 struct Yielded {

@@ -28,10 +28,6 @@ using namespace ir;
 
 namespace {
 
-bool combines_yields(OpKind kind) { return kind == OpKind::If || kind == OpKind::Reduce; }
-
-Extent domain_of(const Op& op) { return {op.attrs.dims[0], op.attrs.dims[1], op.attrs.dims[2]}; }
-
 class Round {
  public:
   Round(const Graph& from, const Skips& skips)

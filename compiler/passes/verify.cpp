@@ -5,6 +5,7 @@
 #include <unordered_set>
 
 #include "compiler/ir/print.h"
+#include "compiler/ir/yields.h"
 #include "compiler/ops/op.h"
 #include "compiler/passes/passes.h"
 #include "compiler/topology/topology.h"
@@ -23,10 +24,6 @@ size_t region_count(OpKind kind) {
   if (kind == OpKind::Raster) return 3;
   return 0;
 }
-
-bool combines_yields(OpKind kind) { return kind == OpKind::If || kind == OpKind::Reduce; }
-
-Extent domain_of(const Op& op) { return {op.attrs.dims[0], op.attrs.dims[1], op.attrs.dims[2]}; }
 
 bool stretches_to(const Extent& extent, const Extent& domain) {
   const auto common = broadcast(extent, domain);

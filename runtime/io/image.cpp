@@ -74,7 +74,7 @@ const std::vector<float>& curve_of(int bits, bool linear) {
 }
 
 // For each output channel, the stored channel it comes from (-1: it is 1) and whether the curve applies.
-struct Source {
+struct ChannelSource {
   int channel = -1;
   bool curved = false;
 };
@@ -84,14 +84,16 @@ std::string_view channel_names(int channels) {
   return kNames[channels];
 }
 
-std::vector<Source> sources_of(int channels, bool linear, ImageChannels selected) {
+std::vector<ChannelSource> sources_of(int channels, bool linear, ImageChannels selected) {
   const bool colour = channels >= 3;
   const bool has_alpha = channels == 2 || channels == 4;
-  const Source alpha = {has_alpha ? channels - 1 : -1, false};
-  const auto value = [&](int channel, bool as_colour) { return Source{colour ? channel : 0, as_colour && !linear}; };
+  const ChannelSource alpha = {has_alpha ? channels - 1 : -1, false};
+  const auto value = [&](int channel, bool as_colour) {
+    return ChannelSource{colour ? channel : 0, as_colour && !linear};
+  };
   switch (selected) {
     case ImageChannels::AsStored: {
-      std::vector<Source> all;
+      std::vector<ChannelSource> all;
       for (int c = 0; c < (colour ? 3 : 1); ++c) all.push_back(value(c, colour));
       if (has_alpha) all.push_back(alpha);
       return all;
@@ -121,12 +123,12 @@ Picture decode(std::span<const uint8_t> file, const std::string& extension) {
 }
 
 // Writes the chosen channels of `picture` as floats.
-void convert(const Picture& picture, const std::vector<Source>& sources, float* out) {
+void convert(const Picture& picture, const std::vector<ChannelSource>& sources, float* out) {
   const auto pixels = static_cast<size_t>(picture.width * picture.height);
   const auto channels = static_cast<size_t>(picture.channels);
   const size_t count = sources.size();
   for (size_t k = 0; k < count; ++k) {
-    const Source source = sources[k];
+    const ChannelSource source = sources[k];
     if (source.channel < 0) {
       for (size_t i = 0; i < pixels; ++i) out[i * count + k] = 1.0f;
       continue;
@@ -204,7 +206,8 @@ Array read_images(const std::vector<std::string>& paths, const ImageOptions& opt
   for (size_t layer = 0; layer < paths.size(); ++layer) {
     const auto work = [&] {
       const Picture picture = decode(read_file(paths[layer]), extension_of(paths[layer]));
-      const std::vector<Source> sources = sources_of(picture.channels, picture.linear || options.raw, options.channels);
+      const std::vector<ChannelSource> sources =
+          sources_of(picture.channels, picture.linear || options.raw, options.channels);
       const int components = static_cast<int>(sources.size());
       check_components(components, picture.channels, options);
       if (layer == 0) {

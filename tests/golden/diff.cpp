@@ -19,7 +19,7 @@ struct Edit {
 };
 
 // Lines with their newline, so that a missing last one makes a difference.
-std::vector<std::string_view> lines_of(std::string_view text) {
+std::vector<std::string_view> lines_with_ends(std::string_view text) {
   std::vector<std::string_view> lines;
   while (!text.empty()) {
     const size_t newline = text.find('\n');
@@ -78,7 +78,7 @@ std::string range(size_t skipped, size_t count) {
 std::string unified_diff(std::string_view before, std::string_view after, const std::string& before_name,
                          const std::string& after_name) {
   if (before == after) return {};
-  const std::vector<Edit> edits = edits_between(lines_of(before), lines_of(after));
+  const std::vector<Edit> edits = edits_between(lines_with_ends(before), lines_with_ends(after));
   std::string text = "--- " + before_name + "\n+++ " + after_name + "\n";
   size_t before_line = 0;
   size_t after_line = 0;

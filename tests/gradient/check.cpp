@@ -49,7 +49,7 @@ void check_step(const Graph& graph, const Images& data, const std::string& step,
   }
 }
 
-const std::string& leaf_name(const Graph& graph, ValueId leaf) { return graph.op(graph.value(leaf).op).attrs.text; }
+const std::string& text_of_leaf(const Graph& graph, ValueId leaf) { return graph.op(graph.value(leaf).op).attrs.text; }
 
 }  // namespace
 
@@ -86,7 +86,7 @@ void check_gradients(Problem problem, ValueId y, const CheckOptions& options) {
   std::vector<std::pair<std::string, ValueId>> outputs;
   std::vector<std::string> names;
   for (size_t k = 0; k < adjoints.size(); ++k) {
-    names.push_back(leaf_name(b.graph(), problem.params[k]));
+    names.push_back(text_of_leaf(b.graph(), problem.params[k]));
     outputs.emplace_back("adjoint " + names.back(), adjoints[k]);
     CHECK(b.value(adjoints[k]).type == b.value(problem.params[k]).type);
     CHECK(b.value(adjoints[k]).extent == b.value(problem.params[k]).extent);
@@ -105,7 +105,8 @@ void check_gradients(Problem problem, ValueId y, const CheckOptions& options) {
     xs.push_back(w);
     const std::vector<ValueId> seconds = grad(b, along, ops::constant(b, ir::kFloat, 1.0), xs);
     outputs.clear();
-    for (size_t k = 0; k < xs.size(); ++k) outputs.emplace_back("adjoint " + leaf_name(b.graph(), xs[k]), seconds[k]);
+    for (size_t k = 0; k < xs.size(); ++k)
+      outputs.emplace_back("adjoint " + text_of_leaf(b.graph(), xs[k]), seconds[k]);
     add_step(b.graph(), "second value", {{"value", along}});
     add_step(b.graph(), "second", outputs);
   }

@@ -17,13 +17,6 @@ const std::vector<float> kQuadPositions = {0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 1, 0};
 const std::vector<float> kQuadUv = {0, 1, 1, 1, 1, 0, 0, 0};
 const std::vector<int32_t> kQuadIndices = {0, 1, 2, 0, 2, 3};
 
-Mesh load(const std::string& path) {
-  Result<Mesh> mesh = load_mesh(path);
-  INFO((mesh.ok() ? std::string() : mesh.error()));
-  REQUIRE(mesh.ok());
-  return std::move(*mesh);
-}
-
 void check_quad(const Mesh& mesh) {
   CHECK(mesh.positions == kQuadPositions);
   CHECK(mesh.uv == kQuadUv);

@@ -12,7 +12,7 @@ namespace {
 
 using namespace test;
 
-Array load(const std::string& source, int expected_components = 0) {
+Array load_array(const std::string& source, int expected_components = 0) {
   Result<Array> array = load_binding(source, expected_components);
   INFO((array.ok() ? std::string() : array.error()));
   REQUIRE(array.ok());
@@ -41,47 +41,49 @@ TEST_CASE("colour is made linear and alpha is not", "[io][image]") {
   const TemporaryFolder folder;
   const std::string path =
       folder.write("a.png", png_file(1, 2, 8, 6, row({0, 128, 255, 64}) + row({10, 11, 200, 255})));
-  const Array array = load(path);
+  const Array array = load_array(path);
   CHECK(array.components == 4);
   CHECK(array.width == 1);
   CHECK(array.height == 2);
   // The first row of the file is y = 0.
   CHECK(floats(array) == std::vector<float>{0, linear(128), 1, raw(64), linear(10), linear(11), linear(200), 1});
-  CHECK(floats(load(path + ":raw")) == std::vector<float>{0, raw(128), 1, raw(64), raw(10), raw(11), raw(200), 1});
-  CHECK(floats(load(path + ":rgb")) == std::vector<float>{0, linear(128), 1, linear(10), linear(11), linear(200)});
-  CHECK(floats(load(path + ":a")) == std::vector<float>{raw(64), 1});
-  CHECK(floats(load(path + ":r")) == std::vector<float>{0, linear(10)});
-  CHECK(floats(load(path + ":raw:r")) == std::vector<float>{0, raw(10)});
-  CHECK(floats(load(path + ":r:raw")) == std::vector<float>{0, raw(10)});
+  CHECK(floats(load_array(path + ":raw")) ==
+        std::vector<float>{0, raw(128), 1, raw(64), raw(10), raw(11), raw(200), 1});
+  CHECK(floats(load_array(path + ":rgb")) ==
+        std::vector<float>{0, linear(128), 1, linear(10), linear(11), linear(200)});
+  CHECK(floats(load_array(path + ":a")) == std::vector<float>{raw(64), 1});
+  CHECK(floats(load_array(path + ":r")) == std::vector<float>{0, linear(10)});
+  CHECK(floats(load_array(path + ":raw:r")) == std::vector<float>{0, raw(10)});
+  CHECK(floats(load_array(path + ":r:raw")) == std::vector<float>{0, raw(10)});
 }
 
 TEST_CASE("grey is data unless it is asked for as a colour", "[io][image]") {
   const TemporaryFolder folder;
   const std::string grey = folder.write("grey.png", png_file(2, 1, 8, 0, row({128, 255})));
-  CHECK(floats(load(grey, 1)) == std::vector<float>{raw(128), 1});
-  CHECK(floats(load(grey + ":r")) == std::vector<float>{raw(128), 1});
-  CHECK(floats(load(grey + ":rgb")) == std::vector<float>{linear(128), linear(128), linear(128), 1, 1, 1});
-  CHECK(floats(load(grey + ":raw:rgba")) == std::vector<float>{raw(128), raw(128), raw(128), 1, 1, 1, 1, 1});
+  CHECK(floats(load_array(grey, 1)) == std::vector<float>{raw(128), 1});
+  CHECK(floats(load_array(grey + ":r")) == std::vector<float>{raw(128), 1});
+  CHECK(floats(load_array(grey + ":rgb")) == std::vector<float>{linear(128), linear(128), linear(128), 1, 1, 1});
+  CHECK(floats(load_array(grey + ":raw:rgba")) == std::vector<float>{raw(128), raw(128), raw(128), 1, 1, 1, 1, 1});
 
   const std::string both = folder.write("both.png", png_file(1, 1, 8, 4, row({128, 7})));
-  CHECK(floats(load(both)) == std::vector<float>{raw(128), raw(7)});
-  CHECK(floats(load(both + ":a")) == std::vector<float>{raw(7)});
-  CHECK(floats(load(both + ":rgba")) == std::vector<float>{linear(128), linear(128), linear(128), raw(7)});
+  CHECK(floats(load_array(both)) == std::vector<float>{raw(128), raw(7)});
+  CHECK(floats(load_array(both + ":a")) == std::vector<float>{raw(7)});
+  CHECK(floats(load_array(both + ":rgba")) == std::vector<float>{linear(128), linear(128), linear(128), raw(7)});
 }
 
 TEST_CASE("a colour without alpha is opaque for :rgba", "[io][image]") {
   const TemporaryFolder folder;
   const std::string path = folder.write("a.png", png_file(1, 1, 8, 2, row({1, 2, 3})));
-  CHECK(load(path).components == 3);
-  CHECK(floats(load(path + ":raw:rgba", 4)) == std::vector<float>{raw(1), raw(2), raw(3), 1});
+  CHECK(load_array(path).components == 3);
+  CHECK(floats(load_array(path + ":raw:rgba", 4)) == std::vector<float>{raw(1), raw(2), raw(3), 1});
 }
 
 TEST_CASE("16-bit pictures keep their depth, small depths are scaled", "[io][image]") {
   const TemporaryFolder folder;
   const std::string deep = folder.write("deep.png", png_file(1, 1, 16, 0, row({0x80, 0x01})));
-  CHECK(floats(load(deep)) == std::vector<float>{static_cast<float>(0x8001 / 65535.0)});
+  CHECK(floats(load_array(deep)) == std::vector<float>{static_cast<float>(0x8001 / 65535.0)});
   const std::string mask = folder.write("mask.png", png_file(4, 1, 1, 0, row({0xa0})));
-  CHECK(floats(load(mask)) == std::vector<float>{1, 0, 1, 0});
+  CHECK(floats(load_array(mask)) == std::vector<float>{1, 0, 1, 0});
 }
 
 TEST_CASE("a palette gives colours, with alpha where the file has it", "[io][image]") {
@@ -90,16 +92,16 @@ TEST_CASE("a palette gives colours, with alpha where the file has it", "[io][ima
   const size_t header = png_header(2, 1, 8, 3).size();
   const std::string palette = png_chunk("PLTE", std::string("\x00\x00\x00\xff\x80\x00", 6));
   const std::string path = folder.write("p.png", whole.substr(0, header) + palette + whole.substr(header));
-  CHECK(floats(load(path)) == std::vector<float>{1, linear(128), 0, 0, 0, 0});
+  CHECK(floats(load_array(path)) == std::vector<float>{1, linear(128), 0, 0, 0, 0});
   const std::string alpha = png_chunk("tRNS", std::string("\x00", 1));
   const std::string clear = folder.write("t.png", whole.substr(0, header) + palette + alpha + whole.substr(header));
-  CHECK(floats(load(clear)) == std::vector<float>{1, linear(128), 0, 1, 0, 0, 0, 0});
+  CHECK(floats(load_array(clear)) == std::vector<float>{1, linear(128), 0, 1, 0, 0, 0, 0});
 }
 
 TEST_CASE("a JPEG is read by content, whatever its extension", "[io][image]") {
   const TemporaryFolder folder;
   for (const std::string_view name : {"a.jpg", "b.jpeg", "c.JPG", "d.png"}) {
-    const Array array = load(folder.write(name, jpeg_file()) + ":raw", 3);
+    const Array array = load_array(folder.write(name, jpeg_file()) + ":raw", 3);
     CHECK(array.width == 16);
     CHECK(array.height == 8);
     const auto scalars = array.as<float>();
@@ -110,7 +112,7 @@ TEST_CASE("a JPEG is read by content, whatever its extension", "[io][image]") {
 
 TEST_CASE("HDR pictures are linear as stored", "[io][image]") {
   const TemporaryFolder folder;
-  const Array array = load(folder.write("a.hdr", hdr_file()), 3);
+  const Array array = load_array(folder.write("a.hdr", hdr_file()), 3);
   CHECK(array.width == 8);
   CHECK(array.height == 2);
   const auto scalars = array.as<float>();
@@ -118,14 +120,14 @@ TEST_CASE("HDR pictures are linear as stored", "[io][image]") {
   CHECK(scalars[1] == 0.5f);
   CHECK(scalars[2] == 0.25f);
   CHECK(scalars[8 * 3 + 3 * 3] == 3 / 16.0f);
-  CHECK(floats(load(folder / "a.hdr:r"))[9] == 1 / 16.0f);
+  CHECK(floats(load_array(folder / "a.hdr:r"))[9] == 1 / 16.0f);
 
   // Without run-length coding, and with the old one: a pixel and a run of three more.
   const std::string header = "#?RGBE\n# comment\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=2\n\n-Y 1 +X 4\n";
   const std::string pixel = std::string("\x80\x40\x20\x82", 4);
   const std::vector<float> four = {2, 1, 0.5f, 2, 1, 0.5f, 2, 1, 0.5f, 2, 1, 0.5f};
-  CHECK(floats(load(folder.write("flat.hdr", header + pixel + pixel + pixel + pixel))) == four);
-  CHECK(floats(load(folder.write("old.hdr", header + pixel + std::string("\x01\x01\x01\x03", 4)))) == four);
+  CHECK(floats(load_array(folder.write("flat.hdr", header + pixel + pixel + pixel + pixel))) == four);
+  CHECK(floats(load_array(folder.write("old.hdr", header + pixel + std::string("\x01\x01\x01\x03", 4)))) == four);
 }
 
 TEST_CASE("a pattern stacks pictures in the order of their names", "[io][image]") {
@@ -135,11 +137,11 @@ TEST_CASE("a pattern stacks pictures in the order of their names", "[io][image]"
   folder.write("v/c10.png", png_file(1, 1, 8, 0, row({255})));
   folder.write("v/.hidden.png", "not a picture");
   folder.write("v/notes.txt", "not a picture");
-  const Array array = load(folder / "v/*.png", 1);
+  const Array array = load_array(folder / "v/*.png", 1);
   CHECK(array.layers == 3);
   CHECK(floats(array) == std::vector<float>{0, 0.2f, 1});
-  CHECK(load(folder / "v/?.png").layers == 2);
-  CHECK(load(folder / "v/c*0*.png:raw").layers == 1);
+  CHECK(load_array(folder / "v/?.png").layers == 2);
+  CHECK(load_array(folder / "v/c*0*.png:raw").layers == 1);
 }
 
 TEST_CASE("a picture survives a PNG file", "[io][image]") {
@@ -153,7 +155,7 @@ TEST_CASE("a picture survives a PNG file", "[io][image]") {
     }
     const Array array = Array::from_floats(values, components, 32, 8);
     REQUIRE(save_array(path, array).ok());
-    const Array back = load(path, components);
+    const Array back = load_array(path, components);
     CHECK(back.width == 32);
     CHECK(back.height == 8);
     CHECK(floats(back) == values);
@@ -167,25 +169,25 @@ TEST_CASE("layers become files that a pattern reads back in order", "[io][image]
   REQUIRE(save_array(folder / "x.png", Array::from_floats(values, 1, 1, 1, 12)).ok());
   CHECK(folder.names().front() == "x_00.png");
   CHECK(folder.names().back() == "x_11.png");
-  const Array back = load(folder / "x_*.png");
+  const Array back = load_array(folder / "x_*.png");
   CHECK(back.layers == 12);
   CHECK(floats(back) == values);
 
   REQUIRE(save_array(folder / "y.png", Array::from_floats(std::vector<float>{0, 1}, 1, 1, 1, 2)).ok());
-  CHECK(load(folder / "y_0.png").layers == 1);
+  CHECK(load_array(folder / "y_0.png").layers == 1);
 }
 
 TEST_CASE("values outside of 0 to 1 are clamped, bools are black and white", "[io][image]") {
   const TemporaryFolder folder;
   const float infinity = std::numeric_limits<float>::infinity();
   REQUIRE(save_array(folder / "x.png", Array::from_floats(std::vector<float>{-3, infinity, -infinity, 2})).ok());
-  CHECK(floats(load(folder / "x.png")) == std::vector<float>{0, 1, 0, 1});
+  CHECK(floats(load_array(folder / "x.png")) == std::vector<float>{0, 1, 0, 1});
   Array mask = Array::zeros(ElementKind::Bool, 1, 2);
   mask.bytes[1] = std::byte{1};
   REQUIRE(save_array(folder / "m.png", mask).ok());
-  CHECK(floats(load(folder / "m.png")) == std::vector<float>{0, 1});
+  CHECK(floats(load_array(folder / "m.png")) == std::vector<float>{0, 1});
   REQUIRE(save_array(folder / "d.png", Array::from_doubles(std::vector<double>{0.2})).ok());
-  CHECK(floats(load(folder / "d.png")) == std::vector<float>{0.2f});
+  CHECK(floats(load_array(folder / "d.png")) == std::vector<float>{0.2f});
 }
 
 }  // namespace

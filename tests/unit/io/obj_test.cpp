@@ -10,7 +10,7 @@ namespace {
 
 using test::TemporaryFolder;
 
-Mesh load(std::string_view text) {
+Mesh load_obj(std::string_view text) {
   const TemporaryFolder folder;
   Result<Mesh> mesh = load_mesh(folder.write("mesh.obj", text));
   INFO((mesh.ok() ? std::string() : mesh.error()));
@@ -19,7 +19,7 @@ Mesh load(std::string_view text) {
 }
 
 TEST_CASE("an OBJ polygon becomes a fan", "[io][obj]") {
-  const Mesh mesh = load("v 0 0 0\nv 1 0 0\nv 2 1 0\nv 1 2 0\nv 0 1 0\nf 1 2 3 4 5\n");
+  const Mesh mesh = load_obj("v 0 0 0\nv 1 0 0\nv 2 1 0\nv 1 2 0\nv 0 1 0\nf 1 2 3 4 5\n");
   CHECK(mesh.vertex_count() == 5);
   CHECK(mesh.indices == std::vector<int32_t>{0, 1, 2, 0, 2, 3, 0, 3, 4});
   CHECK(mesh.uv.empty());
@@ -27,18 +27,18 @@ TEST_CASE("an OBJ polygon becomes a fan", "[io][obj]") {
 }
 
 TEST_CASE("OBJ texture coordinates have their own indices and a top-left origin", "[io][obj]") {
-  const Mesh mesh = load("v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0.25\nvt 1\nf 1/1 2/2 3/1\n");
+  const Mesh mesh = load_obj("v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0.25\nvt 1\nf 1/1 2/2 3/1\n");
   CHECK(mesh.uv == std::vector<float>{0, 0.75f, 1, 1});
   CHECK(mesh.uv_indices == std::vector<int32_t>{0, 1, 0});
 }
 
 TEST_CASE("OBJ indices may count back and vertices may come late", "[io][obj]") {
-  const Mesh mesh = load("v 0 0 0\nv 1 0 0\nv 0 1 0\nf -3 -2 -1\nf 1 2 4\nv 5 5 5\n");
+  const Mesh mesh = load_obj("v 0 0 0\nv 1 0 0\nv 0 1 0\nf -3 -2 -1\nf 1 2 4\nv 5 5 5\n");
   CHECK(mesh.indices == std::vector<int32_t>{0, 1, 2, 0, 1, 3});
 }
 
 TEST_CASE("OBJ comments, blanks, joined lines and other line ends are read", "[io][obj]") {
-  const Mesh mesh = load(
+  const Mesh mesh = load_obj(
       "\xef\xbb\xbf# a file \\\r\no thing\r\n\r\n\tv +0 0 -0.5e0 # first\r\nv 1 \\\r\n 0 0\r\nv 0 1 0\r\n"
       "s off\nusemtl x\nl 1 2\nf 1 \\\n2 \\\n3");
   CHECK(mesh.vertex_count() == 3);
@@ -47,14 +47,14 @@ TEST_CASE("OBJ comments, blanks, joined lines and other line ends are read", "[i
 }
 
 TEST_CASE("numbers too small for a float are zero", "[io][obj]") {
-  const Mesh mesh = load("v 1e-400 0 0\nv 1 1e-60 0\nv 0 1 0\nf 1 2 3\n");
+  const Mesh mesh = load_obj("v 1e-400 0 0\nv 1 1e-60 0\nv 0 1 0\nf 1 2 3\n");
   CHECK(mesh.positions[0] == 0);
   CHECK(mesh.positions[4] == 0);
 }
 
 TEST_CASE("an OBJ vertex gets the mean of its different normals", "[io][obj]") {
   // Vertex 1 is used with +z twice and with +x once: the mean of the two, however often each is named.
-  const Mesh mesh = load(
+  const Mesh mesh = load_obj(
       "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvn 0 0 2\nvn 1 0 0\n"
       "f 1//1 2//1 3//1\nf 1//1 3//1 4//1\nf 1//2 4//2 3//2\n");
   REQUIRE(mesh.normals.size() == 12);
@@ -65,13 +65,13 @@ TEST_CASE("an OBJ vertex gets the mean of its different normals", "[io][obj]") {
 }
 
 TEST_CASE("what only part of an OBJ file has is left out", "[io][obj]") {
-  const Mesh mesh = load("v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/1 2/1 3/1\nf 3 2 1\n");
+  const Mesh mesh = load_obj("v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/1 2/1 3/1\nf 3 2 1\n");
   CHECK(mesh.uv.empty());
   CHECK(mesh.uv_indices.empty());
 }
 
 TEST_CASE("OBJ vertices may carry colours", "[io][obj]") {
-  const Mesh mesh = load("v 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 0 1 0 0 0 0.5\nf 1 2 3\n");
+  const Mesh mesh = load_obj("v 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 0 1 0 0 0 0.5\nf 1 2 3\n");
   CHECK(mesh.colors == std::vector<float>{1, 0, 0, 1, 0, 1, 0, 1, 0, 0, 0.5f, 1});
 }
 

@@ -33,13 +33,6 @@ struct Expected {
   int64_t uv;  // 0: none
 };
 
-Mesh load(const std::string& path) {
-  Result<Mesh> mesh = load_mesh(path);
-  INFO((mesh.ok() ? std::string() : mesh.error()));
-  REQUIRE(mesh.ok());
-  return std::move(*mesh);
-}
-
 TEST_CASE("real meshes have the counts that other tools find", "[io][data]") {
   const auto data = real_data();
   if (!data) return;

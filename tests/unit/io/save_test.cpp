@@ -30,13 +30,6 @@ Mesh seam() {
   return mesh;
 }
 
-Mesh load(const std::string& path) {
-  Result<Mesh> mesh = load_mesh(path);
-  INFO((mesh.ok() ? std::string() : mesh.error()));
-  REQUIRE(mesh.ok());
-  return std::move(*mesh);
-}
-
 void save(const std::string& path, const MeshView& mesh) {
   const Result<void> saved = save_mesh(path, mesh);
   INFO((saved.ok() ? std::string() : saved.error()));

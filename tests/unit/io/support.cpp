@@ -11,6 +11,8 @@
 #include <iterator>
 #include <random>
 
+#include "tests/catch.h"
+
 namespace dr::io::test {
 namespace fs = std::filesystem;
 
@@ -81,6 +83,13 @@ std::vector<std::string> TemporaryFolder::names() const {
 std::string read_text(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
   return {std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
+}
+
+Mesh load(const std::string& path) {
+  Result<Mesh> mesh = load_mesh(path);
+  INFO((mesh.ok() ? std::string() : mesh.error()));
+  REQUIRE(mesh.ok());
+  return std::move(*mesh);
 }
 
 std::optional<std::string> data_folder() {

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "runtime/io/array.h"
+#include "runtime/io/mesh.h"
 
 namespace dr::io::test {
 
@@ -34,6 +35,9 @@ class TemporaryFolder {
 };
 
 std::string read_text(const std::string& path);
+
+// The mesh of a file, which must be right.
+Mesh load(const std::string& path);
 
 // The folder with real test data, when there is one.
 std::optional<std::string> data_folder();

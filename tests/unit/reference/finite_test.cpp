@@ -1,15 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tracing a NaN or Inf to the op that made it.
 #include <cmath>
-#include <limits>
 
 #include "tests/catch.h"
 #include "tests/unit/reference/support.h"
 
 namespace dr::reference_test {
 namespace {
-
-const double kInfinity = std::numeric_limits<double>::infinity();
 
 reference::Options checked(reference::CheckFinite check = reference::CheckFinite::Results) {
   reference::Options options;

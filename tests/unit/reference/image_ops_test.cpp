@@ -1,16 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // Sources, element-wise ops and whole-image ops of the root, against images computed by hand.
 #include <cmath>
-#include <limits>
 
 #include "tests/catch.h"
 #include "tests/unit/reference/support.h"
 
 namespace dr::reference_test {
 namespace {
-
-const double kInfinity = std::numeric_limits<double>::infinity();
-const double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 // 1 2 3      11 12 13
 // 4 5 6      14 15 16

@@ -3,16 +3,12 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
-#include <limits>
 
 #include "tests/catch.h"
 #include "tests/unit/reference/support.h"
 
 namespace dr::reference_test {
 namespace {
-
-const double kInfinity = std::numeric_limits<double>::infinity();
-const double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 // Faces are given by corners, depth, tag and cull; `keep` holds inside the closed triangle of positive turn.
 struct Faces {

@@ -1,16 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // If and Reduce, alone and in each other, and what they scatter.
 #include <cmath>
-#include <limits>
 
 #include "tests/catch.h"
 #include "tests/unit/reference/support.h"
 
 namespace dr::reference_test {
 namespace {
-
-const double kInfinity = std::numeric_limits<double>::infinity();
-const double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 TEST_CASE("if takes each element's branch, captures stretch") {
   const Images out =

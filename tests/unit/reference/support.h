@@ -2,6 +2,7 @@
 // Small programs in the graph's text form, run on small images.
 #pragma once
 
+#include <limits>
 #include <map>
 #include <string>
 #include <string_view>
@@ -32,5 +33,8 @@ Image result(std::string_view text, const Images& leaves, const reference::Optio
 reference::EvalError error(const ir::Graph& graph, const Images& leaves, const reference::Options& options = {});
 
 using Numbers = std::vector<double>;
+
+inline constexpr double kInfinity = std::numeric_limits<double>::infinity();
+inline constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 }  // namespace dr::reference_test
