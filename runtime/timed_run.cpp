@@ -17,13 +17,16 @@ std::vector<std::string> lines_of(const bundle::BundleT& bundle, const bundle::S
 
 namespace {
 
-// The list that a dispatch runs for, if it does: a scratch buffer. Its words are as compiler/backend/generate.h has
-// them, 3 one more than the elements on it.
-std::optional<uint32_t> list_of(const Primitive& p) {
+// The list that a dispatch runs for, if it does: a scratch buffer. Its words are as compiler/backend/element_lists.h
+// has them, 3 one more than the elements on it. A dispatch that walks a list in a loop takes no size from it.
+std::optional<uint32_t> list_of(const bundle::BundleT& bundle, const Primitive& p) {
   for (const Access& a : p.accesses)
     if (a.use == Use::IndirectRead) return a.resource;
+  for (const Access& a : p.accesses)
+    if (a.use == Use::ComputeRead && bundle.resources[a.resource]->name.ends_with("_active")) return a.resource;
   return std::nullopt;
 }
+constexpr int64_t kListHead = 4;
 constexpr vk::DeviceSize kListEnd = 3 * sizeof(uint32_t);
 
 }  // namespace
@@ -45,7 +48,7 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
   std::vector<std::optional<uint32_t>> lists, draws;
   uint32_t list_count = 0, draw_count = 0;
   for (const Primitive* p : chosen) {
-    lists.push_back(list_of(*p));
+    lists.push_back(list_of(bundle, *p));
     if (lists.back()) ++list_count;
     const bool counts = device->pipeline_statistics && table.commands[p->first]->kind == bundle::CommandKind::Draw;
     draws.push_back(counts ? std::optional(draw_count++) : std::nullopt);
@@ -115,9 +118,11 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
     if (draws[k]) t.fragments = static_cast<int64_t>(drawn[*draws[k]]);
     if (!lists[k]) continue;
     const bundle::CommandT& command = *table.commands[chosen[k]->first];
-    t.list = bundle.resources[*lists[k]]->name.ends_with("_heavy") ? "branches" : "active";
+    const bundle::ResourceT& elements = *bundle.resources[*lists[k]];
+    t.list = elements.name.ends_with("_heavy") ? "branches" : "active";
     t.listed = int64_t{list_ends[list++]} - 1;
-    t.elements = sizes.evaluate(command.elements, "pass '" + command.label + "'");
+    t.elements = command.indirect >= 0 ? sizes.evaluate(command.elements, "pass '" + command.label + "'")
+                                       : sizes.evaluate(elements.extent->w, elements.name) - kListHead;
   }
   return out;
 }
