@@ -306,8 +306,7 @@ void Generator::scatter_where_listed(Shader& s, const Pass& pass, const Pass& sc
   for (const ir::OpId id : element_ops(scatter))
     if (!s.is_defined(graph_.op(id).results[0])) s.element_ops({id});
   if (fixed) {
-    if (!keeps) s.body().line("if (adds != 0u) {");
-    if (!keeps) s.body().line(list() + ";");
+    if (!keeps) s.body().line("if (adds != 0u) {\n    " + list() + ";");
     for (const ValueId v : pass.partial) s.store(v, "at", s.use(v));
     if (!keeps) s.body().line("}");
   }

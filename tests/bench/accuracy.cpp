@@ -2,6 +2,7 @@
 // The accuracy table measured on devices, and docs/accuracy.md from it.
 //
 //   bench_accuracy measure FILE NAME [DEVICE] [SAMPLES]   one device, as NAME; its figures replace those in FILE
+//   bench_accuracy again FILE NAME DEVICE FUNCTION        one function of the library, in place of its rows there
 //   bench_accuracy document FILE > docs/accuracy.md       all devices of FILE
 #include <algorithm>
 #include <cmath>
@@ -61,6 +62,12 @@ json json_of(const accuracy::Row& row) {
           {"pass", row.passes()}};
 }
 
+// The profile that a device is compiled for.
+std::string profile_of(const runtime::Device& device) {
+  const std::string known = device.profile_name();
+  return known.empty() ? "lavapipe" : known;
+}
+
 // One library function again, in place of its rows in the file.
 int measure_again(const std::string& path, const std::string& name, const std::string& wanted,
                   const std::string& function) {
@@ -71,9 +78,8 @@ int measure_again(const std::string& path, const std::string& name, const std::s
   std::vector<accuracy::library::Function> some = accuracy::library::functions();
   std::erase_if(some, [&](const accuracy::library::Function& f) { return f.name != function; });
   if (some.empty()) stop("no library function '" + function + "'");
-  const std::string known = device->profile_name();
   const std::vector<accuracy::library::Row> rows =
-      accuracy::library::measure(*device, some, {.profile = known.empty() ? "lavapipe" : known});
+      accuracy::library::measure(*device, some, {.profile = profile_of(*device)});
   json all = json::array(), fresh = accuracy::library::to_json(rows);
   for (json& row : data["devices"][name]["library"]) {
     if (row["function"] != function) {
@@ -115,8 +121,7 @@ json measure_library(const runtime::Device& device, const std::string& profile, 
 int measure(const std::string& path, const std::string& name, const std::string& wanted, int64_t samples) {
   auto device = runtime::Device::open({wanted, false});
   if (!device) stop(device.error());
-  const std::string known = device->profile_name();
-  const std::string profile = known.empty() ? "lavapipe" : known;
+  const std::string profile = profile_of(*device);
   const std::vector<accuracy::Case> cases = accuracy::cases();
   json both = json::object();
   int failed = 0;
