@@ -4,6 +4,7 @@
 
 #include <algorithm>
 
+#include "compiler/backend/glsl/divisors.h"
 #include "compiler/backend/raster_entries.h"
 #include "compiler/ir/yields.h"
 #include "compiler/ops/native.h"
@@ -323,66 +324,6 @@ std::vector<std::string> Shader::region(ir::RegionId id) {
   for (ValueId v : region.yields) out.push_back(graph_.value(v).accumulation ? std::string() : use(v));
   return out;
 }
-
-namespace {
-
-// Whether every lane of every run has the same number, known when the pipeline is made.
-bool is_known_to_driver(const ir::Graph& graph, ValueId v) {
-  if (!graph.value(v).op.valid()) return false;
-  const Op& op = graph.op(graph.value(v).op);
-  if (op.kind == OpKind::Const || op.kind == OpKind::DimValue) return true;
-  return !op.operands.empty() && op.regions.empty() && ops::info(op.kind).glsl != nullptr &&
-         std::all_of(op.operands.begin(), op.operands.end(), [&](ValueId x) { return is_known_to_driver(graph, x); });
-}
-
-// Whether `v` is hidden from the driver where something is divided by it, which else may make something else of the
-// quotient. lavapipe's gives garbage for one by a zero that it sees at compile time; NVIDIA's takes x / sqrt(y) for x
-// inversesqrt(y), a quotient by a known number for a product with its inverse, and 1 / (1 / x) for x, also of what is
-// precise. Where the divisor comes from another shader it cannot, and the bits would depend on how ops are packed: in
-// the profile `native` they may.
-bool hide_as_divisor(const ir::Graph& graph, ValueId v, bool native) {
-  if (!graph.value(v).op.valid()) return false;
-  const Op& op = graph.op(graph.value(v).op);
-  switch (op.kind) {
-    case OpKind::Const:  // known in every shader
-      return std::find(op.attrs.floats.begin(), op.attrs.floats.end(), 0.0) != op.attrs.floats.end();
-    case OpKind::Sqrt:
-    case OpKind::InverseSqrt:
-    case OpKind::Div: return !native;
-    case OpKind::Broadcast:
-    case OpKind::Splat:
-    case OpKind::Extract:
-    case OpKind::Compose:
-      return std::any_of(op.operands.begin(), op.operands.end(),
-                         [&](ValueId x) { return hide_as_divisor(graph, x, native); });
-    default: return is_known_to_driver(graph, v);
-  }
-}
-
-// Whether `v` is surely no larger than 2^126 and a few bits, up to which devices divide as they should.
-bool is_moderate(const ir::Graph& graph, ValueId v) {
-  constexpr double kLarge = 8e37;
-  if (!graph.value(v).op.valid()) return false;
-  const Op& op = graph.op(graph.value(v).op);
-  const auto are_moderate = [&](std::span<const ValueId> values) {
-    return std::ranges::all_of(values, [&](ValueId x) { return is_moderate(graph, x); });
-  };
-  switch (op.kind) {
-    case OpKind::Const: return std::ranges::all_of(op.attrs.floats, [](double x) { return std::abs(x) < kLarge; });
-    case OpKind::DimValue:
-    case OpKind::Sqrt:
-    case OpKind::InverseSqrt: return true;
-    case OpKind::Convert: return !graph.value(op.operands[0]).type.is_float();
-    case OpKind::Broadcast:
-    case OpKind::Splat:
-    case OpKind::Extract:
-    case OpKind::Compose: return are_moderate(op.operands);
-    case OpKind::Select: return are_moderate(std::span(op.operands).subspan(1));
-    default: return false;
-  }
-}
-
-}  // namespace
 
 void Shader::op(const Op& op) {
   switch (op.kind) {
