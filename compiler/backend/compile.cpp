@@ -159,8 +159,10 @@ std::variant<Compiled, std::string> compile(const ir::Graph& graph, const target
   const bool naive = !packing.fused && !packing.recompute && !packing.stages;
   bundle.lowering = std::string(naive ? "naive," : "fused,") + (packing.fragment ? "fragment," : "compute,") +
                     (packing.hardware_raster ? "hardware" : "compute");
-  Generator(graph, out.schedule, profile, options).process(bundle, out.glsl);
+  Generator generator(graph, out.schedule, profile, options);
+  generator.process(bundle, out.glsl);
   find_dependencies(bundle);
+  generator.clear_together();
   plan_memory(bundle);
   if (!options.share_memory)
     for (uint32_t k = 0; k < bundle.resources.size(); ++k) bundle.resources[k]->slot = k;

@@ -28,10 +28,15 @@ class Generator {
         list_branches_(options.list_branches),
         native_floats_(options.native_floats) {}
   void process(bundle::BundleT& bundle, std::vector<GlslShader>& shaders);
+  // Then, when find_dependencies() has said what runs together: several fills of a step become one dispatch, where that
+  // is faster (generate_clears.cpp).
+  void clear_together();
 
  private:
   void step(const StepSchedule& step);
   void list_needs(const StepSchedule& schedule);
+  // `fills`: places of commands of the step; the dispatch takes that of the first.
+  void clear_by_dispatch(const std::vector<size_t>& fills);
   // The step's counter goes on, on the device.
   void count_on();
   // Source lines behind the ops of a pass, and of what sets it up; they go into the commands made next.
@@ -172,6 +177,8 @@ class Generator {
   std::set<uint32_t> step_tables_;  // leaves
 };
 
+// Lanes of a subgroup from which on a device is a GPU.
+inline constexpr uint32_t kWideSubgroup = 16;
 // How many elements of a list have room for what they add (Pass::keeps_terms): few add something to a sum whose
 // elements are listed, and those beyond are computed again.
 ir::Dim room_for_terms(const ir::Extent& domain);

@@ -26,7 +26,6 @@ struct Bins {
 constexpr Bins kGpu{16, 4096, 1 << 17, 1 << 16};
 constexpr Bins kCpu{64, 4096, 1 << 13, 1 << 12};
 constexpr int kLargeTeam = 1024;  // invocations that share a large face at least
-constexpr uint32_t kWideSubgroup = 16;
 
 struct Walk {
   const ir::Graph& graph;
@@ -192,7 +191,7 @@ void Generator::raster_compute(const Pass& pass, const ir::Op& op) {
   const uint32_t lists = binned ? add_scratch(pass.name + "_lists", (faces * Dim(2) + Dim(2)).str()) : keys;
   fill("clear " + pass.name, keys, 0xffffffffu);
   if (!wide) fill("clear " + pass.name + " faces", ids, 0xffffffffu);
-  if (binned) fill("clear " + pass.name + " lists", lists, 0);
+  if (binned) fill("clear " + pass.name + " lists", lists, 0, "2");
 
   // A power of two, so that teams share the invocations evenly whatever the profile says.
   const uint32_t lanes = std::bit_floor(std::min(profile_.subgroup_size, 128u));

@@ -166,15 +166,20 @@ TEST_CASE("every lowering of scatter_add sums what breaks sums") {
   }
 }
 
+// A file with a profile.
+std::string written(const target::Profile& profile, const std::string& name) {
+  const auto path = (std::filesystem::path(DR_BUILD_DIR) / (name + "_" + profile.name + ".json")).string();
+  std::ofstream(path) << target::write_profile(profile);
+  return path;
+}
+
 // A built-in profile as of a GPU with dear atomics, on which lanes join what they add.
 std::string joining(const std::string& profile) {
   auto p = std::get<target::Profile>(target::load_profile(profile));
   p.subgroup_arithmetic = true;
   p.costs.atomic_add_ns = 1000;
   p.costs.compute_operations_per_ns = 1000;
-  const auto path = (std::filesystem::path(DR_BUILD_DIR) / ("joining_" + profile + ".json")).string();
-  std::ofstream(path) << target::write_profile(p);
-  return path;
+  return written(p, "joining");
 }
 
 TEST_CASE("lanes that join what they add give the same bits") {
@@ -203,6 +208,56 @@ TEST_CASE("lanes that join what they add give the same bits") {
         INFO(name << ", profile " << profile << ": " << data.name);
         auto one = must(runtime::Program::load(device, apart)), other = must(runtime::Program::load(device, joined));
         CHECK(same_bits(run(one, data), run(other, data)));
+      }
+    }
+  }
+}
+
+TEST_CASE("one dispatch clears what is needed together") {
+  const auto path = (std::filesystem::path(DR_BUILD_DIR) / "scatter_cleared_test.dr").string();
+  std::ofstream(path) << R"(edition 1;
+input index : ivec2[S];
+input x : vec2[S];
+param tone : vec2[300] = vec2(1.0);
+let first = scatter_add(index.x, x, 300);
+let second = scatter_add(index.y, x.x, 300);
+let largest = scatter_max(index.x, index.y, 300);
+let moving = scatter_add(index.x, x * tone.at(index.y), 300);
+let folded = scatter_add(index.y, x.y * moving.at(index.x).x, 300);
+step run { tone <- tone - 1e-3 * moving; output first, second, largest, moving, folded; }
+)";
+  auto gpu = std::get<target::Profile>(target::load_profile("swiftshader"));
+  gpu.subgroup_size = 32;
+  const auto by_fills = compile(path, "swiftshader", "exact"),
+             by_dispatch = compile(path, written(gpu, "wide"), "exact");
+  const auto clears = [](const std::vector<uint8_t>& bytes, bundle::CommandKind kind) {
+    const auto bundle = std::get<bundle::BundleT>(bundle::read(bytes));
+    return std::ranges::count_if(bundle.steps[0]->commands,
+                                 [&](const auto& c) { return c->kind == kind && c->label.starts_with("clear "); });
+  };
+  CHECK(clears(by_fills, bundle::CommandKind::Fill) == 5);
+  CHECK(clears(by_fills, bundle::CommandKind::Dispatch) == 0);
+  // Of every run, and of those after a leaf was bound anew: `largest` does not depend on `x`.
+  CHECK(clears(by_dispatch, bundle::CommandKind::Fill) == 1);
+  CHECK(clears(by_dispatch, bundle::CommandKind::Dispatch) == 2);
+  Data data = data_sets()[1];
+  for (const auto& [name, device] : test::devices()) {
+    auto one = must(runtime::Program::load(device, by_fills)),
+         other = must(runtime::Program::load(device, by_dispatch));
+    for (int bound = 0; bound < 3; ++bound) {
+      INFO(name << ", binding " << bound);
+      std::ranges::reverse(data.index);
+      for (auto* program : {&one, &other}) {
+        must(program->bind("index", Array::from_ints(data.index, 2)));
+        must(program->bind("x", Array::from_floats(data.x, 2)));
+      }
+      for (int again = 0; again < 3; ++again) {
+        must(one.run("run"));
+        must(other.run("run"));
+        for (const char* output : {"first", "second", "largest", "moving", "folded"}) {
+          INFO(output);
+          CHECK(must(one.output("run", output)).bytes == must(other.output("run", output)).bytes);
+        }
       }
     }
   }
