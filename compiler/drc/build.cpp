@@ -36,7 +36,14 @@ class Stages {
   bool has_messages() const { return has_messages_; }
 
   const ir::Graph* lowered() {
-    if (!graph_tried_) graph_ = load_graph(options_.input, sources_, &has_messages_);
+    if (!graph_tried_ && profile()) {
+      InputOptions input = options_.input;
+      std::vector<std::string> defines;
+      for (const auto& [name, value] : backend::skip_defines(options_.ablate, *profile()))
+        defines.push_back(name + "=" + value);
+      input.defines.insert(input.defines.begin(), defines.begin(), defines.end());  // the last one counts
+      graph_ = load_graph(input, sources_, &has_messages_);
+    }
     graph_tried_ = true;
     return graph_ ? &*graph_ : nullptr;
   }

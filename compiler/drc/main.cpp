@@ -214,8 +214,6 @@ int main(int argc, char** argv) {
   }
   build_options.cache = !no_cache;
   build_options.ablate.insert(build_options.ablate.end(), no_skip.begin(), no_skip.end());
-  for (const auto& [name, value] : backend::skip_defines(no_skip))
-    build_options.input.defines.push_back(name + "=" + value);
   if (passes_option->count() > 0) build_options.passes = passes;
   if (finite_option->count() > 0) eval_options.check_finite = check_finite.empty() ? "all" : check_finite;
   if (report_option->count() > 0) {

@@ -28,7 +28,7 @@ std::variant<std::vector<uint8_t>, std::string> compile_text(const std::string& 
   dsl::SourceManager sources;
   dsl::DiagnosticList diagnostics;
   auto defines = options.defines;
-  for (auto& define : backend::skip_defines(options.ablate)) defines.insert(std::move(define));
+  for (auto& define : backend::skip_defines(options.ablate, profile)) defines.insert(std::move(define));
   const auto graph = lower::lower(sources, sources.add(name, text), {options.include_dirs, defines}, diagnostics);
   if (!graph) return dsl::format(diagnostics, sources);
   passes::PipelineOptions pipeline;
