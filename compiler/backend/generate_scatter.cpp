@@ -268,9 +268,13 @@ std::string Generator::declare_target(Shader& s, const Pass& pass, const Target&
     const std::string buffer = s.bind(step_->stored.at(t.sum.value), bundle::Access::ReadWrite);
     if (r.type.is_float()) s.extension("GL_EXT_shader_atomic_float");
     if (runs == Runs::Both) body = "  if (pc.a == 0) return;\n";  // needs no first run
-    for (int c = 0; c < n; ++c)
-      body += std::string("  ") + (maximum ? "atomicMax(" : "atomicAdd(") + buffer + ".d[element * " +
-              std::to_string(n) + " + " + std::to_string(c) + "], " + component(r.type, "value", c) + ");\n";
+    // Elements that add nothing may all name one element, such as the first, and would wait for each other there.
+    const bool tests = r.type.is_float() && !profile_.lanes_in_turn;
+    for (int c = 0; c < n; ++c) {
+      const std::string x = component(r.type, "value", c);
+      body += "  " + (tests ? "if (" + x + " != 0.0) " : std::string()) + (maximum ? "atomicMax(" : "atomicAdd(") +
+              buffer + ".d[element * " + std::to_string(n) + " + " + std::to_string(c) + "], " + x + ");\n";
+    }
   }
   const bool keeps = t.terms != 0 && runs == Runs::First;
   s.declare("void add_" + id + "(int element, " + r.type.str() + " value" + (keeps ? ", int site" : "") + ") {\n" +

@@ -4,6 +4,7 @@
 #include <set>
 
 #include "compiler/backend/compile.h"
+#include "compiler/backend/skips.h"
 #include "compiler/backend/spirv.h"
 #include "compiler/ir/parse.h"
 #include "tests/catch.h"
@@ -114,6 +115,20 @@ std::pair<size_t, size_t> arithmetic_of(const std::vector<uint32_t>& code) {
 }
 
 }  // namespace
+
+TEST_CASE("the library's soft work is left out where finding it takes less than doing it") {
+  using Defines = std::vector<std::pair<std::string, std::string>>;
+  const Defines outlines{{"std.hardsoftras.outlines_skips", "false"}};
+  const Defines both{{"std.hardsoftras.skips", "false"}, outlines[0]};
+  const auto defines = [](const std::vector<std::string>& off, const char* profile) {
+    return skip_defines(off, std::get<target::Profile>(target::load_profile(profile)));
+  };
+  CHECK(defines({}, "lavapipe").empty());
+  CHECK(defines({}, "arm-mali-g76").empty());
+  CHECK(defines({}, "nvidia-h200") == outlines);
+  CHECK(defines({"dead", "soft"}, "lavapipe") == both);
+  CHECK(defines({"soft"}, "nvidia-h200") == both);
+}
 
 TEST_CASE("every float instruction is decorated NoContraction") {
   const ir::Graph g = graph();
