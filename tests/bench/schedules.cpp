@@ -20,6 +20,7 @@
 #include "compiler/backend/compile.h"
 #include "compiler/backend/report.h"
 #include "compiler/backend/shader_cache.h"
+#include "compiler/backend/skips.h"
 #include "compiler/lower/lower.h"
 #include "compiler/passes/passes.h"
 #include "compiler/target/profile.h"
@@ -47,14 +48,16 @@ std::pair<std::string, std::string> split(const std::string& argument) {
   return {argument.substr(0, at), argument.substr(at + 1)};
 }
 
-ir::Graph graph_of(const std::string& path) {
+ir::Graph graph_of(const std::string& path, const target::Profile& profile) {
   std::ifstream file(path, std::ios::binary);
   std::stringstream text;
   text << file.rdbuf();
   if (!file) stop("cannot read '" + path + "'");
   dsl::SourceManager sources;
   dsl::DiagnosticList diagnostics;
-  const auto graph = lower::lower(sources, sources.add(path, text.str()), {}, diagnostics);
+  lower::Options options;
+  for (auto& define : backend::skip_defines({}, profile)) options.defines.insert(std::move(define));
+  const auto graph = lower::lower(sources, sources.add(path, text.str()), options, diagnostics);
   if (!graph) stop(dsl::format(diagnostics, sources));
   passes::PipelineOptions pipeline;
   pipeline.verify_each = false;
@@ -87,7 +90,6 @@ void tables(std::FILE* file, const std::string& program, const std::vector<std::
     const auto [name, value] = split(argument);
     symbols[name] = std::atoll(value.c_str());
   }
-  const ir::Graph graph = graph_of(program);
   const std::vector<std::pair<const char*, Way>> ways = {
       {"full", {}},
       {"-stages", {.ablate = {"stages"}}},
@@ -97,9 +99,11 @@ void tables(std::FILE* file, const std::string& program, const std::vector<std::
       {"naive", {.pack = "naive"}},
   };
   // What a way gives of a step, by step, in the order of profiles and ways.
-  std::vector<std::vector<std::string>> lines(graph.steps.size());
+  std::vector<std::vector<std::string>> lines;
   for (const std::string& name : target::builtin_profiles()) {
     const auto profile = must(target::load_profile(name));
+    const ir::Graph graph = graph_of(program, profile);
+    lines.resize(graph.steps.size());
     for (const auto& [title, way] : ways) {
       const backend::Report report = must(backend::report(graph, compile(graph, profile, way), profile, symbols));
       for (size_t s = 0; s < report.steps.size(); ++s) {
@@ -185,7 +189,7 @@ void order(std::FILE* file, size_t every, const std::string& wanted, const std::
   const auto device = must(runtime::Device::open({wanted, false}));
   const std::string name = device.profile_name().empty() ? "lavapipe" : device.profile_name();
   const auto profile = must(target::load_profile(name));
-  const ir::Graph graph = graph_of(program);
+  const ir::Graph graph = graph_of(program, profile);
   std::printf("%s, profile %s\n%-52s %12s %12s\n", device.info().name.c_str(), name.c_str(), "schedule", "predicted ms",
               "measured ms");
   const std::string step = graph.steps[0].name;
