@@ -55,10 +55,16 @@ float dr_tan(float x) {
 )"},
     {glsl::kAsinPart, ""},
     {glsl::kAsin, R"(
-float dr_asin(float x) { return asin(x > 1.0 ? 1.0 : (x < -1.0 ? -1.0 : x)); }
+float dr_asin(float x) {
+  float c = x > 1.0 ? 1.0 : x;
+  return asin(c < -1.0 ? -1.0 : c);
+}
 )"},
     {glsl::kAcos, R"(
-float dr_acos(float x) { return acos(x > 1.0 ? 1.0 : (x < -1.0 ? -1.0 : x)); }
+float dr_acos(float x) {
+  float c = x > 1.0 ? 1.0 : x;
+  return acos(c < -1.0 ? -1.0 : c);
+}
 )"},
     {glsl::kAtanPart, ""},
     {glsl::kAtan, R"(
@@ -67,11 +73,13 @@ float dr_atan(float x) { return atan(x); }
     {glsl::kAtan2, R"(
 // 0 at the origin; a zero counts as positive, also one that y becomes when scaled.
 float dr_atan2(float y, float x) {
-  if (y == 0.0) return x < 0.0 ? 3.14159265 : (x >= 0.0 ? 0.0 : x);
   float high = max(abs(x), abs(y));
-  float scale = high > 1e30 ? 1e-20 : (high < 1e-18 ? 1e20 : 1.0);
-  float r = atan(abs(y) * scale, x * scale);
-  return y < 0.0 ? -r : r;
+  float scale = high < 1e-18 ? 1e20 : 1.0;
+  scale = high > 1e30 ? 1e-20 : scale;
+  float r = atan(abs(y) * scale, x * scale), minus = -r, axis = x >= 0.0 ? 0.0 : x;
+  r = y < 0.0 ? minus : r;
+  axis = x < 0.0 ? 3.14159265 : axis;
+  return y == 0.0 ? axis : r;
 }
 )"},
     {glsl::kSinh, R"(
@@ -94,7 +102,10 @@ float dr_cosh(float x) {
 )"},
     {glsl::kTanh, R"(
 // A quotient of two that overflow, where it is 1 already.
-float dr_tanh(float x) { return tanh(x > 10.0 ? 10.0 : (x < -10.0 ? -10.0 : x)); }
+float dr_tanh(float x) {
+  float c = x > 10.0 ? 10.0 : x;
+  return tanh(c < -10.0 ? -10.0 : c);
+}
 )"},
     {glsl::kAsinh, R"(
 // By way of x^2, and for negative x of a difference.

@@ -7,6 +7,10 @@
 // out. The coefficients are minimax fits made for these intervals, rounded to float32 one after the other, the rest
 // refitted.
 //
+// They choose, where both sides are cheap, between names and constants, never between expressions: glslang makes a
+// select of `c ? a : b` and one operation of `a || b` only then, and else control flow. A loop with some dozens of
+// branches takes SwiftShader's compiler a thousand times as long as the same without. `ops_glsl_test` counts them.
+//
 // An entry of the op table lists the texts it needs, what they call first. Scalar functions come apart from their
 // component-wise overloads, so that one function may use another without dragging in its vectors.
 #pragma once
@@ -36,13 +40,19 @@ bool dr_is_nan(float x) { return (floatBitsToUint(x) & 0x7fffffffu) > 0x7f800000
 
 inline constexpr std::string_view kMin = R"(
 // A NaN loses against a number.
-float dr_min(float x, float y) { return y < x || dr_is_nan(x) ? y : x; }
+float dr_min(float x, float y) {
+  bool none = dr_is_nan(x);
+  return y < x || none ? y : x;
+}
 )";
 inline constexpr std::string_view kMinVectors = DR_VECTORS_2("dr_min");
 
 inline constexpr std::string_view kMax = R"(
 // A NaN loses against a number.
-float dr_max(float x, float y) { return y > x || dr_is_nan(x) ? y : x; }
+float dr_max(float x, float y) {
+  bool none = dr_is_nan(x);
+  return y > x || none ? y : x;
+}
 )";
 inline constexpr std::string_view kMaxVectors = DR_VECTORS_2("dr_max");
 
@@ -58,10 +68,13 @@ inline constexpr std::string_view kQuotientVectors = DR_VECTORS_2("dr_quotient")
 inline constexpr std::string_view kMod = R"(
 // x - y * floor(x / y), brought into the half-open range from 0 to y where rounding has left it; 0 for y = 0.
 float dr_mod(float x, float y) {
-  if (y == 0.0) return 0.0;
   float r = x - y * floor(dr_quotient(x, y));
-  if (r != 0.0 && (r < 0.0) != (y < 0.0)) r += y;
-  return abs(r) >= abs(y) ? y * 0.99999994 : r;
+  bool outside = (r < 0.0) != (y < 0.0);
+  float inside = r + y;
+  r = r != 0.0 && outside ? inside : r;
+  float last = y * 0.99999994;
+  r = abs(r) >= abs(y) ? last : r;
+  return y == 0.0 ? 0.0 : r;
 }
 )";
 inline constexpr std::string_view kModVectors = DR_VECTORS_2("dr_mod");
@@ -81,22 +94,24 @@ uint dr_half_bits(float x) {
   uint bits = floatBitsToUint(x);
   uint sign = (bits >> 16) & 0x8000u;
   uint a = bits & 0x7fffffffu;
-  if (a > 0x7f800000u) return 0x7e00u;
-  if (a >= 0x477fe000u) return sign | 0x7bffu;
-  if (a >= 0x38800000u) return sign | ((a - 0x38000000u + 0xfffu + ((a >> 13) & 1u)) >> 13);
-  if (a < 0x33000000u) return sign;
+  uint normal = (a - 0x38000000u + 0xfffu + ((a >> 13) & 1u)) >> 13;
   // Subnormal, in units of 2^-24: so many bits of the significand are lost.
-  uint lost = 126u - (a >> 23);
+  uint lost = clamp(126u - (a >> 23), 1u, 31u);
   uint m = (a & 0x7fffffu) | 0x800000u;
-  return sign | ((m + (1u << (lost - 1u)) - 1u + ((m >> lost) & 1u)) >> lost);
+  uint subnormal = (m + (1u << (lost - 1u)) - 1u + ((m >> lost) & 1u)) >> lost;
+  uint h = a >= 0x38800000u ? normal : subnormal;
+  h = a >= 0x477fe000u ? 0x7bffu : h;
+  h = (a < 0x33000000u ? 0u : h) | sign;
+  return a > 0x7f800000u ? 0x7e00u : h;
 }
 // What the low 16 bits mean.
 float dr_from_half(uint bits) {
   uint sign = (bits & 0x8000u) << 16;
   uint m = bits & 0x7fffu;
-  if (m > 0x7c00u) return uintBitsToFloat(0x7fc00000u);
-  if (m < 0x400u) return uintBitsToFloat(sign | floatBitsToUint(float(int(m)) * 5.9604644775390625e-8));
-  return uintBitsToFloat(sign | ((m << 13) + 0x38000000u));
+  uint subnormal = floatBitsToUint(float(int(m)) * 5.9604644775390625e-8);
+  uint normal = (m << 13) + 0x38000000u;
+  uint h = (m < 0x400u ? subnormal : normal) | sign;
+  return uintBitsToFloat(m > 0x7c00u ? 0x7fc00000u : h);
 }
 float dr_half(float x) { return dr_from_half(dr_half_bits(x)); }
 )";
@@ -107,12 +122,16 @@ inline constexpr std::string_view kHalfVectors = DR_VECTORS_1("dr_half");
 inline constexpr std::string_view kIntDiv = R"(
 // Truncates; 0 for y = 0, and the least integer divided by -1 is itself.
 int dr_div(int x, int y) {
-  int q = x / (y == 0 || y == -1 ? 1 : y);
-  return y == 0 ? 0 : (y == -1 ? -x : q);
+  int q = x / (y == 0 || y == -1 ? 1 : y), minus = 0 - x;
+  q = y == -1 ? minus : q;
+  return y == 0 ? 0 : q;
 }
 )";
 inline constexpr std::string_view kUintDiv = R"(
-uint dr_div(uint x, uint y) { return y == 0u ? 0u : x / (y == 0u ? 1u : y); }
+uint dr_div(uint x, uint y) {
+  uint q = x / max(y, 1u);
+  return y == 0u ? 0u : q;
+}
 )";
 inline constexpr std::string_view kIntDivVectors = DR_VECTORS_2_OF("ivec", "dr_div");
 inline constexpr std::string_view kUintDivVectors = DR_VECTORS_2_OF("uvec", "dr_div");
@@ -122,11 +141,15 @@ inline constexpr std::string_view kIntMod = R"(
 int dr_mod(int x, int y) {
   int d = y == 0 || y == -1 ? 1 : y;
   int r = x - x / d * d;
-  return r != 0 && (r ^ y) < 0 ? r + y : r;
+  int inside = r + y, signs = r ^ y;
+  return r != 0 && signs < 0 ? inside : r;
 }
 )";
 inline constexpr std::string_view kUintMod = R"(
-uint dr_mod(uint x, uint y) { return y == 0u ? 0u : x % (y == 0u ? 1u : y); }
+uint dr_mod(uint x, uint y) {
+  uint r = x % max(y, 1u);
+  return y == 0u ? 0u : r;
+}
 )";
 inline constexpr std::string_view kIntModVectors = DR_VECTORS_2_OF("ivec", "dr_mod");
 inline constexpr std::string_view kUintModVectors = DR_VECTORS_2_OF("uvec", "dr_mod");
@@ -151,9 +174,10 @@ inline constexpr std::string_view kUintMulHighVectors = DR_VECTORS_2_OF("uvec", 
 inline constexpr std::string_view kFloatToInt = R"(
 // Truncates and saturates; NaN gives 0.
 int dr_to_int(float x) {
-  if (x >= 2147483648.0) return 2147483647;
-  if (x <= -2147483648.0) return -2147483647 - 1;
-  return x > -2147483648.0 ? int(x) : 0;
+  float c = x > -2147483648.0 ? x : 0.0;
+  int i = int(c < 2147483648.0 ? c : 0.0);
+  i = x >= 2147483648.0 ? 2147483647 : i;
+  return x <= -2147483648.0 ? -2147483647 - 1 : i;
 }
 )";
 inline constexpr std::string_view kFloatToIntVectors = R"(
@@ -165,8 +189,9 @@ ivec4 dr_to_int(vec4 x) { return ivec4(dr_to_int(x.xy), dr_to_int(x.zw)); }
 inline constexpr std::string_view kFloatToUint = R"(
 // Truncates and saturates; NaN gives 0.
 uint dr_to_uint(float x) {
-  if (x >= 4294967296.0) return 0xffffffffu;
-  return x > 0.0 ? uint(x) : 0u;
+  float c = x > 0.0 ? x : 0.0;
+  uint i = uint(c < 4294967296.0 ? c : 0.0);
+  return x >= 4294967296.0 ? 0xffffffffu : i;
 }
 )";
 inline constexpr std::string_view kFloatToUintVectors = R"(
@@ -214,7 +239,8 @@ float dr_ldexp(float z, int n) {
 inline constexpr std::string_view kExp = R"(
 // e^x * 2^k, without overflow on the way.
 float dr_exp_scaled(float x, int k) {
-  float c = x > 91.0 ? 91.0 : (x < -105.0 ? -105.0 : x);
+  float c = x > 91.0 ? 91.0 : x;
+  c = c < -105.0 ? -105.0 : c;
   float n = roundEven(c * 1.44269504);
   return dr_ldexp(1.0 + dr_expm1_part(dr_log2_remainder(c, n)), int(n) + k);
 }
@@ -224,7 +250,8 @@ inline constexpr std::string_view kExpVectors = DR_VECTORS_1("dr_exp");
 
 inline constexpr std::string_view kExp2 = R"(
 float dr_exp2(float x) {
-  float c = x > 130.0 ? 130.0 : (x < -152.0 ? -152.0 : x);
+  float c = x > 130.0 ? 130.0 : x;
+  c = c < -152.0 ? -152.0 : c;
   float n = roundEven(c);
   return dr_ldexp(1.0 + dr_expm1_part((c - n) * 0.693147181), int(n));
 }
@@ -256,7 +283,9 @@ float dr_log_mantissa(float x, int e) { return intBitsToFloat(floatBitsToInt(x) 
 // The logarithm of what is no positive normal number: 0, negative, Inf, NaN.
 bool dr_log_is_special(float x) { return uint(floatBitsToInt(x) - 0x00800000) >= 0x7f000000u; }
 float dr_log_special(float x) {
-  return x == 0.0 ? uintBitsToFloat(0xff800000u) : (x < 0.0 ? uintBitsToFloat(0x7fc00000u) : x);
+  uint bits = floatBitsToUint(x);
+  bits = x < 0.0 ? 0x7fc00000u : bits;
+  return uintBitsToFloat(x == 0.0 ? 0xff800000u : bits);
 }
 // Subnormal numbers have another exponent, if the device has not made zeros of them.
 bool dr_is_tiny(float x) { return abs(x) < 1.17549435e-38; }
@@ -265,12 +294,12 @@ bool dr_is_tiny(float x) { return abs(x) < 1.17549435e-38; }
 inline constexpr std::string_view kLog = R"(
 float dr_log(float x) {
   bool tiny = dr_is_tiny(x);
-  float y = tiny ? x * 8388608.0 : x;
-  if (dr_log_is_special(y)) return dr_log_special(y);
+  float y = x * (tiny ? 8388608.0 : 1.0);
   int e = dr_log_exponent(y);
   float f = dr_log_mantissa(y, e) - 1.0;
-  float n = float(tiny ? e - 23 : e);
-  return (f + (dr_log1p_part(f) - n * 2.12194440e-4)) + n * 0.693359375;
+  float n = float(e - (tiny ? 23 : 0));
+  float r = (f + (dr_log1p_part(f) - n * 2.12194440e-4)) + n * 0.693359375, special = dr_log_special(y);
+  return dr_log_is_special(y) ? special : r;
 }
 )";
 inline constexpr std::string_view kLogVectors = DR_VECTORS_1("dr_log");
@@ -278,26 +307,28 @@ inline constexpr std::string_view kLogVectors = DR_VECTORS_1("dr_log");
 inline constexpr std::string_view kLog2 = R"(
 float dr_log2(float x) {
   bool tiny = dr_is_tiny(x);
-  float y = tiny ? x * 8388608.0 : x;
-  if (dr_log_is_special(y)) return dr_log_special(y);
+  float y = x * (tiny ? 8388608.0 : 1.0);
   int e = dr_log_exponent(y);
   float f = dr_log_mantissa(y, e) - 1.0;
   float p = dr_log1p_part(f);
-  return ((p * 0.442695041 + f * 0.442695041) + p) + f + float(tiny ? e - 23 : e);
+  float r = ((p * 0.442695041 + f * 0.442695041) + p) + f + float(e - (tiny ? 23 : 0)), special = dr_log_special(y);
+  return dr_log_is_special(y) ? special : r;
 }
 )";
 inline constexpr std::string_view kLog2Vectors = DR_VECTORS_1("dr_log2");
 
 inline constexpr std::string_view kLog1p = R"(
 float dr_log1p(float x) {
-  if (x > -0.29 && x < 0.33) return x + dr_log1p_part(x);
+  float near = x + dr_log1p_part(x);
   float u = 1.0 + x;
-  if (dr_log_is_special(u)) return dr_log_special(u);
   int e = dr_log_exponent(u);
   float f = dr_log_mantissa(u, e) - 1.0;
   float n = float(e);
-  float lost = (x > 1.0 ? 1.0 - (u - x) : x - (u - 1.0)) / u;  // by rounding 1 + x
-  return (f + (dr_log1p_part(f) + (lost - n * 2.12194440e-4))) + n * 0.693359375;
+  float of_one = 1.0 - (u - x), of_x = x - (u - 1.0);
+  float lost = (x > 1.0 ? of_one : of_x) / u;  // by rounding 1 + x
+  float r = (f + (dr_log1p_part(f) + (lost - n * 2.12194440e-4))) + n * 0.693359375, special = dr_log_special(u);
+  r = dr_log_is_special(u) ? special : r;
+  return x > -0.29 && x < 0.33 ? near : r;
 }
 )";
 inline constexpr std::string_view kLog1pVectors = DR_VECTORS_1("dr_log1p");
@@ -323,7 +354,8 @@ float dr_pow_positive(float x, int shift, float y) {
   float n = float(e - shift);
   float th = dr_high(n + (hi + lo));
   float tl = ((n - th) + hi) + lo;
-  float c = y > 1e12 ? 1e12 : (y < -1e12 ? -1e12 : y);
+  float c = y > 1e12 ? 1e12 : y;
+  c = c < -1e12 ? -1e12 : c;
   float yh = dr_high(c);
   float ph = yh * th;
   float pl = (c - yh) * th + c * tl;
@@ -371,7 +403,8 @@ float dr_quarter_turns(float x) { return roundEven(x * 0.636619772); }
 // cos the remainder is what they are. That of larger x means nothing; it is kept in range, so that sin and cos are.
 float dr_turn_remainder(float x, float n) {
   float r = (((x - n * 1.5703125) - n * 4.837512969970703e-4) - n * 7.549533620476723e-8) - n * 2.563344151594519e-12;
-  return r > 0.8 ? 0.8 : (r < -0.8 ? -0.8 : r);
+  r = r > 0.8 ? 0.8 : r;
+  return r < -0.8 ? -0.8 : r;
 }
 // sin(x + quarter pi / 2)
 float dr_sin_turned(float x, float quarter) {
@@ -379,8 +412,10 @@ float dr_sin_turned(float x, float quarter) {
   float r = dr_turn_remainder(x, n);
   float m = n + quarter;
   m = m - 4.0 * floor(0.25 * m);  // 0 .. 3
-  float s = m == 1.0 || m == 3.0 ? dr_cos_part(r) : dr_sin_part(r);
-  return m >= 2.0 ? -s : s;
+  float s = dr_sin_part(r), c = dr_cos_part(r);
+  s = m == 1.0 || m == 3.0 ? c : s;
+  float minus = -s;
+  return m >= 2.0 ? minus : s;
 }
 )";
 
@@ -400,7 +435,8 @@ float dr_tan(float x) {
   float r = dr_turn_remainder(x, n);
   float s = dr_sin_part(r);
   float c = dr_cos_part(r);
-  return n != 2.0 * floor(0.5 * n) ? -c / s : s / c;
+  float minus = -c, even = 2.0 * floor(0.5 * n);
+  return (n != even ? minus : s) / (n != even ? s : c);
 }
 )";
 inline constexpr std::string_view kTanVectors = DR_VECTORS_1("dr_tan");
@@ -414,22 +450,29 @@ float dr_asin_part(float s, float z) {
 
 inline constexpr std::string_view kAsin = R"(
 float dr_asin(float x) {
-  float a = abs(x) > 1.0 ? 1.0 : abs(x);
-  float z = a > 0.5 ? 0.5 * (1.0 - a) : a * a;
-  float p = dr_asin_part(a > 0.5 ? sqrt(z) : a, z);
-  float r = a > 0.5 ? 1.57079633 - 2.0 * p : p;
-  return x < 0.0 ? -r : r;
+  float a = abs(x);
+  a = a > 1.0 ? 1.0 : a;
+  float high = 0.5 * (1.0 - a), low = a * a;
+  float z = a > 0.5 ? high : low, root = sqrt(z);
+  float p = dr_asin_part(a > 0.5 ? root : a, z);
+  float rest = 1.57079633 - 2.0 * p;
+  float r = a > 0.5 ? rest : p, minus = -r;
+  return x < 0.0 ? minus : r;
 }
 )";
 inline constexpr std::string_view kAsinVectors = DR_VECTORS_1("dr_asin");
 
 inline constexpr std::string_view kAcos = R"(
 float dr_acos(float x) {
-  float a = abs(x) > 1.0 ? 1.0 : abs(x);
-  float z = a > 0.5 ? 0.5 * (1.0 - a) : a * a;
-  float p = dr_asin_part(a > 0.5 ? sqrt(z) : a, z);
-  if (a > 0.5) return x < 0.0 ? 3.14159265 - 2.0 * p : 2.0 * p;
-  return 1.57079633 - (x < 0.0 ? -p : p);
+  float a = abs(x);
+  a = a > 1.0 ? 1.0 : a;
+  float high = 0.5 * (1.0 - a), low = a * a;
+  float z = a > 0.5 ? high : low, root = sqrt(z);
+  float p = dr_asin_part(a > 0.5 ? root : a, z);
+  float near = 2.0 * p, far = 3.14159265 - 2.0 * p, minus = -p;
+  float ends = x < 0.0 ? far : near;
+  float middle = 1.57079633 - (x < 0.0 ? minus : p);
+  return a > 0.5 ? ends : middle;
 }
 )";
 inline constexpr std::string_view kAcosVectors = DR_VECTORS_1("dr_acos");
@@ -446,9 +489,10 @@ float dr_atan_part(float t) {
 inline constexpr std::string_view kAtan = R"(
 float dr_atan(float x) {
   float a = abs(x);
-  float p = dr_atan_part(a > 1.0 ? 1.0 / a : a);
-  float r = a > 1.0 ? 1.57079633 - p : p;
-  return x < 0.0 ? -r : r;
+  float inverse = 1.0 / a;
+  float p = dr_atan_part(a > 1.0 ? inverse : a), rest = 1.57079633 - p;
+  float r = a > 1.0 ? rest : p, minus = -r;
+  return x < 0.0 ? minus : r;
 }
 )";
 inline constexpr std::string_view kAtanVectors = DR_VECTORS_1("dr_atan");
@@ -460,13 +504,16 @@ float dr_atan2(float y, float x) {
   float b = abs(y);
   float high = a > b ? a : b;
   float low = a > b ? b : a;
-  if (high == 0.0 && low == 0.0) return 0.0;
   // Devices divide well by what is neither huge nor tiny.
-  float scale = high > 1e30 ? 1e-20 : (high < 1e-18 ? 1e20 : 1.0);
-  float p = dr_atan_part(low == high ? 1.0 : low * scale / (high * scale));
-  float r = b > a ? 1.57079633 - p : p;
-  if (x < 0.0) r = 3.14159265 - r;
-  return y < 0.0 ? -r : r;
+  float scale = high < 1e-18 ? 1e20 : 1.0;
+  scale = high > 1e30 ? 1e-20 : scale;
+  float t = low * scale / (high * scale);
+  float p = dr_atan_part(low == high ? 1.0 : t), rest = 1.57079633 - p;
+  float r = b > a ? rest : p, other = 3.14159265 - r;
+  r = x < 0.0 ? other : r;
+  float minus = -r;
+  r = y < 0.0 ? minus : r;
+  return high == 0.0 && low == 0.0 ? 0.0 : r;
 }
 )";
 inline constexpr std::string_view kAtan2Vectors = DR_VECTORS_2("dr_atan2");
@@ -500,8 +547,8 @@ inline constexpr std::string_view kCoshVectors = DR_VECTORS_1("dr_cosh");
 inline constexpr std::string_view kTanh = R"(
 float dr_tanh(float x) {
   float t = dr_expm1(-2.0 * abs(x));
-  float r = -t / (2.0 + t);
-  return x < 0.0 ? -r : r;
+  float r = -t / (2.0 + t), minus = -r;
+  return x < 0.0 ? minus : r;
 }
 )";
 inline constexpr std::string_view kTanhVectors = DR_VECTORS_1("dr_tanh");
@@ -511,8 +558,9 @@ inline constexpr std::string_view kAsinh = R"(
 float dr_asinh(float x) {
   float a = abs(x);
   float z = a * a;
-  float r = a > 1e8 ? dr_log(a) + 0.693147181 : dr_log1p(a + z / (1.0 + sqrt(1.0 + z)));
-  return x < 0.0 ? -r : r;
+  float far = dr_log(a) + 0.693147181, near = dr_log1p(a + z / (1.0 + sqrt(1.0 + z)));
+  float r = a > 1e8 ? far : near, minus = -r;
+  return x < 0.0 ? minus : r;
 }
 )";
 inline constexpr std::string_view kAsinhVectors = DR_VECTORS_1("dr_asinh");
@@ -520,9 +568,10 @@ inline constexpr std::string_view kAsinhVectors = DR_VECTORS_1("dr_asinh");
 inline constexpr std::string_view kAcosh = R"(
 // log(x + sqrt(x^2 - 1)) from x - 1, which is exact near 1; NaN below 1.
 float dr_acosh(float x) {
-  if (x < 1.0) return uintBitsToFloat(0x7fc00000u);
-  float t = x - 1.0;
-  return x > 1e8 ? dr_log(x) + 0.693147181 : dr_log1p(t + sqrt(t * (2.0 + t)));
+  float t = x - 1.0, none = uintBitsToFloat(0x7fc00000u);
+  float far = dr_log(x) + 0.693147181, near = dr_log1p(t + sqrt(t * (2.0 + t)));
+  float r = x > 1e8 ? far : near;
+  return x < 1.0 ? none : r;
 }
 )";
 inline constexpr std::string_view kAcoshVectors = DR_VECTORS_1("dr_acosh");
@@ -531,9 +580,11 @@ inline constexpr std::string_view kAtanh = R"(
 // log((1 + a) / (1 - a)) / 2; Inf at 1, NaN beyond.
 float dr_atanh(float x) {
   float a = abs(x);
-  if (a > 1.0) return uintBitsToFloat(0x7fc00000u);
-  float r = a == 1.0 ? uintBitsToFloat(0x7f800000u) : 0.5 * dr_log1p((a + a) / (1.0 - a));
-  return x < 0.0 ? -r : r;
+  float r = 0.5 * dr_log1p((a + a) / (1.0 - a)), infinite = uintBitsToFloat(0x7f800000u);
+  r = a == 1.0 ? infinite : r;
+  float minus = -r, none = uintBitsToFloat(0x7fc00000u);
+  r = x < 0.0 ? minus : r;
+  return a > 1.0 ? none : r;
 }
 )";
 inline constexpr std::string_view kAtanhVectors = DR_VECTORS_1("dr_atanh");
@@ -609,7 +660,8 @@ inline constexpr std::string_view kLength =
   vec " dr_normalize(" vec " v) {\n"                                     \
   "  " vec " s = v * dr_scale_down(dr_scale_exponent(dr_largest(v)));\n" \
   "  float d = dr_dot(s, s);\n"                                          \
-  "  return d == 0.0 ? " vec "(0.0) : s / sqrt(d);\n"                    \
+  "  " vec " unit = s / sqrt(d);\n"                                      \
+  "  return d == 0.0 ? " vec "(0.0) : unit;\n"                           \
   "}\n"
 inline constexpr std::string_view kNormalize =
     "float dr_normalize(float v) { return sign(v); }\n"

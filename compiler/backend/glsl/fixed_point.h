@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// GLSL of sums that do not depend on order: 64-bit fixed point numbers in two 32-bit words, low and high.
+// GLSL of sums that do not depend on order: 64-bit fixed point numbers in two 32-bit words, low and high. What is done
+// for each term has no branches (see compiler/ops/prelude.h).
 #pragma once
 
 namespace dr::backend::glsl {
@@ -28,19 +29,24 @@ uvec2 fixed_from_float(float value, int shift) {
   uint magnitude = finite_magnitude(value);
   uint mantissa = (magnitude & 0x7fffffu) | (magnitude >= 0x800000u ? 0x800000u : 0u);
   int by = max(int(magnitude >> 23), 1) - 150 + shift;
-  uint low = 0u, high = 0u;
-  if (by >= 32) { high = mantissa << (by - 32); }
-  else if (by > 0) { low = mantissa << by; high = mantissa >> (32 - by); }
-  else if (by == 0) { low = mantissa; }
-  else if (by >= -24) { low = (mantissa + (1u << (-by - 1))) >> -by; }
-  if ((bits >> 31) != 0u) { low = ~low + 1u; high = ~high + (low == 0u ? 1u : 0u); }
+  uint left = uint(max(by, 0)), right = uint(clamp(-by, 1, 25));
+  uint moved = mantissa << (left & 31u), carried = (mantissa >> 1) >> (31u - (left & 31u));
+  uint rounded = (mantissa + (1u << (right - 1u))) >> right;
+  uint low = by < 0 ? rounded : moved;
+  low = by >= 32 ? 0u : low;
+  uint high = by >= 32 ? moved : carried;
+  uint minus = 0u - (bits >> 31);
+  low = (low ^ minus) - minus;
+  high = (high ^ minus) + (minus & uint(low == 0u));
   return uvec2(low, high);
 }
 
 // 1 for +Inf, 2 for -Inf, 4 for NaN, 0 for a finite float.
 uint special_flag(float value) {
   uint bits = floatBitsToUint(value), magnitude = bits & 0x7fffffffu;
-  return magnitude < 0x7f800000u ? 0u : magnitude > 0x7f800000u ? 4u : (bits >> 31) != 0u ? 2u : 1u;
+  uint infinite = 1u + (bits >> 31);
+  uint flag = magnitude > 0x7f800000u ? 4u : infinite;
+  return magnitude < 0x7f800000u ? 0u : flag;
 }
 )";
 
@@ -52,12 +58,14 @@ uvec2 fixed_add(uvec2 a, uvec2 b) {
 
 // Divided by 2^by and rounded; `by` >= 0.
 uvec2 fixed_halved(uvec2 a, int by) {
-  if (by == 0) return a;
-  if (by > 63) return uvec2(0u);
-  a = fixed_add(a, by > 32 ? uvec2(0u, 1u << (by - 33)) : uvec2(1u << (by - 1), 0u));
-  uint fill = uint(int(a.y) >> 31);
-  if (by >= 32) return uvec2(uint(int(a.y) >> (by - 32)), fill);
-  return uvec2((a.x >> by) | (a.y << (32 - by)), uint(int(a.y) >> by));
+  int cut = clamp(by, 1, 63), within = cut & 31;
+  uint bit = 1u << ((cut - 1) & 31);
+  uvec2 b = fixed_add(a, uvec2(cut > 32 ? 0u : bit, cut > 32 ? bit : 0u));
+  uint high = uint(int(b.y) >> within), low = (b.x >> within) | ((b.y << 1) << (31 - within));
+  uint fill = uint(int(b.y) >> 31);
+  b = uvec2(cut >= 32 ? high : low, cut >= 32 ? fill : high);
+  b = by > 63 ? uvec2(0u) : b;
+  return by == 0 ? a : b;
 }
 )";
 
