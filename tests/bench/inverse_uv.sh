@@ -19,20 +19,20 @@ fit() {  # fit INVERSE RATE OUT OPTION...
 }
 course=()
 for ((k = 0; k < steps / 5; ++k)); do course+=(--step fit=5 --step measure); done
-for inverse in false true; do
+for inverse in 0 1 2; do
   for rate in "${rates[@]}"; do fit "$inverse" "$rate" "$out/${inverse}_$rate" "${course[@]}"; done
 done
 # Time of an iteration while several are under way: the least of so many runs of 20, in turns.
 declare -A least
 for ((k = 0; k < rounds; ++k)); do
-  for inverse in false true; do
+  for inverse in 0 1 2; do
     fit "$inverse" 0.05 "$out/timed" --step fit=22 --log-every 10 --timing
     us=$(sed -n 's/^fit: \([0-9.]*\) us a run while.*/\1/p' "$out/run.txt")
     least[$inverse]=$(printf '%s\n' "$us" ${least[$inverse]-} | sort -g | head -1)
   done
 done
 
-/usr/bin/python3 - "$out" "${least[false]}" "${least[true]}" "${rates[@]}" << 'END'
+/usr/bin/python3 - "$out" "${least[0]}" "${least[1]}" "${least[2]}" "${rates[@]}" << 'END'
 import json, sys
 from pathlib import Path
 import matplotlib
@@ -41,9 +41,10 @@ import matplotlib.pyplot as plt
 out = Path(sys.argv[1])
 figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.4), dpi=120, sharey=True)
 figures = []
-for inverse, name, color, us in (("false", "exact scatter", "#7a9a2b", sys.argv[2]), ("true", "inverse UV", "#c8963c", sys.argv[3])):
+ways = (("exact scatter", "#7a9a2b"), ("inverse UV", "#c8963c"), ("inverse UV, the same pixels", "#4a6fa5"))
+for inverse, ((name, color), us) in enumerate(zip(ways, sys.argv[2:5])):
     seconds = float(us) * 1e-6
-    for rate, style in zip(sys.argv[4:], ("--", "-", ":")):
+    for rate, style in zip(sys.argv[5:], ("--", "-", ":")):
         log = [json.loads(line) for line in (out / f"{inverse}_{rate}" / "log.jsonl").read_text().splitlines()]
         errors = [r["texel_error"] for r in log if "texel_error" in r]
         runs = range(5, 5 * len(errors) + 1, 5)
@@ -53,7 +54,7 @@ for inverse, name, color, us in (("false", "exact scatter", "#7a9a2b", sys.argv[
         reached = {limit: next((r for r, e in zip(runs, errors) if e <= limit), None) for limit in (0.05, 0.02, 0.002)}
         figures.append({"gradients": name, "rate": float(rate), "iteration_ms": 1000 * seconds, "error": errors[-1], "iterations_to": reached})
         there = ", ".join(f"{limit} " + ("never" if r is None else f"after {r} iterations, {r * seconds:.2f} s") for limit, r in reached.items())
-        print(f"{name:<14} rate {rate:<7} {1000 * seconds:7.1f} ms an iteration; error {errors[-1]:.4f} at the end, {there}")
+        print(f"{name:<28} rate {rate:<7} {1000 * seconds:7.1f} ms an iteration; error {errors[-1]:.4f} at the end, {there}")
 left.set_xlabel("iterations")
 right.set_xlabel("seconds")
 left.set_ylabel("texel error (rms)")

@@ -55,7 +55,7 @@ def outcome(suite, kind, program, settings, seeds, error):
                          "steps": max(round(budget / paces[name]), 4), "seeds": len(fits), "error": statistics.median(ends),
                          "error_least": min(ends), "error_most": max(ends)})
             suite.record(**rows[-1], course=courses[name, budget])
-            print("{outcome} after {budget_s} s: {setting:28} {error:.5f} ({error_least:.5f} to {error_most:.5f}), {steps} steps in {seconds:.2f} s"
+            print("{outcome} after {budget_s} s: {setting:38} {error:.5f} ({error_least:.5f} to {error_most:.5f}), {steps} steps in {seconds:.2f} s"
                   .format(**rows[-1]), flush=True)
     front = fronts(suite, f"outcome, {kind}", rows, "seconds", "error", lambda r: f"{r['setting']} for {r['budget_s']} s")
     figure, axes = plt.subplots(figsize=(9, 5))
@@ -107,7 +107,7 @@ def textures(suite):
         bound += ["--bind", f"{leaf}={target / file}.npy"]
     random = np.random.default_rng(1)
     seeds = [suite.bind(f"texels_{k}", albedo=random.uniform(size=(side, side, 3))) for k in range(1 if suite.quick else 3)]
-    ways = {"exact": ["--scatter", "exact"], "inverse UV": ["-D", "inverse=true"]}
+    ways = {"exact": ["--scatter", "exact"], "inverse UV": ["-D", "inverse=1"], "inverse UV, the same pixels": ["-D", "inverse=2"]}
     if not suite.quick:
         ways |= {"atomic": ["--scatter", "atomic"], "rows": ["--scatter", "rows"]}
     settings = {f"{name}, rate {rate}": [*bound, *words, "--bind", f"rate=={rate}"]

@@ -137,7 +137,7 @@ std::vector<Function> textures() {
                  .result = "vec3",
                  .operands = {image, uv, {.name = "table", .type = "int", .low = 0, .high = 4096, .extent = "[16, 8]"}},
                  .value = "texture.bilinear_inverse(image, uv, table)",
-                 .directions = {value, equal("image")},
+                 .directions = {value, to_image},
                  .whole = true});
   return all;
 }

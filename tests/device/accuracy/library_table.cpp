@@ -22,6 +22,10 @@ std::vector<Elsewhere> elsewhere() {
       {"tiles.touched", "decisions: which tiles a box reaches"},
       {"texture.inverse_uv",
        "integers: which texel a pixel is given to is decided by rounding where it lies between two"},
+      {"texture.sobol_turn", "integers of `random.sobol_bits`"},
+      {"texture.shuffled", "integers; a golden test takes them there and back"},
+      {"texture.unshuffled", "integers; a golden test takes them there and back"},
+      {"texture.below_2_30", "a part of shuffled"},
   };
 }
 
