@@ -187,10 +187,10 @@ std::variant<Compiled, std::string> compile(const ir::Graph& graph, const target
   bool wide = false, float_atomics = false, subgroups = false, multiview = false;
   for (size_t k = 0; k < modules.size(); ++k) {
     if (const auto* problem = std::get_if<std::string>(&modules[k]))
-      DR_ICE("generated shader '" + out.glsl[k].name + "' is refused: " + *problem + "\n" +
+      DR_ICE("generated shader '" + out.glsl[k].names.front() + "' is refused: " + *problem + "\n" +
              numbered(out.glsl[k].source));
     auto shader = std::make_unique<bundle::ShaderT>();
-    shader->name = out.glsl[k].name;
+    shader->name = out.glsl[k].names.front();
     shader->stage = out.glsl[k].stage;
     shader->spirv = std::move(std::get<std::vector<uint32_t>>(modules[k]));
     bundle.shaders.push_back(std::move(shader));

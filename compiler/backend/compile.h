@@ -44,7 +44,7 @@ std::variant<CompileOptions, std::string> compile_options(const std::string& low
                                                           const std::string& float_profile = "strict");
 
 struct GlslShader {
-  std::string name;
+  std::vector<std::string> names;  // of the passes that it is for
   bundle::Stage stage = bundle::Stage::Compute;
   std::string source;
   bool native = false;  // arithmetic of main is the driver's to contract

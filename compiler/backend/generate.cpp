@@ -248,12 +248,14 @@ void Generator::set_lines(const Pass& pass, const Pass* setup) {
 
 int Generator::add_shader(const std::string& name, bundle::Stage stage, Shader& shader) {
   std::string source = shader.finish(stage == bundle::Stage::Compute ? compute_layout() : "");
-  // Equal text is one shader.
-  for (size_t k = 0; k < shaders_->size(); ++k)
-    if ((*shaders_)[k].stage == stage && (*shaders_)[k].source == source && (*shaders_)[k].native == shader.native())
-      return static_cast<int>(k);
-  shaders_->push_back({name, stage, std::move(source), shader.native()});
-  return static_cast<int>(shaders_->size() - 1);
+  // Passes whose texts differ in names alone have one shader: drivers take long to compile one.
+  const std::string key =
+      std::string(bundle::EnumNameStage(stage)) + (shader.native() ? " native\n" : "\n") + glsl::without_names(source);
+  const auto [it, is_new] = shader_of_.emplace(key, shaders_->size());
+  if (is_new) shaders_->push_back({{}, stage, std::move(source), shader.native()});
+  auto& names = (*shaders_)[it->second].names;
+  if (std::ranges::find(names, name) == names.end()) names.push_back(name);
+  return static_cast<int>(it->second);
 }
 
 uint32_t Generator::add_scratch(const std::string& name, const std::string& words, const ir::Type& type) {

@@ -6,6 +6,7 @@
 #include <memory>
 #include <set>
 #include <string>
+#include <unordered_map>
 #include <vector>
 
 #include "compiler/backend/compile.h"
@@ -165,6 +166,7 @@ class Generator {
   size_t ops_ = 0;  // of the pass, until a command says so
   bundle::BundleT* bundle_ = nullptr;
   std::vector<GlslShader>* shaders_ = nullptr;
+  std::unordered_map<std::string, size_t> shader_of_;  // by its text without names
   const StepSchedule* step_ = nullptr;
   bundle::StepT* out_ = nullptr;
   std::map<const Pass*, uint32_t> active_lists_;        // by scatter, of those that a map pass makes

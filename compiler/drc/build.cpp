@@ -159,8 +159,11 @@ std::optional<std::string> make_glsl(Stages& stages) {
   const backend::Compiled* compiled = stages.compiled();
   if (!compiled) return std::nullopt;
   std::string out;
-  for (const backend::GlslShader& shader : compiled->glsl)
-    out += "// ---- " + shader.name + "\n" + shader.source + "\n";
+  for (const backend::GlslShader& shader : compiled->glsl) {
+    out += "// ---- ";
+    for (const std::string& name : shader.names) out += (&name == shader.names.data() ? "" : ", ") + name;
+    out += "\n" + shader.source + "\n";
+  }
   return out;
 }
 

@@ -85,18 +85,10 @@ Bound Pipelines::bind(const std::vector<Descriptor>& descriptors, vk::ShaderStag
                                                                                 : vk::DescriptorType::eSampledImage;
     bindings.emplace_back(k, type, 1, input ? vk::ShaderStageFlags(vk::ShaderStageFlagBits::eFragment) : stages);
   }
-  vk::DescriptorSetLayoutCreateInfo layout_info;
-  layout_info.setBindings(bindings);
-  set_layouts_.emplace_back(d, layout_info);
-  const vk::DescriptorSetLayout set_layout = *set_layouts_.back();
-  const vk::PushConstantRange push(stages, 0, 16);
-  vk::PipelineLayoutCreateInfo pipeline_layout;
-  pipeline_layout.setSetLayouts(set_layout);
-  pipeline_layout.setPushConstantRanges(push);
-  layouts_.emplace_back(d, pipeline_layout);
-  Bound bound{*layouts_.back(), {}};
+  const Layouts& layouts = layouts_for(bindings, stages);
+  Bound bound{*layouts.pipeline, {}};
   vk::DescriptorSetAllocateInfo allocate(pool_for(bindings));
-  allocate.setSetLayouts(set_layout);
+  allocate.setSetLayouts(*layouts.set);
   sets_.push_back(std::move(vk::raii::DescriptorSets(d, allocate).front()));
   bound.set = *sets_.back();
   for (uint32_t k = 0; k < descriptors.size(); ++k) {
@@ -116,6 +108,26 @@ Bound Pipelines::bind(const std::vector<Descriptor>& descriptors, vk::ShaderStag
     d.updateDescriptorSets(write, {});
   }
   return bound;
+}
+
+const Pipelines::Layouts& Pipelines::layouts_for(const std::vector<vk::DescriptorSetLayoutBinding>& bindings,
+                                                 vk::ShaderStageFlags stages) {
+  std::vector<uint32_t> key{static_cast<uint32_t>(stages)};
+  for (const auto& b : bindings) {
+    key.push_back(static_cast<uint32_t>(b.descriptorType));
+    key.push_back(static_cast<uint32_t>(b.stageFlags));
+  }
+  const auto it = layouts_.find(key);
+  if (it != layouts_.end()) return it->second;
+  vk::DescriptorSetLayoutCreateInfo set_info;
+  set_info.setBindings(bindings);
+  vk::raii::DescriptorSetLayout set(device_->device, set_info);
+  const vk::PushConstantRange push(stages, 0, 16);
+  vk::PipelineLayoutCreateInfo pipeline_info;
+  pipeline_info.setSetLayouts(*set);
+  pipeline_info.setPushConstantRanges(push);
+  vk::raii::PipelineLayout pipeline(device_->device, pipeline_info);
+  return layouts_.emplace(std::move(key), Layouts{std::move(set), std::move(pipeline)}).first->second;
 }
 
 // The last pool, while there is room for these; then a new one.
@@ -149,7 +161,10 @@ size_t Pipelines::want(std::function<vk::raii::Pipeline(const Cache&)> make) {
 }
 
 size_t Pipelines::compute(int shader, vk::PipelineLayout layout, uint32_t group) {
-  return want([=, this](const Cache& cache) { return make_compute(shader, layout, group, cache); });
+  const auto [it, is_new] =
+      compute_.emplace(std::tuple(shader, static_cast<VkPipelineLayout>(layout), group, values_), 0);
+  if (is_new) it->second = want([=, this](const Cache& cache) { return make_compute(shader, layout, group, cache); });
+  return it->second;
 }
 
 size_t Pipelines::graphics(const bundle::CommandT& draw, vk::PipelineLayout layout, vk::RenderPass render_pass,
@@ -197,7 +212,10 @@ void Pipelines::build() {
   others.clear();  // waits for them
   const auto made = static_cast<int64_t>(wanted_.size());
   wanted_.clear();
-  if (failure) std::rethrow_exception(failure);
+  if (failure) {
+    std::erase_if(compute_, [&](const auto& one) { return one.second >= first; });
+    std::rethrow_exception(failure);
+  }
   const std::vector<uint8_t> data = cache.getData();
   const bool kept = !known.empty() && data == known;
   counters_ += {made, kept ? made : 0};

@@ -4,7 +4,9 @@
 
 #include <filesystem>
 #include <functional>
+#include <map>
 #include <span>
+#include <tuple>
 
 #include "runtime/vk/memory.h"
 
@@ -49,6 +51,12 @@ class Pipelines {
   vk::raii::Pipeline make_compute(int shader, vk::PipelineLayout layout, uint32_t group, const Cache& cache) const;
   vk::raii::Pipeline make_graphics(const bundle::CommandT& draw, vk::PipelineLayout layout, vk::RenderPass render_pass,
                                    uint32_t subpass, vk::Extent2D size, const Cache& cache) const;
+  struct Layouts {
+    vk::raii::DescriptorSetLayout set;
+    vk::raii::PipelineLayout pipeline;
+  };
+  // One of each kind, so that passes of one shader have one pipeline.
+  const Layouts& layouts_for(const std::vector<vk::DescriptorSetLayoutBinding>& bindings, vk::ShaderStageFlags stages);
   vk::DescriptorPool pool_for(const std::vector<vk::DescriptorSetLayoutBinding>& bindings);
   vk::BufferView texels(const Descriptor& descriptor);
   std::string cache_key() const;
@@ -62,9 +70,9 @@ class Pipelines {
   std::vector<std::function<vk::raii::Pipeline(const Cache&)>> wanted_;  // the last of pipelines_
   std::vector<int32_t> values_;                                          // of the symbols
   std::vector<vk::raii::ShaderModule> shaders_;
-  std::vector<vk::raii::DescriptorSetLayout> set_layouts_;
-  std::vector<vk::raii::PipelineLayout> layouts_;
+  std::map<std::vector<uint32_t>, Layouts> layouts_;  // by the stages, and type and stages of each binding
   std::vector<vk::raii::Pipeline> pipelines_;
+  std::map<std::tuple<int, VkPipelineLayout, uint32_t, std::vector<int32_t>>, size_t> compute_;  // of pipelines_
   std::vector<vk::raii::DescriptorPool> pools_;
   size_t sets_left_ = 0;  // in the last pool
   std::map<vk::DescriptorType, size_t> left_;

@@ -136,7 +136,7 @@ class Machine {
       }
       state_->device.updateDescriptorSets(write, {});
     }
-    backend::GlslShader shader{file, bundle::Stage::Compute, text(file, defines)};
+    backend::GlslShader shader{{file}, bundle::Stage::Compute, text(file, defines)};
     auto words = backend::assemble(shader, backend::ShaderCache(jit::cache_folder()));
     if (const auto* problem = std::get_if<std::string>(&words)) stop(file + ": " + *problem);
     const auto& code = std::get<std::vector<uint32_t>>(words);

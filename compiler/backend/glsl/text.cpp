@@ -8,6 +8,7 @@
 #include <charconv>
 #include <cmath>
 #include <map>
+#include <unordered_map>
 
 namespace dr::backend::glsl {
 
@@ -117,6 +118,37 @@ std::string sanitize(std::string_view name) {
   }
   while (!out.empty() && out.back() == '_') out.pop_back();
   if (out.empty() || std::isalpha(static_cast<unsigned char>(out.front())) == 0) out.insert(out.begin(), 'v');
+  return out;
+}
+
+std::string without_names(std::string_view source) {
+  const auto is_word = [](char c) { return c == '_' || std::isalnum(static_cast<unsigned char>(c)) != 0; };
+  const auto is_digit = [](char c) { return c >= '0' && c <= '9'; };
+  const auto is_numbered = [&](std::string_view word) {
+    constexpr std::string_view kBlock = "_block";
+    if (word.ends_with(kBlock)) word.remove_suffix(kBlock.size());
+    const size_t last = word.find_last_not_of("0123456789");
+    return last != std::string_view::npos && last + 1 < word.size() && word[last] == '_';
+  };
+  std::unordered_map<std::string_view, size_t> numbers;
+  std::string out;
+  out.reserve(source.size());
+  for (size_t at = 0; at < source.size();) {
+    size_t end = at + 1;
+    const bool directive = source[at] == '#';
+    if (directive) {
+      end = std::min(source.find('\n', at), source.size());
+    } else if (is_word(source[at])) {
+      while (end < source.size() && is_word(source[end])) ++end;
+    }
+    const std::string_view word = source.substr(at, end - at);
+    const bool member = at > 0 && source[at - 1] == '.';
+    if (!directive && !member && !is_digit(word.front()) && is_numbered(word))
+      out += "_" + std::to_string(numbers.emplace(word, numbers.size()).first->second);
+    else
+      out += word;
+    at = end;
+  }
   return out;
 }
 

@@ -37,5 +37,8 @@ std::string component(const ir::Type& type, const std::string& name, int c);
 std::string storage_scalar(ir::Scalar scalar);
 // A user's name made fit for GLSL, without the number that makes it unique.
 std::string sanitize(std::string_view name);
+// The shader with numbers for the names made of a program's, which end in _NUMBER or _NUMBER_block: equal for shaders
+// that are equal but for these names, since each new one gets the next number.
+std::string without_names(std::string_view source);
 
 }  // namespace dr::backend::glsl

@@ -4,6 +4,7 @@
 #include <set>
 
 #include "compiler/backend/compile.h"
+#include "compiler/backend/glsl/text.h"
 #include "compiler/backend/skips.h"
 #include "compiler/backend/spirv.h"
 #include "compiler/ir/parse.h"
@@ -163,4 +164,19 @@ step go {
   const auto [same, fewer] = arithmetic_of(std::get<Compiled>(native).bundle.shaders[0]->spirv);
   CHECK(same == all);
   CHECK(fewer == all - 2);
+}
+
+TEST_CASE("shaders are compared without the names of what they read and write") {
+  using backend::glsl::without_names;
+  const std::string shader =
+      "#extension GL_NV_some_1 : require\nbuffer r_mul_3_block { float d_1[]; } r_mul_3;\nfloat v_0 = 1.0e_1;\n";
+  CHECK(without_names(shader) ==
+        "#extension GL_NV_some_1 : require\nbuffer _0 { float _1[]; } _2;\nfloat _3 = 1.0e_1;\n");
+  CHECK(without_names("a_1 = b_2 + b_2;") == without_names("c_7 = x_y_1 + x_y_1;"));
+  // Another use of the same names is another shader; so are other members, functions and numbers.
+  CHECK(without_names("a_1 = a_1 + b_2;") != without_names("a_1 = b_2 + b_2;"));
+  CHECK(without_names("a_1.x_1 = 0;") != without_names("a_1.x_2 = 0;"));
+  CHECK(without_names("a_1 = sin(b_2);") != without_names("a_1 = cos(b_2);"));
+  CHECK(without_names("a_1 = 1;") != without_names("a_1 = 2;"));
+  CHECK(without_names("").empty());
 }
