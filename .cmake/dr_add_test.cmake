@@ -5,7 +5,7 @@
 add_library(dr_test_options INTERFACE)
 target_compile_options(dr_test_options INTERFACE $<$<CONFIG:Release>:-Og>)
 
-# Half of what is left is spent on the same headers in each of them. Builds from scratch parse them once; in a person's
+# A quarter of what is left goes into the same headers in each of them. Builds from scratch parse them once; in a person's
 # build, a file that forgets to include what it uses does not compile.
 if(CMAKE_UNITY_BUILD)
   file(CONFIGURE OUTPUT ${PROJECT_BINARY_DIR}/precompiled.cpp CONTENT "")

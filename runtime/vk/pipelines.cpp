@@ -163,7 +163,9 @@ size_t Pipelines::want(std::function<vk::raii::Pipeline(const Cache&)> make) {
 size_t Pipelines::compute(int shader, vk::PipelineLayout layout, uint32_t group) {
   const auto [it, is_new] =
       compute_.emplace(std::tuple(shader, static_cast<VkPipelineLayout>(layout), group, values_), 0);
-  if (is_new) it->second = want([=, this](const Cache& cache) { return make_compute(shader, layout, group, cache); });
+  if (is_new)
+    it->second = want(
+        [=, this, values = values_](const Cache& cache) { return make_compute(shader, layout, group, values, cache); });
   return it->second;
 }
 
@@ -223,9 +225,8 @@ void Pipelines::build() {
 }
 
 vk::raii::Pipeline Pipelines::make_compute(int shader, vk::PipelineLayout layout, uint32_t group,
-                                           const Cache& cache) const {
+                                           std::vector<int32_t> values, const Cache& cache) const {
   std::vector<vk::SpecializationMapEntry> entries;
-  std::vector<int32_t> values = values_;
   values.push_back(static_cast<int32_t>(group));
   const auto specialize = specialization(values, entries);
   vk::ComputePipelineCreateInfo info;

@@ -48,7 +48,9 @@ class Pipelines {
 
  private:
   using Cache = vk::raii::PipelineCache;
-  vk::raii::Pipeline make_compute(int shader, vk::PipelineLayout layout, uint32_t group, const Cache& cache) const;
+  // `values`: of the symbols.
+  vk::raii::Pipeline make_compute(int shader, vk::PipelineLayout layout, uint32_t group, std::vector<int32_t> values,
+                                  const Cache& cache) const;
   vk::raii::Pipeline make_graphics(const bundle::CommandT& draw, vk::PipelineLayout layout, vk::RenderPass render_pass,
                                    uint32_t subpass, vk::Extent2D size, const Cache& cache) const;
   struct Layouts {
