@@ -17,7 +17,7 @@ std::string shortened(std::string_view text) {
   return std::string(text.substr(0, kMaxShown)) + "...";
 }
 
-std::string in_quotes(std::string_view text) { return "'" + shortened(text) + "'"; }
+std::string quoted(std::string_view text) { return "'" + shortened(text) + "'"; }
 
 }  // namespace
 
@@ -111,7 +111,7 @@ Diagnostic& Parser::fail_expected(Code code, std::string_view what, const After&
   std::string message = "expected " + std::string(what);
   if (!after.what.empty() || !after.name.empty()) message += " after";
   if (!after.what.empty()) message += ' ' + std::string(after.what);
-  if (!after.name.empty()) message += ' ' + in_quotes(after.name);
+  if (!after.name.empty()) message += ' ' + quoted(after.name);
   message += ", found " + found();
   return fail(code, span(token_), std::move(message));
 }
@@ -119,7 +119,7 @@ Diagnostic& Parser::fail_expected(Code code, std::string_view what, const After&
 bool Parser::expect(TokenKind kind, const After& after) {
   if (broken()) return false;
   if (take(kind)) return true;
-  fail_expected(Code::E0101, in_quotes(token_text(kind)), after);
+  fail_expected(Code::E0101, quoted(token_text(kind)), after);
   return false;
 }
 
@@ -129,7 +129,7 @@ bool Parser::expect_word(std::string_view word, const After& after) {
     advance();
     return true;
   }
-  Diagnostic& diagnostic = fail_expected(Code::E0101, in_quotes(word), after);
+  Diagnostic& diagnostic = fail_expected(Code::E0101, quoted(word), after);
   if (at(TokenKind::Name)) suggest(diagnostic, lexer_.text(token_), {std::string(word)});
   return false;
 }
@@ -152,13 +152,13 @@ void Parser::add_open_note(Diagnostic& diagnostic, const Token& open) const {
   if (!diagnostic.span.valid()) return;
   // On the same line the reader sees it without help.
   if (sources_.position(file_, open.begin).line == sources_.position(file_, diagnostic.span.begin).line) return;
-  diagnostic.notes.push_back({span(open), in_quotes(token_text(open.kind)) + " opened here"});
+  diagnostic.notes.push_back({span(open), quoted(token_text(open.kind)) + " opened here"});
 }
 
 bool Parser::expect_close(TokenKind kind, const Token& open, const After& after) {
   if (broken()) return false;
   if (take(kind)) return true;
-  add_open_note(fail_expected(Code::E0101, in_quotes(token_text(kind)), after), open);
+  add_open_note(fail_expected(Code::E0101, quoted(token_text(kind)), after), open);
   return false;
 }
 
@@ -174,13 +174,13 @@ std::string Parser::describe(const Token& token) const {
     case TokenKind::End: return "the end of the file";
     case TokenKind::Error: return "an unreadable character";
     case TokenKind::String: return "a string";
-    default: return in_quotes(lexer_.text(token));
+    default: return quoted(lexer_.text(token));
   }
 }
 
 void Parser::suggest(Diagnostic& diagnostic, std::string_view name, const std::vector<std::string>& known) {
   if (const std::optional<std::string> nearest = nearest_name(name, known)) {
-    diagnostic.help = "did you mean " + in_quotes(*nearest) + "?";
+    diagnostic.help = "did you mean " + quoted(*nearest) + "?";
   }
 }
 
