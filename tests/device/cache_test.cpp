@@ -17,6 +17,7 @@
 #include "runtime/jit/rebuild.h"
 #include "runtime/runtime.h"
 #include "tests/catch.h"
+#include "tests/device/compile.h"
 #include "tests/device/devices.h"
 #include "tests/unit/passes/random_graph.h"
 
@@ -82,13 +83,7 @@ void check_same(Program& a, Program& b, const std::string& step) {
 }
 
 std::vector<uint8_t> compile_text(const std::string& text, const std::string& profile) {
-  const auto path = std::filesystem::path(DR_BUILD_DIR) / "cache_test.dr";
-  std::ofstream(path) << "edition 1;\n" << text;
-  jit::Options options;
-  options.profile = profile;
-  auto result = jit::compile_file(path.string(), options);
-  if (auto* messages = std::get_if<std::string>(&result)) FAIL(*messages);
-  return std::get<std::vector<uint8_t>>(result);
+  return test::compile_text("cache_test.dr", "edition 1;\n" + text, profile);
 }
 
 double number(Program& program, const std::string& step, const std::string& name) {

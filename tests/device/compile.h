@@ -3,6 +3,8 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
+#include <fstream>
 #include <string>
 #include <vector>
 
@@ -16,6 +18,15 @@ inline std::vector<uint8_t> compile(const std::string& path, const jit::Options&
   auto result = jit::compile_file(path, options);
   if (const auto* messages = std::get_if<std::string>(&result)) FAIL(*messages);
   return std::get<std::vector<uint8_t>>(std::move(result));
+}
+
+// The bundle of a program for a profile. `file`, in the build folder, is where the text is written to.
+inline std::vector<uint8_t> compile_text(const std::string& file, const std::string& text, const std::string& profile) {
+  const auto path = std::filesystem::path(DR_BUILD_DIR) / file;
+  std::ofstream(path) << text;
+  jit::Options options;
+  options.profile = profile;
+  return compile(path.string(), options);
 }
 
 // For a profile, with one of the forms of jit::Options::scatter.

@@ -12,6 +12,7 @@
 #include "runtime/jit/reference_program.h"
 #include "runtime/runtime.h"
 #include "tests/catch.h"
+#include "tests/device/compile.h"
 #include "tests/device/devices.h"
 
 using namespace dr;
@@ -160,9 +161,7 @@ TEST_CASE("programs over layers give one answer, however many there are") {
       options.lower = road.lower;
       options.raster = road.raster;
       options.pack = road.pack;
-      auto bundle = jit::compile_file(path, options);
-      if (const auto* messages = std::get_if<std::string>(&bundle)) FAIL(*messages);
-      bundles.push_back(std::get<0>(std::move(bundle)));
+      bundles.push_back(test::compile(path, options));
     }
     for (const int layers : name == "lavapipe" ? std::vector<int>{1, 6, 8, 49} : std::vector<int>{1, 8}) {
       INFO(name << ", " << layers << " layers");

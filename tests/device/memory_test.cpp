@@ -12,6 +12,7 @@
 #include "runtime/runtime.h"
 #include "runtime/vk/device.h"
 #include "tests/catch.h"
+#include "tests/device/compile.h"
 #include "tests/device/devices.h"
 
 using namespace dr;
@@ -62,13 +63,7 @@ class Driver {
 };
 
 std::vector<uint8_t> compile_text(const std::string& text, const std::string& profile) {
-  const auto path = std::filesystem::path(DR_BUILD_DIR) / "memory_test.dr";
-  std::ofstream(path) << "edition 1;\n" << text;
-  jit::Options options;
-  options.profile = profile;
-  auto result = jit::compile_file(path.string(), options);
-  if (auto* messages = std::get_if<std::string>(&result)) FAIL(*messages);
-  return std::get<std::vector<uint8_t>>(result);
+  return test::compile_text("memory_test.dr", "edition 1;\n" + text, profile);
 }
 
 const char* const kProgram = R"(

@@ -14,6 +14,7 @@
 #include "runtime/jit/jit.h"
 #include "runtime/runtime.h"
 #include "tests/catch.h"
+#include "tests/device/compile.h"
 #include "tests/device/devices.h"
 
 using namespace dr;
@@ -65,9 +66,7 @@ std::vector<uint8_t> compile(const Job& job, const std::string& profile) {
   jit::Options options;
   options.profile = profile;
   options.defines = job.defines;
-  auto bundle = jit::compile_file(job.file.string(), options);
-  if (const auto* messages = std::get_if<std::string>(&bundle)) FAIL(*messages);
-  return std::get<std::vector<uint8_t>>(bundle);
+  return test::compile(job.file.string(), options);
 }
 
 // From the start: everything is bound, each step runs `times` times. Outputs as STEP.NAME, then the leaves.

@@ -9,6 +9,7 @@
 #include "runtime/jit/reference_program.h"
 #include "runtime/runtime.h"
 #include "tests/catch.h"
+#include "tests/device/compile.h"
 #include "tests/device/devices.h"
 
 using namespace dr;
@@ -230,14 +231,10 @@ TEST_CASE("small programs give the evaluator's answer on every device and loweri
   for (const Case& c : kCases) {
     std::ofstream(path) << "edition 1;\n" << c.text;
     const bool has_v = std::string(c.text).find("[V]") != std::string::npos;
-    const auto compile = [&](const jit::Options& options) {
-      auto bundle = jit::compile_file(path, options);
-      if (auto* messages = std::get_if<std::string>(&bundle)) FAIL(c.name << ": " << *messages);
-      return std::get<std::vector<uint8_t>>(bundle);
-    };
+    INFO(c.name);
     jit::Options options;
     options.profile = "lavapipe";
-    auto reference = must(jit::ReferenceProgram::load(compile(options)));
+    auto reference = must(jit::ReferenceProgram::load(test::compile(path, options)));
     run(reference, c, has_v);
     for (const auto& [name, device] : all)
       for (const char* lower : {"fragment", "compute"})
@@ -245,14 +242,14 @@ TEST_CASE("small programs give the evaluator's answer on every device and loweri
           // Subpasses are the fragment lowering's; one op a pass is the same in both.
           if (std::string(lower) == "fragment" ? std::string(pack) == "naive" : std::string(pack) == "subpasses")
             continue;
-          INFO(c.name << ": " << name << " " << lower << " " << pack);
+          INFO(name << " " << lower << " " << pack);
           options.lower = lower;
           options.raster = std::string(lower) == "fragment" ? "hardware" : "compute";
           const bool subpasses = std::string(pack) == "subpasses";
           options.profile = subpasses ? test::profile_of_subpasses(name) : name;
           options.pack = subpasses ? "fused" : pack;
           options.ablate = subpasses ? std::vector<std::string>{"substages", "remat"} : std::vector<std::string>{};
-          auto program = must(runtime::Program::load(device, compile(options)));
+          auto program = must(runtime::Program::load(device, test::compile(path, options)));
           run(program, c, has_v);
           for (const std::string& step : program.steps())
             for (const std::string& output : program.outputs(step)) {

@@ -11,6 +11,7 @@
 #include "runtime/jit/jit.h"
 #include "runtime/runtime.h"
 #include "tests/catch.h"
+#include "tests/device/compile.h"
 #include "tests/device/devices.h"
 
 using namespace dr;
@@ -77,16 +78,6 @@ int wanted_steps() {
   return steps;
 }
 
-std::vector<uint8_t> compile(const char* program, const test::NamedDevice& device) {
-  const auto path = std::filesystem::path(DR_BUILD_DIR) / "long_run.dr";
-  std::ofstream(path) << program;
-  jit::Options options;
-  options.profile = device.name;
-  auto compiled = jit::compile_file(path.string(), options);
-  if (const auto* messages = std::get_if<std::string>(&compiled)) FAIL(*messages);
-  return std::move(std::get<std::vector<uint8_t>>(compiled));
-}
-
 double loss(runtime::Program& program) { return must(program.output("fit", "loss")).to_doubles().at(0); }
 
 }  // namespace
@@ -95,7 +86,7 @@ TEST_CASE("a long fit keeps its bits, its memory and what it has reached") {
   const int steps = wanted_steps();
   for (const test::NamedDevice& device : test::devices()) {
     INFO(device.name);
-    const std::vector<uint8_t> bundle = compile(kProgram, device);
+    const std::vector<uint8_t> bundle = test::compile_text("long_run.dr", kProgram, device.name);
 
     auto blocks = load(device, bundle);
     must(blocks.run("fit"));
@@ -132,7 +123,8 @@ TEST_CASE("texels that share pixels stay where they are in a long fit by inverse
   const int steps = wanted_steps();
   for (const test::NamedDevice& device : test::devices()) {
     INFO(device.name);
-    auto program = must(runtime::Program::load(device.device, compile(kTexture, device)));
+    const std::vector<uint8_t> bundle = test::compile_text("long_run.dr", kTexture, device.name);
+    auto program = must(runtime::Program::load(device.device, bundle));
     for (int block = 0; block < 10; ++block) {
       must(program.run("fit", steps / 10));
       CHECK(must(program.output("fit", "farthest")).to_doubles().at(0) < 1);

@@ -13,6 +13,7 @@
 #include "runtime/jit/jit.h"
 #include "runtime/runtime.h"
 #include "tests/catch.h"
+#include "tests/device/compile.h"
 #include "tests/device/devices.h"
 
 using namespace dr;
@@ -245,16 +246,14 @@ TEST_CASE("soft pictures of whatever there may be") {
       options.profile = name;
       options.defines = {
           {"way", std::to_string(way.way)}, {"K", std::to_string(way.layers)}, {"colors", way.colors ? "1" : "0"}};
-      auto bundle = jit::compile_file(std::string(DR_SOURCE_DIR) + "/tests/stress/soft_stress.dr", options);
-      if (const auto* messages = std::get_if<std::string>(&bundle)) FAIL(*messages);
+      const auto bundle = test::compile(std::string(DR_SOURCE_DIR) + "/tests/stress/soft_stress.dr", options);
       Worst worst;
       int drawn_cases = 0, covered_cases = 0, pulled_cases = 0;
       std::map<int64_t, runtime::Program> programs;  // by width: a program keeps the sizes of its first run
       for (const Case& c : cases()) {
         if (c.width != 24 && !way.sizes) continue;
         INFO(name << ", way " << way.way << ", K = " << way.layers << ": " << c.name);
-        if (programs.count(c.width) == 0)
-          programs.emplace(c.width, must(runtime::Program::load(device, std::get<std::vector<uint8_t>>(bundle))));
+        if (programs.count(c.width) == 0) programs.emplace(c.width, must(runtime::Program::load(device, bundle)));
         runtime::Program& program = programs.at(c.width);
         const Drawn clean = draw(program, c, false), poisoned = draw(program, c, true);
         check(c, clean, way.way == 1 || way.way == 2, worst);
