@@ -5,8 +5,8 @@
 #include <array>
 #include <cstring>
 
-#include "runtime/io/failure.h"
-#include "runtime/io/image.h"
+#include "compiler/io/file/failure.h"
+#include "compiler/io/picture/image.h"
 
 namespace dr::io {
 namespace {

@@ -2,7 +2,7 @@
 // Pictures to linear float arrays and back: channel selection, the sRGB curve, stacks of layers, and the PNG and JPEG
 // codecs (stb, compiled here alone and for these two formats only).
 
-#include "runtime/io/image.h"
+#include "compiler/io/picture/image.h"
 
 #include <algorithm>
 #include <array>
@@ -12,7 +12,8 @@
 #include <limits>
 #include <memory>
 
-#include "runtime/io/failure.h"
+#include "compiler/io/array/checked.h"
+#include "compiler/io/file/failure.h"
 
 namespace {
 

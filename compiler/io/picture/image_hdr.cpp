@@ -6,8 +6,8 @@
 #include <charconv>
 #include <cmath>
 
-#include "runtime/io/failure.h"
-#include "runtime/io/image.h"
+#include "compiler/io/file/failure.h"
+#include "compiler/io/picture/image.h"
 
 namespace dr::io {
 namespace {

@@ -15,7 +15,7 @@
 #include <utility>
 #include <vector>
 
-#include "runtime/io/array.h"
+#include "compiler/io/array/array.h"
 
 namespace dr::io {
 

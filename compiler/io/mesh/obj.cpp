@@ -8,8 +8,8 @@
 #include <cmath>
 #include <utility>
 
-#include "runtime/io/failure.h"
-#include "runtime/io/mesh_readers.h"
+#include "compiler/io/file/failure.h"
+#include "compiler/io/mesh/mesh_readers.h"
 
 namespace dr::io {
 namespace {

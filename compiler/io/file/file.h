@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Whole files in, whole files out. Private to runtime/io; every function throws Failure.
+// Whole files in, whole files out. Private to compiler/io; every function throws Failure.
 #pragma once
 
 #include <cstdint>

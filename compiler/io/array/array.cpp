@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // Scalar kinds and conversions of host arrays.
 
-#include "runtime/io/array.h"
+#include "compiler/io/array/array.h"
 
 #include <cmath>
 #include <cstring>
 #include <limits>
 
-#include "runtime/io/failure.h"
+#include "compiler/io/file/failure.h"
 
 namespace dr::io {
 namespace {

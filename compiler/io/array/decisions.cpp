@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "runtime/io/decisions.h"
+#include "compiler/io/array/decisions.h"
 
 #include <filesystem>
 #include <system_error>
 
-#include "runtime/io/failure.h"
+#include "compiler/io/file/failure.h"
 
 namespace dr::io {
 namespace {

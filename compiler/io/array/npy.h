@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// NumPy's .npy files, .csv tables and JSON literals: numbers with a shape. Private to runtime/io; every function throws
-// Failure.
+// NumPy's .npy files, .csv tables and JSON literals: numbers with a shape. Private to compiler/io; every function
+// throws Failure.
 #pragma once
 
 #include <cstdint>
@@ -8,8 +8,8 @@
 #include <string_view>
 #include <vector>
 
-#include "runtime/io/array.h"
-#include "runtime/io/file.h"
+#include "compiler/io/array/array.h"
+#include "compiler/io/file/file.h"
 
 namespace dr::io {
 

@@ -6,12 +6,12 @@
 #include <array>
 #include <utility>
 
-#include "runtime/io/array.h"
-#include "runtime/io/failure.h"
-#include "runtime/io/file.h"
-#include "runtime/io/image.h"
-#include "runtime/io/mesh_readers.h"
-#include "runtime/io/npy.h"
+#include "compiler/io/array/array.h"
+#include "compiler/io/array/npy.h"
+#include "compiler/io/file/failure.h"
+#include "compiler/io/file/file.h"
+#include "compiler/io/mesh/mesh_readers.h"
+#include "compiler/io/picture/image.h"
 
 namespace dr::io {
 namespace {

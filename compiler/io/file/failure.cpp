@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Wording of messages, and the overflow-safe size of an array.
 
-#include "runtime/io/failure.h"
+#include "compiler/io/file/failure.h"
 
 #include <algorithm>
 #include <charconv>
@@ -84,26 +84,6 @@ std::string_view nearest(std::string_view word, std::span<const std::string_view
 std::string did_you_mean(std::string_view word, std::span<const std::string_view> candidates) {
   const std::string_view best = nearest(word, candidates);
   return best.empty() ? std::string() : cat(" (did you mean '", best, "'?)");
-}
-
-size_t checked_byte_count(ElementKind kind, int64_t components, int64_t width, int64_t height, int64_t layers) {
-  auto left = static_cast<uint64_t>(kMaxArrayBytes);
-  uint64_t total = 1;
-  for (const int64_t factor : {static_cast<int64_t>(scalar_size(kind)), components, width, height, layers}) {
-    if (factor <= 0) fail("an array of ", width, "x", height, "x", layers, " elements is empty");
-    if (static_cast<uint64_t>(factor) > left) {
-      fail("an array of ", width, "x", height, "x", layers, " elements with ", components, " x ", kind_name(kind),
-           " is larger than ", kMaxArrayBytes, " bytes");
-    }
-    total *= static_cast<uint64_t>(factor);
-    left /= static_cast<uint64_t>(factor);
-  }
-  return static_cast<size_t>(total);
-}
-
-Array checked_zeros(ElementKind kind, int64_t components, int64_t width, int64_t height, int64_t layers) {
-  checked_byte_count(kind, components, width, height, layers);
-  return Array::zeros(kind, static_cast<int>(components), width, height, layers);
 }
 
 }  // namespace dr::io

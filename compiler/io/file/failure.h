@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// How the readers and writers of runtime/io fail, and how they word it. Inside, a parser throws `Failure` from wherever
-// it finds the fault; the public functions are wrapped in `guarded`, which turns it into a Result. Private to
-// runtime/io.
+// How the readers and writers of compiler/io fail, and how they word it. Inside, a parser throws `Failure` from
+// wherever it finds the fault; the public functions are wrapped in `guarded`, which turns it into a Result. Private to
+// compiler/io.
 #pragma once
 
 #include <concepts>
@@ -14,8 +14,7 @@
 #include <string_view>
 #include <type_traits>
 
-#include "runtime/io/array.h"
-#include "runtime/io/result.h"
+#include "compiler/io/file/result.h"
 
 namespace dr::io {
 
@@ -68,12 +67,6 @@ std::string_view nearest(std::string_view word, std::span<const std::string_view
 
 // " (did you mean 'position'?)", or nothing.
 std::string did_you_mean(std::string_view word, std::span<const std::string_view> candidates);
-
-// The product in bytes; fails when it is not positive or passes kMaxArrayBytes. Never wraps around.
-size_t checked_byte_count(ElementKind kind, int64_t components, int64_t width, int64_t height, int64_t layers);
-
-// Array::zeros for an extent that a file or a user chose: fails instead of asserting.
-Array checked_zeros(ElementKind kind, int64_t components, int64_t width, int64_t height, int64_t layers);
 
 // Runs `work`, which returns T or throws, and gives a Result<T> whose error starts with `prefix`.
 template <class Work>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // .npy files, and the rule by which a shape becomes an extent.
 
-#include "runtime/io/npy.h"
+#include "compiler/io/array/npy.h"
 
 #include <algorithm>
 #include <bit>
@@ -11,7 +11,8 @@
 #include <limits>
 #include <string>
 
-#include "runtime/io/failure.h"
+#include "compiler/io/array/checked.h"
+#include "compiler/io/file/failure.h"
 
 namespace dr::io {
 namespace {

@@ -15,8 +15,8 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 
-#include "runtime/io/failure.h"
-#include "runtime/io/mesh_readers.h"
+#include "compiler/io/file/failure.h"
+#include "compiler/io/mesh/mesh_readers.h"
 
 namespace dr::io {
 namespace {

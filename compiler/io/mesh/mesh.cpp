@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Meshes by file name: picks the reader, checks what is to be written, and writes OBJ, glTF and GLB.
 
-#include "runtime/io/mesh.h"
+#include "compiler/io/mesh/mesh.h"
 
 #include <algorithm>
 #include <array>
@@ -12,10 +12,10 @@
 #include <nlohmann/json.hpp>
 #include <unordered_map>
 
-#include "runtime/io/failure.h"
-#include "runtime/io/file.h"
-#include "runtime/io/image.h"
-#include "runtime/io/mesh_readers.h"
+#include "compiler/io/file/failure.h"
+#include "compiler/io/file/file.h"
+#include "compiler/io/mesh/mesh_readers.h"
+#include "compiler/io/picture/image.h"
 
 namespace dr::io {
 namespace {

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// The mesh formats behind load_mesh and load_binding. Private to runtime/io; every function throws Failure.
+// The mesh formats behind load_mesh and load_binding. Private to compiler/io; every function throws Failure.
 #pragma once
 
 #include <optional>
 #include <string>
 #include <string_view>
 
-#include "runtime/io/file.h"
-#include "runtime/io/mesh.h"
+#include "compiler/io/file/file.h"
+#include "compiler/io/mesh/mesh.h"
 
 namespace dr::io {
 

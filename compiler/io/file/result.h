@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A value or the reason why there is none. What runtime/io returns: whatever a file or a user's text may do wrong
+// A value or the reason why there is none. What compiler/io returns: whatever a file or a user's text may do wrong
 // comes back as one sentence, never as an exception.
 #pragma once
 

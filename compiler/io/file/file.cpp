@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Reading with a size limit, writing through a temporary file and a rename, and name patterns.
 
-#include "runtime/io/file.h"
+#include "compiler/io/file/file.h"
 
 #include <algorithm>
 #include <cerrno>
@@ -12,7 +12,7 @@
 #include <random>
 #include <system_error>
 
-#include "runtime/io/failure.h"
+#include "compiler/io/file/failure.h"
 
 namespace dr::io {
 namespace {

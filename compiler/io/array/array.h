@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Dense host arrays: what is bound to a leaf of a program and what is read back from it. Loading (`load_binding`) and
-// saving (`save_array`) by file name live here too; meshes as a whole are in runtime/io/mesh.h.
+// saving (`save_array`) by file name live here too; meshes as a whole are in compiler/io/mesh/mesh.h.
 #pragma once
 
 #include <cassert>
@@ -12,7 +12,7 @@
 #include <string_view>
 #include <vector>
 
-#include "runtime/io/result.h"
+#include "compiler/io/file/result.h"
 
 namespace dr::io {
 
@@ -110,7 +110,7 @@ inline constexpr int64_t kMaxArrayBytes = int64_t{1} << 34;
 // leaf (3 for vec3, 16 for mat4); 0 means unknown. When it is known, the result has exactly that many or it is an
 // error.
 //
-//   mesh.obj:position  :indices :uv :uv_indices :normal :color   also .gltf and .glb; see runtime/io/mesh.h
+//   mesh.obj:position  :indices :uv :uv_indices :normal :color   also .gltf and .glb; see compiler/io/mesh/mesh.h
 //   picture.png        .jpg .jpeg .hdr; `:raw` (value / 255, no sRGB curve), `:r` `:rgb` `:rgba` `:a` pick channels
 //   views/*.png        pictures of one size, as layers, in the order of the names' bytes
 //   values.npy         C order

@@ -7,8 +7,8 @@
 #include <string_view>
 #include <vector>
 
-#include "runtime/io/failure.h"
-#include "runtime/io/npy.h"
+#include "compiler/io/array/npy.h"
+#include "compiler/io/file/failure.h"
 
 namespace dr::io {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Pictures: PNG, JPEG and Radiance HDR in, PNG out. Private to runtime/io; every function throws Failure.
+// Pictures: PNG, JPEG and Radiance HDR in, PNG out. Private to compiler/io; every function throws Failure.
 #pragma once
 
 #include <cstdint>
@@ -8,8 +8,8 @@
 #include <string_view>
 #include <vector>
 
-#include "runtime/io/array.h"
-#include "runtime/io/file.h"
+#include "compiler/io/array/array.h"
+#include "compiler/io/file/file.h"
 
 namespace dr::io {
 

@@ -8,8 +8,9 @@
 #include <string>
 #include <vector>
 
-#include "runtime/io/failure.h"
-#include "runtime/io/npy.h"
+#include "compiler/io/array/checked.h"
+#include "compiler/io/array/npy.h"
+#include "compiler/io/file/failure.h"
 
 namespace dr::io {
 namespace {
