@@ -25,9 +25,13 @@ compiler/backend/plan      BUNDLE compiler/ir/dim.h
 compiler/backend/emit      BUNDLE GRAPH compiler/target/ B/analysis/ B/schedule/ B/cost/ B/glsl/ B/plan/
 compiler/backend/spirv     BUNDLE compiler/ir/ B/glsl/source.h
 compiler/backend           dsl/ GRAPH compiler/target/ compiler/passes/ compiler/backend/
-compiler/drc             dsl/ compiler/ runtime/io/
-runtime                  compiler/backend/bundle/ compiler/ir/dim.h compiler/topology/
-runtime/io
+compiler/drc             dsl/ compiler/
+compiler/io              compiler/io/
+compiler/io/file
+compiler/io/array        compiler/io/file/
+compiler/io/picture      compiler/io/file/ compiler/io/array/
+compiler/io/mesh         compiler/io/file/ compiler/io/array/ compiler/io/picture/
+runtime                  compiler/backend/bundle/ compiler/io/ compiler/ir/dim.h compiler/topology/
 runtime/jit              runtime/ compiler/ dsl/
 '
 # Short names: B is the back end, BUNDLE its contract with the runtime, GRAPH what all that read a graph may use.
@@ -87,7 +91,10 @@ probe compiler/ir/a.h '"compiler/ops/op.h"' refuse
 probe compiler/drc/a.cpp '"runtime/device.h"' refuse
 probe compiler/passes/a.cpp '"compiler/backend/compile.h"' refuse
 probe runtime/a.cpp '"compiler/ir/graph.h"' refuse
-probe runtime/io/a.cpp '"runtime/device.h"' refuse
+probe compiler/io/a.cpp '"runtime/device.h"' refuse
+probe compiler/io/a.cpp '"compiler/ir/dim.h"' refuse
+probe compiler/io/array/a.cpp '"compiler/io/mesh/mesh.h"' refuse
+probe compiler/io/mesh/a.cpp '"compiler/io/picture/image.h"' pass
 probe runtime/vk/a.cpp '"device.h"' refuse
 probe dsl/a.h '<dsl/b.h>' refuse
 probe elsewhere/a.h '"nothing.h"' pass

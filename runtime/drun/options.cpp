@@ -74,7 +74,7 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
   std::vector<std::string> skips = jit::skip_names();
   skips.insert(skips.end(), {"rebuild", "commands", "pipelines", "shaders"});
   std::vector<std::string> no_skip;
-  app.add_option("--no-skip", no_skip, "do work that would be left out, with commas: see docs/skipping.md")
+  app.add_option("--no-skip", no_skip, "do work that would be left out, with commas: see docs/explain/skipping.md")
       ->delimiter(',')
       ->type_name("ID")
       ->check(CLI::IsMember(skips));

@@ -24,7 +24,7 @@ struct Options {
   friend bool operator==(const Options&, const Options&) = default;
 };
 
-// The work of one thing that can be left out (docs/skipping.md): what is done, and what is left out.
+// The work of one thing that can be left out (docs/explain/skipping.md): what is done, and what is left out.
 struct Skip {
   std::string id, unit;
   int64_t done = 0, avoided = 0;

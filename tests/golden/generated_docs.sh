@@ -9,19 +9,19 @@ trap 'rm -rf "$work"' EXIT
 
 "$drc" doc --ops -o "$work/ops.md"
 {
-  echo '<!-- Made by `drc doc` from stdlib/std/; see docs/testing.md. -->'
+  echo '<!-- Made by `drc doc` from stdlib/std/; see docs/howto/test.md. -->'
   "$drc" doc stdlib/std/*.dr
 } > "$work/library.md"
 
 failed=0
 for name in ops library; do
-  cmp -s "$work/$name.md" "docs/$name.md" && continue
+  cmp -s "$work/$name.md" "docs/reference/$name.md" && continue
   if [[ ${3-} == --update ]]; then
-    cp "$work/$name.md" "docs/$name.md"
-    echo "docs/$name.md: changed"
+    cp "$work/$name.md" "docs/reference/$name.md"
+    echo "docs/reference/$name.md: changed"
   else
-    diff -u "docs/$name.md" "$work/$name.md" || true
-    echo "docs/$name.md is not what drc doc prints; ./dr test --update writes it anew"
+    diff -u "docs/reference/$name.md" "$work/$name.md" || true
+    echo "docs/reference/$name.md is not what drc doc prints; ./dr test --update writes it anew"
     failed=1
   fi
 done
