@@ -21,7 +21,7 @@ endforeach()
 install(TARGETS ${libraries} EXPORT dressi ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR}/dressi)
 
 # Headers keep the paths that they include each other by.
-set(headers runtime/runtime.h runtime/io/array.h runtime/io/mesh.h runtime/io/result.h runtime/jit/jit.h
+set(headers runtime/runtime.h compiler/io/array/array.h compiler/io/mesh/mesh.h compiler/io/file/result.h runtime/jit/jit.h
   runtime/jit/measure.h runtime/jit/rebuild.h runtime/jit/reference_program.h)
 foreach(header IN LISTS headers)
   cmake_path(GET header PARENT_PATH folder)

@@ -16,9 +16,13 @@ compiler/passes          dsl/ compiler/ir/ compiler/ops/ compiler/target/ compil
 compiler/reference       dsl/ compiler/ir/ compiler/ops/ compiler/topology/
 compiler/backend         dsl/ compiler/ir/ compiler/ops/ compiler/target/ compiler/lower/ compiler/passes/ compiler/reference/
 compiler/backend/bundle  compiler/ir/dim.h
-compiler/drc             dsl/ compiler/ runtime/io/
-runtime                  compiler/backend/bundle/ compiler/ir/dim.h compiler/topology/
-runtime/io
+compiler/drc             dsl/ compiler/
+compiler/io              compiler/io/
+compiler/io/file
+compiler/io/array        compiler/io/file/
+compiler/io/picture      compiler/io/file/ compiler/io/array/
+compiler/io/mesh         compiler/io/file/ compiler/io/array/ compiler/io/picture/
+runtime                  compiler/backend/bundle/ compiler/io/ compiler/ir/dim.h compiler/topology/
 runtime/jit              runtime/ compiler/ dsl/
 '
 
@@ -74,7 +78,10 @@ probe compiler/ir/a.h '"compiler/ops/op.h"' refuse
 probe compiler/drc/a.cpp '"runtime/device.h"' refuse
 probe compiler/passes/a.cpp '"compiler/backend/compile.h"' refuse
 probe runtime/a.cpp '"compiler/ir/graph.h"' refuse
-probe runtime/io/a.cpp '"runtime/device.h"' refuse
+probe compiler/io/a.cpp '"runtime/device.h"' refuse
+probe compiler/io/a.cpp '"compiler/ir/dim.h"' refuse
+probe compiler/io/array/a.cpp '"compiler/io/mesh/mesh.h"' refuse
+probe compiler/io/mesh/a.cpp '"compiler/io/picture/image.h"' pass
 probe runtime/vk/a.cpp '"device.h"' refuse
 probe dsl/a.h '<dsl/b.h>' refuse
 probe elsewhere/a.h '"nothing.h"' pass
