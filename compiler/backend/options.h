@@ -25,7 +25,7 @@ struct CompileOptions {
   Lower lower = Lower::Auto;
   RasterLower raster = RasterLower::Auto;
   ScatterLower scatter = ScatterLower::Auto;
-  bool native_floats = false;          // the float profile, docs/explain/architecture.md
+  bool native_floats = false;          // the float profile, docs/explain/floats.md
   Moving moving;                       // see PackOptions
   SourceLines lines;                   // of the graph's ops, for the bundle
   std::filesystem::path cache_folder;  // of assembled shaders; empty: none
