@@ -6,15 +6,15 @@ namespace dr::accuracy::library {
 
 namespace {
 
-// The design's for whole frames: each value here is a product of the terms whose rows are above it, with the error of ggx
-// where light is mirrored nearly exactly.
+// The design's for whole frames: each value here is a product of the terms whose rows are above it, with the error of
+// ggx where light is mirrored nearly exactly.
 constexpr double kWhole = 1e-4;
 
 Operand alpha() { return floats("alpha", 2e-3, 1, 2e-3); }
 Operand cosine(const std::string& name) { return floats(name, 1e-6, 1, 1e-6); }
 
-// A view at a cosine of 1e-3 or more to a normal, and light that leaves around its mirrored direction, as far off as the
-// lobe of `alpha` is wide: where ggx is ill-conditioned.
+// A view at a cosine of 1e-3 or more to a normal, and light that leaves around its mirrored direction, as far off as
+// the lobe of `alpha` is wide: where ggx is ill-conditioned.
 Operands lobe() {
   return join({unit("n"),
                {alpha(), floats("n_v_", 1e-3, 1, 1e-3), vectors("aside_", -1, 1, 1e-3), floats("far_", 0, 4, 1e-4),
@@ -22,7 +22,8 @@ Operands lobe() {
                 made("l", "vec3", "normalize(reflect(-v, n) + far_ * alpha * normalize(aside_))")}});
 }
 
-// A relative error of `bound` over `alpha`: the cross product is off by 2 u, the slope of the lobe is 2 / alpha at most.
+// A relative error of `bound` over `alpha`: the cross product is off by 2 u, the slope of the lobe is 2 / alpha at
+// most.
 Direction over_alpha(const std::string& of, const std::string& size, const std::string& text) {
   return over(of, 4 * u, "(1.0 / alpha + 2.0) * " + size, "(1 / alpha + 2) " + text, kDesign);
 }
@@ -32,9 +33,9 @@ const char* const kRoot = "the root of a difference";
 
 std::vector<Function> terms() {
   const Operand h = vectors("h", -2, 2, 1e-3);
-  const Operands frame = {vectors("l_", -1, 1, 1e-3), vectors("v_", -1, 1, 1e-3), vectors("alpha", 2e-3, 1, 2e-3, "vec2"),
-                          made("l", "vec3", "normalize(vec3(l_.xy, abs(l_.z)))"),
-                          made("v", "vec3", "normalize(vec3(v_.xy, abs(v_.z)))")};
+  const Operands frame = {
+      vectors("l_", -1, 1, 1e-3), vectors("v_", -1, 1, 1e-3), vectors("alpha", 2e-3, 1, 2e-3, "vec2"),
+      made("l", "vec3", "normalize(vec3(l_.xy, abs(l_.z)))"), made("v", "vec3", "normalize(vec3(v_.xy, abs(v_.z)))")};
   // Slopes of k^2 / pi, k = alpha / (s^2 + c^2 alpha^2): to alpha 2 D / alpha, to the directions 2 D / (alpha |h|).
   Function ggx{.name = "material.ggx",
                .part = {},
@@ -93,7 +94,8 @@ std::vector<Function> terms() {
        .result = "float",
        .operands = {floats("cosine", -0.1, 1.1, 1e-6)},
        .value = "material.schlick(cosine)",
-       .directions = {relative("value", 8 * u, kDesign), relative("cosine", 16 * u, "like the value, five times its slope")}},
+       .directions = {relative("value", 8 * u, kDesign),
+                      relative("cosine", 16 * u, "like the value, five times its slope")}},
       {.name = "material.fresnel",
        .part = {},
        .result = "float",
@@ -162,8 +164,8 @@ std::vector<Function> lit_surfaces() {
        .result = "vec3",
        .operands = join({paint, unit("n"), unit("l"), unit("v"), unit("t"), {floats("strength", 0, 1, 1e-3)}}),
        .value = "material.shade_anisotropic(m, n, t, strength, lamp, v)",
-       .directions = all_conditioned(
-           kWhole, kWhole, {"base", "metallic", "roughness", "n", "l", "v", "t", "strength"}, kDesign),
+       .directions =
+           all_conditioned(kWhole, kWhole, {"base", "metallic", "roughness", "n", "l", "v", "t", "strength"}, kDesign),
        .before = kLit},
       {.name = "material.shade_full",
        .part = {},
@@ -239,8 +241,8 @@ std::vector<Function> energies() {
 std::vector<Function> lamps() {
   const Operand lamp = vectors("lamp", -100, 100, 1e-4), at = vectors("at", -100, 100, 1e-4);
   const Operand color = vectors("color", 1e-3, 100);
-  // The cone's border is a quotient of a difference of cosines of the rounding of the axis and the way, over that of the
-  // two angles.
+  // The cone's border is a quotient of a difference of cosines of the rounding of the axis and the way, over that of
+  // the two angles.
   return {
       {.name = "light.spot",
        .part = {},
