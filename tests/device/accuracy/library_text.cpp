@@ -17,6 +17,7 @@ import std.camera;
 import std.hardsoftras;
 import std.light;
 import std.loss;
+import std.material;
 import std.mesh;
 import std.nvdiffrast;
 import std.optim;
