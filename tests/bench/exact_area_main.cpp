@@ -8,7 +8,7 @@
 #include <map>
 #include <string>
 
-#include "runtime/io/array.h"
+#include "compiler/io/array/array.h"
 #include "tests/bench/exact_area.h"
 #include "tests/bench/must.h"
 
