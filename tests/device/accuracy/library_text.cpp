@@ -18,6 +18,7 @@ import std.coverage;
 import std.hardsoftras;
 import std.light;
 import std.loss;
+import std.material;
 import std.mesh;
 import std.nvdiffrast;
 import std.optim;
