@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What becomes of glslang's words: no call is left but of functions that leave early, variables go, and the work grows
 // with the shader as its size does.
-#include "compiler/backend/spirv.h"
+#include "compiler/backend/spirv/spirv.h"
 
 #include <map>
 
