@@ -180,8 +180,10 @@ Picture decode_png_or_jpeg(std::span<const uint8_t> file) {
   Picture picture;
   int width = 0;
   int height = 0;
+  stbi__g_failure_reason = nullptr;  // not every refusal sets one, and an old one would mislead
   const auto check = [&](const void* decoded) {
-    if (!decoded) fail("the picture data is damaged (", stbi_failure_reason(), ")");
+    const char* reason = stbi_failure_reason();
+    if (!decoded) fail("the picture data is damaged (", reason ? reason : "the decoder gives no reason", ")");
     if (width != size.width || height != size.height) fail("the picture data is damaged");
   };
   if (png && stbi_is_16_bit_from_memory(data, length) != 0) {

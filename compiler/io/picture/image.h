@@ -15,6 +15,9 @@ namespace dr::io {
 
 // The largest width and height, checked in the header before anything is decoded.
 inline constexpr int64_t kMaxImageSide = 16384;
+// The most bytes that the samples of one picture may take once they are decoded: the decoders count in 32 bits, and a few
+// bytes of a file can stand for any number of samples. Checked before anything is decoded.
+inline constexpr int64_t kMaxDecodedBytes = (int64_t{1} << 31) - 1;
 
 enum class ImageChannels : uint8_t { AsStored, R, Rgb, Rgba, A };
 
@@ -41,7 +44,11 @@ struct Picture {
 struct PictureSize {
   int64_t width = 0;
   int64_t height = 0;
+  int64_t channels = 0;  // at most, of the decoded samples
+  int64_t sample_bytes = 1;
 };
+// Fails when the decoded samples would pass kMaxDecodedBytes. `at` is the byte of the file that gives the size.
+void check_decoded_size(const PictureSize& size, size_t at);
 PictureSize check_png(std::span<const uint8_t> file);
 PictureSize check_jpeg(std::span<const uint8_t> file);
 
