@@ -10,6 +10,7 @@
 #include "compiler/backend/glsl/source.h"
 #include "compiler/backend/options.h"
 #include "compiler/backend/schedule/schedule.h"
+#include "compiler/backend/spirv/spirv.h"
 #include "compiler/ir/graph.h"
 #include "compiler/target/profile.h"
 
@@ -20,6 +21,7 @@ struct Compiled {
   std::vector<GlslShader> glsl;  // as in bundle.shaders, in order
   bundle::BundleT bundle;
   size_t shaders_found = 0;  // in the cache; the others were assembled
+  AssembleTimes times;       // of all threads together
 };
 
 // A limit of the profile that cannot be met, in one sentence a line. The program may be right on another device.

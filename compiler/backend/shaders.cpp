@@ -64,9 +64,10 @@ void assemble_shaders(const std::filesystem::path& cache_folder, Compiled& compi
   std::atomic<size_t> next{0};
   const ShaderCache cache(cache_folder);
   std::vector<std::exception_ptr> failures(glsl.size());
+  std::vector<AssembleTimes> times(glsl.size());
   auto work = [&] {
     for (size_t k = next++; k < glsl.size(); k = next++) try {
-        modules[k] = assemble(glsl[k], cache);
+        modules[k] = assemble(glsl[k], cache, &times[k]);
       } catch (...) {
         failures[k] = std::current_exception();
       }
@@ -77,6 +78,12 @@ void assemble_shaders(const std::filesystem::path& cache_folder, Compiled& compi
   for (std::thread& t : threads) t.join();
   for (const std::exception_ptr& failure : failures)
     if (failure) std::rethrow_exception(failure);
+  for (const AssembleTimes& t : times) {
+    compiled.times.cache += t.cache;
+    compiled.times.glslang += t.glslang;
+    compiled.times.inlining += t.inlining;
+    compiled.times.validation += t.validation;
+  }
   compiled.shaders_found = cache.found();
   if (cache.has_stored()) cache.trim();  // a cache that has not grown is not too large
   bool wide = false, float_atomics = false, subgroups = false, multiview = false;

@@ -17,6 +17,7 @@
 #include "compiler/drc/command.h"
 #include "compiler/drc/input.h"
 #include "compiler/drc/output.h"
+#include "compiler/drc/phase_times.h"
 #include "compiler/driver/driver.h"
 #include "compiler/ir/print.h"
 #include "dsl/diagnostic.h"
@@ -27,7 +28,7 @@ namespace {
 // The program on its way. A stage that is missing has been told of.
 class Stages {
  public:
-  explicit Stages(const BuildOptions& options) : options_(options) {}
+  Stages(const BuildOptions& options, PhaseTimes& times) : options_(options), times_(times) {}
 
   const BuildOptions& options() const { return options_; }
   const driver::Compilation& program() const { return *program_; }
@@ -35,10 +36,16 @@ class Stages {
   bool has_messages() const { return !program_->diagnostics().all().empty(); }
 
   const ir::Graph* lowered() {
-    return ask([](driver::Compilation& program) { return program.lowered(); });
+    if (lowered_) return lowered_;
+    lowered_ = ask([](driver::Compilation& program) { return program.lowered(); });
+    const double parse = program_ ? program_->parse_milliseconds() : 0;
+    times_.add("parse", parse);
+    times_.add("check and lower", times_.lap() - parse);
+    return lowered_;
   }
   // After the passes: those of --passes, or all that are needed before code is made.
   const ir::Graph* differentiated() {
+    if (!lowered()) return nullptr;
     return ask([](driver::Compilation& program) { return program.differentiated(); });
   }
   const target::Profile* profile() {
@@ -46,8 +53,12 @@ class Stages {
   }
   // Schedule, shaders and bundle for the profile.
   const backend::Compiled* compiled() {
-    return ask([](driver::Compilation& program) { return program.compiled(); });
+    if (!differentiated()) return nullptr;
+    compiled_ = ask([](driver::Compilation& program) { return program.compiled(); });
+    return compiled_;
   }
+  // Null where no shader was asked for.
+  const backend::AssembleTimes* assemble_times() const { return compiled_ ? &compiled_->times : nullptr; }
 
   // Whether the passes that are named are known; tells of the first that is not. What --stop-after leaves is the
   // product: a graph after a pass over graphs, a schedule after one over schedules.
@@ -71,11 +82,12 @@ class Stages {
   }
 
   // --time-passes and --dump-ir.
-  void show_pass(std::string_view name, const std::function<std::string()>& text, double milliseconds) const {
-    const std::string pass(name);
-    if (options_.time_passes) std::fprintf(stderr, "%s: %.3f ms\n", pass.c_str(), milliseconds);
+  void show_pass(std::string_view name, const std::function<std::string()>& text, double milliseconds) {
+    times_.add(name, milliseconds);
+    times_.add("verify", times_.lap() - milliseconds);  // what is done between passes
     if (!options_.dump_ir || (!options_.dump_ir->empty() && *options_.dump_ir != name)) return;
-    std::fprintf(stderr, "// after %s\n%s", pass.c_str(), text().c_str());
+    std::fprintf(stderr, "// after %s\n%s", std::string(name).c_str(), text().c_str());
+    times_.end("print");
   }
 
   bool open() {
@@ -89,7 +101,9 @@ class Stages {
     hooks.after = [this](std::string_view name, const std::function<std::string()>& text, double milliseconds) {
       show_pass(name, text, milliseconds);
     };
+    times_.end("start");
     program_ = open_program(options_.input, std::move(hooks));
+    times_.end("read");
     return program_ != nullptr;
   }
 
@@ -103,7 +117,10 @@ class Stages {
   }
 
   const BuildOptions& options_;
+  PhaseTimes& times_;
   std::unique_ptr<driver::Compilation> program_;
+  const ir::Graph* lowered_ = nullptr;
+  const backend::Compiled* compiled_ = nullptr;
   bool is_open_ = false, told_messages_ = false, told_error_ = false;
 };
 
@@ -214,8 +231,21 @@ std::vector<std::string> product_names() {
   return names;
 }
 
-int build(const BuildOptions& options) {
-  Stages stages(options);
+namespace {
+
+// The work of shaders runs on all cores: each part has its share of the time that all of it took.
+void split_assembling(const backend::AssembleTimes& parts, PhaseTimes& times) {
+  const double sum = parts.cache + parts.glslang + parts.inlining + parts.validation, all = times.take("assemble");
+  const double scale = sum > 0 ? std::min(1.0, all / sum) : 0;
+  times.add("assemble: cache", parts.cache * scale);
+  times.add("assemble: glslang", parts.glslang * scale);
+  times.add("assemble: inline", parts.inlining * scale);
+  times.add("assemble: validate", parts.validation * scale);
+  times.add("assemble: wait", all - sum * scale);
+}
+
+int build(const BuildOptions& options, PhaseTimes& times) {
+  Stages stages(options, times);
   std::vector<std::string> emit = options.emit;
   if (!stages.find_passes(emit)) return kBadUsage;
   const bool several = emit.size() > 1;
@@ -226,6 +256,7 @@ int build(const BuildOptions& options) {
   for (const std::string& name : emit) {
     const auto product = std::ranges::find(kProducts, name, &Product::name);
     const auto content = product->make(stages);
+    times.end("make " + name);
     if (!content) return kUserError;
     std::string file = options.output;
     if (several || (file != "-" && std::filesystem::is_directory(file))) {
@@ -233,10 +264,24 @@ int build(const BuildOptions& options) {
           options.input.file == "-" ? "stdin" : std::filesystem::path(options.input.file).stem().string();
       file = (std::filesystem::path(file) / (stem + std::string(product->extension))).string();
     }
-    if (!write_product(file, *content)) return kUserError;
+    const bool written = write_product(file, *content);
+    times.end("write " + name);
+    if (!written) return kUserError;
   }
   if (!options.report.empty() && !write_report(stages)) return kUserError;
+  times.end("report");
+  if (const backend::AssembleTimes* parts = stages.assemble_times()) split_assembling(*parts, times);
   return kOk;
+}
+
+}  // namespace
+
+int build(const BuildOptions& options) {
+  PhaseTimes times;
+  const int code = build(options, times);
+  times.end("clean up");
+  if (options.time_passes) std::fputs(times.text().c_str(), stderr);
+  return code;
 }
 
 }  // namespace dr::drc

@@ -96,6 +96,7 @@ const ir::Graph* Compilation::lowered() {
   lowering.include_dirs = options_.include_dirs;
   lowering.plain_gradients = options_.plain_gradients;
   lowering.defines = options_.defines;
+  lowering.parse_milliseconds = &parse_milliseconds_;
   if (!options_.profile.empty() || profile_) {
     if (!profile()) return nullptr;
     for (auto& define : backend::skip_defines(options_.ablate, *profile_)) lowering.defines.insert(std::move(define));

@@ -64,6 +64,8 @@ class Compilation {
   const std::optional<Error>& error() const { return error_; }
   dsl::FileId file() const { return file_; }  // of the text
   const passes::Skips::LeftOut& left_out() const { return left_out_; }
+  // Of lowered(): what its text and the modules that it imports took.
+  double parse_milliseconds() const { return parse_milliseconds_; }
   // All messages as text, each line ended.
   std::string messages() const;
 
@@ -83,6 +85,7 @@ class Compilation {
   std::optional<ir::Graph> lowered_, differentiated_;
   std::optional<backend::Compiled> compiled_;
   passes::Skips::LeftOut left_out_;
+  double parse_milliseconds_ = 0;
 };
 
 // The passes that --passes and --stop-after know: those over graphs, then those over schedules.

@@ -28,6 +28,7 @@ struct Options {
   size_t max_expressions = 50'000'000;
   size_t max_parts = 262'144;  // of one tuple, array or struct, parts of parts counted
   size_t max_steps = 1024;
+  double* parse_milliseconds = nullptr;  // what parsing took is added here, if anywhere
 };
 
 // The text of a library module that ships inside the compiler ("std/camera.dr"), or nullopt.

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Files of the program, and what a name means: local names, then the module's, then the language's.
+#include <chrono>
 #include <algorithm>
 #include <filesystem>
 #include <fstream>
@@ -20,7 +21,10 @@ ModuleInfo* Elaborator::load_module(dsl::FileId file, std::string path, std::str
   module.is_root = modules_.size() == 1;
   module.scope.module = &module;
   const size_t errors = diagnostics_.error_count();
+  const auto start = std::chrono::steady_clock::now();
   module.syntax = dsl::parse(sources_, file, diagnostics_);
+  const std::chrono::duration<double, std::milli> elapsed = std::chrono::steady_clock::now() - start;
+  if (options_.parse_milliseconds) *options_.parse_milliseconds += elapsed.count();
   parsed_ = parsed_ && diagnostics_.error_count() == errors;
   for (const dsl::ImportDecl& import : module.syntax.imports) load_import(module, import);
   collect_items(module);

@@ -7,6 +7,7 @@
 #include <glslang/Public/ShaderLang.h>
 #include <glslang/SPIRV/GlslangToSpv.h>
 
+#include <chrono>
 #include <mutex>
 #include <set>
 #include <spirv-tools/libspirv.hpp>
@@ -83,7 +84,21 @@ std::string disassemble(const std::vector<uint32_t>& module) {
 
 namespace {
 
-std::variant<std::vector<uint32_t>, std::string> assemble(const GlslShader& shader) {
+// Adds what has passed since it was made, or since it last did so.
+class Watch {
+ public:
+  void lap(double& to) {
+    const auto now = std::chrono::steady_clock::now();
+    to += std::chrono::duration<double, std::milli>(now - last_).count();
+    last_ = now;
+  }
+
+ private:
+  std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
+};
+
+std::variant<std::vector<uint32_t>, std::string> assemble(const GlslShader& shader, AssembleTimes& times) {
+  Watch watch;
   initialize_glslang();
   const EShLanguage stage = shader.stage == bundle::Stage::Vertex     ? EShLangVertex
                             : shader.stage == bundle::Stage::Fragment ? EShLangFragment
@@ -104,6 +119,7 @@ std::variant<std::vector<uint32_t>, std::string> assemble(const GlslShader& shad
   options.disableOptimizer = true;
   glslang::GlslangToSpv(*program.getIntermediate(stage), module, &options);
   module = decorate_no_contraction(module, shader.native);
+  watch.lap(times.glslang);
 
   std::string problems;
   const spvtools::MessageConsumer note = [&](spv_message_level_t level, const char*, const spv_position_t&,
@@ -117,18 +133,25 @@ std::variant<std::vector<uint32_t>, std::string> assemble(const GlslShader& shad
   spirv::inline_calls(*parsed);
   spirv::remove_variables(*parsed);
   module = spirv::write(*parsed);
+  watch.lap(times.inlining);
 
   spvtools::SpirvTools tools(SPV_ENV_VULKAN_1_1);
   tools.SetMessageConsumer(note);
   spvtools::ValidatorOptions numbers;
   numbers.SetFriendlyNames(false);  // to make names takes quadratic time where many ids have the same one
-  if (!tools.Validate(module.data(), module.size(), numbers)) return "invalid SPIR-V: " + problems;
+  const bool valid = tools.Validate(module.data(), module.size(), numbers);
+  watch.lap(times.validation);
+  if (!valid) return "invalid SPIR-V: " + problems;
   return module;
 }
 
 }  // namespace
 
-std::variant<std::vector<uint32_t>, std::string> assemble(const GlslShader& shader, const ShaderCache& cache) {
+std::variant<std::vector<uint32_t>, std::string> assemble(const GlslShader& shader, const ShaderCache& cache,
+                                                          AssembleTimes* times) {
+  AssembleTimes none;
+  AssembleTimes& to = times ? *times : none;
+  Watch watch;
   // Whatever else the words depend on: this file, and the libraries.
   const glslang::Version version = glslang::GetVersion();
   static const std::string kTools = DR_SPIRV_SOURCE_HASH " " + std::to_string(version.major) + "." +
@@ -136,9 +159,13 @@ std::variant<std::vector<uint32_t>, std::string> assemble(const GlslShader& shad
                                     spvSoftwareVersionDetailsString() + "\n";
   const std::string key =
       kTools + bundle::EnumNameStage(shader.stage) + (shader.native ? " native\n" : "\n") + shader.source;
-  if (auto words = cache.find(key)) return *std::move(words);
-  auto result = assemble(shader);
+  auto found = cache.find(key);
+  watch.lap(to.cache);
+  if (found) return *std::move(found);
+  auto result = assemble(shader, to);
+  watch = {};
   if (const auto* words = std::get_if<std::vector<uint32_t>>(&result)) cache.store(key, *words);
+  watch.lap(to.cache);
   return result;
 }
 

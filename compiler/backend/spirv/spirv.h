@@ -12,11 +12,17 @@
 
 namespace dr::backend {
 
+// Where the time of assembling goes, in milliseconds.
+struct AssembleTimes {
+  double cache = 0, glslang = 0, inlining = 0, validation = 0;
+};
+
 // SPIR-V 1.3 for Vulkan 1.1, or what glslang or the validator says. Every float arithmetic instruction is decorated
 // NoContraction: a fused multiply-add would give another answer on another device or in another pass. Of a `native`
 // shader only those of functions other than main are: our own functions, which stand for no built-in, count on their
 // roundings. A sound module is kept in the cache and taken from it.
-std::variant<std::vector<uint32_t>, std::string> assemble(const GlslShader& shader, const ShaderCache& cache);
+std::variant<std::vector<uint32_t>, std::string> assemble(const GlslShader& shader, const ShaderCache& cache,
+                                                          AssembleTimes* times = nullptr);
 
 // The module as text with friendly names, as spirv-dis writes it.
 std::string disassemble(const std::vector<uint32_t>& module);

@@ -149,3 +149,47 @@ TEST_CASE("greedy packing stays near the best schedule of small graphs") {
   CHECK(mean <= 1.01);
   CHECK(ratios.back() <= 1.10);
 }
+
+namespace {
+
+// x = 0.5 sin(x), so many times, and back again by the chain rule.
+ir::Graph chain(size_t length) {
+  ir::Builder b;
+  const ir::Extent list{ir::Dim::symbol("V"), 1, 1};
+  b.graph().leaves.push_back({ir::Leaf::Kind::Input, "a", ir::kFloat, list, {}, {}});
+  std::vector<ValueId> x{ops::emit(b, OpKind::Leaf, {}, {.text = "a"})};
+  const ValueId half = ops::constant(b, ir::kFloat, 0.5);
+  for (size_t k = 0; k < length; ++k) x.push_back(ops::mul(b, ops::emit(b, OpKind::Sin, {x.back()}), half));
+  ValueId adjoint = half;
+  for (size_t k = length; k-- > 0;)
+    adjoint = ops::mul(b, adjoint, ops::mul(b, ops::emit(b, OpKind::Cos, {x[k]}), half));
+  ir::Graph graph = std::move(b).finish();
+  graph.steps.push_back({"go", {{"value", x.back()}, {"gradient", adjoint}, {"middle", x[length / 2]}}, {}});
+  return graph;
+}
+
+}  // namespace
+
+TEST_CASE("no shader grows without bound, and neither does what is computed again for that") {
+  for (const char* name : {"lavapipe", "nvidia-h200", "arm-mali-g76"}) {
+    std::vector<size_t> totals;
+    for (const size_t length : {500, 1000, 2000}) {
+      const ir::Graph g = chain(length);
+      size_t graph_size = 0, total = 0;
+      for (uint32_t k = 0; k < g.op_count(); ++k) graph_size += op_size(g, g.op(ir::OpId{k}));
+      const Schedule s = pack(g, profile(name), {});
+      CHECK(check_schedule(g, s, profile(name)).empty());
+      for (const Pass& pass : s.steps[0].passes) {
+        size_t size = 0;
+        for (const ir::OpId id : pass.ops) size += op_size(g, g.op(id));
+        CHECK(size <= 6144);
+        total += size;
+      }
+      INFO(name << " " << length);
+      CHECK(total <= 3 * graph_size);
+      CHECK(s.steps[0].passes.size() * 1000 <= total);
+      totals.push_back(total);
+    }
+    CHECK(totals[2] <= 5 * totals[0]);
+  }
+}
