@@ -14,6 +14,7 @@ namespace {
 
 constexpr const char* kPrelude = R"(edition 1;
 import std.camera;
+import std.coverage;
 import std.environment;
 import std.hardsoftras;
 import std.light;

@@ -95,8 +95,8 @@ TEST_CASE("a limit of the profile splits a pass or is told") {
   CHECK(check_schedule(g, s, tight).empty());
   tight.max_per_stage_descriptor_storage_buffers = 1;
   const auto result = compile(g, tight, {});
-  REQUIRE(std::holds_alternative<std::string>(result));
-  CHECK(std::get<std::string>(result).find("device allows 1") != std::string::npos);
+  REQUIRE(std::holds_alternative<Limit>(result));
+  CHECK(std::get<Limit>(result).text.find("device allows 1") != std::string::npos);
 }
 
 namespace {
