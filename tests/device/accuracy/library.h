@@ -81,6 +81,7 @@ std::vector<Function> image_functions();     // loss, texture
 std::vector<Function> mesh_functions();      // mesh
 std::vector<Function> material_functions();  // material, lamps of light
 std::vector<Function> environment_functions();
+std::vector<Function> shadow_functions();
 std::vector<Function> picture_functions();  // hardsoftras, raster, nvdiffrast
 
 // One function and direction on one device.

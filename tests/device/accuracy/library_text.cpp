@@ -26,6 +26,7 @@ import std.optim;
 import std.random;
 import std.raster;
 import std.shading;
+import std.shadow;
 import std.texture;
 import std.tiles;
 
