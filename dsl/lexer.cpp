@@ -72,13 +72,13 @@ size_t skip_ascii(std::string_view text, size_t begin) {
   return at;
 }
 
-}  // namespace
-
 std::string shortened(std::string_view text) {
   constexpr size_t kMaxShown = 40;
   if (text.size() <= kMaxShown) return std::string(text);
   return std::string(text.substr(0, kMaxShown)) + "...";
 }
+
+}  // namespace
 
 std::string_view token_text(TokenKind kind) {
   switch (kind) {

@@ -75,8 +75,6 @@ enum class TokenKind : uint8_t {
 
 // The text of a keyword or of punctuation, "" for the other kinds.
 std::string_view token_text(TokenKind kind);
-// What a message shows of a name or number, which a text may hold at any length.
-std::string shortened(std::string_view text);
 
 struct Token {
   TokenKind kind = TokenKind::End;

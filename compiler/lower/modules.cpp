@@ -131,7 +131,7 @@ void Elaborator::collect_items(ModuleInfo& module) {
         add_item(module, item.fn->name,
                  {.kind = ModuleItem::Kind::Fn,
                   .span = item.fn->name.span,
-                  .value = FunctionValue{.decl = item.fn.get(), .scope = &module.scope, .self = {}}});
+                  .value = FunctionValue{.decl = item.fn.get(), .scope = &module.scope}});
         break;
       case dsl::Item::Kind::Struct: {
         StructType& type = module.structs.emplace_back();

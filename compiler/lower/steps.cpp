@@ -359,7 +359,7 @@ Value Elaborator::instantiate(const OptimizerValue& optimizer, uint32_t leaf, co
     frame.states[state.name.text] = {index, state.span};
   }
   const Switched<OptimizerFrame*> inside(optimizer_, &frame);
-  FunctionValue update{.decl = &decl.update, .scope = scope, .creator = frames_.size(), .is_lambda = true, .self = {}};
+  FunctionValue update{.decl = &decl.update, .scope = scope, .creator = frames_.size(), .is_lambda = true};
   return call_with(update, {x, g}, stmt.b->span);
 }
 
