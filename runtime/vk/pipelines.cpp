@@ -179,9 +179,10 @@ size_t Pipelines::graphics(const bundle::CommandT& draw, vk::PipelineLayout layo
 std::string Pipelines::cache_key() const {
   const auto& p = device_->properties;
   std::string key(reinterpret_cast<const char*>(p.pipelineCacheUUID.data()), VK_UUID_SIZE);
-  uint64_t shaders = hash_bytes(nullptr, 0);
-  for (const auto& s : bundle_.shaders) shaders = hash_bytes(s->spirv.data(), s->spirv.size() * 4, shaders);
-  shaders = hash_bytes(values_.data(), values_.size() * 4, shaders);
+  std::vector<uint64_t> parts;
+  for (const auto& s : bundle_.shaders) parts.push_back(bundle::checksum(s->spirv.data(), s->spirv.size() * 4));
+  parts.push_back(bundle::checksum(values_.data(), values_.size() * 4));
+  const uint64_t shaders = bundle::checksum(parts.data(), parts.size() * sizeof(uint64_t));
   for (const uint64_t number : {uint64_t{p.vendorID}, uint64_t{p.deviceID}, uint64_t{p.driverVersion}, shaders})
     key += " " + std::to_string(number);
   return key;
