@@ -103,7 +103,7 @@ struct Options {
 // Errors of the device or the compiler end the process with a message.
 std::vector<Row> measure(const runtime::Device& device, std::span<const Function> functions, const Options& options);
 
-// Rows as JSON, and the sections of docs/accuracy.md about them on stdout; `devices` has "library" rows by name.
+// Rows as JSON, and the sections of docs/results/accuracy.md about them on stdout; `devices` has "library" rows by name.
 nlohmann::json to_json(std::span<const Row> rows);
 void document(const nlohmann::json& devices);
 
