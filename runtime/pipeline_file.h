@@ -26,5 +26,4 @@ class PipelineFile {
   std::filesystem::path path_;
 };
 
-
 }  // namespace dr::runtime

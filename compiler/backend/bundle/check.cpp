@@ -42,9 +42,9 @@ bool Checker::name(const std::string& text, const std::string& what) {
 }
 
 bool Checker::title(const std::string& text, const std::string& what) {
-  const bool well =
-      !text.empty() && text.size() <= kMaxTitle &&
-      std::ranges::all_of(text, [](char c) { return is_alphanumeric(c) || std::strchr(" .,:+-*/()", c) != nullptr; });
+  const bool well = !text.empty() && text.size() <= kMaxTitle && std::ranges::all_of(text, [](char c) {
+    return is_alphanumeric(c) || std::strchr(" .,:+-*/()", c) != nullptr;
+  });
   return well || fail(what + " is called " + quoted(text) + ", which holds characters that no name has");
 }
 
@@ -265,7 +265,8 @@ bool Checker::results(const StepT& s, const std::string& where) {
       const std::string own = what + " '" + o->name + "'";
       if (!kept(o->resource, own)) return false;
       const ResourceT& r = *b_.resources[o->resource];
-      if (r.role == Role::Scratch || r.storage == Storage::Depth) return fail(own + " names '" + r.name + "', no value");
+      if (r.role == Role::Scratch || r.storage == Storage::Depth)
+        return fail(own + " names '" + r.name + "', no value");
     }
     return true;
   };

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "compiler/backend/bundle/checker.h"
+#include "compiler/backend/bundle/touched.h"
 
 namespace dr::bundle {
 

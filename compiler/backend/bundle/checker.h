@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What check() is made of: check.cpp looks at tables, check_command.cpp at commands. Every field of bundle.fbs is looked
-// at in one of them, whatever the kind of what it stands in; tests/unit/backend/bundle_fields_test.sh holds them to it.
+// What check() is made of: check.cpp looks at tables, check_command.cpp at commands. Every field of bundle.fbs is
+// looked at in one of them, whatever the kind of what it stands in; tests/unit/backend/bundle_fields_test.sh holds them
+// to it.
 #pragma once
 
 #include <set>
@@ -70,12 +71,5 @@ class Checker {
   std::vector<int> leaf_of_;   // by resource: the leaf that lives there, or -1
   std::set<uint32_t> images_;  // written by commands of the step so far
 };
-
-// What a command touches, each once for each way in which it does.
-struct Touched {
-  uint32_t resource;
-  bool written;
-};
-std::vector<Touched> touched_by(const CommandT& command);
 
 }  // namespace dr::bundle

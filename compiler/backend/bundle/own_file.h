@@ -14,7 +14,8 @@ namespace dr::bundle {
 // Marks it as used now.
 std::optional<std::string> read_own_file(const std::filesystem::path& path);
 
-// Writes the parts one after the other, whole or not at all, for this user alone. Makes the folder. Says whether it did.
+// Writes the parts one after the other, whole or not at all, for this user alone. Makes the folder. Says whether it
+// did.
 bool write_own_file(const std::filesystem::path& path, std::initializer_list<std::string_view> parts);
 
 }  // namespace dr::bundle

@@ -32,7 +32,8 @@ uint64_t checksum(std::span<const uint32_t> words) { return bundle::checksum(wor
 
 fs::path ShaderCache::file_of(const std::string& key) const {
   char name[32];
-  std::snprintf(name, sizeof name, "%016llx.spv", static_cast<unsigned long long>(bundle::checksum(key.data(), key.size())));
+  std::snprintf(name, sizeof name, "%016llx.spv",
+                static_cast<unsigned long long>(bundle::checksum(key.data(), key.size())));
   return folder_ / name;
 }
 
@@ -59,8 +60,8 @@ void ShaderCache::store(const std::string& key, const std::vector<uint32_t>& wor
   const auto bytes = [](const void* data, size_t size) {
     return std::string_view(static_cast<const char*>(data), size);
   };
-  if (bundle::write_own_file(file_of(key), {bytes(&header, sizeof header), key,
-                                            bytes(words.data(), words.size() * sizeof(uint32_t))}))
+  if (bundle::write_own_file(
+          file_of(key), {bytes(&header, sizeof header), key, bytes(words.data(), words.size() * sizeof(uint32_t))}))
     stored_ = true;
 }
 

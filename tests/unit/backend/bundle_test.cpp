@@ -141,13 +141,22 @@ TEST_CASE("what FlatBuffers cannot know is checked") {
                      {[](auto& b) { command(b).compute = 3; }, "shader 3"},
                      {[](auto& b) { command(b).bindings[0]->resource = 5; }, "names resource 5"},
                      {[](auto& b) { command(b).lines = {Line(0, 3)}; }, "line 3 of file 0"},
-                     {[](auto& b) { command(b).push = {1, 2, 3, 4}; }, "more than three constants"},
-                     {[](auto& b) { command(b).leaves = {0, 0}; }, "leafs out of order"},
+                     {[](auto& b) {
+                        command(b).push = {1, 2, 3, 4};
+                      },
+                      "more than three constants"},
+                     {[](auto& b) {
+                        command(b).leaves = {0, 0};
+                      },
+                      "leafs out of order"},
                      {[](auto& b) { command(b).leaves = {1}; }, "a leaf that is not there"},
                      {[](auto& b) { command(b).bindings[0]->texel = 5; }, "binds as texels"},
                      {[](auto& b) { command(b).indirect = 0; }, "as large as a value says"},
                      {[](auto& b) { b.shaders[0]->spirv[0] = 1; }, "not SPIR-V"},
-                     {[](auto& b) { b.leaves[0]->initial = {1, 2}; }, "initial value"},
+                     {[](auto& b) {
+                        b.leaves[0]->initial = {1, 2};
+                      },
+                      "initial value"},
                      {[](auto& b) { b.leaves[0]->type->cols = 2; }, "a matrix of what is no float"},
                      {[](auto& b) { b.resources[0]->role = Role::Value; }, "a resource of another type"},
                      {[](auto& b) { b.op_lines = {Line(0, 1)}; }, "a file that there is not"},
@@ -155,7 +164,10 @@ TEST_CASE("what FlatBuffers cannot know is checked") {
                      {[](auto& b) { b.steps[0]->outputs[0]->resource = 1; }, "output 'y'"},
                      {[](auto& b) { b.steps[0]->symbols = {"Q"}; }, "needs the unknown symbol 'Q'"},
                      {[](auto& b) { b.steps[0]->leaves.clear(); }, "which its step does not name"},
-                     {[](auto& b) { b.steps[0]->changes = {0, 1}; }, "a leaf that is not there"},
+                     {[](auto& b) {
+                        b.steps[0]->changes = {0, 1};
+                      },
+                      "a leaf that is not there"},
                      {[](auto& b) { b.steps[0]->step_index = 0; }, "no counter"},
                      {[](auto& b) { b.steps[0]->step_index = -2; }, "counts in no resource"},
                      {[](auto& b) { command(b).bindings[0]->access = Access::Write; }, "changes leaf 'x'"},
@@ -165,14 +177,22 @@ TEST_CASE("what FlatBuffers cannot know is checked") {
 // Whoever walks over all fields of a command must find nothing there that nobody looked at.
 TEST_CASE("a command has the fields of its kind alone") {
   const std::vector<std::pair<const char*, std::function<void(CommandT&)>>> fields = {
-      {"next", [](auto& c) { c.next = 77777; }},         {"vertex", [](auto& c) { c.vertex = 77777; }},
-      {"fragment", [](auto& c) { c.fragment = -7; }},    {"extent", [](auto& c) { c.extent = extent("1"); }},
-      {"colors", [](auto& c) { c.colors = {99999}; }},   {"clear", [](auto& c) { c.clear = {0}; }},
-      {"joins", [](auto& c) { c.joins = true; }},        {"inputs", [](auto& c) { c.inputs = {0}; }},
-      {"depth", [](auto& c) { c.depth = 12345; }},       {"value", [](auto& c) { c.value = 1; }},
-      {"source", [](auto& c) { c.source = 2147483647; }}, {"target", [](auto& c) { c.target = 0; }},
-      {"outs", [](auto& c) { c.outs = "V"; }},           {"count", [](auto& c) { c.count = "V"; }},
-      {"scratch_a", [](auto& c) { c.scratch_a = 5000; }}, {"scratch_b", [](auto& c) { c.scratch_b = -9; }}};
+      {"next", [](auto& c) { c.next = 77777; }},
+      {"vertex", [](auto& c) { c.vertex = 77777; }},
+      {"fragment", [](auto& c) { c.fragment = -7; }},
+      {"extent", [](auto& c) { c.extent = extent("1"); }},
+      {"colors", [](auto& c) { c.colors = {99999}; }},
+      {"clear", [](auto& c) { c.clear = {0}; }},
+      {"joins", [](auto& c) { c.joins = true; }},
+      {"inputs", [](auto& c) { c.inputs = {0}; }},
+      {"depth", [](auto& c) { c.depth = 12345; }},
+      {"value", [](auto& c) { c.value = 1; }},
+      {"source", [](auto& c) { c.source = 2147483647; }},
+      {"target", [](auto& c) { c.target = 0; }},
+      {"outs", [](auto& c) { c.outs = "V"; }},
+      {"count", [](auto& c) { c.count = "V"; }},
+      {"scratch_a", [](auto& c) { c.scratch_a = 5000; }},
+      {"scratch_b", [](auto& c) { c.scratch_b = -9; }}};
   for (const auto& [name, give] : fields)
     expect(sample, {{[&give = give](auto& b) { give(command(b)); },
                      "has '" + std::string(name) + "', which commands of its kind do not use"}});
@@ -188,8 +208,11 @@ TEST_CASE("names are names, and there once") {
                     {[&](auto& b) { b.steps[0]->outputs[0]->name = bad; }, not_a_name},
                     {[&](auto& b) { b.symbols.push_back(bad); }, not_a_name},
                     {[&](auto& b) { b.features = {bad}; }, not_a_name},
-                    {[&](auto& b) { b.steps[0]->pins.push_back(std::make_unique<OutputT>(*b.steps[0]->outputs[0]));
-                                    b.steps[0]->pins[0]->name = bad; }, not_a_name}});
+                    {[&](auto& b) {
+                       b.steps[0]->pins.push_back(std::make_unique<OutputT>(*b.steps[0]->outputs[0]));
+                       b.steps[0]->pins[0]->name = bad;
+                     },
+                     not_a_name}});
   }
   const std::string odd = "which holds characters that no name has";
   for (const std::string bad : {"", "\x1b[2J", "a\nb", "caf\xc3\xa9", "<b>", "\"", "a&b"})
@@ -201,20 +224,18 @@ TEST_CASE("names are names, and there once") {
   for (const std::string bad : {"\x1b[2J", "\x7f", "\xc2\x9b", "\a"})
     expect(sample, {{[&](auto& b) { b.files = {bad}; }, controls}, {[&](auto& b) { b.graph = bad; }, controls}});
   const std::string twice = "is there twice";
-  expect(sample, {{[](auto& b) { b.symbols.push_back("V"); }, twice},
-                  {[](auto& b) { b.steps.push_back(std::make_unique<StepT>(*b.steps[0])); }, twice},
-                  {[](auto& b) { b.resources.push_back(std::make_unique<ResourceT>(*b.resources[0])); }, twice},
-                  {[](auto& b) {
-                     b.resources.push_back(std::make_unique<ResourceT>(*b.resources[0]));
-                     b.resources[1]->name = "other";
-                     b.leaves.push_back(std::make_unique<LeafT>(*b.leaves[0]));
-                     b.leaves[1]->resource = 1;
-                   },
-                   twice},
-                  {[](auto& b) {
-                     b.steps[0]->outputs.push_back(std::make_unique<OutputT>(*b.steps[0]->outputs[0]));
-                   },
-                   twice}});
+  expect(sample,
+         {{[](auto& b) { b.symbols.push_back("V"); }, twice},
+          {[](auto& b) { b.steps.push_back(std::make_unique<StepT>(*b.steps[0])); }, twice},
+          {[](auto& b) { b.resources.push_back(std::make_unique<ResourceT>(*b.resources[0])); }, twice},
+          {[](auto& b) {
+             b.resources.push_back(std::make_unique<ResourceT>(*b.resources[0]));
+             b.resources[1]->name = "other";
+             b.leaves.push_back(std::make_unique<LeafT>(*b.leaves[0]));
+             b.leaves[1]->resource = 1;
+           },
+           twice},
+          {[](auto& b) { b.steps[0]->outputs.push_back(std::make_unique<OutputT>(*b.steps[0]->outputs[0])); }, twice}});
 }
 
 namespace {
@@ -282,7 +303,7 @@ TEST_CASE("tables are whole numbers of other leaves") {
           {[](auto& b) { b.leaves[1]->table_of = 1; }, "is a table of itself"},
           {[](auto& b) { b.leaves[0]->table_of = 1, b.leaves[0]->table = "edge"; }, "is a table of itself"},
           {[](auto& b) { b.leaves[1]->table_of = -1; }, "is a table of nothing"},
-          {[](auto& b) { b.leaves[1]->table_of = -2; }, "which is no name"},
+          {[](auto& b) { b.leaves[1]->table_of = -2; }, "is a table of nothing"},
           {[](auto& b) { b.leaves[1]->kind = LeafKind::Param; }, bad},
           {[](auto& b) { b.leaves[0]->kind = LeafKind::State; }, bad},
           {[](auto& b) { b.leaves[0]->type->scalar = b.resources[0]->type->scalar = Scalar::Float; }, bad},
@@ -294,8 +315,14 @@ TEST_CASE("a raster is entries, or faces and tags") {
   const std::string neither = "holds neither faces nor entries";
   expect(sample_with_raster, {{[](auto& b) { b.steps[0]->rasters[0]->resources = {1}; }, "no tag for each face"},
                               {[](auto& b) { b.steps[0]->rasters[0]->resources.clear(); }, "no tag for each face"},
-                              {[](auto& b) { b.steps[0]->rasters[0]->resources = {1, 0}; }, neither},
-                              {[](auto& b) { b.steps[0]->rasters[0]->resources = {1, 9}; }, "names resource 9"},
+                              {[](auto& b) {
+                                 b.steps[0]->rasters[0]->resources = {1, 0};
+                               },
+                               neither},
+                              {[](auto& b) {
+                                 b.steps[0]->rasters[0]->resources = {1, 9};
+                               },
+                               "names resource 9"},
                               {[](auto& b) { b.resources[1]->type->rows = 1; }, neither}});
 }
 
@@ -377,9 +404,15 @@ TEST_CASE("a tile is read by later subpasses of its render pass and by nothing e
           {[](auto& b) { command(b, 2).joins = false; }, "no subpass before it"},
           {[](auto& b) { command(b, 1).joins = true; }, "joins a render pass of another kind"},
           {[](auto& b) { std::swap(command(b, 1).colors, command(b, 2).colors); }, "that it writes"},
-          {[](auto& b) { command(b, 2).inputs = {1, 1}; }, "input attachment that no subpass wrote"},
+          {[](auto& b) {
+             command(b, 2).inputs = {1, 1};
+           },
+           "input attachment that no subpass wrote"},
           {[](auto& b) { command(b, 2).colors = {1}; }, "that it writes"},
-          {[](auto& b) { command(b, 1).colors = {1, 1}, command(b, 1).clear = {0, 0}; }, "a second time"},
+          {[](auto& b) {
+             command(b, 1).colors = {1, 1}, command(b, 1).clear = {0, 0};
+           },
+           "a second time"},
           {[](auto& b) { command(b, 1).clear.clear(); }, "no clear value"},
           {[](auto& b) { command(b, 2).leaves = {0}; }, "other leaves than the render pass"},
           {copy, "command 'copy' names " + wanted},
