@@ -31,7 +31,7 @@ compiler/io/file
 compiler/io/array        compiler/io/file/
 compiler/io/picture      compiler/io/file/ compiler/io/array/
 compiler/io/mesh         compiler/io/file/ compiler/io/array/ compiler/io/picture/
-runtime                  compiler/backend/bundle/ compiler/io/ compiler/ir/dim.h compiler/topology/
+runtime                  compiler/backend/bundle/ compiler/io/ compiler/ir/dim.h compiler/ir/internal_error.h compiler/topology/
 runtime/jit              runtime/ compiler/ dsl/
 '
 # Short names: B is the back end, BUNDLE its contract with the runtime, GRAPH what all that read a graph may use.
