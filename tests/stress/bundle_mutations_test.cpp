@@ -45,10 +45,18 @@ let e = sum(dot(x, x));
 step fit { table <- table - 0.1 * grad(e, table); output e, table; }
 )",
     R"(edition 1;
-input position : vec4[V];
+input position : vec2[V];
 input face : ivec3[F];
 param shade : float[V] = 0.5;
-let seen = raster(position, face, 16, 16);
+struct Triangle { a: vec2; b: vec2; c: vec2; }
+let seen = raster(F, 16, 16) {
+  setup(f) -> Triangle {
+    let i = face.at(f);
+    Triangle(position.at(i.x), position.at(i.y), position.at(i.z))
+  }
+  corner(s, k) -> vec2 { [s.a, s.b, s.c][k] }
+  depth(s, p) -> float { 0.01 * p.x }
+}[0];
 let c = if seen.face >= 0 { shade.at(face.at(seen.face).x) } else { 0.0 };
 let e = sum(c * c);
 step look { shade <- shade - 0.1 * grad(e, shade); output picture = c, face_of = seen.face; }
