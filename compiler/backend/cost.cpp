@@ -7,6 +7,7 @@
 #include "compiler/backend/pack_stages.h"
 #include "compiler/backend/raster_entries.h"
 #include "compiler/backend/uses.h"
+#include "compiler/ir/yields.h"
 
 namespace dr::backend {
 
@@ -108,7 +109,7 @@ struct Model {
     for (ir::RegionId region : op.regions) {
       double inside = 0;
       for (ir::OpId id : graph.region(region).ops) inside += arithmetic(graph.op(id));
-      own += op.kind == OpKind::Reduce ? kUnknownTrips * inside : inside;
+      own += ir::is_loop(op.kind) ? kUnknownTrips * inside : inside;
     }
     return own;
   }

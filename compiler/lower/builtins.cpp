@@ -313,9 +313,7 @@ Value Elaborator::builtin_select(BuiltinCall& call) {
       if (element_type(sides[0]) == element_type(sides[1])) return sides[*known ? 0 : 1];
     }
   }
-  Expr place;
-  place.span = call.span;
-  return select_branches(c, call.args[1], call.args[2], place);
+  return select_branches(c, call.args[1], call.args[2], call.span);
 }
 
 // One argument: over the image; two: of both.

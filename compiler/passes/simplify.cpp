@@ -20,6 +20,7 @@
 #include "compiler/ir/yields.h"
 #include "compiler/ops/op.h"
 #include "compiler/passes/copy_steps.h"
+#include "compiler/passes/fold_use.h"
 #include "compiler/passes/passes.h"
 
 namespace dr::passes {
@@ -72,9 +73,14 @@ class Round {
     for (auto it = ops.rbegin(); it != ops.rend(); ++it) {
       const Op& op = from_.op(*it);
       const size_t count = needed_results(op);
-      if (count < (combines_yields(op.kind) ? op.results.size() : 1) || selects(op)) is_unfinished_ = true;
+      const bool by_result = combines_yields(op.kind) && op.kind != OpKind::Fold;
+      if (count < (by_result ? op.results.size() : 1) || selects(op)) is_unfinished_ = true;
       if (count == 0) dead_ += ops_in(*it);
       if (count == 0) continue;
+      if (op.kind == OpKind::Fold) {
+        find_needed_of_fold(op);
+        continue;
+      }
       for (ValueId operand : op.operands) need(operand);
       if (op.kind == OpKind::Grad) {
         for (size_t k = 2; k < op.operands.size(); ++k) target_[op.operands[k].index] = true;
@@ -92,6 +98,20 @@ class Round {
         }
         find_needed(inner);
       }
+    }
+  }
+
+  // A state is needed where a result that it becomes is, or where what is needed is made of it.
+  void find_needed_of_fold(const Op& op) {
+    const FoldUse use = fold_use(from_, op, [&](ValueId result) { return static_cast<bool>(needed_[result.index]); });
+    if (use.drops(op)) is_unfinished_ = true;
+    need(op.operands[0]);
+    need(op.operands[1]);
+    for (size_t sweep = 0; sweep < fold_sweeps(op); ++sweep) {
+      for (size_t k = 0; k < use.states[sweep].size(); ++k)
+        if (use.states[sweep][k]) need(fold_starts(op, sweep)[k]);
+      for (ValueId yield : use.yields[sweep]) need(yield);
+      find_needed(op.regions[sweep]);
     }
   }
 
@@ -171,6 +191,7 @@ class Round {
 
   // If, Reduce, Raster, without the results that nobody needs; Raster's come as a whole.
   void rebuild_structured(const Op& op) {
+    if (op.kind == OpKind::Fold) return rebuild_fold(op);
     std::vector<bool> kept(op.results.size(), true);
     Attrs attrs = op.attrs;
     if (combines_yields(op.kind)) {
@@ -204,6 +225,62 @@ class Round {
     }
     const OpId now = to_.add(op.kind, mapped(op.operands), types, std::move(attrs), std::move(regions), op.span);
     finish(results, shared ? emitter_.share(now) : now);
+  }
+
+  // A Fold without the states and results that nobody needs.
+  void rebuild_fold(const Op& op) {
+    const FoldUse use = fold_use(from_, op, [&](ValueId result) { return static_cast<bool>(needed_[result.index]); });
+    Attrs attrs = op.attrs;
+    std::vector<ValueId> operands{map_[op.operands[0]], map_[op.operands[1]]};
+    std::vector<RegionId> regions;
+    for (size_t sweep = 0; sweep < fold_sweeps(op); ++sweep) {
+      const std::span<const ValueId> starts = fold_starts(op, sweep);
+      for (size_t k = 0; k < starts.size(); ++k)
+        if (use.states[sweep][k]) operands.push_back(map_[starts[k]]);
+      attrs.ints[2 + sweep] = std::ranges::count(use.states[sweep], true);
+      regions.push_back(rebuild_sweep(op, sweep, use));
+    }
+    attrs.yields.clear();
+    attrs.dims.resize(3);
+    std::vector<ResultType> types;
+    std::vector<ValueId> results;
+    bool shared = true;
+    size_t scatters = 0;
+    for (size_t k = 0; k < op.results.size(); ++k) {
+      const bool scatter = op.attrs.yields[k] == Yield::Scatter;
+      const auto extent = op.attrs.dims.begin() + static_cast<std::ptrdiff_t>(3 + 3 * scatters);
+      if (scatter) ++scatters;
+      if (!use.results[k]) continue;
+      const ValueInfo& old = from_.value(op.results[k]);
+      attrs.yields.push_back(op.attrs.yields[k]);
+      if (scatter) attrs.dims.insert(attrs.dims.end(), extent, extent + 3);
+      types.push_back({old.type, old.extent, scatter && !emitter_.in_root()});
+      results.push_back(op.results[k]);
+      if (target_[op.results[k].index]) shared = false;
+    }
+    const OpId now = to_.add(op.kind, std::move(operands), types, std::move(attrs), std::move(regions), op.span);
+    finish(results, shared ? emitter_.share(now) : now);
+  }
+
+  RegionId rebuild_sweep(const Op& op, size_t sweep, const FoldUse& use) {
+    const Region& region = from_.region(op.regions[sweep]);
+    std::vector<ValueId> params{region.params[0]};
+    for (size_t of = 0; of <= sweep; ++of) {
+      const std::span<const ValueId> states = fold_params(from_, op, sweep, of);
+      for (size_t k = 0; k < states.size(); ++k)
+        if (use.states[of][k]) params.push_back(states[k]);
+    }
+    std::vector<ResultType> types;
+    for (ValueId param : params) types.push_back({from_.value(param).type, from_.value(param).extent});
+    const RegionId now = to_.begin_region(types);
+    emitter_.open_scope();
+    for (size_t i = 0; i < params.size(); ++i) enter(params[i], to_.graph().region(now).params[i], true);
+    for (OpId inner : region.ops) rebuild(inner);
+    std::vector<ValueId> yields;
+    for (ValueId yield : use.yields[sweep]) append_yield(yield, yields);
+    emitter_.close_scope();
+    to_.end_region(std::move(yields));
+    return now;
   }
 
   RegionId rebuild_region(const Op& op, RegionId old, const std::vector<bool>& kept) {
