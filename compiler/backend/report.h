@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "compiler/backend/compile.h"
-#include "compiler/backend/lower_bound.h"
-#include "compiler/backend/plan_memory.h"
+#include "compiler/backend/cost/lower_bound.h"
+#include "compiler/backend/plan/plan_memory.h"
 #include "compiler/backend/skips.h"
 
 namespace dr::backend {

@@ -7,11 +7,12 @@
 #include <span>
 
 #include "compiler/backend/compile.h"
-#include "compiler/backend/graphviz.h"
+#include "compiler/backend/pipeline.h"
 #include "compiler/backend/report.h"
-#include "compiler/backend/shader_cache.h"
+#include "compiler/backend/schedule/graphviz.h"
 #include "compiler/backend/skips.h"
-#include "compiler/backend/spirv.h"
+#include "compiler/backend/spirv/shader_cache.h"
+#include "compiler/backend/spirv/spirv.h"
 #include "compiler/drc/bundle_cache.h"
 #include "compiler/drc/command.h"
 #include "compiler/drc/input.h"
@@ -59,11 +60,10 @@ class Stages {
     pipeline.skips = backend::pass_skips(options_.ablate);
     pipeline.skips.left_out = &left_out_;
     pipeline.after = [&](std::string_view name, const ir::Graph& graph, double milliseconds) {
-      const std::string pass(name);
-      if (options_.time_passes) std::fprintf(stderr, "%s: %.3f ms\n", pass.c_str(), milliseconds);
-      if (!options_.dump_ir || (!options_.dump_ir->empty() && *options_.dump_ir != name)) return;
-      std::fprintf(stderr, "// after %s\n%s", pass.c_str(), ir::print(graph).c_str());
+      show_pass(name, milliseconds, [&] { return ir::print(graph); });
     };
+    if (const auto last = std::ranges::find(chosen, options_.stop_after, &passes::Pass::name); last != chosen.end())
+      chosen.erase(last + 1, chosen.end());
     result_ = passes::run_passes(*graph_, chosen, pipeline);
     return &*result_;
   }
@@ -91,11 +91,17 @@ class Stages {
       print_error(*problem);
       return nullptr;
     }
-    std::get<backend::CompileOptions>(options).lines = backend::SourceLines(*graph, sources_);
-    if (options_.cache) std::get<backend::CompileOptions>(options).cache_folder = backend::default_cache_folder();
-    auto result = backend::compile(*graph, *profile_, std::get<backend::CompileOptions>(options));
-    if (const auto* problem = std::get_if<std::string>(&result)) {
-      print_error(*problem);
+    auto& chosen = std::get<backend::CompileOptions>(options);
+    chosen.lines = backend::SourceLines(*graph, sources_);
+    if (options_.cache) chosen.cache_folder = backend::default_cache_folder();
+    chosen.hooks.verify_each = options_.verify_each;
+    chosen.hooks.stop_after = options_.stop_after;
+    chosen.hooks.after = [&](std::string_view name, const backend::Schedule* schedule, double milliseconds) {
+      show_pass(name, milliseconds, [&] { return schedule ? backend::print(*graph, *schedule) : std::string(); });
+    };
+    auto result = backend::compile(*graph, *profile_, chosen);
+    if (const auto* limit = std::get_if<backend::Limit>(&result)) {
+      print_error(limit->text);
       return nullptr;
     }
     compiled_ = std::move(std::get<backend::Compiled>(result));
@@ -109,17 +115,45 @@ class Stages {
     for (const passes::Pass& pass : passes::default_passes()) known.emplace_back(pass.name);
     for (const std::string& name : *options_.passes) {
       const auto found = std::ranges::find(known, name);
-      if (found == known.end()) {
-        const auto nearest = dsl::nearest_name(name, known);
-        print_error("unknown pass '" + name + "'" + (nearest ? ", did you mean '" + *nearest + "'?" : ""));
-        return false;
-      }
+      if (found == known.end()) return unknown_pass(name, known);
       passes_.push_back(passes::default_passes()[static_cast<size_t>(found - known.begin())]);
     }
     return true;
   }
 
+  // What --stop-after leaves is the product: the graph after a pass over graphs, the schedule after one over schedules.
+  // False after a message.
+  bool find_stop(std::vector<std::string>& emit) const {
+    if (options_.stop_after.empty()) return true;
+    std::vector<std::string> known;
+    for (const passes::Pass& pass : passes::default_passes()) known.emplace_back(pass.name);
+    const size_t graphs = known.size();
+    for (const backend::BackendPass& pass : backend::backend_passes()) {
+      if ((pass.makes & static_cast<backend::Facts>(backend::Fact::Emitted)) != 0) break;
+      known.emplace_back(pass.name);
+    }
+    const auto found = std::ranges::find(known, options_.stop_after);
+    if (found == known.end()) return unknown_pass(options_.stop_after, known);
+    emit = {static_cast<size_t>(found - known.begin()) < graphs ? "grad-ir" : "schedule"};
+    return true;
+  }
+
  private:
+  static bool unknown_pass(const std::string& name, const std::vector<std::string>& known) {
+    const auto nearest = dsl::nearest_name(name, known);
+    print_error("unknown pass '" + name + "'" + (nearest ? ", did you mean '" + *nearest + "'?" : ""));
+    return false;
+  }
+
+  // --time-passes and --dump-ir.
+  template <typename Text>
+  void show_pass(std::string_view name, double milliseconds, const Text& text) const {
+    const std::string pass(name);
+    if (options_.time_passes) std::fprintf(stderr, "%s: %.3f ms\n", pass.c_str(), milliseconds);
+    if (!options_.dump_ir || (!options_.dump_ir->empty() && *options_.dump_ir != name)) return;
+    std::fprintf(stderr, "// after %s\n%s", pass.c_str(), text().c_str());
+  }
+
   const BuildOptions& options_;
   dsl::SourceManager sources_;
   std::optional<ir::Graph> graph_, result_;
@@ -240,13 +274,14 @@ std::vector<std::string> product_names() {
 
 int build(const BuildOptions& options) {
   Stages stages(options);
-  if (!stages.find_passes()) return kBadUsage;
-  const bool several = options.emit.size() > 1;
+  std::vector<std::string> emit = options.emit;
+  if (!stages.find_passes() || !stages.find_stop(emit)) return kBadUsage;
+  const bool several = emit.size() > 1;
   if (several && !std::filesystem::is_directory(options.output)) {
     print_error("expected a folder after -o for several products, found '" + options.output + "'");
     return kBadUsage;
   }
-  for (const std::string& name : options.emit) {
+  for (const std::string& name : emit) {
     const auto product = std::ranges::find(kProducts, name, &Product::name);
     const auto content = product->make(stages);
     if (!content) return kUserError;

@@ -36,6 +36,7 @@ struct BuildOptions {
   std::vector<std::string> ablate;                 // substages, stages, remat, and the names of backend/skips.h
   std::optional<std::vector<std::string>> passes;  // instead of those that the product needs
   std::optional<std::string> dump_ir;              // after this pass, or all of them if empty
+  std::string stop_after;                          // the last pass to run; empty: all do
   bool time_passes = false;
   bool verify_each = true;
   bool cache = true;                 // keep assembled shaders on disk

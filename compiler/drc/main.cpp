@@ -56,11 +56,12 @@ int main(int argc, char** argv) {
   CLI::App* build_command = app.add_subcommand("build", "Compile a program");
   add_input(*build_command, build_options.input);
   add_diagnostics(*build_command, diagnostics);
-  build_command->add_option("--emit", build_options.emit, "What to write, several with commas and a folder for -o")
-      ->delimiter(',')
-      ->allow_extra_args(false)
-      ->check(CLI::IsMember(product_names()))
-      ->capture_default_str();
+  CLI::Option* emit_option =
+      build_command->add_option("--emit", build_options.emit, "What to write, several with commas and a folder for -o")
+          ->delimiter(',')
+          ->allow_extra_args(false)
+          ->check(CLI::IsMember(product_names()))
+          ->capture_default_str();
   build_command->add_option("-o", build_options.output, "File or folder to write, - for stdout")
       ->capture_default_str()
       ->type_name("FILE");
@@ -88,7 +89,8 @@ int main(int argc, char** argv) {
       ->allow_extra_args(false)
       ->check(CLI::IsMember({"substages", "stages", "remat", "cache"}));
   std::vector<std::string> no_skip;
-  build_command->add_option("--no-skip", no_skip, "Do work that would be left out, with commas: see docs/explain/skipping.md")
+  build_command
+      ->add_option("--no-skip", no_skip, "Do work that would be left out, with commas: see docs/explain/skipping.md")
       ->delimiter(',')
       ->allow_extra_args(false)
       ->type_name("ID")
@@ -98,16 +100,23 @@ int main(int argc, char** argv) {
       build_command->add_option("--passes", passes, "Run just these passes")->delimiter(',')->allow_extra_args(false);
   std::string dump_ir;
   const CLI::Option* dump_option =
-      build_command->add_option("--dump-ir", dump_ir, "Print the graph to stderr after a pass, or after each")
+      build_command
+          ->add_option("--dump-ir", dump_ir, "Print the graph or schedule to stderr after a pass, or after each")
           ->expected(0, 1)
           ->type_name("PASS");
   build_command->add_flag("--verify-each,!--no-verify-each", build_options.verify_each,
-                          "Verify the graph after each pass (the default)");
+                          "Verify the graph or schedule after each pass (the default)");
+  CLI::Option* stop_option =
+      build_command
+          ->add_option("--stop-after", build_options.stop_after, "Run no pass after this one, and write what it leaves")
+          ->type_name("PASS")
+          ->excludes(emit_option);
   build_command->add_flag("--time-passes", build_options.time_passes, "Print the time of each pass to stderr");
 
   const CLI::Option* report_option = build_command->add_flag(
       "--report{text}", build_options.report,
       "Say what the program will do: passes, bytes moved, memory, shaders; --report=json for programs");
+  stop_option->excludes(build_command->get_option("--report"));
   build_command->add_option("--symbol", build_options.symbols, "Value of a symbol of extents, for the report")
       ->allow_extra_args(false)
       ->type_name("NAME=N");

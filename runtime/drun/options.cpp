@@ -29,7 +29,7 @@ void add_once(std::vector<std::pair<std::string, std::string>>& all, const std::
 }  // namespace
 
 bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
-  CLI::App app{"drun: run a Dressi program (.dr) or bundle (.drb)"};
+  CLI::App app("drun runs a Dressi program (.dr) or bundle (.drb).", "drun");
   app.set_version_flag("--version", "drun 0.1.0");
   std::vector<std::string> bindings, symbols, steps, meshes, defines;
   app.add_option("FILE", options.file, "a .dr program or a .drb bundle");

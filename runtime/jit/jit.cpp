@@ -8,8 +8,8 @@
 #include <sstream>
 
 #include "compiler/backend/compile.h"
-#include "compiler/backend/shader_cache.h"
 #include "compiler/backend/skips.h"
+#include "compiler/backend/spirv/shader_cache.h"
 #include "compiler/lower/lower.h"
 #include "compiler/passes/passes.h"
 #include "dsl/diagnostic.h"
@@ -40,7 +40,7 @@ std::variant<std::vector<uint8_t>, std::string> compile_text(const std::string& 
   std::get<backend::CompileOptions>(compile).lines = backend::SourceLines(ready, sources);
   if (options.shader_cache) std::get<backend::CompileOptions>(compile).cache_folder = backend::default_cache_folder();
   auto compiled = backend::compile(ready, profile, std::get<backend::CompileOptions>(compile));
-  if (const auto* problem = std::get_if<std::string>(&compiled)) return name + ": error: " + *problem + "\n";
+  if (const auto* problem = std::get_if<backend::Limit>(&compiled)) return name + ": error: " + problem->text + "\n";
   const auto& done = std::get<backend::Compiled>(compiled);
   if (skips) {
     for (const backend::SkipCount& s : backend::left_out_of_graph(ready, left_out))

@@ -189,7 +189,7 @@ void document_native(const json& devices) {
   std::printf(R"(
 ## The profile `native`
 
-With `--float=native` drivers' built-ins stand for our functions ([architecture.md](../explain/architecture.md)). Bounds are what Vulkan promises of
+With `--float=native` drivers' built-ins stand for our functions ([floats](../explain/floats.md)). Bounds are what Vulkan promises of
 the built-in, and what follows for functions and derivatives that are made of it (`tests/device/accuracy/cases_native.cpp`): n last places
 of a factor are 2n of the product, since a last place is worth half as much at the upper end of a binade as at the lower; a
 derivative adds its own roundings. Where the promise is absolute, the scale says of what: 2^-11 of 1 is 4096 last places. `none`: nothing

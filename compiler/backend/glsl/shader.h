@@ -13,7 +13,7 @@
 
 #include "compiler/backend/bundle/bundle.h"
 #include "compiler/backend/glsl/text.h"
-#include "compiler/backend/schedule.h"
+#include "compiler/backend/schedule/schedule.h"
 
 namespace dr::backend::glsl {
 
@@ -82,6 +82,7 @@ class Shader {
 
   Writer& body() { return body_; }
   void extension(const std::string& name) { extensions_.insert(name); }
+  const std::set<std::string>& extensions() const { return extensions_; }
   void declare(const std::string& text) { declarations_ += text; }  // functions and interface variables
   void prelude(std::string_view text);
   bool native() const { return native_; }

@@ -6,7 +6,7 @@
 
 #include "compiler/backend/glsl/fold_memory.h"
 #include "compiler/backend/glsl/shader.h"
-#include "compiler/backend/uses.h"
+#include "compiler/backend/analysis/uses.h"
 #include "compiler/ir/yields.h"
 
 namespace dr::backend::glsl {

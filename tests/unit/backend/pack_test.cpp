@@ -5,8 +5,8 @@
 #include <cstdio>
 #include <random>
 
-#include "compiler/backend/cost.h"
-#include "compiler/backend/lower_bound.h"
+#include "compiler/backend/cost/cost.h"
+#include "compiler/backend/cost/lower_bound.h"
 #include "compiler/ops/emit.h"
 #include "tests/catch.h"
 #include "tests/unit/backend/pack_exhaustive.h"
@@ -80,7 +80,7 @@ TEST_CASE("random graphs have sound schedules on every profile, whatever is swit
         const Schedule s = pack(g, p, options);
         const auto problems = check_schedule(g, s, p);
         // A single op may need more than the smallest devices have; packing must not add to that.
-        for (const std::string& problem : problems) CHECK(problem == "");
+        for (const Violation& problem : problems) CHECK(problem.text == "");
         PackOptions apart = options;
         apart.stages = false;
         CHECK(stage_count(s) <= stage_count(pack(g, p, apart)));
