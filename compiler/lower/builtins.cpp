@@ -123,6 +123,7 @@ struct BuiltinTable {
         {"detach", 1, 1, &E::builtin_barrier, OpKind::Detach},
         {"pin", 1, 1, &E::builtin_barrier, OpKind::Pin},
         {"grad", 2, 2, &E::builtin_grad, OpKind::Grad, {"seed"}},
+        {"jvp", 3, 3, &E::builtin_jvp, OpKind::Grad},
         {"array", 2, 2, &E::builtin_array},
         {"topology", 1, 2, &E::builtin_topology},
     };

@@ -182,6 +182,7 @@ class Elaborator {
   void declare_leaf(ModuleInfo& root, const dsl::LeafDecl& decl);
   std::vector<double> initial_value(const dsl::LeafDecl& decl, const Type& type, bool& ok);
   void run_program(ModuleInfo& root);
+  void warn_of_shared_counts();
   void apply_defines(ModuleInfo& root);
 
   // Modules and names (modules.cpp).
@@ -398,6 +399,10 @@ class Elaborator {
   Value instantiate(const OptimizerValue& optimizer, uint32_t leaf, const Value& x, const Value& g,
                     const dsl::Stmt& stmt);
   std::vector<ValueId> emit_grad(const Value& y, const Value& seed, std::span<const ValueId> targets);
+  // What `x` is made of, where `y` can be differentiated by it.
+  std::optional<std::vector<ValueId>> grad_targets(const Value& y, const Value& x, const Span& y_span,
+                                                   const Span& x_span);
+  Value jvp(const Value& y, const Value& x, const Value& direction, const BuiltinCall& call);
 
   // Built-in functions (builtins.cpp, builtins_vector.cpp, builtins_image.cpp).
   static const Builtin* find_builtin(std::string_view name);
@@ -470,8 +475,10 @@ class Elaborator {
   Value builtin_coord(BuiltinCall& call);
   Value builtin_barrier(BuiltinCall& call);
   Value builtin_grad(BuiltinCall& call);
+  Value builtin_jvp(BuiltinCall& call);
   Value builtin_array(BuiltinCall& call);
   Value builtin_topology(BuiltinCall& call);  // topology.cpp
+  static const StructType& topology_type(bool with_vertices);
   const ir::Leaf* topology_faces(const BuiltinCall& call);
   Value topology_table(const std::string& faces, const topology::Table& table, const Dim& face_count,
                        const Dim& vertices);
@@ -501,6 +508,8 @@ class Elaborator {
   OptimizerFrame* optimizer_ = nullptr;
   std::set<const dsl::FnDecl*> open_vjps_;  // functions whose @vjp is being elaborated: in it they are plain
   int64_t cotangents_ = 0;
+  Span let_;                                       // the top-level `let` that is being elaborated
+  std::vector<std::pair<ir::OpId, Span>> counts_;  // uses of `step_index` there
 
   bool parsed_ = true;  // all files
   size_t depth_ = 0;

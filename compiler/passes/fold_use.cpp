@@ -47,7 +47,7 @@ std::vector<ValueId> needed_yields(const Graph& graph, const Op& op, size_t swee
 
 bool FoldUse::drops(const Op& op) const {
   const auto lacks = [](const std::vector<bool>& all) { return std::ranges::find(all, false) != all.end(); };
-  return std::ranges::any_of(states, lacks) || lacks(results) || results.size() < op.results.size();
+  return std::ranges::any_of(states, lacks) || lacks(results) || groups.size() < fold_sweeps(op);
 }
 
 FoldUse fold_use(const Graph& graph, const Op& op, const std::function<bool(ValueId result)>& is_needed) {
@@ -73,7 +73,15 @@ FoldUse fold_use(const Graph& graph, const Op& op, const std::function<bool(Valu
     }
   }
   for (size_t k = 0; k < fold_states(op, last); ++k) use.results[k] = use.states[last][k];
-  for (size_t sweep = 0; sweep < sweeps; ++sweep) use.yields.push_back(needed_yields(graph, op, sweep, use));
+  for (size_t sweep = 0; sweep < sweeps; ++sweep) {
+    use.yields.push_back(needed_yields(graph, op, sweep, use));
+    const bool carries = std::ranges::find(use.states[sweep], true) != use.states[sweep].end();
+    if (!carries && sweep != 0 && sweep != last) continue;
+    if (use.groups.empty() || (use.groups.back().back() + sweep) % 2 != 0) {
+      use.groups.emplace_back();
+    }
+    use.groups.back().push_back(sweep);
+  }
   return use;
 }
 

@@ -182,9 +182,10 @@ class Round {
     finish(op.results, to_.add(op.kind, mapped(op.operands), types, op.attrs, {}, op.span));
   }
 
-  void finish(const std::vector<ValueId>& results, OpId now) {
+  // The results from number `first` on.
+  void finish(const std::vector<ValueId>& results, OpId now, size_t first = 0) {
     for (size_t k = 0; k < results.size(); ++k) {
-      enter(results[k], to_.graph().op(now).results[k], true);
+      enter(results[k], to_.graph().op(now).results[first + k], true);
       if (target_[results[k].index]) emitter_.set_opaque(map_[results[k]]);
     }
   }
@@ -227,22 +228,35 @@ class Round {
     finish(results, shared ? emitter_.share(now) : now);
   }
 
-  // A Fold without the states and results that nobody needs.
+  // A Fold without the states and results that nobody needs. Sweeps that are left in one direction, where the one between
+  // them carries nothing, become one: its region does at each trip what theirs do.
   void rebuild_fold(const Op& op) {
     const FoldUse use = fold_use(from_, op, [&](ValueId result) { return static_cast<bool>(needed_[result.index]); });
     Attrs attrs = op.attrs;
+    attrs.ints.resize(2);
     std::vector<ValueId> operands{map_[op.operands[0]], map_[op.operands[1]]};
     std::vector<RegionId> regions;
-    for (size_t sweep = 0; sweep < fold_sweeps(op); ++sweep) {
-      const std::span<const ValueId> starts = fold_starts(op, sweep);
-      for (size_t k = 0; k < starts.size(); ++k)
-        if (use.states[sweep][k]) operands.push_back(map_[starts[k]]);
-      attrs.ints[2 + sweep] = std::ranges::count(use.states[sweep], true);
-      regions.push_back(rebuild_sweep(op, sweep, use));
+    std::vector<size_t> before;
+    for (const std::vector<size_t>& group : use.groups) {
+      attrs.ints.push_back(0);
+      for (const size_t sweep : group) {
+        const std::span<const ValueId> starts = fold_starts(op, sweep);
+        for (size_t k = 0; k < starts.size(); ++k)
+          if (use.states[sweep][k]) operands.push_back(map_[starts[k]]);
+        attrs.ints.back() += std::ranges::count(use.states[sweep], true);
+      }
+      before.insert(before.end(), group.begin(), group.end());
+      regions.push_back(rebuild_sweeps(op, group, before, use));
     }
-    attrs.yields.clear();
-    attrs.dims.resize(3);
+    // The states of sweeps that have joined the last one are results that nobody had.
     std::vector<ResultType> types;
+    for (const size_t sweep : std::span(use.groups.back()).first(use.groups.back().size() - 1)) {
+      for (size_t k = 0; k < use.states[sweep].size(); ++k)
+        if (use.states[sweep][k]) types.push_back({from_.value(fold_starts(op, sweep)[k]).type, domain_of(op)});
+    }
+    const size_t joined = types.size();
+    attrs.yields.assign(joined, Yield::Element);
+    attrs.dims.resize(3);
     std::vector<ValueId> results;
     bool shared = true;
     size_t scatters = 0;
@@ -259,25 +273,35 @@ class Round {
       if (target_[op.results[k].index]) shared = false;
     }
     const OpId now = to_.add(op.kind, std::move(operands), types, std::move(attrs), std::move(regions), op.span);
-    finish(results, shared ? emitter_.share(now) : now);
+    finish(results, shared ? emitter_.share(now) : now, joined);
   }
 
-  RegionId rebuild_sweep(const Op& op, size_t sweep, const FoldUse& use) {
-    const Region& region = from_.region(op.regions[sweep]);
-    std::vector<ValueId> params{region.params[0]};
-    for (size_t of = 0; of <= sweep; ++of) {
-      const std::span<const ValueId> states = fold_params(from_, op, sweep, of);
-      for (size_t k = 0; k < states.size(); ++k)
-        if (use.states[of][k]) params.push_back(states[k]);
-    }
+  // The region of sweeps that are one now; `before` are all sweeps up to them that are left.
+  RegionId rebuild_sweeps(const Op& op, const std::vector<size_t>& group, const std::vector<size_t>& before,
+                          const FoldUse& use) {
     std::vector<ResultType> types;
-    for (ValueId param : params) types.push_back({from_.value(param).type, from_.value(param).extent});
+    const ValueInfo& trip = from_.value(from_.region(op.regions[group[0]]).params[0]);
+    types.push_back({trip.type, trip.extent});
+    for (const size_t of : before) {
+      const std::span<const ValueId> states = fold_params(from_, op, group.back(), of);
+      for (size_t k = 0; k < states.size(); ++k)
+        if (use.states[of][k]) types.push_back({from_.value(states[k]).type, from_.value(states[k]).extent});
+    }
     const RegionId now = to_.begin_region(types);
     emitter_.open_scope();
-    for (size_t i = 0; i < params.size(); ++i) enter(params[i], to_.graph().region(now).params[i], true);
-    for (OpId inner : region.ops) rebuild(inner);
     std::vector<ValueId> yields;
-    for (ValueId yield : use.yields[sweep]) append_yield(yield, yields);
+    for (const size_t sweep : group) {
+      enter(from_.region(op.regions[sweep]).params[0], to_.graph().region(now).params[0], true);
+      size_t at = 1;
+      for (const size_t of : before) {
+        if (of > sweep) break;
+        const std::span<const ValueId> states = fold_params(from_, op, sweep, of);
+        for (size_t k = 0; k < states.size(); ++k)
+          if (use.states[of][k]) enter(states[k], to_.graph().region(now).params[at++], true);
+      }
+      for (OpId inner : from_.region(op.regions[sweep]).ops) rebuild(inner);
+      for (ValueId yield : use.yields[sweep]) append_yield(yield, yields);
+    }
     emitter_.close_scope();
     to_.end_region(std::move(yields));
     return now;

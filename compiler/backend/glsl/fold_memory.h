@@ -3,6 +3,8 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
+#include <string>
 
 #include "compiler/ir/graph.h"
 
@@ -19,5 +21,8 @@ struct FoldMemory {
 };
 
 FoldMemory fold_memory(const ir::Graph& graph, const ir::Op& op);
+
+// What is wrong with the loops of a graph, one sentence a line: where all states have to be stored they must have room.
+std::optional<std::string> folds_over_limit(const ir::Graph& graph);
 
 }  // namespace dr::backend::glsl
