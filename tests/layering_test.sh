@@ -25,6 +25,7 @@ compiler/backend/plan      BUNDLE compiler/ir/dim.h
 compiler/backend/emit      BUNDLE GRAPH compiler/target/ B/analysis/ B/schedule/ B/cost/ B/glsl/ B/plan/
 compiler/backend/spirv     BUNDLE compiler/ir/ B/glsl/source.h
 compiler/backend           dsl/ GRAPH compiler/target/ compiler/passes/ compiler/backend/
+compiler/driver          dsl/ compiler/ir/ compiler/lower/ compiler/passes/ compiler/target/ compiler/backend/
 compiler/drc             dsl/ compiler/
 compiler/io              compiler/io/
 compiler/io/file

@@ -157,6 +157,12 @@ void require_sound(const Compilation& c, std::string_view pass) {
            print(c.graph, c.out.schedule));
 }
 
+// As a pass with a mistake would.
+void forget_writes(Schedule& schedule) {
+  for (StepSchedule& step : schedule.steps)
+    for (Pass& pass : step.passes) pass.writes.clear();
+}
+
 }  // namespace
 
 std::string_view fact_name(Fact fact) {
@@ -190,6 +196,7 @@ std::optional<Limit> run_backend(Compilation& compilation, std::span<const Backe
     if (auto limit = pass.run(compilation)) return limit;
     const std::chrono::duration<double, std::milli> elapsed = std::chrono::steady_clock::now() - start;
     have |= pass.makes;
+    if (pass.name == hooks.break_after) forget_writes(compilation.out.schedule);
     const bool is_schedule = (have & static_cast<Facts>(Fact::Emitted)) == 0;
     // A schedule is checked where it is done; after each pass on request.
     if (is_schedule && (hooks.verify_each || (pass.makes & static_cast<Facts>(Fact::Lowered)) != 0))
