@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <limits>
 #include <optional>
 #include <thread>
 
@@ -119,6 +120,22 @@ std::optional<std::string> over_limit(const bundle::BundleT& bundle, const targe
   return std::nullopt;
 }
 
+// Words are counted by an int in shaders. Symbols as small as they can be.
+std::optional<std::string> too_large(const bundle::BundleT& bundle) {
+  ir::SymbolValues ones;
+  for (const std::string& symbol : bundle.symbols) ones[symbol] = 1;
+  for (const auto& r : bundle.resources) {
+    ir::Dim words = r->role == bundle::Role::Scratch ? 1 : r->type->rows * r->type->cols;
+    for (const std::string* axis : {&r->extent->w, &r->extent->h, &r->extent->l})
+      words = words * ir::Dim::parse(*axis).value_or(ir::Dim(1));
+    const auto count = words.evaluate(ones);
+    if (!count || *count > std::numeric_limits<int32_t>::max())
+      return "'" + r->name + "' takes " + (count ? std::to_string(*count) : "more than 2^63") +
+             " words, a buffer has fewer than 2^31";
+  }
+  return std::nullopt;
+}
+
 std::string numbered(const std::string& source) {
   std::string out;
   size_t line = 1, begin = 0;
@@ -170,6 +187,7 @@ std::variant<Compiled, std::string> compile(const ir::Graph& graph, const target
   bundle.graph = ir::print(graph);
   if (!options.lines.files().empty()) bundle.op_lines = options.lines.in_text_order(graph);
   if (auto limit = over_limit(bundle, profile)) return *limit;
+  if (auto large = too_large(bundle)) return *large;
 
   // Shaders are independent; results go to fixed places, so the bytes do not depend on the number of threads.
   std::vector<std::variant<std::vector<uint32_t>, std::string>> modules(out.glsl.size());

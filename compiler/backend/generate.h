@@ -14,6 +14,7 @@
 #include "compiler/backend/glsl/fixed_point.h"
 #include "compiler/backend/glsl/shader.h"
 #include "compiler/backend/source_lines.h"
+#include "compiler/backend/trips.h"
 
 namespace dr::backend {
 
@@ -48,6 +49,23 @@ class Generator {
   void listed_map_pass(const Pass& pass, const std::vector<ir::OpId>& heavy);
   // `inputs`: values that it reads as input attachments; `joins`: it goes on in the render pass before.
   void fragment_pass(const Pass& pass, const std::vector<ir::ValueId>& inputs, bool joins);
+  // Loops of a compute shader that may take more trips than the device lets an invocation have (generate_cut.cpp). What
+  // an element computes stands between open_cut() and close_cut(), what it leaves behind between that and end_cut().
+  struct Cut {
+    bool cuts = false;
+    ir::Dim trips;  // of an invocation
+    uint32_t most = 0, part = 0;
+    uint32_t state = 0;  // bundle resource
+    std::string element;
+  };
+  // `each`: elements of an invocation.
+  Cut cut(glsl::Shader& shader, const Pass& pass, const std::vector<ir::OpId>& ops, const std::string& element,
+          int each = 1);
+  // `skip`: is done with the element.
+  static void open_cut(glsl::Shader& shader, const Cut& cut, const std::string& skip);
+  void close_cut(glsl::Shader& shader, const Cut& cut);
+  static void end_cut(glsl::Shader& shader, const Cut& cut);
+  static void set_trips(bundle::CommandT& command, const Cut& cut);
   void reduce_pass(const Pass& pass);
   void scatter_pass(const Pass& pass);
   // Where a sum or maximum of a scatter goes.

@@ -7,6 +7,7 @@
 
 #include "compiler/backend/pack_stages.h"
 #include "compiler/backend/raster_entries.h"
+#include "compiler/backend/trips.h"
 #include "compiler/backend/uses.h"
 #include "compiler/ir/pins.h"
 #include "compiler/ops/op.h"
@@ -134,6 +135,9 @@ std::vector<std::string> check_schedule(const Graph& graph, const Schedule& sche
           if (steady[graph.value(v).op.index]) report("sorts by what its step changes");
       }
       const bool fragment = pass.kind == Pass::Kind::Map && pass.hardware;
+      if (pass.hardware && may_pass_limit(trips_of(graph, pass.ops), profile))
+        report("loops in a fragment shader that may take more than the device's " + std::to_string(profile.loop_trips) +
+               " trips");
       if (k > 0 && step.passes[k - 1].stage == pass.stage) {
         const Pass& before = step.passes[k - 1];
         const bool before_fragment = before.kind == Pass::Kind::Map && before.hardware;

@@ -344,6 +344,16 @@ std::optional<int64_t> Dim::evaluate(const SymbolValues& values) const {
   return sum;
 }
 
+Dim Dim::most() const {
+  if (!node_) return Dim(std::max<int64_t>(constant_, 0));
+  if (is_undefined(*this)) return *this;
+  // No atom is negative, see above.
+  std::vector<Term> terms;
+  for (const Term& term : node_->terms)
+    if (term.coefficient > 0) terms.push_back(term);
+  return from_sorted(std::move(terms));
+}
+
 Dim Dim::substitute(const std::map<std::string, Dim, std::less<>>& replacements) const {
   if (!node_ || is_undefined(*this)) return *this;
   Dim sum(0);

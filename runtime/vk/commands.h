@@ -33,6 +33,7 @@ class Commands {
 
  private:
   void dispatch(const bundle::CommandT& command, std::vector<Primitive>& out);
+  int64_t parts_of(const bundle::CommandT& command) const;
   void reduce(const bundle::CommandT& command, std::vector<Primitive>& out);
   void fill(const bundle::CommandT& command, std::vector<Primitive>& out);
   void copy(const bundle::CommandT& command, std::vector<Primitive>& out);

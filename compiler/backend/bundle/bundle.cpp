@@ -171,6 +171,8 @@ struct Checker {
     if (c.push.size() > 3) return fail(where + " pushes more than three constants");
     switch (c.kind) {
       case CommandKind::Dispatch:
+        if (!c.trips.empty() && (!expression(c.trips, where) || c.part_trips == 0))
+          return fail(where + " takes no trips at a time");
         return shader(c.compute, Stage::Compute, where) && expression(c.elements, where) &&
                (c.indirect < 0 || bound_scratch(c, where));
       case CommandKind::Draw: {
@@ -218,6 +220,7 @@ struct Checker {
         return;
       }
       if (!type(r->type, where) || !extent(r->extent, where)) return;
+      if (!r->room.empty() && !expression(r->room, where)) return;
       if (slots.try_emplace(r->slot, r->storage).first->second != r->storage) {
         fail(where + " shares memory with one of another storage");
         return;

@@ -13,7 +13,7 @@
 
 namespace dr::bundle {
 
-inline constexpr uint32_t kVersion = 9;
+inline constexpr uint32_t kVersion = 10;
 
 // Deterministic bytes.
 std::vector<uint8_t> write(const BundleT& bundle);
