@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The syntax tree of a `.dr` file, as written: nothing is resolved or typed here. The grammar stands
-// in docs/language.md, section "Grammar"; names below are its nonterminals.
+// in docs/reference/language.md, section "Grammar"; names below are its nonterminals.
 #pragma once
 
 #include <cstdint>

@@ -22,8 +22,8 @@
 #include <utility>
 #include <vector>
 
-#include "runtime/io/array.h"
-#include "runtime/io/result.h"
+#include "compiler/io/array/array.h"
+#include "compiler/io/file/result.h"
 
 namespace dr::runtime {
 

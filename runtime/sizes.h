@@ -7,8 +7,8 @@
 #include <string>
 
 #include "compiler/backend/bundle/bundle.h"
+#include "compiler/io/array/array.h"
 #include "compiler/ir/dim.h"
-#include "runtime/io/array.h"
 
 namespace dr::runtime {
 

@@ -17,8 +17,9 @@ std::vector<std::string> lines_of(const bundle::BundleT& bundle, const bundle::S
 
 namespace {
 
-// The list that a dispatch runs for, if it does: a scratch buffer. Its words are as compiler/backend/element_lists.h
-// has them, 3 one more than the elements on it. A dispatch that walks a list in a loop takes no size from it.
+// The list that a dispatch runs for, if it does: a scratch buffer. Its words are as
+// compiler/backend/emit/element_lists.h has them, 3 one more than the elements on it. A dispatch that walks a list in a
+// loop takes no size from it.
 std::optional<uint32_t> list_of(const bundle::BundleT& bundle, const Primitive& p) {
   for (const Access& a : p.accesses)
     if (a.use == Use::IndirectRead) return a.resource;

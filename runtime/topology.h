@@ -6,9 +6,9 @@
 #include <string>
 
 #include "compiler/backend/bundle/bundle.h"
+#include "compiler/io/array/array.h"
+#include "compiler/io/file/result.h"
 #include "compiler/ir/dim.h"
-#include "runtime/io/array.h"
-#include "runtime/io/result.h"
 
 namespace dr::runtime {
 

@@ -14,13 +14,30 @@ compiler/topology
 compiler/lower           dsl/ compiler/ir/ compiler/ops/ compiler/topology/
 compiler/passes          dsl/ compiler/ir/ compiler/ops/ compiler/target/ compiler/topology/
 compiler/reference       dsl/ compiler/ir/ compiler/ops/ compiler/topology/
-compiler/backend         dsl/ compiler/ir/ compiler/ops/ compiler/target/ compiler/lower/ compiler/passes/ compiler/reference/
-compiler/backend/bundle  compiler/ir/dim.h
-compiler/drc             dsl/ compiler/ runtime/io/
-runtime                  compiler/backend/bundle/ compiler/ir/dim.h compiler/topology/
-runtime/io
+compiler/backend/bundle    compiler/ir/dim.h
+compiler/backend/analysis  BUNDLE GRAPH dsl/source.h
+compiler/backend/schedule  BUNDLE GRAPH compiler/target/ B/analysis/
+compiler/backend/cost      BUNDLE GRAPH compiler/target/ B/analysis/ B/schedule/
+compiler/backend/pack      BUNDLE GRAPH compiler/target/ B/analysis/ B/schedule/ B/cost/
+compiler/backend/lowering  BUNDLE GRAPH compiler/target/ B/analysis/ B/schedule/ B/cost/ B/pack/
+compiler/backend/glsl      BUNDLE GRAPH B/analysis/ B/schedule/
+compiler/backend/plan      BUNDLE compiler/ir/dim.h
+compiler/backend/emit      BUNDLE GRAPH compiler/target/ B/analysis/ B/schedule/ B/cost/ B/glsl/ B/plan/
+compiler/backend/spirv     BUNDLE compiler/ir/ B/glsl/source.h
+compiler/backend           dsl/ GRAPH compiler/target/ compiler/passes/ compiler/backend/
+compiler/drc             dsl/ compiler/
+compiler/io              compiler/io/
+compiler/io/file
+compiler/io/array        compiler/io/file/
+compiler/io/picture      compiler/io/file/ compiler/io/array/
+compiler/io/mesh         compiler/io/file/ compiler/io/array/ compiler/io/picture/
+runtime                  compiler/backend/bundle/ compiler/io/ compiler/ir/dim.h compiler/topology/
 runtime/jit              runtime/ compiler/ dsl/
 '
+# Short names: B is the back end, BUNDLE its contract with the runtime, GRAPH what all that read a graph may use.
+rules=${rules//BUNDLE/B/bundle/}
+rules=${rules//GRAPH/compiler/ir/ compiler/ops/}
+rules=${rules// B\// compiler/backend/}
 
 # Prints each include of the tree $1 that breaks the rules; fails if there is one.
 check() {
@@ -74,7 +91,10 @@ probe compiler/ir/a.h '"compiler/ops/op.h"' refuse
 probe compiler/drc/a.cpp '"runtime/device.h"' refuse
 probe compiler/passes/a.cpp '"compiler/backend/compile.h"' refuse
 probe runtime/a.cpp '"compiler/ir/graph.h"' refuse
-probe runtime/io/a.cpp '"runtime/device.h"' refuse
+probe compiler/io/a.cpp '"runtime/device.h"' refuse
+probe compiler/io/a.cpp '"compiler/ir/dim.h"' refuse
+probe compiler/io/array/a.cpp '"compiler/io/mesh/mesh.h"' refuse
+probe compiler/io/mesh/a.cpp '"compiler/io/picture/image.h"' pass
 probe runtime/vk/a.cpp '"device.h"' refuse
 probe dsl/a.h '<dsl/b.h>' refuse
 probe elsewhere/a.h '"nothing.h"' pass
@@ -83,5 +103,15 @@ probe runtime/vk/a.cpp '"compiler/backend/bundle/bundle.h"' pass
 probe runtime/vk/a.cpp '"compiler/ir/dim.h"' pass
 probe runtime/jit/a.cpp '"compiler/passes/passes.h"' pass
 probe compiler/backend/bundle/bundle.h '"bundle_generated.h"' pass
+probe compiler/backend/analysis/a.h '"compiler/backend/schedule/schedule.h"' refuse
+probe compiler/backend/schedule/a.h '"compiler/backend/pack/pack.h"' refuse
+probe compiler/backend/pack/a.cpp '"compiler/backend/lowering/scatter.h"' refuse
+probe compiler/backend/lowering/a.cpp '"compiler/backend/glsl/text.h"' refuse
+probe compiler/backend/glsl/a.cpp '"compiler/target/profile.h"' refuse
+probe compiler/backend/glsl/a.cpp '"compiler/backend/emit/generator.h"' refuse
+probe compiler/backend/plan/a.cpp '"compiler/backend/schedule/schedule.h"' refuse
+probe compiler/backend/spirv/a.cpp '"compiler/backend/compile.h"' refuse
+probe compiler/backend/lowering/a.cpp '"compiler/backend/pack/stages.h"' pass
+probe compiler/backend/compile.cpp '"compiler/backend/emit/generator.h"' pass
 
 check "$1"

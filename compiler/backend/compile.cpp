@@ -8,87 +8,20 @@
 #include <optional>
 #include <thread>
 
-#include "compiler/backend/dependencies.h"
-#include "compiler/backend/generate.h"
-#include "compiler/backend/keep_sums.h"
-#include "compiler/backend/list_where_computed.h"
-#include "compiler/backend/plan_memory.h"
-#include "compiler/backend/raster_entries.h"
-#include "compiler/backend/set_up_in_raster.h"
-#include "compiler/backend/shader_cache.h"
-#include "compiler/backend/skips.h"
-#include "compiler/backend/spirv.h"
+#include "compiler/backend/emit/generator.h"
+#include "compiler/backend/lowering/keep_in_tiles.h"
+#include "compiler/backend/lowering/keep_sums.h"
+#include "compiler/backend/lowering/list_where_computed.h"
+#include "compiler/backend/lowering/raster_entries.h"
+#include "compiler/backend/lowering/set_up_in_raster.h"
+#include "compiler/backend/lowering/update_in_place.h"
+#include "compiler/backend/plan/dependencies.h"
+#include "compiler/backend/plan/plan_memory.h"
+#include "compiler/backend/spirv/shader_cache.h"
+#include "compiler/backend/spirv/spirv.h"
 #include "compiler/ir/print.h"
 
 namespace dr::backend {
-
-std::variant<CompileOptions, std::string> compile_options(const std::string& lower, const std::string& raster,
-                                                          const std::string& pack,
-                                                          const std::vector<std::string>& ablate,
-                                                          const std::string& scatter,
-                                                          const std::string& float_profile) {
-  CompileOptions out;
-  if (lower == "fragment")
-    out.lower = Lower::Fragment;
-  else if (lower == "compute")
-    out.lower = Lower::Compute;
-  else if (lower != "auto")
-    return "unknown lowering '" + lower + "'; there are auto, fragment and compute";
-  if (raster == "hardware")
-    out.raster = RasterLower::Hardware;
-  else if (raster == "compute")
-    out.raster = RasterLower::Compute;
-  else if (raster != "auto")
-    return "unknown raster lowering '" + raster + "'; there are auto, hardware and compute";
-  if (pack == "naive")
-    out.fused = out.recompute = out.stages = false;
-  else if (pack != "fused")
-    return "unknown packing '" + pack + "'; there are fused and naive";
-  if (scatter == "exact")
-    out.scatter = ScatterLower::Exact;
-  else if (scatter == "rows")
-    out.scatter = ScatterLower::Rows;
-  else if (scatter == "atomic")
-    out.scatter = ScatterLower::Atomic;
-  else if (scatter != "auto")
-    return "unknown scatter lowering '" + scatter + "'; there are auto, exact, rows and atomic";
-  if (float_profile == "native")
-    out.native_floats = true;
-  else if (float_profile != "strict")
-    return "unknown float profile '" + float_profile + "'; there are strict and native";
-  for (const std::string& part : ablate) {
-    if (part == "substages")
-      out.fused = false;
-    else if (part == "stages")
-      out.stages = false;
-    else if (part == "remat")
-      out.recompute = false;
-    else if (part == "cache")
-      out.prologue = false;
-    else if (part == "active")
-      out.list_active = false;
-    else if (part == "branches")
-      out.list_branches = false;
-    else if (part == "slots")
-      out.share_memory = false;
-    else if (std::ranges::find(kSkips, part) == std::end(kSkips))
-      return "unknown part '" + part + "' to switch off; there are substages, stages, remat and cache";
-  }
-  return out;
-}
-
-PackOptions pack_options(const target::Profile& profile, const CompileOptions& options) {
-  PackOptions out;
-  out.fused = options.fused;
-  out.recompute = options.recompute;
-  out.stages = options.stages;
-  out.prologue = options.prologue;
-  out.moving = options.moving;
-  out.fragment = options.lower == Lower::Fragment || (options.lower == Lower::Auto && profile.lower == "fragment");
-  out.hardware_raster =
-      options.raster == RasterLower::Hardware || (options.raster == RasterLower::Auto && profile.raster == "hardware");
-  return out;
-}
 
 namespace {
 
@@ -176,7 +109,7 @@ std::variant<Compiled, std::string> compile(const ir::Graph& graph, const target
   const bool naive = !packing.fused && !packing.recompute && !packing.stages;
   bundle.lowering = std::string(naive ? "naive," : "fused,") + (packing.fragment ? "fragment," : "compute,") +
                     (packing.hardware_raster ? "hardware" : "compute");
-  Generator generator(graph, out.schedule, profile, options);
+  Generator generator(graph, out.schedule, profile, {options.lines, options.list_branches, options.native_floats});
   generator.process(bundle, out.glsl);
   find_dependencies(bundle);
   generator.clear_together();

@@ -7,9 +7,9 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
-#include "compiler/backend/cost.h"
-#include "compiler/backend/dependencies.h"
-#include "compiler/backend/uses.h"
+#include "compiler/backend/analysis/uses.h"
+#include "compiler/backend/cost/cost.h"
+#include "compiler/backend/plan/dependencies.h"
 
 namespace dr::backend {
 

@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "compiler/backend/compile.h"
-#include "compiler/backend/lower_bound.h"
-#include "compiler/backend/plan_memory.h"
+#include "compiler/backend/cost/lower_bound.h"
+#include "compiler/backend/plan/plan_memory.h"
 #include "compiler/backend/skips.h"
 
 namespace dr::backend {
@@ -38,7 +38,7 @@ struct Report {
   MemoryUse memory;
   size_t shaders = 0;
   int64_t shader_bytes = 0;
-  std::vector<SkipCount> skips;  // of compiling: see docs/skipping.md
+  std::vector<SkipCount> skips;  // of compiling: see docs/explain/skipping.md
 };
 
 // `left_out`: what the passes counted that made the graph. The error names a symbol without a value.

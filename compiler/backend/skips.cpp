@@ -18,7 +18,7 @@ passes::Skips pass_skips(std::span<const std::string> off) {
 std::vector<std::pair<std::string, std::string>> skip_defines(std::span<const std::string> off,
                                                               const target::Profile& profile) {
   // Of outlines ten thousands of candidate pixels are left out at most, each some hundred operations, for which half a
-  // dozen dispatches wait for each other: see docs/benchmarks.md.
+  // dozen dispatches wait for each other: see docs/results/notebook.md.
   constexpr double kMostOperations = 1e7;
   const bool soft = std::ranges::find(off, "soft") == off.end();
   const bool outlines = profile.costs.dispatch_ns * profile.costs.compute_operations_per_ns < kMostOperations;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What compiling may leave out of a program's work, by name: `--no-skip`. docs/skipping.md says what each is.
+// What compiling may leave out of a program's work, by name: `--no-skip`. docs/explain/skipping.md says what each is.
 #pragma once
 
 #include <span>

@@ -7,11 +7,11 @@
 #include <span>
 
 #include "compiler/backend/compile.h"
-#include "compiler/backend/graphviz.h"
 #include "compiler/backend/report.h"
-#include "compiler/backend/shader_cache.h"
+#include "compiler/backend/schedule/graphviz.h"
 #include "compiler/backend/skips.h"
-#include "compiler/backend/spirv.h"
+#include "compiler/backend/spirv/shader_cache.h"
+#include "compiler/backend/spirv/spirv.h"
 #include "compiler/drc/bundle_cache.h"
 #include "compiler/drc/command.h"
 #include "compiler/drc/input.h"

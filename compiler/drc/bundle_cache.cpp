@@ -10,7 +10,7 @@
 #include <sstream>
 #include <vector>
 
-#include "compiler/backend/shader_cache.h"
+#include "compiler/backend/spirv/shader_cache.h"
 #include "compiler/lower/lower.h"
 #include "compiler/target/profile.h"
 

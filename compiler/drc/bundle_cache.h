@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Whole bundles on disk, beside the shaders (compiler/backend/shader_cache.h): the same program for the same profile by
-// the same drc is compiled once.
+// Whole bundles on disk, beside the shaders (compiler/backend/spirv/shader_cache.h): the same program for the same
+// profile by the same drc is compiled once.
 #pragma once
 
 #include <optional>

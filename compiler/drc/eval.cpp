@@ -10,13 +10,13 @@
 
 #include "compiler/drc/command.h"
 #include "compiler/drc/input.h"
+#include "compiler/io/array/array.h"
+#include "compiler/io/array/decisions.h"
 #include "compiler/ir/pins.h"
 #include "compiler/passes/passes.h"
 #include "compiler/reference/evaluate.h"
 #include "dsl/diagnostic.h"
 #include "dsl/place.h"
-#include "runtime/io/array.h"
-#include "runtime/io/decisions.h"
 
 namespace dr::drc {
 namespace {

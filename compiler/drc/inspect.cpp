@@ -4,8 +4,8 @@
 #include <nlohmann/json.hpp>
 
 #include "compiler/backend/bundle/bundle.h"
-#include "compiler/backend/dependencies.h"
-#include "compiler/backend/plan_memory.h"
+#include "compiler/backend/plan/dependencies.h"
+#include "compiler/backend/plan/plan_memory.h"
 #include "compiler/drc/command.h"
 #include "compiler/drc/input.h"
 #include "compiler/drc/output.h"

@@ -88,7 +88,7 @@ int main(int argc, char** argv) {
       ->allow_extra_args(false)
       ->check(CLI::IsMember({"substages", "stages", "remat", "cache"}));
   std::vector<std::string> no_skip;
-  build_command->add_option("--no-skip", no_skip, "Do work that would be left out, with commas: see docs/skipping.md")
+  build_command->add_option("--no-skip", no_skip, "Do work that would be left out, with commas: see docs/explain/skipping.md")
       ->delimiter(',')
       ->allow_extra_args(false)
       ->type_name("ID")

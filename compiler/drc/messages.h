@@ -14,7 +14,7 @@ namespace dr::drc {
 void collect_messages();
 
 // Ends the run: prints what was collected as one JSON array, empty if there is nothing to say. Its schema stands in
-// docs/language.md, section "Messages for programs". Does nothing if messages are not collected.
+// docs/reference/language.md, section "Messages for programs". Does nothing if messages are not collected.
 void write_messages();
 
 // Diagnostics of a program.

@@ -12,6 +12,8 @@
 #include <numeric>
 #include <unordered_map>
 
+#include "compiler/ir/dim_bound.h"
+
 namespace dr::ir {
 namespace {
 
@@ -344,12 +346,12 @@ std::optional<int64_t> Dim::evaluate(const SymbolValues& values) const {
   return sum;
 }
 
-Dim Dim::most() const {
-  if (!node_) return Dim(std::max<int64_t>(constant_, 0));
-  if (is_undefined(*this)) return *this;
+Dim most_of(const Dim& dim) {
+  if (dim.is_constant()) return Dim(std::max<int64_t>(dim.constant(), 0));
+  if (is_undefined(dim)) return dim;
   // No atom is negative, see above.
   std::vector<Term> terms;
-  for (const Term& term : node_->terms)
+  for (const Term& term : Node::of(dim)->terms)
     if (term.coefficient > 0) terms.push_back(term);
   return from_sorted(std::move(terms));
 }

@@ -47,8 +47,6 @@ class Dim {
 
   // Value for given symbols; nullopt when one is unbound or the arithmetic overflows.
   std::optional<int64_t> evaluate(const SymbolValues& values) const;
-  // An expression that is nowhere smaller than this one, nor than 0, for symbols of at least 1.
-  Dim most() const;
   // This expression with some symbols replaced.
   Dim substitute(const std::map<std::string, Dim, std::less<>>& replacements) const;
 

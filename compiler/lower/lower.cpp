@@ -152,7 +152,7 @@ std::optional<ir::Graph> Elaborator::run(dsl::FileId root) {
                " operations, found gradients of gradients, " + std::to_string(deep->order) + " deep");
   }
   if (const auto large = too_large(b_.graph())) {
-    report(Code::E0409, large->span, "expected an image of fewer than 2^31 elements, found one of " +
+    report(Code::E0406, large->span, "expected an image of fewer than 2^31 elements, found one of " +
                                          large->extent.str());
   }
   if (diagnostics_.has_errors()) return std::nullopt;

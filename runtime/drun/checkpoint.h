@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-#include "runtime/io/array.h"
+#include "compiler/io/array/array.h"
 
 namespace dr::drun {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a run did and what it left out, as text and as JSON: `--counters`. docs/skipping.md says what each is.
+// What a run did and what it left out, as text and as JSON: `--counters`. docs/explain/skipping.md says what each is.
 #pragma once
 
 #include <map>

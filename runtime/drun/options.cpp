@@ -29,7 +29,7 @@ void add_once(std::vector<std::pair<std::string, std::string>>& all, const std::
 }  // namespace
 
 bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
-  CLI::App app{"drun: run a Dressi program (.dr) or bundle (.drb)"};
+  CLI::App app("drun runs a Dressi program (.dr) or bundle (.drb).", "drun");
   app.set_version_flag("--version", "drun 0.1.0");
   std::vector<std::string> bindings, symbols, steps, meshes, defines;
   app.add_option("FILE", options.file, "a .dr program or a .drb bundle");
@@ -74,7 +74,7 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
   std::vector<std::string> skips = jit::skip_names();
   skips.insert(skips.end(), {"rebuild", "commands", "pipelines", "shaders"});
   std::vector<std::string> no_skip;
-  app.add_option("--no-skip", no_skip, "do work that would be left out, with commas: see docs/skipping.md")
+  app.add_option("--no-skip", no_skip, "do work that would be left out, with commas: see docs/explain/skipping.md")
       ->delimiter(',')
       ->type_name("ID")
       ->check(CLI::IsMember(skips));

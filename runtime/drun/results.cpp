@@ -9,7 +9,7 @@
 #include <optional>
 #include <sstream>
 
-#include "runtime/io/mesh.h"
+#include "compiler/io/mesh/mesh.h"
 
 namespace dr::drun {
 

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "runtime/io/decisions.h"
+#include "compiler/io/array/decisions.h"
 #include "runtime/jit/reference_program.h"
 #include "runtime/runtime.h"
 

@@ -8,7 +8,7 @@
 #include <span>
 #include <string>
 
-#include "runtime/io/array.h"
+#include "compiler/io/array/array.h"
 
 namespace dr::jit {
 

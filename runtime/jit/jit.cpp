@@ -8,8 +8,8 @@
 #include <sstream>
 
 #include "compiler/backend/compile.h"
-#include "compiler/backend/shader_cache.h"
 #include "compiler/backend/skips.h"
+#include "compiler/backend/spirv/shader_cache.h"
 #include "compiler/lower/lower.h"
 #include "compiler/passes/passes.h"
 #include "dsl/diagnostic.h"

@@ -24,7 +24,7 @@ struct Options {
   friend bool operator==(const Options&, const Options&) = default;
 };
 
-// The work of one thing that can be left out (docs/skipping.md): what is done, and what is left out.
+// The work of one thing that can be left out (docs/explain/skipping.md): what is done, and what is left out.
 struct Skip {
   std::string id, unit;
   int64_t done = 0, avoided = 0;
@@ -37,7 +37,8 @@ std::vector<std::string> skip_names();
 std::variant<std::vector<uint8_t>, std::string> compile_file(const std::string& path, const Options& options,
                                                              std::vector<Skip>* skips = nullptr);
 
-// Where compiled things are kept between runs: DRC_CACHE_DIR and so on (compiler/backend/shader_cache.h); may be empty.
+// Where compiled things are kept between runs: DRC_CACHE_DIR and so on (compiler/backend/spirv/shader_cache.h); may be
+// empty.
 std::string cache_folder();
 
 }  // namespace dr::jit

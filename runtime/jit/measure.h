@@ -4,7 +4,7 @@
 
 #include <string>
 
-#include "runtime/io/result.h"
+#include "compiler/io/file/result.h"
 #include "runtime/runtime.h"
 
 namespace dr::jit {

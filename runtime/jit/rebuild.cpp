@@ -6,7 +6,7 @@
 #include <tuple>
 
 #include "compiler/backend/compile.h"
-#include "compiler/backend/shader_cache.h"
+#include "compiler/backend/spirv/shader_cache.h"
 #include "compiler/ir/parse.h"
 
 namespace dr::jit {

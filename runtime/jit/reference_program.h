@@ -10,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-#include "runtime/io/array.h"
+#include "compiler/io/array/array.h"
 
 namespace dr::jit {
 

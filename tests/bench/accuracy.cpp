@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The accuracy table measured on devices, and docs/accuracy.md from it.
+// The accuracy table measured on devices, and docs/results/accuracy.md from it.
 //
 //   bench_accuracy measure FILE NAME [DEVICE] [SAMPLES]   one device, as NAME; its figures replace those in FILE
 //   bench_accuracy again FILE NAME DEVICE FUNCTION        one function of the library, in place of its rows there
-//   bench_accuracy document FILE > docs/accuracy.md       all devices of FILE
+//   bench_accuracy document FILE > docs/results/accuracy.md       all devices of FILE
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -189,7 +189,7 @@ void document_native(const json& devices) {
   std::printf(R"(
 ## The profile `native`
 
-With `--float=native` drivers' built-ins stand for our functions ([architecture.md](architecture.md)). Bounds are what Vulkan promises of
+With `--float=native` drivers' built-ins stand for our functions ([floats](../explain/floats.md)). Bounds are what Vulkan promises of
 the built-in, and what follows for functions and derivatives that are made of it (`tests/device/accuracy/cases_native.cpp`): n last places
 of a factor are 2n of the product, since a last place is worth half as much at the upper end of a binade as at the lower; a
 derivative adds its own roundings. Where the promise is absolute, the scale says of what: 2^-11 of 1 is 4096 last places. `none`: nothing
@@ -240,7 +240,7 @@ operands.
 - Devices may flush subnormal numbers. So a result below the normal numbers counts as right when it is found there too, a derivative
   within 2^7 of either end of the range, where one of its factors may have left it; where an operand or the result is subnormal,
   derivatives must be finite and no more.
-- A bound of 0 means equal numbers. Bounds of values are those of [ops.md](ops.md), others say why in the list below; all are in
+- A bound of 0 means equal numbers. Bounds of values are those of [ops.md](../reference/ops.md), others say why in the list below; all are in
   `tests/device/accuracy/cases*.cpp`.
 
 Each cell has the largest error, in parentheses that of 99.9%% of the samples, and the operands' bits (integers as numbers) where

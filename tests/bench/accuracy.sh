@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # accuracy.sh BUILD_FOLDER [--device NAME] [--quick]: the accuracy of every op on lavapipe and SwiftShader, or on the
 # device that is named instead. The figures go to bench-out/accuracy.json, beside those of other devices that are there,
-# and from there to docs/accuracy.md; those of --quick, which has fewer operands and every
+# and from there to docs/results/accuracy.md; those of --quick, which has fewer operands and every
 # fifth function of the library, to bench-out/accuracy/ alone.
 set -euo pipefail
 source "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/suite.bash"
@@ -23,6 +23,6 @@ else
 fi
 if [[ -z $quick ]]; then
   "$bin/bench_accuracy" document "$file" > bench-out/accuracy.md
-  cp bench-out/accuracy.md "$root/docs/accuracy.md"
+  cp bench-out/accuracy.md "$root/docs/results/accuracy.md"
 fi
 exit $failed

@@ -13,7 +13,7 @@
 #include <string>
 #include <vector>
 
-#include "compiler/backend/schedule.h"
+#include "compiler/backend/pack/pack.h"
 #include "compiler/lower/lower.h"
 #include "compiler/passes/passes.h"
 #include "compiler/target/profile.h"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The parts of docs/accuracy.md that `./dr bench sweep` and `./dr bench judge` have the figures of.
+// The parts of docs/results/accuracy.md that `./dr bench sweep` and `./dr bench judge` have the figures of.
 #pragma once
 
 #include <nlohmann/json_fwd.hpp>

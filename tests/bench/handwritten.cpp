@@ -19,7 +19,7 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
-#include "compiler/backend/spirv.h"
+#include "compiler/backend/spirv/spirv.h"
 #include "runtime/jit/jit.h"
 #include "runtime/vk/memory.h"
 #include "runtime/vk/queue.h"

@@ -2,7 +2,7 @@
 """The float64 evaluator against mpmath: judge.py POINTS OUT.json
 
 POINTS has lines `op direction operand... result`, numbers in hexadecimal. Functions and derivatives are written out here
-once more, from their definitions in docs/ops.md, and computed with 50 digits. Errors are relative, in units of 2^-53;
+once more, from their definitions in docs/reference/ops.md, and computed with 50 digits. Errors are relative, in units of 2^-53;
 results that are no normal float64 numbers must agree in kind (0 or subnormal, infinite, no number). Operands that are not
 finite are left out, and derivatives where the function is no number.
 """

@@ -9,7 +9,7 @@
 #include <type_traits>
 #include <utility>
 
-#include "runtime/io/array.h"
+#include "compiler/io/array/array.h"
 
 namespace dr::benchmark {
 

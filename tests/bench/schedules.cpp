@@ -19,13 +19,13 @@
 
 #include "compiler/backend/compile.h"
 #include "compiler/backend/report.h"
-#include "compiler/backend/shader_cache.h"
 #include "compiler/backend/skips.h"
+#include "compiler/backend/spirv/shader_cache.h"
+#include "compiler/io/array/array.h"
 #include "compiler/lower/lower.h"
 #include "compiler/passes/passes.h"
 #include "compiler/target/profile.h"
 #include "dsl/diagnostic.h"
-#include "runtime/io/array.h"
 #include "runtime/runtime.h"
 #include "tests/bench/must.h"
 

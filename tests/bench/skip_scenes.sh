@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # skip_scenes.sh BUILD_FOLDER [--device NAME] [--quick]: twelve scenes (skip/*.dr; --quick: three of them), each with and without each skip of
-# docs/skipping.md (`--no-skip=ID`): what is done and avoided, times of both sides in turns, medians, and whether the two sides give
+# docs/explain/skipping.md (`--no-skip=ID`): what is done and avoided, times of both sides in turns, medians, and whether the two sides give
 # the same bits, outputs and params after four runs. `ms` is of a run while several are under way; for `shaders` of compiling,
 # for `pipelines` of making them. `soft` counts fragments, by draws: what it avoids is what the other side does more. What avoids
-# nothing in a scene stands in figures.jsonl alone. `rebuild` needs data that the host binds anew: see docs/skipping.md.
+# nothing in a scene stands in figures.jsonl alone. `rebuild` needs data that the host binds anew: see docs/explain/skipping.md.
 set -euo pipefail
 PYTHONDONTWRITEBYTECODE=1 PYTHONPATH=$(dirname "$(readlink -f "${BASH_SOURCE[0]}")") exec /usr/bin/python3 - "$@" << 'END'
 import json, os, re, shutil, statistics

@@ -16,7 +16,7 @@
 #include <thread>
 
 #include "compiler/backend/compile.h"
-#include "compiler/backend/shader_cache.h"
+#include "compiler/backend/spirv/shader_cache.h"
 #include "compiler/ops/emit.h"
 #include "compiler/passes/passes.h"
 #include "tests/bench/must.h"

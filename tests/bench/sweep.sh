@@ -4,7 +4,7 @@
 # over every float, against the float64 evaluator. A CPU device gets a part of them, as --quick gives any device: every
 # 4099th, the ends of exponents and special values. All of them are 40 minutes to an hour of processor time, which all
 # cores share. Lines of JSON go to bench-out/sweep/, one file a device (with --ops one of these ops), and with
-# bench-out/accuracy.json into docs/accuracy.md, where that is, and without --quick. Needs nothing but BUILD_FOLDER/bin.
+# bench-out/accuracy.json into docs/results/accuracy.md, where that is, and without --quick. Needs nothing but BUILD_FOLDER/bin.
 set -euo pipefail
 bin=$(realpath "$1")/bin
 shift
@@ -39,7 +39,7 @@ else
     VK_ICD_FILENAMES=$icd VK_DRIVER_FILES=$icd sweep "$name" '' --quick
   done
 fi
-document=$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/../../docs/accuracy.md
+document=$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/../../docs/results/accuracy.md
 if ((${#quick[@]} == 0)) && [[ -f bench-out/accuracy.json && -f $document ]]; then
   "$bin/bench_accuracy" document bench-out/accuracy.json > bench-out/accuracy.md
   cp bench-out/accuracy.md "$document"

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Every op of the table on every device: value and derivatives at random and special operands, in last places of the
 // exact result, against the bounds of accuracy/cases*.cpp. `./dr bench accuracy` takes more samples and writes
-// docs/accuracy.md.
+// docs/results/accuracy.md.
 #include <cstdio>
 #include <set>
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Every function of the library on every device: value and gradients at a few thousand operands each, against the
 // bounds of accuracy/library_*.cpp. `./dr bench accuracy` takes more, searches for worse ones, and writes
-// docs/accuracy.md.
+// docs/results/accuracy.md.
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>

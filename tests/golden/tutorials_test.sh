@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# The programs of docs/tutorials.md find what they look for. usage: tutorials_test.sh DRC TUTORIALS.md
+# The programs of docs/tutorial/README.md find what they look for. usage: tutorials_test.sh DRC TUTORIALS.md
 set -euo pipefail
 drc=$(realpath "$1")
 folder=$(mktemp -d)

@@ -7,10 +7,10 @@
 #include <random>
 #include <sstream>
 
+#include "compiler/io/mesh/mesh.h"
 #include "compiler/lower/lower.h"
 #include "compiler/passes/passes.h"
 #include "compiler/reference/evaluate.h"
-#include "runtime/io/mesh.h"
 #include "tests/catch.h"
 
 using namespace dr;

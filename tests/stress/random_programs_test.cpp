@@ -9,7 +9,7 @@
 #include <cstdlib>
 
 #include "compiler/backend/compile.h"
-#include "compiler/backend/shader_cache.h"
+#include "compiler/backend/spirv/shader_cache.h"
 #include "compiler/passes/passes.h"
 #include "tests/catch.h"
 #include "tests/device/devices.h"

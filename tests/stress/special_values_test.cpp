@@ -11,7 +11,7 @@
 #include <sstream>
 
 #include "compiler/backend/compile.h"
-#include "compiler/backend/shader_cache.h"
+#include "compiler/backend/spirv/shader_cache.h"
 #include "compiler/lower/lower.h"
 #include "compiler/passes/passes.h"
 #include "dsl/diagnostic.h"

@@ -5,7 +5,6 @@
 #include <algorithm>
 
 #include "compiler/backend/glsl/divisors.h"
-#include "compiler/backend/raster_entries.h"
 #include "compiler/ir/yields.h"
 #include "compiler/ops/native.h"
 #include "compiler/ops/op.h"
@@ -49,7 +48,7 @@ std::string from_halves(const Type& type) {
   return type.str() + "(" + out + ")";
 }
 
-// Of an entry, see raster_entries.h. An empty one's face comes out as -1.
+// Of an entry, see lowering/raster_entries.h. An empty one's face comes out as -1.
 constexpr const char* kEntry = R"(
 int face_of(uvec2 entry) { return int((entry.x >> 4) | (entry.y << 28)); }
 int tag_of(uvec2 entry) { return entry.y == 0xffffffffu ? 0 : int(entry.x & 15u); }

@@ -15,7 +15,7 @@
 #include "compiler/backend/bundle/bundle.h"
 #include "compiler/backend/glsl/cut_loops.h"
 #include "compiler/backend/glsl/text.h"
-#include "compiler/backend/schedule.h"
+#include "compiler/backend/schedule/schedule.h"
 
 namespace dr::backend::glsl {
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Ahead of each shader of this folder. The host defines W (the picture's side), V and F (vertices, faces), INVERSE_SIZE and so on,
 // and LANES_IN_TURN where a device accesses storage buffers one lane after the other: there, what a shader only reads is a
-// uniform texel buffer, and stores stand behind a choice that the driver cannot foresee (docs/benchmarks.md).
+// uniform texel buffer, and stores stand behind a choice that the driver cannot foresee (docs/results/notebook.md).
 layout(local_size_x = 64) in;
 layout(push_constant) uniform Push { int zero; } push;
 

@@ -75,11 +75,12 @@ struct Elsewhere {
 std::vector<Elsewhere> elsewhere();
 
 // The parts of functions(), a file each.
-std::vector<Function> point_functions();    // camera, light, shading
-std::vector<Function> number_functions();   // optim, random, loss of elements
-std::vector<Function> image_functions();    // loss, texture
-std::vector<Function> mesh_functions();     // mesh
-std::vector<Function> picture_functions();  // hardsoftras, raster, nvdiffrast
+std::vector<Function> point_functions();     // camera, light, shading
+std::vector<Function> number_functions();    // optim, random, loss of elements
+std::vector<Function> image_functions();     // loss, texture
+std::vector<Function> mesh_functions();      // mesh
+std::vector<Function> material_functions();  // material, lamps of light
+std::vector<Function> picture_functions();   // hardsoftras, raster, nvdiffrast
 
 // One function and direction on one device.
 struct Row {
@@ -103,7 +104,8 @@ struct Options {
 // Errors of the device or the compiler end the process with a message.
 std::vector<Row> measure(const runtime::Device& device, std::span<const Function> functions, const Options& options);
 
-// Rows as JSON, and the sections of docs/accuracy.md about them on stdout; `devices` has "library" rows by name.
+// Rows as JSON, and the sections of docs/results/accuracy.md about them on stdout; `devices` has "library" rows by
+// name.
 nlohmann::json to_json(std::span<const Row> rows);
 void document(const nlohmann::json& devices);
 

@@ -8,7 +8,7 @@
 #include <map>
 
 #include "compiler/backend/compile.h"
-#include "compiler/backend/shader_cache.h"
+#include "compiler/backend/spirv/shader_cache.h"
 #include "compiler/reference/evaluate.h"
 #include "tests/bench/must.h"
 #include "tests/device/accuracy/errors.h"

@@ -5,7 +5,7 @@ namespace dr::accuracy::library {
 
 std::vector<Function> functions() {
   std::vector<Function> all;
-  for (auto&& part : {point_functions(), number_functions(), image_functions(), mesh_functions(), picture_functions()})
+  for (auto&& part : {point_functions(), material_functions(), number_functions(), image_functions(), mesh_functions(), picture_functions()})
     all.insert(all.end(), part.begin(), part.end());
   return all;
 }

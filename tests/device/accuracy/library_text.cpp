@@ -14,9 +14,11 @@ namespace {
 
 constexpr const char* kPrelude = R"(edition 1;
 import std.camera;
+import std.coverage;
 import std.hardsoftras;
 import std.light;
 import std.loss;
+import std.material;
 import std.mesh;
 import std.nvdiffrast;
 import std.optim;

@@ -8,7 +8,7 @@
 #include <cstdlib>
 
 #include "compiler/backend/compile.h"
-#include "compiler/backend/shader_cache.h"
+#include "compiler/backend/spirv/shader_cache.h"
 #include "compiler/ops/emit.h"
 #include "compiler/passes/passes.h"
 #include "tests/bench/must.h"

@@ -6,7 +6,7 @@
 #include "compiler/backend/compile.h"
 #include "compiler/backend/glsl/text.h"
 #include "compiler/backend/skips.h"
-#include "compiler/backend/spirv.h"
+#include "compiler/backend/spirv/spirv.h"
 #include "compiler/ir/parse.h"
 #include "tests/catch.h"
 

@@ -6,9 +6,9 @@
 #include <map>
 #include <set>
 
-#include "compiler/backend/cost.h"
-#include "compiler/backend/pack_stages.h"
-#include "compiler/backend/uses.h"
+#include "compiler/backend/analysis/uses.h"
+#include "compiler/backend/cost/cost.h"
+#include "compiler/backend/pack/stages.h"
 #include "compiler/ops/op.h"
 
 namespace dr::backend_test {

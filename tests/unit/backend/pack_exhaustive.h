@@ -5,7 +5,7 @@
 
 #include <optional>
 
-#include "compiler/backend/schedule.h"
+#include "compiler/backend/pack/pack.h"
 
 namespace dr::backend_test {
 

@@ -5,8 +5,8 @@
 #include <cstdio>
 #include <random>
 
-#include "compiler/backend/cost.h"
-#include "compiler/backend/lower_bound.h"
+#include "compiler/backend/cost/cost.h"
+#include "compiler/backend/cost/lower_bound.h"
 #include "compiler/ops/emit.h"
 #include "tests/catch.h"
 #include "tests/unit/backend/pack_exhaustive.h"

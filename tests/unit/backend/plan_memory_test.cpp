@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // Memory plans: sound on random command lists and close to what is needed; updates in place only where nothing needs
 // the old value.
-#include "compiler/backend/plan_memory.h"
+#include "compiler/backend/plan/plan_memory.h"
 
 #include <random>
 
 #include "compiler/backend/compile.h"
+#include "compiler/backend/lowering/update_in_place.h"
 #include "compiler/ir/parse.h"
 #include "tests/catch.h"
 

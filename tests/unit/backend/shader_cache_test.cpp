@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The shader cache gives back what it was given, and nothing else.
-#include "compiler/backend/shader_cache.h"
+#include "compiler/backend/spirv/shader_cache.h"
 
 #include <cstdlib>
 #include <fstream>

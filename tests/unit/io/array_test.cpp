@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Host arrays: extents, views and conversions.
 
-#include "runtime/io/array.h"
+#include "compiler/io/array/array.h"
 
 #include <limits>
 

@@ -6,7 +6,7 @@
 #include <filesystem>
 #include <random>
 
-#include "runtime/io/mesh.h"
+#include "compiler/io/mesh/mesh.h"
 #include "tests/catch.h"
 #include "tests/unit/io/support.h"
 

@@ -3,7 +3,7 @@
 
 #include <cmath>
 
-#include "runtime/io/array.h"
+#include "compiler/io/array/array.h"
 #include "tests/catch.h"
 #include "tests/unit/io/support.h"
 

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <filesystem>
 
-#include "runtime/io/mesh.h"
+#include "compiler/io/mesh/mesh.h"
 #include "tests/catch.h"
 #include "tests/unit/io/support.h"
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // .npy files and JSON literals: how shapes become extents and scalars become kinds.
 
-#include "runtime/io/array.h"
+#include "compiler/io/array/array.h"
 #include "tests/catch.h"
 #include "tests/unit/io/support.h"
 

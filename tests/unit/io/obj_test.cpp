@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // OBJ files as they are found: fans, relative indices, comments, continued lines, normals and colours.
 
-#include "runtime/io/mesh.h"
+#include "compiler/io/mesh/mesh.h"
 #include "tests/catch.h"
 #include "tests/unit/io/support.h"
 

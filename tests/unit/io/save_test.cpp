@@ -10,7 +10,7 @@
 #include <cstring>
 #include <filesystem>
 
-#include "runtime/io/mesh.h"
+#include "compiler/io/mesh/mesh.h"
 #include "tests/catch.h"
 #include "tests/unit/io/support.h"
 

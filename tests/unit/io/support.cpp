@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Builders of small files for the tests of runtime/io.
+// Builders of small files for the tests of compiler/io.
 
 #include "tests/unit/io/support.h"
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the tests of runtime/io share: a folder that removes itself, and builders of small files that can be made wrong
+// What the tests of compiler/io share: a folder that removes itself, and builders of small files that can be made wrong
 // in one place at a time.
 #pragma once
 
@@ -11,8 +11,8 @@
 #include <string_view>
 #include <vector>
 
-#include "runtime/io/array.h"
-#include "runtime/io/mesh.h"
+#include "compiler/io/array/array.h"
+#include "compiler/io/mesh/mesh.h"
 
 namespace dr::io::test {
 

@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: Apache-2.0
+// Uses of values, op by op.
+#include "compiler/backend/analysis/uses.h"
+
+#include <algorithm>
+#include <set>
+#include <string>
+
+namespace dr::backend {
+
+using ir::Graph;
+using ir::Op;
+using ir::OpId;
+using ir::OpKind;
+using ir::ValueId;
+
+bool is_inline(const Op& op) {
+  return op.kind == OpKind::Const || op.kind == OpKind::DimValue || op.kind == OpKind::Coord;
+}
+
+bool is_memory(const Op& op) { return op.kind == OpKind::Leaf || op.kind == OpKind::StepIndex; }
+
+namespace {
+
+void add_region_uses(const Graph& graph, ir::RegionId region, Uses& uses) {
+  auto is_root = [&](ValueId v) { return graph.value(v).region == graph.root(); };
+  for (OpId id : graph.region(region).ops) {
+    const Op& op = graph.op(id);
+    for (size_t k = 0; k < op.operands.size(); ++k) {
+      if (!is_root(op.operands[k])) continue;
+      (op.kind == OpKind::Gather && k == 0 ? uses.elsewhere : uses.at_element).push_back(op.operands[k]);
+    }
+    for (ir::RegionId inner : op.regions) add_region_uses(graph, inner, uses);
+  }
+  for (ValueId v : graph.region(region).yields)
+    if (is_root(v)) uses.at_element.push_back(v);
+}
+
+}  // namespace
+
+Uses uses_of(const Graph& graph, const Op& op) {
+  Uses uses;
+  switch (op.kind) {
+    case OpKind::Gather:
+      uses.elsewhere.push_back(op.operands[0]);
+      uses.at_element.push_back(op.operands[1]);
+      break;
+    case OpKind::Shift:
+    case OpKind::ReduceSum:
+    case OpKind::ReduceMin:
+    case OpKind::ReduceMax: uses.elsewhere = op.operands; break;
+    case OpKind::Raster:  // reads its operands per face; constants are written down
+      for (ValueId v : op.operands)
+        if (graph.op(graph.value(v).op).kind != OpKind::Const) uses.elsewhere.push_back(v);
+      break;
+    default: uses.at_element = op.operands; break;
+  }
+  for (ir::RegionId region : op.regions) add_region_uses(graph, region, uses);
+  return uses;
+}
+
+std::vector<bool> steady_ops(const Graph& graph, const ir::Step& step, std::span<const OpId> order,
+                             std::span<const Uses> uses, std::set<std::string> moving) {
+  std::vector<bool> is_steady(graph.op_count(), false);
+  for (const ir::Update& u : step.updates) moving.insert(graph.leaves[u.leaf].name);
+  const auto steady = [&](ValueId v) { return is_steady[graph.value(v).op.index]; };
+  for (OpId id : order) {
+    const Op& op = graph.op(id);
+    if (op.kind == OpKind::StepIndex || (op.kind == OpKind::Leaf && moving.count(op.attrs.text) != 0) ||
+        std::ranges::any_of(uses[id.index].at_element, steady) || std::ranges::any_of(uses[id.index].elsewhere, steady))
+      is_steady[id.index] = true;
+  }
+  return is_steady;
+}
+
+std::vector<bool> steady_ops(const Graph& graph, const ir::Step& step) {
+  const std::vector<OpId>& order = graph.region(graph.root()).ops;
+  std::vector<Uses> uses(graph.op_count());
+  for (const OpId id : order) uses[id.index] = uses_of(graph, graph.op(id));
+  return steady_ops(graph, step, order, uses);
+}
+
+}  // namespace dr::backend

@@ -1,0 +1,188 @@
+// SPDX-License-Identifier: Apache-2.0
+// The cost model.
+#include "compiler/backend/cost/cost.h"
+
+#include <algorithm>
+
+#include "compiler/backend/analysis/uses.h"
+
+namespace dr::backend {
+
+using ir::Op;
+using ir::OpKind;
+using ir::ValueId;
+
+int op_cost(OpKind kind) {
+  switch (kind) {
+    case OpKind::Const:
+    case OpKind::DimValue:
+    case OpKind::Coord:
+    case OpKind::Extract:
+    case OpKind::Compose:
+    case OpKind::Splat:
+    case OpKind::Broadcast:
+    case OpKind::Convert: return 0;
+    case OpKind::Add:
+    case OpKind::Sub:
+    case OpKind::Mul:
+    case OpKind::SMul:
+    case OpKind::Neg:
+    case OpKind::Abs:
+    case OpKind::Min:
+    case OpKind::Max:
+    case OpKind::Clamp:
+    case OpKind::Less:
+    case OpKind::LessEqual:
+    case OpKind::Equal:
+    case OpKind::NotEqual:
+    case OpKind::LogicalAnd:
+    case OpKind::LogicalOr:
+    case OpKind::LogicalNot:
+    case OpKind::Select:
+    case OpKind::Floor: return 1;
+    case OpKind::Dot: return 2;
+    case OpKind::Half: return 12;
+    // Polynomials of our own and what brings numbers into their range.
+    case OpKind::Exp:
+    case OpKind::Exp2:
+    case OpKind::Expm1:
+    case OpKind::Log:
+    case OpKind::Log2:
+    case OpKind::Log1p:
+    case OpKind::Sin:
+    case OpKind::Cos:
+    case OpKind::Tan:
+    case OpKind::Asin:
+    case OpKind::Acos:
+    case OpKind::Atan:
+    case OpKind::Atan2:
+    case OpKind::Sinh:
+    case OpKind::Cosh:
+    case OpKind::Tanh:
+    case OpKind::Asinh:
+    case OpKind::Acosh:
+    case OpKind::Atanh:
+    case OpKind::Sigmoid:
+    case OpKind::Softplus:
+    case OpKind::Erf: return 20;
+    case OpKind::Pow: return 60;
+    default: return 4;
+  }
+}
+
+int recompute_limit(const target::Profile& profile, bool fragment) {
+  const target::Costs& c = profile.costs;
+  const double bytes_per_ns = fragment ? c.fragment_image_bytes_per_ns : c.compute_buffer_bytes_per_ns;
+  const double operations_per_ns = fragment ? c.fragment_operations_per_ns : c.compute_operations_per_ns;
+  constexpr double kBytes = 8;  // a component stored and loaded
+  // Bounded: long shaders cost compile time and registers, which bandwidth does not know.
+  return static_cast<int>(std::clamp(kBytes * operations_per_ns / bytes_per_ns, 4.0, 64.0));
+}
+
+namespace {
+
+constexpr double kUnknownTrips = 8, kReduceGroup = 64;
+// The share of a scatter's elements that add something, where only those run.
+constexpr double kActive = 0.125;
+
+struct Model {
+  const ir::Graph& graph;
+  const Schedule& schedule;
+  const StepSchedule& step;
+  const target::Costs& costs;
+  const ir::SymbolValues& symbols;
+  const CostAssumptions& assumptions;
+  bool known = true;
+
+  double evaluate(const ir::Dim& dim) {
+    const auto value = dim.evaluate(symbols);
+    known = known && value.has_value();
+    return value ? static_cast<double>(*value) : 0;
+  }
+  double elements(const ir::Extent& e) { return evaluate(e.w) * evaluate(e.h) * evaluate(e.l); }
+
+  double arithmetic(const Op& op) {
+    double own = op_cost(op.kind) * std::max(1, graph.value(op.results[0]).type.components());
+    for (ir::RegionId region : op.regions) {
+      double inside = 0;
+      for (ir::OpId id : graph.region(region).ops) inside += arithmetic(graph.op(id));
+      own += op.kind == OpKind::Reduce ? kUnknownTrips * inside : inside;
+    }
+    return own;
+  }
+
+  double bytes(ValueId v) {
+    const Resource& r = schedule.resources[step.stored.at(v).index];
+    // A face and its tag are read at once.
+    if (r.entries) return raster_part(graph, v).tag ? 0 : 8.0 * elements(graph.value(v).extent);
+    const int words = r.storage != Resource::Storage::Buffer && r.type.rows == 3 ? 4 : r.words();
+    return 4.0 * words * elements(r.extent);
+  }
+  double bandwidth(ValueId v, bool fragment) const {
+    const Resource::Storage storage = schedule.resources[step.stored.at(v).index].storage;
+    if (storage == Resource::Storage::Tile) return costs.fragment_input_bytes_per_ns;
+    const bool image = storage == Resource::Storage::Image;
+    if (fragment) return image ? costs.fragment_image_bytes_per_ns : costs.fragment_buffer_bytes_per_ns;
+    return image ? costs.compute_image_bytes_per_ns : costs.compute_buffer_bytes_per_ns;
+  }
+
+  double pass_cost(size_t index) {
+    const Pass& pass = step.passes[index];
+    const bool fragment = pass.kind == Pass::Kind::Map && pass.hardware;
+    const bool joins = index > 0 && step.passes[index - 1].stage == pass.stage;
+    const double count = elements(pass.domain);
+    double cost = fragment ? (joins ? costs.subpass_ns : costs.pass_ns) : costs.dispatch_ns;
+    const std::vector<ValueId> inputs = stage_inputs(step, index);
+    double loads = 0;
+    for (ValueId v : pass.reads) {
+      const bool input = std::find(inputs.begin(), inputs.end(), v) != inputs.end();
+      loads += bytes(v) / (input && fragment ? costs.fragment_input_bytes_per_ns : bandwidth(v, fragment));
+    }
+    cost += loads;
+    for (ValueId v : pass.writes) cost += bytes(v) / bandwidth(v, fragment);
+    double work = 0;
+    for (ir::OpId id : pass.ops)
+      if (graph.op(id).kind != OpKind::Raster) work += arithmetic(graph.op(id));
+    work *= count / (fragment ? costs.fragment_operations_per_ns : costs.compute_operations_per_ns);
+    switch (pass.kind) {
+      case Pass::Kind::Map: return cost + work;
+      case Pass::Kind::Reduce:
+        for (double n = count; n > kReduceGroup; n /= kReduceGroup) cost += costs.dispatch_ns;
+        return cost + work;
+      case Pass::Kind::Scatter: {
+        // A row's sources are read where the table says.
+        if (pass.scatter == ScatterLowering::Rows)
+          return cost + work + costs.dispatch_ns + 4 * count / costs.compute_buffer_bytes_per_ns;
+        // Clearing, the list of those that add something, the largest contribution, the sums, their conversion; two
+        // words a contribution. The shader runs twice.
+        const double active = pass.active.empty() ? 1 : kActive;
+        return cost + 3 * costs.dispatch_ns + (pass.active.empty() ? 0 : costs.dispatch_ns) + active * loads +
+               2 * active * work + 3 * active * count * costs.atomic_add_ns;
+      }
+      case Pass::Kind::Raster: break;
+    }
+    const Op& op = graph.op(graph.value(pass.writes.front()).op);
+    const double faces = evaluate(op.attrs.dims[3]);
+    const double layers = evaluate(pass.domain.l), ranks = static_cast<double>(op.results.size()) / 2;
+    const double triangle = pass.hardware ? costs.hardware_triangle_ns : costs.compute_triangle_ns;
+    double pixel = pass.hardware ? costs.hardware_pixel_ns : costs.compute_pixel_ns;
+    pixel += arithmetic(op) / (pass.hardware ? costs.fragment_operations_per_ns : costs.compute_operations_per_ns);
+    cost += ranks * (pass.hardware ? costs.pass_ns : costs.dispatch_ns);
+    // Draws find one rank after the other.
+    cost += (pass.hardware ? ranks : 1) * faces * layers * (triangle + assumptions.faces_cover * pixel);
+    return cost;
+  }
+};
+
+}  // namespace
+
+std::optional<double> step_cost(const ir::Graph& graph, const Schedule& schedule, const StepSchedule& step,
+                                const target::Profile& profile, const ir::SymbolValues& symbols,
+                                const CostAssumptions& assumptions) {
+  Model model{graph, schedule, step, profile.costs, symbols, assumptions};
+  double total = 0;
+  for (size_t k = 0; k < step.passes.size(); ++k) total += model.pass_cost(k);
+  return model.known ? std::optional(total) : std::nullopt;
+}
+
+}  // namespace dr::backend

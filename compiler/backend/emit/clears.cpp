@@ -1,0 +1,115 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a step clears, cleared by one dispatch. A GPU's driver makes a kernel of its own of each fill, between which and
+// the dispatches around it the device does nothing; a dispatch runs beside the ones before it, for which it need not
+// wait. Large memory stays the driver's to fill, which is faster then.
+#include <set>
+#include <utility>
+
+#include "compiler/backend/emit/generator.h"
+#include "compiler/backend/plan/dependencies.h"
+#include "compiler/ir/graph.h"
+
+namespace dr::backend {
+
+using bundle::CommandKind;
+using bundle::CommandT;
+using glsl::Shader;
+using ir::Dim;
+
+namespace {
+
+// An invocation clears so many words: starting a workgroup takes a GPU longer than some stores do.
+constexpr int64_t kWordsEach = 16;
+// The most words of a target, when all symbols are as large as the side of a picture.
+constexpr int64_t kMostWords = 1 << 23;
+constexpr int64_t kSide = 1024;
+
+Dim parsed(const std::string& extent) {
+  const auto dim = Dim::parse(extent);
+  if (!dim) DR_ICE("the extent '" + extent + "' of a bundle does not parse");
+  return *dim;
+}
+
+// The words that a fill writes.
+Dim words_of_fill(const bundle::BundleT& bundle, const CommandT& fill) {
+  if (!fill.elements.empty()) return parsed(fill.elements);
+  const bundle::ResourceT& r = *bundle.resources[static_cast<size_t>(fill.target)];
+  const Dim elements = parsed(r.extent->w) * parsed(r.extent->h) * parsed(r.extent->l);
+  return r.role == bundle::Role::Scratch ? elements : elements * Dim(r.type->rows * r.type->cols);
+}
+
+bool is_small_fill(const bundle::BundleT& bundle, const CommandT& command) {
+  if (command.kind != CommandKind::Fill) return false;
+  ir::SymbolValues sides;
+  for (const std::string& symbol : bundle.symbols) sides[symbol] = kSide;
+  const auto words = words_of_fill(bundle, command).evaluate(sides);
+  return words && *words <= kMostWords;
+}
+
+// The small fills that may take the place of the one at `first`, itself among them: those that run whenever it does,
+// and whose targets nothing touches before they are filled.
+std::vector<size_t> fills_with(const bundle::BundleT& bundle, const bundle::StepT& step, size_t first, size_t most) {
+  std::vector<size_t> out;
+  std::set<uint32_t> touched;
+  for (size_t k = first; k < step.commands.size() && out.size() < most; ++k) {
+    const CommandT& c = *step.commands[k];
+    const bool joins = is_small_fill(bundle, c) && run_together(c, *step.commands[first]) &&
+                       touched.count(static_cast<uint32_t>(c.target)) == 0;
+    if (joins) out.push_back(k);
+    for_each_access(c, [&](uint32_t resource, bundle::Access) { touched.insert(resource); });
+  }
+  return out;
+}
+
+}  // namespace
+
+void Generator::clear_together() {
+  if (profile_.subgroup_size < kWideSubgroup) return;  // a processor fills memory faster than its shaders do
+  for (size_t k = 0; k < schedule_.steps.size(); ++k) {
+    step_ = &schedule_.steps[k];
+    out_ = bundle_->steps[k].get();
+    for (size_t at = 0; at < out_->commands.size(); ++at) {
+      if (!is_small_fill(*bundle_, *out_->commands[at])) continue;
+      const std::vector<size_t> fills =
+          fills_with(*bundle_, *out_, at, profile_.max_per_stage_descriptor_storage_buffers);
+      if (fills.size() > 1) clear_by_dispatch(fills);
+    }
+  }
+}
+
+void Generator::clear_by_dispatch(const std::vector<size_t>& fills) {
+  const auto clear = std::make_unique<CommandT>(*out_->commands[fills.front()]);
+  Dim invocations = 0;  // the words of all targets together may be too many for an int
+  for (const size_t k : fills)
+    invocations =
+        invocations + (words_of_fill(*bundle_, *out_->commands[k]) + Dim(kWordsEach - 1)).divided_by(kWordsEach);
+  const std::string stride = glsl::dim_expression(invocations);
+  Shader s = strict_shader();
+  linear_index(s, stride);
+  clear->label = "clear";
+  std::set<std::pair<uint32_t, uint32_t>> lines;
+  for (size_t k = 0; k < fills.size(); ++k) {
+    const CommandT& fill = *out_->commands[fills[k]];
+    const std::string words = glsl::dim_expression(words_of_fill(*bundle_, fill));
+    const std::string name =
+        s.bind_words(static_cast<uint32_t>(fill.target), "cleared_" + std::to_string(k), bundle::Access::Write);
+    s.body().line("for (int i = index; i < " + words + "; i += " + stride + ") " + name +
+                  ".d[i] = " + std::to_string(fill.value) + "u;");
+    clear->label += (k == 0 ? "" : ",") + fill.label.substr(std::string("clear").size());
+    for (const bundle::Line& line : fill.lines) lines.emplace(line.file(), line.line());
+  }
+  clear->kind = CommandKind::Dispatch;
+  clear->target = -1;
+  clear->value = 0;
+  clear->elements = invocations.str();
+  clear->push = {0, 0, 0};
+  clear->compute = add_shader("clear", bundle::Stage::Compute, s);
+  clear->bindings = s.take_bindings();
+  clear->lines.clear();
+  for (const auto& [file, line] : lines) clear->lines.emplace_back(file, line);
+  *out_->commands[fills.front()] = *clear;
+  for (size_t k = fills.size(); k-- > 1;)
+    out_->commands.erase(out_->commands.begin() + static_cast<std::ptrdiff_t>(fills[k]));
+}
+
+}  // namespace dr::backend

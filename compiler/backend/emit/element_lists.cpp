@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "compiler/backend/emit/element_lists.h"
+
+#include <algorithm>
+
+#include "compiler/backend/emit/generator.h"
+
+namespace dr::backend {
+
+using glsl::dim_expression;
+using glsl::Shader;
+
+namespace {
+
+constexpr int kRun = 32;  // a bit each
+
+std::string members(const std::string& list) { return "members_of_" + list; }
+
+}  // namespace
+
+std::string append(Shader& s, const std::string& list, const std::string& element, bool together) {
+  const std::string end = list + ".d[" + std::to_string(kListEnd) + "]";
+  s.declare("uint append_to_" + list + "(int element) {\n" +
+            (together ? "  uvec4 lanes = subgroupBallot(true);\n  uint place = 0u;\n"
+                        "  if (subgroupElect()) place = atomicAdd(" +
+                            end +
+                            ", subgroupBallotBitCount(lanes));\n"
+                            "  place = subgroupBroadcastFirst(place) + subgroupBallotExclusiveBitCount(lanes) - 1u;\n"
+                      : "  uint place = atomicAdd(" + end + ", 1u) - 1u;\n") +
+            "  " + list + ".d[" + std::to_string(kListHead) + R"(u + place] = uint(element);
+  if (place % 64u != 0u) return place;
+  atomicMax()" +
+            list + R"(.d[0], min(place / 64u + 1u, 65535u));
+  atomicMax()" +
+            list + R"(.d[1], place / 64u / 65535u + 1u);
+  return place;
+}
+)");
+  return "append_to_" + list + "(" + element + ")";
+}
+
+ListingLoop::ListingLoop(Shader& shader, const ir::Extent& extent, bool runs)
+    : shader_(shader), count_(element_count(extent)), runs_(runs) {
+  if (!runs_) {
+    linear_index(shader_, dim_expression(count_));
+    place_from_index(shader_, extent);
+    return;
+  }
+  const std::string run = std::to_string(kRun);
+  linear_index(shader_, dim_expression((count_ + ir::Dim(kRun - 1)).divided_by(kRun)));
+  shader_.body().line("int begin = index * " + run + ", end = min(begin + " + run + ", " + dim_expression(count_) +
+                      ");");
+  shader_.body().line("for (int element = begin; element < end; ++element) {");
+  shader_.push_scope();
+  place_from_index(shader_, extent, "element");
+}
+
+int ListingLoop::each() const { return runs_ ? kRun : 1; }
+
+void ListingLoop::add(const std::string& list) {
+  if (!runs_) {
+    shader_.body().line(append(shader_, list, "index") + ";");
+    return;
+  }
+  if (std::ranges::find(lists_, list) == lists_.end()) {
+    lists_.push_back(list);
+    shader_.declare("uint " + members(list) + " = 0u;\n");
+  }
+  shader_.body().line(members(list) + " |= 1u << uint(element - begin);");
+}
+
+std::string ListingLoop::close() {
+  if (!runs_) return count_.str();
+  shader_.pop_scope();
+  shader_.body().line("}");
+  for (const std::string& list : lists_) {
+    const std::string end = std::to_string(kListEnd), head = std::to_string(kListHead);
+    shader_.declare("void append_run_to_" + list + "(int begin, uint members) {\n" +
+                    "  if (members == 0u) return;\n"
+                    "  uint place = atomicAdd(" +
+                    list + ".d[" + end +
+                    "], uint(bitCount(members))) - 1u;\n"
+                    "  for (; members != 0u; members &= members - 1u) " +
+                    list + ".d[" + head +
+                    "u + place++] = uint(begin + findLSB(members));\n"
+                    "  atomicMax(" +
+                    list +
+                    ".d[0], min((place + 63u) / 64u, 65535u));\n"
+                    "  atomicMax(" +
+                    list + ".d[1], ((place + 63u) / 64u + 65534u) / 65535u);\n}\n");
+    shader_.body().line("append_run_to_" + list + "(begin, " + members(list) + ");");
+  }
+  return (count_ + ir::Dim(kRun - 1)).divided_by(kRun).str();
+}
+
+}  // namespace dr::backend

@@ -1,0 +1,224 @@
+// SPDX-License-Identifier: Apache-2.0
+// Schedule -> shaders and commands. One file a kind of pass; this header is private to them.
+#pragma once
+
+#include <map>
+#include <memory>
+#include <set>
+#include <string>
+#include <unordered_map>
+#include <vector>
+
+#include "compiler/backend/analysis/source_lines.h"
+#include "compiler/backend/emit/element_lists.h"
+#include "compiler/backend/glsl/fixed_point.h"
+#include "compiler/backend/glsl/shader.h"
+#include "compiler/backend/glsl/source.h"
+#include "compiler/backend/schedule/trips.h"
+
+namespace dr::backend {
+
+struct EmitOptions {
+  const SourceLines& lines;  // of the graph's ops
+  bool list_branches;        // heavy branches run for the elements that take them (listed.cpp)
+  bool native_floats;        // the float profile
+};
+
+// Fills the bundle's symbols, leaves, resources and steps, and gives the GLSL of its shaders.
+class Generator {
+ public:
+  Generator(const ir::Graph& graph, const Schedule& schedule, const target::Profile& profile,
+            const EmitOptions& options)
+      : graph_(graph),
+        schedule_(schedule),
+        profile_(profile),
+        source_lines_(options.lines),
+        list_branches_(options.list_branches),
+        native_floats_(options.native_floats) {}
+  void process(bundle::BundleT& bundle, std::vector<GlslShader>& shaders);
+  // Then, when find_dependencies() has said what runs together: several fills of a step become one dispatch, where that
+  // is faster (clears.cpp).
+  void clear_together();
+
+ private:
+  void step(const StepSchedule& step);
+  void list_needs(const StepSchedule& schedule);
+  // `fills`: places of commands of the step; the dispatch takes that of the first.
+  void clear_by_dispatch(const std::vector<size_t>& fills);
+  // The step's counter goes on, on the device.
+  void count_on();
+  // Source lines behind the ops of a pass, and of what sets it up; they go into the commands made next.
+  void set_lines(const Pass& pass, const Pass* setup);
+  void map_pass(const Pass& pass);
+  // Its `if`s whose first branch is worth leaving out for the elements that do not take it; empty if all of it is not.
+  std::vector<ir::OpId> heavy_branches(const Pass& pass) const;
+  void listed_map_pass(const Pass& pass, const std::vector<ir::OpId>& heavy);
+  // `inputs`: values that it reads as input attachments; `joins`: it goes on in the render pass before.
+  void fragment_pass(const Pass& pass, const std::vector<ir::ValueId>& inputs, bool joins);
+  // Loops of a compute shader that may take more trips than the device lets an invocation have (cut.cpp). What
+  // an element computes stands between open_cut() and close_cut(), what it leaves behind between that and end_cut().
+  struct Cut {
+    bool cuts = false;
+    ir::Dim trips;  // of an invocation
+    uint32_t most = 0, part = 0;
+    uint32_t state = 0;  // bundle resource
+    std::string element;
+  };
+  // `each`: elements of an invocation.
+  Cut cut(glsl::Shader& shader, const Pass& pass, const std::vector<ir::OpId>& ops, const std::string& element,
+          int each = 1);
+  // `skip`: is done with the element.
+  static void open_cut(glsl::Shader& shader, const Cut& cut, const std::string& skip);
+  void close_cut(glsl::Shader& shader, const Cut& cut);
+  static void end_cut(glsl::Shader& shader, const Cut& cut);
+  static void set_trips(bundle::CommandT& command, const Cut& cut);
+  void reduce_pass(const Pass& pass);
+  void scatter_pass(const Pass& pass);
+  // Where a sum or maximum of a scatter goes.
+  struct Target {
+    ScatterSum sum;
+    glsl::Accumulator accumulator;
+    uint32_t words = 0;  // bundle resource
+    int most = 0;        // fixed: contributions from an element, negative: unknown
+    bool fixed = false;  // added as fixed point numbers
+    uint32_t terms = 0;  // bundle resource: contributions kept, where the pass keeps them
+  };
+  // Makes the resources, and clears them.
+  std::vector<Target> scatter_targets(const Pass& pass);
+  // Runs of a scatter by fixed point sums: one finds the largest contribution, one adds. Others need the second only.
+  enum class Runs : uint8_t { Both, First, Second };
+  // Declares what adds to a target; gives what a shader with a first run does at its end. `lists`: the variable `adds`
+  // says whether an element adds anything.
+  std::string declare_target(glsl::Shader& shader, const Pass& pass, const Target& target, Runs runs, bool lists);
+  // What a map pass does for the scatter that joins it (Pass::joins_lister).
+  void scatter_where_listed(glsl::Shader& shader, const Pass& pass, const Pass& scatter);
+  // Contributions that the first run of exact sums keeps for the second (Pass::keeps_terms), by their place in the list
+  // of active elements: words of the buffer; what scatter_<name> does with one, its `value` for `element` at `site`;
+  // that an element has none yet; and the add_<name> of them all, a part of which each invocation takes.
+  ir::Dim words_of_terms(const Target& target, const ir::Extent& domain) const;
+  std::string keep_term(glsl::Shader& shader, const Pass& pass, const Target& target) const;
+  void keep_no_terms(glsl::Shader& shader, const Pass& pass, const Target& target) const;
+  void add_kept_terms(glsl::Shader& shader, const Pass& pass, const std::vector<Target>& targets) const;
+  void scatter_resolve(const Pass& pass, const Target& target);
+  // Fixed point sums as floats: statements, and an expression a component, for the element `index`.
+  struct FloatSums {
+    std::string statements;
+    std::vector<std::string> components;
+  };
+  FloatSums float_sums(glsl::Shader& shader, const ir::Type& type, const ir::Extent& extent, uint32_t words, int most,
+                       const ir::Extent& domain) const;
+  // See glsl::Shader::SumsReader.
+  std::string sums_reader(glsl::Shader& shader, ir::ValueId value, const std::string& function) const;
+  // How often an element of the domain adds to a sum at most; negative where a loop decides.
+  int contributions(const ScatterSum& sum) const;
+  // The scatter of the step that a map pass lists elements for, if there is one.
+  const Pass* listed_for(const Pass& pass) const;
+  // A condition: whether an element is active.
+  std::string active_condition(glsl::Shader& shader, const Pass& scatter) const;
+  // Stores what a map pass writes at an element and, where it lists elements for a scatter, lists it; `loop`: that the
+  // shader runs, if it does; `active`: whether the element may be one of those.
+  void store_results(glsl::Shader& shader, const Pass& pass, ListingLoop* loop = nullptr, bool active = true);
+  // An empty list of elements of the pass, a scratch buffer; a dispatch can be as large as it is long.
+  uint32_t add_list(const Pass& pass, const std::string& name);
+  uint32_t list_active(const Pass& pass);
+  void rows_pass(const Pass& pass);
+  // A table of rows in two resources of the bundle: where each row starts, and its items, each with its row.
+  struct Table {
+    uint32_t starts = 0, items = 0;
+  };
+  // The host makes it: two leaves.
+  Table rows_table(const RowsTable& rows);
+  // The device makes it, when what its indices depend on changed.
+  Table sorted_table(const Pass& pass);
+  void key_pass(const Pass& pass, uint32_t keys);
+  ir::Dim row_items(const Pass& pass) const;
+  std::vector<ir::OpId> element_ops(const Pass& pass) const;
+  void raster_pass(const Pass& pass);
+  void raster_hardware(const Pass& pass, const ir::Op& op);
+  void raster_compute(const Pass& pass, const ir::Op& op);
+
+  // Where the float profile is `native`, so is the shader, but for those that must agree with each other on a decision.
+  glsl::Shader shader() const { return shader(native_floats_); }
+  glsl::Shader strict_shader() const { return shader(false); }
+  glsl::Shader shader(bool native) const {
+    return glsl::Shader(graph_, schedule_, *step_, bundle_->symbols, profile_.lanes_in_turn, native,
+                        [this](glsl::Shader& s, ir::ValueId value, const std::string& function) {
+                          return sums_reader(s, value, function);
+                        });
+  }
+  // The layer that a vertex or fragment shader draws: one of those that a render pass draws at once, counted from the
+  // first of them.
+  std::string drawn_layer(glsl::Shader& shader, const ir::Dim& layers) const {
+    if (profile_.max_multiview_view_count == 0 || layers.is_one()) return "pc.layer";
+    shader.extension("GL_EXT_multiview");
+    return "pc.layer + gl_ViewIndex";
+  }
+  // 64 invocations in a workgroup, or as many as the host likes.
+  std::string compute_layout() const {
+    return "layout(local_size_x = 64, local_size_x_id = " + std::to_string(bundle_->symbols.size()) + ") in;\n";
+  }
+  // Whether shaders may use 64-bit integers and their atomics; those that do say so.
+  bool wide_atomics() const { return profile_.shader_int64 && profile_.shader_buffer_int64_atomics; }
+  static void wide_extensions(glsl::Shader& shader) {
+    shader.extension("GL_ARB_gpu_shader_int64");
+    shader.extension("GL_EXT_shader_atomic_int64");
+    shader.prelude(glsl::kWide);
+  }
+
+  static void subgroup_extensions(glsl::Shader& shader) {
+    shader.extension("GL_KHR_shader_subgroup_basic");
+    shader.extension("GL_KHR_shader_subgroup_ballot");
+    shader.extension("GL_KHR_shader_subgroup_arithmetic");
+  }
+
+  int add_shader(const std::string& name, bundle::Stage stage, glsl::Shader& shader);
+  // `type`: of its words, as shaders that only read them see them.
+  uint32_t add_scratch(const std::string& name, const std::string& words, const ir::Type& type = ir::kUint);
+  bundle::CommandT& command(bundle::CommandKind kind, const std::string& label);
+  bundle::CommandT& dispatch(const Pass& pass, const std::string& suffix, glsl::Shader& shader,
+                             const std::string& elements, std::vector<int> push = {0, 0, 0});
+  void fill(const std::string& label, uint32_t target, uint32_t value, const std::string& words = "");
+  uint32_t resource_index(ir::ValueId value) const { return step_->stored.at(value).index; }
+  const Resource& resource(ir::ValueId value) const { return schedule_.resources[resource_index(value)]; }
+
+  const ir::Graph& graph_;
+  const Schedule& schedule_;
+  const target::Profile& profile_;
+  const SourceLines& source_lines_;
+  bool list_branches_, native_floats_;
+  std::vector<bundle::Line> lines_;
+  size_t ops_ = 0;  // of the pass, until a command says so
+  bundle::BundleT* bundle_ = nullptr;
+  std::vector<GlslShader>* shaders_ = nullptr;
+  std::unordered_map<std::string, size_t> shader_of_;  // by its text without names
+  const StepSchedule* step_ = nullptr;
+  bundle::StepT* out_ = nullptr;
+  std::map<const Pass*, uint32_t> active_lists_;        // by scatter, of those that a map pass makes
+  std::map<const Pass*, std::vector<Target>> targets_;  // of scatters that join the pass before
+  struct TableOfLeaves {
+    uint32_t leaf = 0;  // the first of two, of the bundle
+    Table table;
+  };
+  std::map<std::string, TableOfLeaves> tables_;
+  std::set<uint32_t> step_tables_;  // leaves
+};
+
+// Lanes of a subgroup from which on a device is a GPU.
+inline constexpr uint32_t kWideSubgroup = 16;
+// How many elements of a list have room for what they add (Pass::keeps_terms): few add something to a sum whose
+// elements are listed, and those beyond are computed again.
+ir::Dim room_for_terms(const ir::Extent& domain);
+// Opens a compute shader's main: computes `index`, returns past `elements`.
+void linear_index(glsl::Shader& shader, const std::string& elements);
+// Computes `at`, an element's place.
+void place_from_index(glsl::Shader& shader, const ir::Extent& extent, const std::string& index = "index");
+
+// Words of 32 bits of the fixed point sums of values of that type; `wide`: by 64-bit atomics.
+ir::Dim words_of_sums(const ir::Type& type, const ir::Extent& extent, bool wide);
+
+// The number of elements of an extent, as an extent expression.
+ir::Dim element_count(const ir::Extent& extent);
+std::unique_ptr<bundle::ExtentT> bundle_extent(const ir::Extent& extent);
+std::unique_ptr<bundle::TypeT> bundle_type(const ir::Type& type);
+
+}  // namespace dr::backend

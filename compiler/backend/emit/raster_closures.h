@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: Apache-2.0
+// What draws and compute shaders of a raster share: its operands by their part, and its closures in GLSL. Private to
+// generate_raster*.cpp.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "compiler/backend/emit/generator.h"
+
+namespace dr::backend {
+
+enum RasterRegion : size_t { kDepth, kKeep, kTag };
+
+struct RasterParts {
+  size_t count;  // K
+  std::vector<ir::ValueId> fields, corners;
+  ir::ValueId cull;
+  ir::Dim w, h, l, faces;
+  ir::Extent extent() const { return {w, h, l}; }
+};
+
+RasterParts raster_parts(const ir::Op& op);
+
+inline constexpr const char* kIsNan = R"(
+bool dr_no_number(float x) { return (floatBitsToUint(x) & 0x7fffffffu) > 0x7f800000u; }
+bool dr_no_number(vec2 x) { return dr_no_number(x.x) || dr_no_number(x.y); }
+)";
+
+// Emits what the closures share, for the element at `at` and the face `face`.
+class RasterClosures {
+ public:
+  RasterClosures(glsl::Shader& shader, const ir::Graph& graph, const Pass& pass, const ir::Op& op)
+      : shader_(shader), graph_(graph), pass_(pass), op_(op), parts_(raster_parts(op)) {}
+
+  // From here on, what this shader has computed of its face is not loaded.
+  void set_up() { set_up_ = true; }
+  // A value of the record; `place` names the face and layer.
+  std::string record(ir::ValueId value, const std::string& place) {
+    const ir::Op& def = graph_.op(graph_.value(value).op);
+    if (def.kind == ir::OpKind::Const) return glsl::literal(graph_.value(value).type, def.attrs.floats);
+    return set_up_ && shader_.is_defined(value) ? shader_.use(value) : shader_.load(value, place);
+  }
+  // Loads the fields once, for all three closures.
+  void load_fields(const std::string& place) {
+    for (size_t k = 0; k < parts_.fields.size(); ++k) {
+      const std::string name = shader_.unique("field");
+      shader_.body().line(graph_.value(parts_.fields[k]).type.str() + " " + name + " = " +
+                          record(parts_.fields[k], place) + ";");
+      fields_.push_back(name);
+    }
+  }
+  // What the closures capture and is recomputed here.
+  void captured() { shader_.element_ops({pass_.ops.begin(), pass_.ops.end() - 1}); }
+  std::string closure(RasterRegion which) {
+    const ir::Region& region = graph_.region(op_.regions[which]);
+    for (size_t k = 0; k < fields_.size(); ++k) shader_.define(region.params[k], fields_[k]);
+    shader_.define(region.params[fields_.size()], "p");
+    return shader_.region(op_.regions[which])[0];
+  }
+  void key_from_depth() {
+    const std::string depth = closure(kDepth);
+    shader_.body().line("uint key = uint(floor(clamp(" + depth + ", 0.0, 1.0) * 16777215.0));");
+    shader_.body().line("bool no_depth = dr_no_number(" + depth + ");");
+  }
+
+ private:
+  glsl::Shader& shader_;
+  const ir::Graph& graph_;
+  const Pass& pass_;
+  const ir::Op& op_;
+  RasterParts parts_;
+  std::vector<std::string> fields_;
+  bool set_up_ = false;
+};
+
+}  // namespace dr::backend

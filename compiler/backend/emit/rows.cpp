@@ -1,0 +1,336 @@
+// SPDX-License-Identifier: Apache-2.0
+// Scatter passes as gathers: each target reads its sources in ascending order from a table (RowsTable). Float sums are
+// 64-bit fixed point numbers in registers, scaled for the largest contribution of the row. Blocks of 256 items that lie
+// within one row are summed by a dispatch of their own before, so that no row is walked for long.
+#include <algorithm>
+#include <set>
+
+#include "compiler/backend/emit/generator.h"
+#include "compiler/backend/glsl/fixed_point.h"
+
+namespace dr::backend {
+
+using glsl::component;
+using glsl::dim_expression;
+using glsl::Shader;
+using ir::Dim;
+using ir::ValueId;
+
+namespace {
+
+constexpr int kBlock = 256;
+
+// A sum of floats leaves these words for a block: the largest magnitude, flags, and low and high of each component; one
+// of integers its components.
+int words_of(const ir::Type& type) { return type.is_float() ? 2 + 2 * type.components() : type.components(); }
+
+}  // namespace
+
+Generator::Table Generator::rows_table(const RowsTable& rows) {
+  std::string columns;
+  for (const int c : rows.columns) columns += (columns.empty() ? "" : ",") + std::to_string(c);
+  const std::string base =
+      "rows of " + schedule_.resources[rows.leaf].name + ":" + columns + " to " + rows.targets.str();
+  auto [it, is_new] = tables_.try_emplace(base);
+  if (is_new) {
+    const auto add = [&](const std::string& what, const ir::Type& type, const Dim& count) {
+      auto r = std::make_unique<bundle::ResourceT>();
+      r->name = base + " " + what;
+      r->role = bundle::Role::Leaf;
+      r->type = bundle_type(type);
+      r->extent = bundle_extent({count, {}, {}});
+      auto l = std::make_unique<bundle::LeafT>();
+      l->name = r->name;
+      l->kind = bundle::LeafKind::Input;
+      l->type = bundle_type(type);
+      l->extent = bundle_extent({count, {}, {}});
+      l->resource = static_cast<uint32_t>(bundle_->resources.size());
+      l->table = "rows:" + what + ":" + columns;
+      l->table_of = static_cast<int>(rows.leaf);
+      bundle_->resources.push_back(std::move(r));
+      bundle_->leaves.push_back(std::move(l));
+      return static_cast<uint32_t>(bundle_->resources.size() - 1);
+    };
+    it->second.leaf = static_cast<uint32_t>(bundle_->leaves.size());
+    it->second.table.starts = add("start", ir::kInt, rows.targets + Dim(1));
+    const Dim items = schedule_.resources[rows.leaf].extent.w * Dim(rows.names());
+    it->second.table.items = add("item", ir::vec(2, ir::Scalar::Int), items);
+  }
+  step_tables_.insert(it->second.leaf);
+  step_tables_.insert(it->second.leaf + 1);
+  return it->second.table;
+}
+
+Dim Generator::row_items(const Pass& pass) const {
+  const Dim sources = pass.rows.sorted() ? element_count(pass.domain) : schedule_.resources[pass.rows.leaf].extent.w;
+  return sources * Dim(pass.rows.names());
+}
+
+namespace {
+
+// The text of one of the two shaders of a pass by rows.
+class RowsWriter {
+ public:
+  RowsWriter(const ir::Graph& graph, const Pass& pass, const std::vector<ir::OpId>& ops, Shader& shader)
+      : graph_(graph), pass_(pass), ops_(ops), s_(shader) {
+    s_.prelude(glsl::kFixedShift);
+    s_.prelude(glsl::kFixedFromFloat);
+    s_.prelude(glsl::kFixedAdd);
+  }
+
+  const ir::Type& type(size_t k) const { return graph_.value(pass_.sums[k].value).type; }
+  bool has_floats() const {
+    return std::any_of(pass_.sums.begin(), pass_.sums.end(),
+                       [&](const ScatterSum& sum) { return graph_.value(sum.value).type.is_float(); });
+  }
+  static std::string total(size_t k, int c) { return "total_" + std::to_string(k) + "_" + std::to_string(c); }
+
+  void declare_totals() {
+    for (size_t k = 0; k < pass_.sums.size(); ++k) {
+      const std::string id = std::to_string(k);
+      if (type(k).is_float()) line("uint largest_" + id + " = 0u, flags_" + id + " = 0u;");
+      if (type(k).is_float()) line("int shift_" + id + " = 0;");
+      for (int c = 0; c < type(k).components(); ++c)
+        line(type(k).is_float() ? "uvec2 " + total(k, c) + " = uvec2(0u);"
+                                : scalar_name(type(k)) + " " + total(k, c) + " = " + scalar_name(type(k)) + "(0);");
+    }
+  }
+
+  // Adds item `r`, or in run 0 looks at its magnitude.
+  void add_item(const std::string& items) {
+    line("int item = " + items + "(2 * r);");
+    const int64_t names = pass_.rows.names();
+    const std::string source = "item / " + std::to_string(names);
+    const ir::Extent& e = pass_.domain;
+    line("int term = item % " + std::to_string(names) + ";");
+    if (!pass_.rows.sorted() || (e.h.is_one() && e.l.is_one())) {
+      line("ivec3 at = ivec3(" + source + ", 0, layer);");
+    } else {
+      line("int source = " + source + ";");
+      const std::string w = dim_expression(e.w), h = dim_expression(e.h);
+      line("ivec3 at = ivec3(source % " + w + ", (source / " + w + ") % " + h + ", source / (" + w + " * " + h + "));");
+    }
+    if (pass_.rows.sorted()) return add_places();
+    for (int64_t name = 0; name < names; ++name) {
+      line((names == 1 ? std::string("{") : "if (term == " + std::to_string(name) + ") {"));
+      s_.push_scope();
+      for (size_t k = 0; k < pass_.sums.size(); ++k)
+        for (const ValueId term : pass_.sums[k].terms) {
+          const ir::Op& op = graph_.op(graph_.value(term).op);
+          if (column_of(op.operands[0]) != pass_.rows.columns[static_cast<size_t>(name)]) continue;
+          s_.element_ops(ops_at(graph_, {}, ops_, std::span(&op.operands[1], 1)));
+          add_value(k, s_.use(op.operands[1]));
+        }
+      s_.pop_scope();
+      line("}");
+    }
+  }
+
+  void set_shifts(const std::string& count) {
+    for (size_t k = 0; k < pass_.sums.size(); ++k)
+      if (type(k).is_float())
+        line("shift_" + std::to_string(k) + " = fixed_shift(largest_" + std::to_string(k) + ", " + count + ");");
+  }
+
+ private:
+  void line(const std::string& text) { s_.body().line(text); }
+  static std::string scalar_name(const ir::Type& type) { return type.scalar == ir::Scalar::Int ? "int" : "uint"; }
+
+  int column_of(ValueId index) const {
+    const ir::Op* op = &graph_.op(graph_.value(index).op);
+    while (op->kind == ir::OpKind::Broadcast) op = &graph_.op(graph_.value(op->operands[0]).op);
+    return op->kind == ir::OpKind::Extract ? static_cast<int>(op->attrs.ints[0]) : 0;
+  }
+
+  // What the source adds at place `term`. Reads of one texture take most of what they add from the same values, so all
+  // of it is computed and one chosen, rather than each in a branch of its own.
+  void add_places() {
+    std::set<ir::OpId> computed;
+    for (size_t k = 0; k < pass_.sums.size(); ++k) {
+      // Names, each with the places that it stands for: what is added at one place together stands in several.
+      std::vector<std::pair<std::string, std::set<int64_t>>> chosen;
+      for (const ValueId v : pass_.sums[k].terms) {
+        const auto leaves = scatter_leaves(graph_, v);
+        for (const ScatterLeaf& leaf : *leaves) {
+          const auto place =
+              std::ranges::find_if(pass_.rows.places, [&](const ScatterLeaf& p) { return p.same_place(leaf); });
+          const int64_t term = place - pass_.rows.places.begin();
+          std::string condition = "term == " + std::to_string(term);
+          const std::string value = value_at(leaf, *place, computed, condition);
+          auto into = std::ranges::find_if(chosen, [&](const auto& c) { return c.second.count(term) == 0; });
+          if (into == chosen.end()) {
+            into = chosen.insert(chosen.end(), {s_.unique("x"), {}});
+            line(type(k).str() + " " + into->first + " = " + glsl::zero(type(k)) + ";");
+          }
+          into->second.insert(term);
+          line("if (" + condition + ") " + into->first + " = " + value + ";");
+        }
+      }
+      for (const auto& [value, places] : chosen) add_value(k, value);
+    }
+  }
+
+  // The value of a leaf, with ops that are not `computed` yet. What the table does not know of its conditions is added
+  // to `condition`.
+  std::string value_at(const ScatterLeaf& leaf, const ScatterLeaf& place, std::set<ir::OpId>& computed,
+                       std::string& condition) {
+    std::vector<ValueId> wanted{leaf.value};
+    for (const ScatterLeaf::Branch& branch : place.path)
+      if (!branch.in_table) wanted.push_back(graph_.op(branch.op).operands[0]);
+    std::vector<ir::OpId> ops = ops_at(graph_, leaf, ops_, wanted);
+    std::erase_if(ops, [&](ir::OpId id) { return !computed.insert(id).second; });
+    s_.element_ops(ops);
+    for (const ScatterLeaf::Branch& branch : place.path)
+      if (!branch.in_table)
+        condition += std::string(" && ") + (branch.region == 0 ? "" : "!") + s_.use(graph_.op(branch.op).operands[0]);
+    return s_.use(leaf.value);
+  }
+
+  void add_value(size_t k, const std::string& value) {
+    const std::string x = s_.unique("x"), id = std::to_string(k);
+    line(type(k).str() + " " + x + " = " + value + ";");
+    if (!type(k).is_float()) {
+      for (int c = 0; c < type(k).components(); ++c) line(total(k, c) + " += " + component(type(k), x, c) + ";");
+      return;
+    }
+    line("if (run == 0) {");
+    for (int c = 0; c < type(k).components(); ++c)
+      line("largest_" + id + " = max(largest_" + id + ", finite_magnitude(" + component(type(k), x, c) + "));");
+    line("} else {");
+    for (int c = 0; c < type(k).components(); ++c) {
+      std::string part = component(type(k), x, c);
+      line("flags_" + id + " |= special_flag(" + part + ") << " + std::to_string(4 * c) + ";");
+      // As in scatter.cpp.
+      const std::string limit = "uintBitsToFloat(largest_" + id + ")";
+      if (s_.native()) part = "clamp(" + part + ", -" + limit + ", " + limit + ")";
+      line(total(k, c) + " = fixed_add(" + total(k, c) + ", fixed_from_float(" + part + ", shift_" + id + "));");
+    }
+    line("}");
+  }
+
+  const ir::Graph& graph_;
+  const Pass& pass_;
+  const std::vector<ir::OpId>& ops_;
+  Shader& s_;
+};
+
+}  // namespace
+
+void Generator::rows_pass(const Pass& pass) {
+  const Table table = pass.rows.sorted() ? sorted_table(pass) : rows_table(pass.rows);
+  const std::vector<ir::OpId> ops = element_ops(pass);
+  const Dim layers = pass.rows.sorted() ? Dim(1) : pass.domain.l;  // that one table serves
+  const Dim blocks = row_items(pass).divided_by(kBlock) + Dim(1);
+  int words = 0;
+  for (const ScatterSum& sum : pass.sums) words += words_of(graph_.value(sum.value).type);
+  const std::string block = std::to_string(kBlock), per_block = std::to_string(words);
+  const uint32_t sums = add_scratch(pass.name + "_blocks", (blocks * layers * Dim(words)).str());
+
+  // Blocks within one row.
+  Shader b = shader();
+  {
+    RowsWriter writer(graph_, pass, ops, b);
+    linear_index(b, dim_expression(blocks * layers));
+    const std::string items = b.read_words(table.items, "items", "int");
+    const std::string out = b.bind_words(sums, "blocks", bundle::Access::Write);
+    b.body().line("int layer = index / " + dim_expression(blocks) + ";");
+    b.body().line("int begin = (index % " + dim_expression(blocks) + ") * " + block + ", end = begin + " + block + ";");
+    b.body().line("if (end > " + dim_expression(row_items(pass)) + ") return;");
+    b.body().line("int row = " + items + "(2 * begin + 1);");
+    b.body().line("if (row < 0 || row != " + items + "(2 * end - 1)) return;");
+    writer.declare_totals();
+    b.body().line("for (int run = " + std::string(writer.has_floats() ? "0" : "1") + "; run < 2; ++run) {");
+    b.body().line("for (int r = begin; r < end; ++r) {");
+    b.push_scope();
+    writer.add_item(items);
+    b.pop_scope();
+    b.body().line("}");
+    writer.set_shifts("8");
+    b.body().line("}");
+    int word = 0;
+    const auto put = [&](const std::string& value) {
+      b.body().line(out + ".d[index * " + per_block + " + " + std::to_string(word++) + "] = " + value + ";");
+    };
+    for (size_t k = 0; k < pass.sums.size(); ++k) {
+      const std::string id = std::to_string(k);
+      const bool floats = writer.type(k).is_float();
+      if (floats) put("largest_" + id), put("flags_" + id);
+      for (int c = 0; c < writer.type(k).components(); ++c) {
+        const std::string total = RowsWriter::total(k, c);
+        if (floats)
+          put(total + ".x"), put(total + ".y");
+        else
+          put("uint(" + total + ")");
+      }
+    }
+    dispatch(pass, "_blocks", b, (blocks * layers).str());
+  }
+
+  Shader s = shader();
+  RowsWriter writer(graph_, pass, ops, s);
+  s.prelude(glsl::kFixedToFloat);
+  linear_index(s, dim_expression(pass.rows.targets * layers));
+  const std::string starts = s.read_words(table.starts, "starts", "int");
+  const std::string items = s.read_words(table.items, "items", "int");
+  const std::string in = s.read_words(sums, "blocks");
+  s.body().line("int layer = index / " + dim_expression(pass.rows.targets) + ";");
+  s.body().line("int row = index % " + dim_expression(pass.rows.targets) + ";");
+  s.body().line("int begin = " + starts + "(row), end = " + starts + "(row + 1);");
+  s.body().line("int bits = findMSB(uint(end - begin)) + 1;");
+  writer.declare_totals();
+  s.body().line("for (int run = " + std::string(writer.has_floats() ? "0" : "1") + "; run < 2; ++run) {");
+  s.body().line("for (int r = begin; r < end;) {");
+  s.body().line("if (r % " + block + " == 0 && end - r >= " + block + ") {");
+  s.body().line("int word = (layer * " + dim_expression(blocks) + " + r / " + block + ") * " + per_block + ";");
+  int word = 0;
+  const auto get = [&] { return in + "(word + " + std::to_string(word++) + ")"; };
+  for (size_t k = 0; k < pass.sums.size(); ++k) {
+    const std::string id = std::to_string(k);
+    if (!writer.type(k).is_float()) {
+      for (int c = 0; c < writer.type(k).components(); ++c) {
+        const std::string total = RowsWriter::total(k, c);
+        s.body().line("if (run == 1) " + total +
+                      " += " + (writer.type(k).scalar == ir::Scalar::Int ? "int(" + get() + ")" : get()) + ";");
+      }
+      continue;
+    }
+    s.body().line("uint block_largest_" + id + " = " + get() + ";");
+    s.body().line("if (run == 0) largest_" + id + " = max(largest_" + id + ", block_largest_" + id + ");");
+    s.body().line("else {");
+    s.body().line("flags_" + id + " |= " + get() + ";");
+    s.body().line("int by_" + id + " = fixed_shift(block_largest_" + id + ", 8) - shift_" + id + ";");
+    for (int c = 0; c < writer.type(k).components(); ++c) {
+      const std::string total = RowsWriter::total(k, c);
+      const std::string low = get(), high = get();
+      s.body().line(total + " = fixed_add(" + total + ", fixed_halved(uvec2(" + low + ", " + high + "), by_" + id +
+                    "));");
+    }
+    s.body().line("}");
+  }
+  s.body().line("r += " + block + ";");
+  s.body().line("} else {");
+  s.push_scope();
+  writer.add_item(items);
+  s.pop_scope();
+  s.body().line("++r;");
+  s.body().line("}");
+  s.body().line("}");
+  writer.set_shifts("bits");
+  s.body().line("}");
+  for (size_t k = 0; k < pass.sums.size(); ++k) {
+    const ScatterSum& sum = pass.sums[k];
+    const std::string out = s.bind(step_->stored.at(sum.value), bundle::Access::Write);
+    const int n = writer.type(k).components();
+    for (int c = 0; c < n; ++c) {
+      const std::string id = std::to_string(k), total = RowsWriter::total(k, c);
+      const std::string value = writer.type(k).is_float() ? "fixed_to_float(" + total + ", shift_" + id + ", (flags_" +
+                                                                id + " >> " + std::to_string(4 * c) + ") & 15u)"
+                                                          : total;
+      s.body().line(out + ".d[index * " + std::to_string(n) + " + " + std::to_string(c) +
+                    "] = " + s.at_once({writer.type(k).scalar, 1, 1}, value) + ";");
+    }
+  }
+  dispatch(pass, "", s, (pass.rows.targets * layers).str());
+}
+
+}  // namespace dr::backend

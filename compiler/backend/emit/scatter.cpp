@@ -1,0 +1,475 @@
+// SPDX-License-Identifier: Apache-2.0
+// Scatter passes that add by atomics. Exact float sums are independent of order and correct up to one rounding: a first
+// run finds the largest contribution, a second adds 64-bit fixed point numbers scaled so that the sum cannot overflow
+// (one 64-bit word, or two 32-bit words with carry: the same bits), and a last dispatch turns them into floats.
+#include <algorithm>
+#include <set>
+
+#include "compiler/backend/analysis/uses.h"
+#include "compiler/backend/emit/generator.h"
+#include "compiler/backend/glsl/fixed_point.h"
+#include "compiler/ir/yields.h"
+
+namespace dr::backend {
+
+using glsl::Accumulator;
+using glsl::component;
+using glsl::dim_expression;
+using glsl::Shader;
+using ir::OpKind;
+using ir::ValueId;
+
+namespace {
+
+// Words of an accumulator, of 32 bits or of 64 where the profile has their atomics: 0 the largest finite magnitude,
+// 1 the number of contributions where it is counted, then two (one) for each component, then flags for each element,
+// four bits a component: see special_flag.
+constexpr int kHead = 2;
+
+// Not 0 where a value is anything but zeros; NaN is. Without branches, of which drivers compile many slowly.
+std::string any_bits(const ir::Type& type, const std::string& value) {
+  std::string out;
+  for (int c = 0; c < type.components(); ++c)
+    out += (c > 0 ? " | " : "") + ("floatBitsToUint(" + component(type, value, c)) + ")";
+  return "(" + out + ") & 0x7fffffffu";
+}
+
+std::string word_of(const std::string& element, int components, int c) {
+  return std::to_string(kHead) + " + " + element + " * " + std::to_string(components) + " + " + std::to_string(c);
+}
+
+constexpr const char* kCountBits = R"(
+int bits_of_count(uint count) { return count <= 1u ? 0 : findMSB(count - 1u) + 1; }
+)";
+
+// An upper bound of the logarithm of how many contributions there are: `most` from an element, or, if that is
+// negative, as counted.
+std::string count_bits(int most, const ir::Extent& domain, const std::string& counted) {
+  if (most < 0) return "bits_of_count(uint(" + counted + "))";
+  int bits = 1;
+  while ((1 << (bits - 1)) < most) ++bits;
+  return "findMSB(uint(" + dim_expression(element_count(domain)) + ")) + " + std::to_string(bits);
+}
+
+// Fewer elements than these have no targets to wait for, and joining takes as long as adding.
+constexpr int kWorthJoining = 1 << 14;
+
+// Lanes of a subgroup that add to the same element join their parts, and one of them goes on: for kJoinRounds elements,
+// those of its first lanes. Lanes left over go on alone.
+template <class Part>
+std::string join_lanes(int n, const Part& part) {
+  std::string out = "  for (int round = 0; joins && round < " + std::to_string(kJoinRounds) +
+                    "; ++round) {\n    bool same = subgroupBroadcastFirst(element) == element;\n"
+                    "    uvec4 lanes = subgroupBallot(same);\n    if (same) {\n"
+                    "      if (subgroupBallotBitCount(lanes) > 1u) {\n";
+  for (int c = 0; c < n; ++c) out += "        " + part(c) + " = fixed_subgroup_add(" + part(c) + ");\n";
+  out +=
+      "        flags = subgroupOr(flags);\n        if (!subgroupElect()) return;\n      }\n      break;\n    }\n  }\n";
+  return out;
+}
+
+}  // namespace
+
+ir::Dim words_of_sums(const ir::Type& type, const ir::Extent& extent, bool wide) {
+  const ir::Dim words = element_count(extent) * ir::Dim((wide ? 1 : 2) * type.components() + 1) + kHead;
+  return wide ? words * ir::Dim(2) : words;
+}
+
+int Generator::contributions(const ScatterSum& sum) const {
+  int most = 0;
+  for (const ValueId term : sum.terms) {
+    const int one = backend::contributions(graph_, term);
+    most = most < 0 || one < 0 ? -1 : most + one;
+  }
+  return most;
+}
+
+// The ops of a pass without the additions of what it scatters.
+std::vector<ir::OpId> Generator::element_ops(const Pass& pass) const {
+  std::set<ValueId> sums;
+  for (const ScatterSum& sum : pass.sums) sums.insert(sum.terms.begin(), sum.terms.end());
+  std::vector<ir::OpId> out;
+  for (const ir::OpId id : pass.ops) {
+    const ir::Op& op = graph_.op(id);
+    const bool addition = op.kind == OpKind::Add && sums.count(op.operands[0]) != 0 && sums.count(op.operands[1]) != 0;
+    if (addition)
+      sums.insert(op.results[0]);
+    else
+      out.push_back(id);
+  }
+  return out;
+}
+
+uint32_t Generator::add_list(const Pass& pass, const std::string& name) {
+  const uint32_t list = add_scratch(pass.name + "_" + name, (element_count(pass.domain) + ir::Dim(kListHead)).str());
+  fill("clear " + pass.name + " " + name, list, 1, std::to_string(kListHead));
+  return list;
+}
+
+// Lists the elements that add something.
+uint32_t Generator::list_active(const Pass& pass) {
+  const uint32_t list = add_list(pass, "active");
+  Shader s = shader();
+  ListingLoop loop(s, pass.domain, profile_.lanes_in_turn);
+  std::vector<ValueId> needed;
+  for (const auto& clause : pass.active) needed.insert(needed.end(), clause.begin(), clause.end());
+  s.element_ops(ops_at(graph_, {}, pass.ops, needed));
+  const std::string active = active_condition(s, pass);
+  const std::string words = s.bind_words(list, "active_elements", bundle::Access::ReadWrite);
+  s.body().line("if (" + active + ") {");
+  loop.add(words);
+  s.body().line("}");
+  const std::string invocations = loop.close();
+  dispatch(pass, "_active", s, invocations);
+  return list;
+}
+
+std::string Generator::active_condition(Shader& s, const Pass& scatter) const {
+  std::string active;
+  for (const auto& clause : scatter.active) {
+    std::string all;
+    for (const ValueId v : clause) {
+      const ir::Type& type = graph_.value(v).type;
+      const std::string x = s.use(v);
+      all += (all.empty() ? "" : " && ") + (type.is_bool()     ? x
+                                            : type.is_scalar() ? x + " != " + glsl::zero(type)
+                                                               : "any(notEqual(" + x + ", " + glsl::zero(type) + "))");
+    }
+    active += (active.empty() ? "" : " || ") + (scatter.active.size() > 1 ? "(" + all + ")" : all);
+  }
+  return active;
+}
+
+const Pass* Generator::listed_for(const Pass& pass) const {
+  const auto place = static_cast<int>(&pass - step_->passes.data());
+  for (const Pass& other : step_->passes)
+    if (other.listed_by == place) return &other;
+  return nullptr;
+}
+
+void Generator::store_results(Shader& s, const Pass& pass, ListingLoop* loop, bool active) {
+  const auto is_partial = [&](ValueId v) { return std::ranges::find(pass.partial, v) != pass.partial.end(); };
+  for (const ValueId v : pass.writes)
+    if (!is_partial(v)) s.store(v, "at", s.use(v));
+  const Pass* const scatter = listed_for(pass);
+  if (scatter == nullptr || !active) return;
+  if (scatter->joins_lister) return scatter_where_listed(s, pass, *scatter);
+  const std::string list = s.bind_words(active_lists_.at(scatter), "active_elements", bundle::Access::ReadWrite);
+  s.body().line("if (" + active_condition(s, *scatter) + ") {");
+  if (loop != nullptr)
+    loop->add(list);
+  else
+    s.body().line(append(s, list, Shader::element_index(pass.domain, "at")) + ";");
+  for (const ValueId v : pass.partial) s.store(v, "at", s.use(v));
+  s.body().line("}");
+}
+
+std::vector<Generator::Target> Generator::scatter_targets(const Pass& pass) {
+  std::vector<Target> targets;
+  std::vector<ScatterSum> sums = pass.sums;
+  for (const ValueId v : pass.writes)
+    if (graph_.op(graph_.value(v).op).kind == OpKind::ScatterMax) sums.push_back({v, {v}});
+  for (const ScatterSum& sum : sums) {
+    const Resource& r = resource(sum.value);
+    const bool maximum = graph_.op(graph_.value(sum.value).op).kind == OpKind::ScatterMax;
+    Target t{sum, {std::to_string(targets.size()), r.type, r.extent}, resource_index(sum.value), 0};
+    t.fixed = r.type.is_float() && pass.scatter != ScatterLowering::Atomic;
+    if (t.fixed) {
+      t.most = contributions(sum);
+      if (!r.sums) t.words = add_scratch(r.name + "_sums", words_of_sums(r.type, r.extent, wide_atomics()).str());
+      if (pass.keeps_terms) t.terms = add_scratch(r.name + "_terms", words_of_terms(t, pass.domain).str());
+    }
+    fill("clear " + r.name, t.words, maximum ? 0x80000000u : 0u);
+    targets.push_back(std::move(t));
+  }
+  return targets;
+}
+
+std::string Generator::declare_target(Shader& s, const Pass& pass, const Target& t, Runs runs, bool lists) {
+  const bool wide = wide_atomics();
+  const std::string& id = t.accumulator.name;
+  const Resource& r = resource(t.sum.value);
+  const int n = r.type.components();
+  std::string body, finish;
+  if (t.fixed) {
+    const std::string buffer =
+        s.bind_words(t.words, "sums_" + id, bundle::Access::ReadWrite, wide ? "uint64_t" : "uint");
+    if (wide) wide_extensions(s);
+    if (pass.join_lanes) subgroup_extensions(s);
+    s.prelude(glsl::kFixedShift);
+    if (runs != Runs::First) {
+      s.prelude(glsl::kFixedFromFloat);
+      s.prelude(pass.join_lanes ? glsl::kFixedSubgroup : "");
+    }
+    if (runs != Runs::Second)
+      s.declare("uint largest_" + id + " = 0u" + (t.most < 0 ? ", count_" + id + " = 0u" : "") + ";\n");
+    if (runs != Runs::First) {
+      s.declare("int shift_" + id + " = 0;\n");
+      s.prelude(t.most < 0 ? kCountBits : "");
+      s.body().line(std::string(runs == Runs::Both ? "if (pc.a == 1) " : "") + "shift_" + id + " = fixed_shift(uint(" +
+                    buffer + ".d[0]), " + count_bits(t.most, pass.domain, buffer + ".d[1]") + ");");
+      // The first run may have computed a contribution with other roundings, even one that is all rounding error:
+      // larger ones would overflow the sum.
+      if (s.native()) {
+        s.declare("float limit_" + id + " = 0.0;\n");
+        s.body().line(std::string(runs == Runs::Both ? "if (pc.a == 1) " : "") + "limit_" + id +
+                      " = uintBitsToFloat(uint(" + buffer + ".d[0]));");
+      }
+    }
+    const std::string flags = std::to_string(kHead) + " + " +
+                              dim_expression(element_count(r.extent) * ir::Dim((wide ? 1 : 2) * n)) + " + element";
+    if (runs != Runs::Second) {
+      if (runs == Runs::Both) body += "  if (pc.a == 0) {\n";
+      if (t.most < 0) body += "    ++count_" + id + ";\n";
+      for (int c = 0; c < n; ++c)
+        body += "    largest_" + id + " = max(largest_" + id + ", finite_magnitude(" + component(r.type, "value", c) +
+                "));\n";
+      if (t.terms != 0) body += keep_term(s, pass, t);
+      if (lists) body += "    adds |= " + any_bits(r.type, "value") + ";\n";
+      if (runs == Runs::Both) body += "    return;\n  }\n";
+      const std::string word = wide ? "uint64_t" : "uint";
+      const std::string guard = runs == Runs::Both ? "pc.a == 0 && " : "",
+                        elect = pass.join_lanes ? " && subgroupElect()" : "";
+      if (pass.join_lanes) finish += "  largest_" + id + " = subgroupMax(largest_" + id + ");\n";
+      finish += "  if (" + guard + "largest_" + id + " != 0u" + elect + ") atomicMax(" + buffer + ".d[0], " + word +
+                "(largest_" + id + "));\n";
+      if (t.most < 0)
+        finish += "  if (" + guard + "count_" + id + " != 0u) atomicAdd(" + buffer + ".d[1], " + word + "(count_" + id +
+                  "));\n";
+    }
+    if (runs != Runs::First) {
+      body += "  uint flags = 0u;\n";
+      const auto part = [](int c) { return "part_" + std::to_string(c); };
+      for (int c = 0; c < n; ++c) {
+        std::string x = component(r.type, "value", c);
+        body += "  flags |= special_flag(" + x + ") << " + std::to_string(4 * c) + ";\n";
+        if (s.native()) x = "clamp(" + x + ", -limit_" + id + ", limit_" + id + ")";
+        body += "  uvec2 " + part(c) + " = " +
+                s.at_once(ir::vec(2, ir::Scalar::Uint), "fixed_from_float(" + x + ", shift_" + id + ")") + ";\n";
+      }
+      if (pass.join_lanes) body += join_lanes(n, part);
+      for (int c = 0; c < n; ++c) {
+        if (wide) {
+          body += "  if (" + part(c) + " != uvec2(0u)) atomicAdd(" + buffer + ".d[" + word_of("element", n, c) +
+                  "], wide_of(" + part(c) + "));\n";
+        } else {
+          const std::string word = word_of("element", 2 * n, 2 * c);
+          body += "  if (" + part(c) + " != uvec2(0u)) {\n    uint old = atomicAdd(" + buffer + ".d[" + word + "], " +
+                  part(c) + ".x);\n    atomicAdd(" + buffer + ".d[" + word_of("element", 2 * n, 2 * c + 1) + "], " +
+                  part(c) + ".y + (old + " + part(c) + ".x < old ? 1u : 0u));\n  }\n";
+        }
+      }
+      body += "  if (flags != 0u) atomicOr(" + buffer + ".d[" + flags + "], " + (wide ? "uint64_t(flags)" : "flags") +
+              ");\n";
+    }
+  } else {
+    const bool maximum = graph_.op(graph_.value(t.sum.value).op).kind == OpKind::ScatterMax;
+    const std::string buffer = s.bind(step_->stored.at(t.sum.value), bundle::Access::ReadWrite);
+    if (r.type.is_float()) s.extension("GL_EXT_shader_atomic_float");
+    if (runs == Runs::Both) body = "  if (pc.a == 0) return;\n";  // needs no first run
+    // Elements that add nothing may all name one element, such as the first, and would wait for each other there.
+    const bool tests = r.type.is_float() && !profile_.lanes_in_turn;
+    for (int c = 0; c < n; ++c) {
+      const std::string x = component(r.type, "value", c);
+      body += "  " + (tests ? "if (" + x + " != 0.0) " : std::string()) + (maximum ? "atomicMax(" : "atomicAdd(") +
+              buffer + ".d[element * " + std::to_string(n) + " + " + std::to_string(c) + "], " + x + ");\n";
+    }
+  }
+  const bool keeps = t.terms != 0 && runs == Runs::First;
+  s.declare("void add_" + id + "(int element, " + r.type.str() + " value" + (keeps ? ", int site" : "") + ") {\n" +
+            body + "}\nvoid scatter_" + id + "(ivec3 place, " + r.type.str() + " value" + (keeps ? ", int site" : "") +
+            ") {\n  if (" + Shader::in_range(r.extent, "place") + ") add_" + id + "(" +
+            Shader::element_index(r.extent, "place") + ", value" + (keeps ? ", site" : "") + ");\n}\n");
+  for (size_t k = 0; k < t.sum.terms.size(); ++k) {
+    Accumulator accumulator = t.accumulator;
+    if (keeps) accumulator.site = static_cast<int>(k);
+    s.accumulate_into(t.sum.terms[k], std::move(accumulator));
+  }
+  return finish;
+}
+
+void Generator::scatter_where_listed(Shader& s, const Pass& pass, const Pass& scatter) {
+  const bool fixed = scatter.scatter == ScatterLowering::Exact, keeps = scatter.keeps_terms;
+  if (fixed && !keeps) s.declare("uint adds = 0u;\n");
+  if (keeps) s.declare("uint listed_at = 0u;\n");
+  std::string finish;
+  for (const Target& t : targets_.at(&scatter))
+    finish += declare_target(s, scatter, t, fixed ? Runs::First : Runs::Second, fixed && !keeps);
+  s.body().line("if (" + active_condition(s, scatter) + ") {");
+  s.push_scope();
+  const auto list = [&] {
+    const std::string words = s.bind_words(active_lists_.at(&scatter), "active_elements", bundle::Access::ReadWrite);
+    if (scatter.join_lanes) subgroup_extensions(s);
+    return append(s, words, Shader::element_index(pass.domain, "at"), scatter.join_lanes);
+  };
+  if (keeps) {
+    s.body().line("listed_at = " + list() + ";");
+    for (const Target& t : targets_.at(&scatter)) keep_no_terms(s, scatter, t);
+  }
+  for (const ir::OpId id : element_ops(scatter))
+    if (!s.is_defined(graph_.op(id).results[0])) s.element_ops({id});
+  if (fixed) {
+    if (!keeps) s.body().line("if (adds != 0u) {\n    " + list() + ";");
+    for (const ValueId v : pass.partial) s.store(v, "at", s.use(v));
+    if (!keeps) s.body().line("}");
+  }
+  s.pop_scope();
+  s.body().line("}");
+  if (fixed) {
+    s.declare("void finish() {\n" + finish + "}\n");
+    s.body().line("finish();");
+  }
+}
+
+void Generator::scatter_pass(const Pass& pass) {
+  if (pass.scatter == ScatterLowering::Rows) return rows_pass(pass);
+  const bool lists = pass.relist, listed = !pass.active.empty(), joined = pass.joins_lister;
+  if (joined && pass.scatter == ScatterLowering::Atomic) return;
+  const uint32_t list = !listed ? 0 : pass.listed_by >= 0 ? active_lists_.at(&pass) : list_active(pass);
+  uint32_t adding = 0;
+  if (lists) adding = add_list(pass, "adding");
+  const std::vector<Target> targets = joined ? targets_.at(&pass) : scatter_targets(pass);
+  const ir::Dim invocations = pass.keeps_terms ? room_for_terms(pass.domain) : element_count(pass.domain);
+  Shader s = shader();
+  linear_index(s, dim_expression(invocations));
+  if (!lists && !listed) place_from_index(s, pass.domain);
+  std::string finish;
+  const std::vector<ir::OpId> ops = element_ops(pass);
+  const Cut cut = this->cut(s, pass, ops, lists || listed ? "element" : "index");
+  if (lists && !cut.cuts) s.declare("uint adds = 0u;\n");
+  if (lists && cut.cuts) s.cut_loops().keep(ir::kUint, "adds", true);
+  if (pass.join_lanes) s.declare("bool joins = true;\n");
+  for (const Target& t : targets) finish += declare_target(s, pass, t, joined ? Runs::Second : Runs::Both, lists);
+  if (lists) {
+    const std::string again = s.bind_words(adding, "adding_elements", bundle::Access::ReadWrite);
+    const std::string first = listed ? s.read_words(list, "active_elements") : std::string();
+    const std::string item = std::to_string(kListHead) + " + index", end = std::to_string(kListEnd);
+    s.body().line("int end = pc.a == 0 ? " +
+                  (listed ? "int(" + first + "(" + end + ")) - 1" : dim_expression(element_count(pass.domain))) +
+                  " : int(" + again + ".d[" + end + "]) - 1;");
+    if (pass.join_lanes) s.body().line("joins = end >= " + std::to_string(kWorthJoining) + ";");
+    s.body().line("if (index >= end) return;");
+    s.body().line("int element = pc.a == 0 ? " + (listed ? "int(" + first + "(" + item + "))" : "index") + " : int(" +
+                  again + ".d[" + item + "]);");
+    place_from_index(s, pass.domain, "element");
+    open_cut(s, cut, "return;");
+    s.element_ops(ops);
+    close_cut(s, cut);
+    s.body().line("if (pc.a == 0 && adds != 0u) " + append(s, again, "element") + ";");
+  } else {
+    if (listed) {
+      const std::string elements = s.read_words(list, "active_elements");
+      s.body().line("int end = int(" + elements + "(" + std::to_string(kListEnd) + ")) - 1;");
+      if (pass.join_lanes) s.body().line("joins = end >= " + std::to_string(kWorthJoining) + ";");
+      if (pass.keeps_terms) {
+        add_kept_terms(s, pass, targets);
+        const std::string room = dim_expression(invocations);
+        s.body().line("for (index += " + room + "; index < end; index += " + room + ") {");
+        s.push_scope();
+      } else {
+        s.body().line("if (index >= end) return;");
+      }
+      s.body().line("int element = int(" + elements + "(" + std::to_string(kListHead) + " + index));");
+      place_from_index(s, pass.domain, "element");
+    }
+    open_cut(s, cut, "return;");
+    s.element_ops(ops);
+    close_cut(s, cut);
+    if (pass.keeps_terms) {
+      s.pop_scope();
+      s.body().line("}");
+    }
+  }
+  for (ValueId v : pass.writes)
+    if (std::none_of(targets.begin(), targets.end(), [&](const Target& t) { return t.sum.value == v; }))
+      s.store(v, "at", s.use(v));
+  end_cut(s, cut);
+  if (!finish.empty()) {
+    s.body().line("finish();");
+    s.declare("void finish() {\n" + finish + "}\n");
+  }
+
+  const bool two_runs = !finish.empty();
+  auto& magnitudes = dispatch(pass, joined ? " add" : "", s, invocations.str(), {two_runs ? 0 : 1, 0, 0});
+  if (listed && !pass.keeps_terms) magnitudes.indirect = static_cast<int>(list);
+  set_trips(magnitudes, cut);
+  if (two_runs) {
+    auto& sums_run = command(bundle::CommandKind::Dispatch, pass.name + " add");
+    sums_run.compute = magnitudes.compute;
+    for (const auto& b : magnitudes.bindings) sums_run.bindings.push_back(std::make_unique<bundle::BindingT>(*b));
+    sums_run.elements = magnitudes.elements;
+    if (lists) sums_run.indirect = static_cast<int>(adding);
+    sums_run.push = {1, 0, 0};
+    set_trips(sums_run, cut);
+  }
+  for (const Target& t : targets)
+    if (!resource(t.sum.value).sums) scatter_resolve(pass, t);
+}
+
+void Generator::scatter_resolve(const Pass& pass, const Target& target) {
+  const Accumulator& accumulator = target.accumulator;
+  const ValueId value = target.sum.value;
+  const ir::Type& type = accumulator.type;
+  const int n = type.components();
+  if (!type.is_float()) {
+    if (graph_.op(graph_.value(value).op).kind != OpKind::ScatterMax) return;
+    const ir::Dim count = element_count(accumulator.extent) * ir::Dim(n);
+    Shader s = shader();
+    linear_index(s, dim_expression(count));
+    const std::string buffer = s.bind(step_->stored.at(value), bundle::Access::ReadWrite);
+    s.body().line("if (" + buffer + ".d[index] == (-2147483647 - 1)) " + buffer + ".d[index] = 0;");
+    dispatch(pass, "_resolve", s, count.str());
+    return;
+  }
+  if (pass.scatter == ScatterLowering::Atomic) return;
+  const ir::Dim count = element_count(accumulator.extent);
+  Shader s = shader();
+  linear_index(s, dim_expression(count));
+  const std::string out = s.bind(step_->stored.at(value), bundle::Access::Write);
+  const FloatSums floats = float_sums(s, type, accumulator.extent, target.words, target.most, pass.domain);
+  s.body().line(floats.statements);
+  for (int c = 0; c < n; ++c)
+    s.body().line(out + ".d[index * " + std::to_string(n) + " + " + std::to_string(c) +
+                  "] = " + s.at_once(ir::kFloat, floats.components[static_cast<size_t>(c)]) + ";");
+  dispatch(pass, "_resolve", s, count.str());
+}
+
+Generator::FloatSums Generator::float_sums(Shader& s, const ir::Type& type, const ir::Extent& extent, uint32_t words,
+                                           int most, const ir::Extent& domain) const {
+  const bool wide = wide_atomics();
+  if (wide) wide_extensions(s);
+  const std::string sums = s.read_words(words, "sums_" + std::to_string(words), wide ? "uint64_t" : "uint");
+  s.prelude(glsl::kFixedShift);
+  s.prelude(glsl::kFixedToFloat);
+  s.prelude(most < 0 ? kCountBits : "");
+  const int n = type.components();
+  FloatSums out;
+  out.statements = "int shift = fixed_shift(uint(" + sums + "(0)), " + count_bits(most, domain, sums + "(1)") +
+                   "); uint flags = uint(" + sums + "(" + std::to_string(kHead) + " + " +
+                   dim_expression(element_count(extent) * ir::Dim((wide ? 1 : 2) * n)) + " + index));";
+  for (int c = 0; c < n; ++c) {
+    const std::string number = wide ? "words_of(" + sums + "(" + word_of("index", n, c) + "))"
+                                    : "uvec2(" + sums + "(" + word_of("index", 2 * n, 2 * c) + "), " + sums + "(" +
+                                          word_of("index", 2 * n, 2 * c + 1) + "))";
+    out.components.push_back("fixed_to_float(" + number + ", shift, (flags >> " + std::to_string(4 * c) + ") & 15u)");
+  }
+  return out;
+}
+
+std::string Generator::sums_reader(Shader& s, ValueId value, const std::string& function) const {
+  const ir::ValueInfo& info = graph_.value(value);
+  for (const Pass& pass : step_->passes)
+    for (const ScatterSum& sum : pass.sums) {
+      if (sum.value != value) continue;
+      const FloatSums floats =
+          float_sums(s, info.type, info.extent, resource_index(value), contributions(sum), pass.domain);
+      std::string components;
+      for (const std::string& c : floats.components) components += (components.empty() ? "" : ", ") + c;
+      return info.type.str() + " " + function +
+             "(ivec3 at) {\n  int index = " + Shader::element_index(info.extent, "at") + ";\n  " + floats.statements +
+             "\n  return " + info.type.str() + "(" + components + ");\n}\n";
+    }
+  DR_ICE("sums that no pass of the step adds up");
+}
+
+}  // namespace dr::backend

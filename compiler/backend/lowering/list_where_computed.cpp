@@ -1,0 +1,124 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "compiler/backend/lowering/list_where_computed.h"
+
+#include <algorithm>
+
+#include "compiler/backend/analysis/scatter_leaves.h"
+#include "compiler/backend/analysis/uses.h"
+#include "compiler/backend/schedule/limits.h"
+#include "compiler/backend/schedule/trips.h"
+
+namespace dr::backend {
+
+using ir::ValueId;
+
+namespace {
+
+bool contains(const std::vector<ValueId>& values, ValueId v) { return std::ranges::find(values, v) != values.end(); }
+
+// The pass that computes every value of the clauses, the last that one of them waits for; -1: there is none.
+int lister(const ir::Graph& graph, const StepSchedule& step, size_t scatter) {
+  const Pass& wants = step.passes[scatter];
+  const auto computes = [&](const Pass& pass, ValueId v) {
+    return std::ranges::find(pass.ops, graph.value(v).op) != pass.ops.end();
+  };
+  for (size_t k = scatter; k-- > 0;) {
+    const Pass& pass = step.passes[k];
+    if (pass.kind != Pass::Kind::Map || pass.hardware || pass.domain != wants.domain) continue;
+    const bool all = std::ranges::all_of(wants.active, [&](const std::vector<ValueId>& clause) {
+      return std::ranges::all_of(clause, [&](ValueId v) { return computes(pass, v); });
+    });
+    if (all) return static_cast<int>(k);
+  }
+  return -1;
+}
+
+// What a shader binds that does both the lister's work and the scatter's, and lists.
+Bindings joined_bindings(const Schedule& schedule, const StepSchedule& step, const Pass& scatter) {
+  const Pass& pass = step.passes[static_cast<size_t>(scatter.listed_by)];
+  std::set<uint32_t> buffers, images;
+  for (const std::vector<ValueId>* reads : {&pass.reads, &scatter.reads})
+    for (const ValueId v : *reads) {
+      const uint32_t r = step.stored.at(v).index;
+      (schedule.resources[r].storage == Resource::Storage::Buffer ? buffers : images).insert(r);
+    }
+  constexpr size_t kLists = 1;
+  return {static_cast<uint32_t>(buffers.size()), static_cast<uint32_t>(images.size()),
+          static_cast<uint32_t>(pass.writes.size() + scatter.sums.size() + kLists), false};
+}
+
+// Whether the lister can do at an active element what the scatter's first run does: all that it needs is there by then,
+// nothing that the lister writes is read at other places, and one shader may bind it all. Where lanes run both branches
+// of every `if`, few elements would make all pay.
+bool may_join(const ir::Graph& graph, const target::Profile& profile, const Schedule& schedule,
+              const StepSchedule& step, const Pass& scatter, const std::set<ValueId>& elsewhere) {
+  if (profile.lanes_in_turn || scatter.scatter == ScatterLowering::Rows) return false;
+  if (may_pass_limit(trips_of(graph, scatter.ops), profile)) return false;  // cut loops are a scatter's own
+  const Pass& pass = step.passes[static_cast<size_t>(scatter.listed_by)];
+  for (const ValueId v : scatter.writes) {
+    const bool sum = std::ranges::any_of(scatter.sums, [&](const ScatterSum& s) { return s.value == v; });
+    if (!sum || !graph.value(v).type.is_float()) return false;
+  }
+  if (std::ranges::any_of(pass.writes, [&](ValueId v) { return elsewhere.count(v) != 0; })) return false;
+  for (size_t k = static_cast<size_t>(scatter.listed_by) + 1; &step.passes[k] != &scatter; ++k)
+    if (std::ranges::any_of(step.passes[k].writes, [&](ValueId v) { return contains(scatter.reads, v); })) return false;
+  return fits(profile, joined_bindings(schedule, step, scatter));
+}
+
+// Whether what elements add may be kept: each term adds once at most, and shaders may bind one more buffer a sum.
+bool may_keep_terms(const ir::Graph& graph, const target::Profile& profile, const Schedule& schedule,
+                    const StepSchedule& step, const Pass& scatter) {
+  if (scatter.scatter != ScatterLowering::Exact) return false;
+  constexpr int kMostWords = 64;  // of an element
+  int words = 0;
+  for (const ScatterSum& sum : scatter.sums)
+    for (const ValueId term : sum.terms) {
+      if (contributions(graph, term) != 1) return false;
+      words += graph.value(term).type.components() + 1;
+    }
+  Bindings bindings = joined_bindings(schedule, step, scatter);
+  bindings.writes += static_cast<uint32_t>(scatter.sums.size());
+  return words <= kMostWords && fits(profile, bindings);
+}
+
+}  // namespace
+
+void list_where_computed(const ir::Graph& graph, const target::Profile& profile, Schedule& schedule) {
+  for (StepSchedule& step : schedule.steps) {
+    const std::set<ValueId> kept = read_afterwards(graph, step);
+    std::set<int> taken;
+    for (size_t k = 0; k < step.passes.size(); ++k) {
+      Pass& scatter = step.passes[k];
+      if (scatter.active.empty()) continue;
+      const int by = lister(graph, step, k);
+      if (by < 0 || taken.count(by) != 0) continue;
+      Pass& pass = step.passes[static_cast<size_t>(by)];
+      // Both run whenever the step does: else one could be left out without the other.
+      if (!pass.steady || !scatter.steady) continue;
+      constexpr uint32_t kLists = 2;  // its own heavy elements, and these
+      uint32_t buffers = 0;
+      for (const ValueId v : pass.reads)
+        buffers += schedule.resources[step.stored.at(v).index].storage == Resource::Storage::Buffer ? 1 : 0;
+      const uint32_t images = static_cast<uint32_t>(pass.reads.size()) - buffers;
+      if (!fits(profile, {buffers + kLists, images, static_cast<uint32_t>(pass.writes.size()), false})) continue;
+      taken.insert(by);
+      scatter.listed_by = by;
+      std::set<ValueId> elsewhere;
+      for (const ir::OpId id : scatter.ops) {
+        const Uses uses = uses_of(graph, graph.op(id));
+        elsewhere.insert(uses.elsewhere.begin(), uses.elsewhere.end());
+      }
+      for (const ValueId v : pass.writes) {
+        const bool others = std::ranges::any_of(
+            step.passes, [&](const Pass& other) { return &other != &scatter && contains(other.reads, v); });
+        if (kept.count(v) == 0 && elsewhere.count(v) == 0 && !others) pass.partial.push_back(v);
+      }
+      scatter.joins_lister = may_join(graph, profile, schedule, step, scatter, elsewhere);
+      if (!scatter.joins_lister) continue;
+      scatter.relist = false;  // those that add nothing are not listed
+      scatter.keeps_terms = may_keep_terms(graph, profile, schedule, step, scatter);
+    }
+  }
+}
+
+}  // namespace dr::backend

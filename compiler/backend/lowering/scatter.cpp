@@ -1,0 +1,467 @@
+// SPDX-License-Identifier: Apache-2.0
+// Joining scatters into sums, and choosing how each pass of them runs.
+#include "compiler/backend/lowering/scatter.h"
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+
+#include "compiler/backend/analysis/uses.h"
+#include "compiler/backend/lowering/scatter_active.h"
+#include "compiler/backend/pack/stages.h"
+#include "compiler/backend/schedule/limits.h"
+#include "compiler/backend/schedule/trips.h"
+
+namespace dr::backend {
+
+using ir::Graph;
+using ir::Op;
+using ir::OpId;
+using ir::OpKind;
+using ir::ValueId;
+
+namespace {
+
+bool is_scatter_result(const Graph& graph, ValueId v) {
+  const ir::ValueInfo& info = graph.value(v);
+  if (!info.op.valid()) return false;
+  const Op& op = graph.op(info.op);
+  if (op.kind == OpKind::ScatterAdd) return true;
+  return !op.regions.empty() && info.result_index < op.attrs.yields.size() &&
+         op.attrs.yields[info.result_index] == ir::Yield::Scatter;
+}
+
+// The input and its column that an index is, if it is one.
+struct Column {
+  uint32_t leaf = 0;
+  int column = 0;
+};
+std::optional<Column> column_of(const Graph& graph, ValueId index) {
+  const Op* op = &graph.op(graph.value(index).op);
+  Column out;
+  while (op->kind == OpKind::Broadcast) op = &graph.op(graph.value(op->operands[0]).op);
+  if (op->kind == OpKind::Extract) {
+    out.column = static_cast<int>(op->attrs.ints[0]);
+    op = &graph.op(graph.value(op->operands[0]).op);
+    while (op->kind == OpKind::Broadcast) op = &graph.op(graph.value(op->operands[0]).op);
+  }
+  if (op->kind != OpKind::Leaf) return std::nullopt;
+  out.leaf = *graph.leaf_index(op->attrs.text);
+  const ir::Leaf& leaf = graph.leaves[out.leaf];
+  if (leaf.kind != ir::Leaf::Kind::Input || leaf.type.scalar != ir::Scalar::Int) return std::nullopt;
+  if (!leaf.extent.h.is_one() || !leaf.extent.l.is_one()) return std::nullopt;
+  return out;
+}
+
+class StepLegalizer {
+ public:
+  StepLegalizer(const Graph& graph, const target::Profile& profile, ScatterLower lower, Schedule& schedule,
+                StepSchedule& step, std::set<uint32_t>& unused)
+      : graph_(graph), profile_(profile), lower_(lower), schedule_(schedule), step_(step), unused_(unused) {
+    const std::vector<OpId>& order = graph.region(graph.root()).ops;
+    for (size_t k = 0; k < order.size(); ++k) position_[order[k]] = k;
+    steady_ = steady_ops(graph, graph.steps[*graph.step_index(step.name)]);
+  }
+
+  // Whether passes were joined.
+  bool process() {
+    bool joined = false;
+    for (Pass& pass : step_.passes)
+      if (pass.kind == Pass::Kind::Scatter)
+        for (const ValueId v : pass.writes)
+          if (is_scatter_result(graph_, v)) pass.sums.push_back({v, {v}});
+    const bool any =
+        std::any_of(step_.passes.begin(), step_.passes.end(), [](const Pass& p) { return !p.sums.empty(); });
+    if (!any) return false;
+    index_passes();
+    for (const ScatterSum& sum : find_sums()) joined = join(sum) || joined;
+    std::erase_if(step_.passes, [](const Pass& pass) { return pass.writes.empty(); });
+    for (Pass& pass : step_.passes)
+      if (!pass.sums.empty()) {
+        choose(pass);
+        pass.join_lanes = pass.scatter == ScatterLowering::Exact && joining_pays(pass);
+        choose_active(pass);
+      }
+    return joined;
+  }
+
+ private:
+  const Op& def(ValueId v) const { return graph_.op(graph_.value(v).op); }
+  bool steady(ValueId v) const { return steady_[graph_.value(v).op.index]; }
+  bool steady(const ScatterLeaf& leaf, ValueId v) const {
+    return std::ranges::any_of(root_values_at(graph_, leaf, std::span(&v, 1)), [&](ValueId x) { return steady(x); });
+  }
+  bool is_processor() const { return profile_.costs.compute_operations_per_ns < 64; }
+  const Resource& resource(ValueId v) const { return schedule_.resources[step_.stored.at(v).index]; }
+
+  void index_passes() {
+    for (size_t k = 0; k < step_.passes.size(); ++k) {
+      for (const ValueId v : step_.passes[k].writes) writer_[v] = k;
+      for (const OpId id : step_.passes[k].ops) {
+        holders_[id].insert(k);
+        const Uses uses = uses_of(graph_, graph_.op(id));
+        for (const auto* list : {&uses.at_element, &uses.elsewhere})
+          for (const ValueId v : *list) users_[v].insert(id);
+      }
+    }
+    for (const auto& [name, v] : step_.outputs) kept_.insert(v);
+    for (const auto& [leaf, v] : step_.updates) kept_.insert(v);
+  }
+
+  // The scatter results that `v` adds up, if nothing else wants them.
+  bool collect(ValueId v, std::vector<ValueId>& terms) const {
+    if (is_scatter_result(graph_, v)) {
+      terms.push_back(v);
+      return writer_.count(v) != 0;
+    }
+    const Op& op = def(v);
+    if (op.kind != OpKind::Add) return false;
+    return std::all_of(op.operands.begin(), op.operands.end(), [&](ValueId part) {
+      const auto users = users_.find(part);
+      return graph_.value(part).op.valid() && users != users_.end() && users->second.size() == 1 &&
+             kept_.count(part) == 0 && graph_.value(part).type == graph_.value(v).type &&
+             graph_.value(part).extent == graph_.value(v).extent && collect(part, terms);
+    });
+  }
+
+  // The largest sums of scatter results, in the graph's order.
+  std::vector<ScatterSum> find_sums() const {
+    std::vector<ScatterSum> sums;
+    std::set<ValueId> taken;
+    for (auto it = holders_.rbegin(); it != holders_.rend(); ++it) {
+      const Op& op = graph_.op(it->first);
+      if (op.kind != OpKind::Add || taken.count(op.results[0]) != 0) continue;
+      ScatterSum sum{op.results[0], {}};
+      if (!collect(sum.value, sum.terms)) continue;
+      if (std::set<ValueId>(sum.terms.begin(), sum.terms.end()).size() != sum.terms.size()) continue;  // x + x
+      const auto same_domain = [&](ValueId term) {
+        return step_.passes[writer_.at(term)].domain == step_.passes[writer_.at(sum.terms[0])].domain;
+      };
+      if (!std::ranges::all_of(sum.terms, same_domain)) continue;
+      for (const OpId id : additions(sum)) taken.insert(graph_.op(id).results[0]);
+      sums.push_back(std::move(sum));
+    }
+    std::sort(sums.begin(), sums.end(), [](const auto& a, const auto& b) { return a.value < b.value; });
+    return sums;
+  }
+
+  // The additions of a sum.
+  std::vector<OpId> additions(const ScatterSum& sum) const {
+    std::vector<OpId> out;
+    std::vector<ValueId> open{sum.value};
+    while (!open.empty()) {
+      const ValueId v = open.back();
+      open.pop_back();
+      if (is_scatter_result(graph_, v)) continue;
+      out.push_back(graph_.value(v).op);
+      for (const ValueId part : def(v).operands) open.push_back(part);
+    }
+    return out;
+  }
+
+  // Whether some pass of `group` waits for another one.
+  bool wait_for_each_other(const std::set<size_t>& group) const {
+    std::vector<size_t> open(group.begin(), group.end());
+    std::set<size_t> seen;
+    while (!open.empty()) {
+      const Pass& pass = step_.passes[open.back()];
+      open.pop_back();
+      for (const ValueId v : pass.reads) {
+        const auto from = writer_.find(v);
+        if (from == writer_.end() || !seen.insert(from->second).second) continue;
+        if (group.count(from->second) != 0) return true;
+        open.push_back(from->second);
+      }
+    }
+    return false;
+  }
+
+  // What a shader binds that reads and writes these, and buffers besides.
+  Bindings bindings(std::span<const ValueId> reads, size_t writes, bool hardware, uint32_t more_buffers) const {
+    std::set<uint32_t> buffers, images;
+    for (const ValueId v : reads)
+      (resource(v).storage == Resource::Storage::Image ? images : buffers).insert(step_.stored.at(v).index);
+    return {static_cast<uint32_t>(buffers.size()) + more_buffers, static_cast<uint32_t>(images.size()),
+            static_cast<uint32_t>(writes), hardware};
+  }
+
+  // Makes one pass of those that scatter the terms, which then stores their sum only.
+  bool join(const ScatterSum& sum) {
+    std::set<size_t> group;
+    for (const ValueId v : sum.terms) group.insert(writer_.at(v));
+    Pass& into = step_.passes[*group.begin()];
+    for (const size_t k : group)
+      if (step_.passes[k].domain != into.domain) return false;
+    if (wait_for_each_other(group)) return false;
+    std::set<ValueId> reads, writes;
+    for (const size_t k : group) {
+      reads.insert(step_.passes[k].reads.begin(), step_.passes[k].reads.end());
+      writes.insert(step_.passes[k].writes.begin(), step_.passes[k].writes.end());
+    }
+    for (const ValueId v : sum.terms) writes.erase(v);
+    const auto stored = step_.stored.find(sum.value);
+    const bool was_stored = stored != step_.stored.end();
+    const std::vector<ValueId> read(reads.begin(), reads.end());
+    if (!fits(profile_, bindings(read, writes.size() + 1, false, 0))) return false;
+    // What was an image becomes a buffer of the shaders that read it: where one joins sums, all packings have to.
+    if (was_stored && resource(sum.value).storage == Resource::Storage::Image) {
+      for (const Pass& pass : step_.passes) {
+        if (!std::binary_search(pass.reads.begin(), pass.reads.end(), sum.value)) continue;
+        if (!fits(profile_, bindings(pass.reads, pass.writes.size(), pass.hardware, 1))) return false;
+      }
+      schedule_.resources[stored->second.index].storage = Resource::Storage::Buffer;
+    }
+
+    for (const ValueId v : sum.terms) {
+      writer_.erase(v);
+      if (was_stored || v != sum.terms.front()) unused_.insert(step_.stored.at(v).index);
+    }
+    if (!was_stored) step_.stored[sum.value] = step_.stored.at(sum.terms.front());
+    const std::vector<OpId> adds = additions(sum);
+    std::set<size_t> readers;
+    for (const OpId id : adds) readers.insert(holders_[id].begin(), holders_[id].end());
+    for (const size_t k : readers) replace_by_read(step_.passes[k], sum, adds);
+    for (const ValueId v : sum.terms) step_.stored.erase(v);
+    for (const OpId id : adds) {
+      const ValueId v = graph_.op(id).results[0];
+      const auto part = step_.stored.find(v);
+      if (v == sum.value || part == step_.stored.end()) continue;
+      unused_.insert(part->second.index);
+      step_.stored.erase(part);
+    }
+
+    std::set<OpId> ops(adds.begin(), adds.end());
+    std::vector<ScatterSum> sums{sum};
+    for (const size_t k : group) {
+      Pass& pass = step_.passes[k];
+      ops.insert(pass.ops.begin(), pass.ops.end());
+      for (ScatterSum& other : pass.sums)
+        if (std::find(sum.terms.begin(), sum.terms.end(), other.value) == sum.terms.end())
+          sums.push_back(std::move(other));
+      for (const OpId id : pass.ops) holders_[id].erase(k);
+      if (&pass != &into) pass = {};
+    }
+    writes.insert(sum.value);
+    into.ops.assign(ops.begin(), ops.end());
+    std::sort(into.ops.begin(), into.ops.end(), [&](OpId a, OpId b) { return position_.at(a) < position_.at(b); });
+    into.reads = read;
+    into.writes.assign(writes.begin(), writes.end());
+    std::sort(sums.begin(), sums.end(), [](const auto& a, const auto& b) { return a.value < b.value; });
+    into.sums = std::move(sums);
+    into.name.clear();
+    for (const ValueId v : into.writes) into.name += (into.name.empty() ? "" : "_") + resource(v).name;
+    for (const OpId id : into.ops) holders_[id].insert(*group.begin());
+    for (const ValueId v : into.writes) writer_[v] = *group.begin();
+    return true;
+  }
+
+  // A pass that added the terms up, or some of them, reads their sum.
+  void replace_by_read(Pass& pass, const ScatterSum& sum, const std::vector<OpId>& adds) {
+    const std::set<OpId> gone(adds.begin(), adds.end());
+    std::erase_if(pass.writes, [&](ValueId v) { return gone.count(graph_.value(v).op) != 0; });
+    std::erase_if(pass.ops, [&](OpId id) { return gone.count(id) != 0; });
+    std::set<ValueId> used;
+    for (const OpId id : pass.ops) {
+      const Uses uses = uses_of(graph_, graph_.op(id));
+      used.insert(uses.at_element.begin(), uses.at_element.end());
+      used.insert(uses.elsewhere.begin(), uses.elsewhere.end());
+    }
+    std::set<ValueId> reads(pass.reads.begin(), pass.reads.end());
+    for (const ValueId v : sum.terms) reads.erase(v);
+    for (const OpId id : adds) reads.erase(graph_.op(id).results[0]);
+    if (used.count(sum.value) != 0) reads.insert(sum.value);
+    pass.reads.assign(reads.begin(), reads.end());
+  }
+
+  // Listing the elements that may add something costs an element few loads; running one costs its own loads, twice. A
+  // scatter of a region is worth it, since conditions of the program lie before it. What it finds to add nothing in the
+  // first run is left out of the second.
+  void choose_active(Pass& pass) const {
+    const bool regions = std::any_of(pass.ops.begin(), pass.ops.end(), [&](OpId id) {
+      const Op& op = graph_.op(id);
+      return !op.regions.empty() &&
+             std::any_of(op.results.begin(), op.results.end(), [&](ValueId v) { return is_scatter_result(graph_, v); });
+    });
+    if (!regions) return;
+    constexpr uint32_t kLists = 2;
+    if (!fits(profile_, bindings(pass.reads, pass.writes.size(), false, kLists))) return;
+    if (pass.scatter == ScatterLowering::Rows || pass.writes.size() != pass.sums.size()) return;
+    const auto is_float = [&](const ScatterSum& sum) { return graph_.value(sum.value).type.is_float(); };
+    if (!std::all_of(pass.sums.begin(), pass.sums.end(), is_float)) return;
+    pass.active = active_elements(graph_, pass);
+    pass.relist = pass.scatter == ScatterLowering::Exact;
+  }
+
+  void choose(Pass& pass) {
+    switch (lower_) {
+      case ScatterLower::Exact: break;
+      case ScatterLower::Atomic: {
+        const auto is_float = [&](const ScatterSum& sum) { return graph_.value(sum.value).type.is_float(); };
+        if (std::any_of(pass.sums.begin(), pass.sums.end(), is_float)) pass.scatter = ScatterLowering::Atomic;
+        break;
+      }
+      case ScatterLower::Auto:
+      case ScatterLower::Rows: {
+        const bool asked = lower_ == ScatterLower::Rows;
+        std::string lacks;
+        // A row's walk computes what an element adds for each of its items, in loops that cannot be cut.
+        constexpr int64_t kItems = 512;
+        if (may_pass_limit(trips_of(graph_, pass.ops), profile_, kItems)) {
+          if (asked) pass.no_rows = "its loops may take more trips than the device lets an invocation have";
+          break;
+        }
+        auto rows = rows_of(pass);
+        if (!rows || !(asked || rows_pay(pass, *rows))) {
+          rows = sorted_rows_of(pass, lacks);
+          if (rows && !asked && !(changes(pass) && rows_pay(pass, *rows))) rows.reset();
+        }
+        if (rows) {
+          pass.scatter = ScatterLowering::Rows;
+          pass.rows = std::move(*rows);
+        } else if (asked) {
+          pass.no_rows = lacks;
+        }
+        break;
+      }
+    }
+  }
+
+  // The table by which a pass can gather what it scatters.
+  std::optional<RowsTable> rows_of(const Pass& pass) const {
+    RowsTable rows;
+    std::set<int> columns;
+    bool first = true;
+    size_t terms = 0;
+    for (const ScatterSum& sum : pass.sums) {
+      const ir::Extent& to = graph_.value(sum.value).extent;
+      for (const ValueId term : sum.terms) {
+        const Op& op = def(term);
+        if (op.kind != OpKind::ScatterAdd) return std::nullopt;
+        const auto column = column_of(graph_, op.operands[0]);
+        if (!column || graph_.value(op.operands[0]).type.rows != 1) return std::nullopt;
+        if (!first && (rows.leaf != column->leaf || rows.targets != to.w)) return std::nullopt;
+        rows.leaf = column->leaf;
+        rows.targets = to.w;
+        columns.insert(column->column);
+        first = false;
+        ++terms;
+      }
+      // Layers stay apart, or there is one.
+      if (!to.h.is_one() || to.l != pass.domain.l) return std::nullopt;
+    }
+    if (pass.writes.size() != pass.sums.size()) return std::nullopt;
+    if (!pass.domain.h.is_one() || pass.domain.w != graph_.leaves[rows.leaf].extent.w) return std::nullopt;
+    // The host fills the table when it binds the leaf: no step may change that.
+    for (const ir::Step& step : graph_.steps)
+      for (const ir::Update& update : step.updates)
+        if (update.leaf == rows.leaf) return std::nullopt;
+    rows.columns.assign(columns.begin(), columns.end());
+    constexpr uint32_t kTable = 3;  // starts, items, sums of blocks
+    if (!fits(profile_, bindings(pass.reads, pass.writes.size(), false, kTable))) return std::nullopt;
+    return rows;
+  }
+
+  // The table by which the device can: all that says where contributions go stays as it is in this step. `lacks`: why
+  // there is none.
+  std::optional<RowsTable> sorted_rows_of(const Pass& pass, std::string& lacks) const {
+    RowsTable rows;
+    const ir::Extent& to = graph_.value(pass.sums[0].value).extent;
+    rows.targets = to.w * to.h * to.l;
+    const auto lack = [&](const char* what) {
+      lacks = what;
+      return std::nullopt;
+    };
+    if (pass.writes.size() != pass.sums.size()) return lack("the pass stores more than sums");
+    for (const ScatterSum& sum : pass.sums) {
+      if (graph_.value(sum.value).extent != to) return lack("the pass sums into images of several extents");
+      for (const ValueId term : sum.terms) {
+        auto leaves = scatter_leaves(graph_, term);
+        if (!leaves) return lack("a loop scatters");
+        for (ScatterLeaf& leaf : *leaves) {
+          if (steady(leaf, leaf.index)) return lack("an index depends on what the step changes");
+          for (ScatterLeaf::Branch& branch : leaf.path)
+            branch.in_table = !steady(leaf, graph_.op(branch.op).operands[0]);
+          const auto same = [&](const ScatterLeaf& place) { return place.same_place(leaf); };
+          if (std::ranges::none_of(rows.places, same)) rows.places.push_back(std::move(leaf));
+        }
+      }
+    }
+    if (rows.places.empty()) return lack("nothing is added anywhere");
+    constexpr uint32_t kTable = 3;  // starts, items, sums of blocks
+    if (!fits(profile_, bindings(pass.reads, pass.writes.size(), false, kTable)))
+      return lack("the profile allows too few buffers in a shader");
+    return rows;
+  }
+
+  // Where what is scattered does not change either, a run seldom needs to add it up, and sorting is in vain.
+  bool changes(const Pass& pass) const {
+    return std::ranges::any_of(pass.sums, [&](const ScatterSum& sum) {
+      return std::ranges::any_of(sum.terms, [&](ValueId term) { return steady(term); });
+    });
+  }
+
+  // Lanes beside each other often add to one element, and atomics of one element wait for each other. Where none do,
+  // joining is in vain: it has to cost little beside the atomics. On a processor, where a thread has all lanes of a
+  // subgroup, atomics do not wait, and sums over lanes go lane by lane.
+  bool joining_pays(const Pass& pass) const {
+    if (!profile_.subgroup_arithmetic || profile_.subgroup_size < 2 || profile_.subgroup_size > kMaxJoinedLanes ||
+        is_processor())
+      return false;
+    double joins = 0, words = 0;
+    for (const ScatterSum& sum : pass.sums) {
+      const ir::Type& type = graph_.value(sum.value).type;
+      if (!type.is_float()) continue;
+      joins += kJoinRounds * (6 + 6 * type.components() * std::log2(profile_.subgroup_size));  // operations
+      words += (profile_.shader_int64 && profile_.shader_buffer_int64_atomics ? 1 : 2) * type.components();
+    }
+    constexpr double kLittle = 0.25;
+    return joins / profile_.costs.compute_operations_per_ns < kLittle * words * profile_.costs.atomic_add_ns;
+  }
+
+  // A contribution costs a row its number and two loads, and an exact sum three words of atomics and their clearing.
+  bool rows_pay(const Pass& pass, const RowsTable& rows) const {
+    double row = 0, exact = 0;
+    const target::Costs& c = profile_.costs;
+    for (const ScatterSum& sum : pass.sums) {
+      double terms = static_cast<double>(sum.terms.size());
+      if (rows.sorted()) {
+        terms = 0;
+        for (const ValueId term : sum.terms) terms += static_cast<double>(scatter_leaves(graph_, term)->size());
+      }
+      const double n = graph_.value(sum.value).type.components() * terms;
+      row += (8 * terms + 2 * 4 * n) / c.compute_buffer_bytes_per_ns;
+      exact += 2 * 4 * n / c.compute_buffer_bytes_per_ns + 2 * n * c.atomic_add_ns;
+    }
+    return row <= exact;
+  }
+
+  const Graph& graph_;
+  const target::Profile& profile_;
+  ScatterLower lower_;
+  Schedule& schedule_;
+  StepSchedule& step_;
+  std::set<uint32_t>& unused_;  // resources
+  std::vector<bool> steady_;    // ops that depend on what the step changes, by index
+  std::map<OpId, size_t> position_;
+  std::map<ValueId, size_t> writer_;
+  std::map<OpId, std::set<size_t>> holders_;  // passes that run an op
+  std::map<ValueId, std::set<OpId>> users_;
+  std::set<ValueId> kept_;
+};
+
+}  // namespace
+
+std::optional<std::string> legalize_scatter(const Graph& graph, const target::Profile& profile, ScatterLower lower,
+                                            bool join_stages, Schedule& schedule) {
+  if (lower == ScatterLower::Atomic && !profile.shader_buffer_float32_atomic_add)
+    return "scatter by float atomics needs 'shader_buffer_float32_atomic_add', which profile '" + profile.name +
+           "' lacks; choose auto, exact or rows";
+  std::set<uint32_t> unused;
+  for (StepSchedule& step : schedule.steps)
+    if (StepLegalizer(graph, profile, lower, schedule, step, unused).process())
+      pack_stages(graph, step, profile, join_stages);
+  remove_resources(schedule, unused);
+  return std::nullopt;
+}
+
+}  // namespace dr::backend

@@ -1,0 +1,142 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "compiler/backend/lowering/scatter_active.h"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <set>
+
+#include "compiler/ir/yields.h"
+
+namespace dr::backend {
+
+using ir::Graph;
+using ir::Op;
+using ir::OpKind;
+using ir::ValueId;
+
+namespace {
+
+// Root values that are zero only where the value in question is; nothing: the value is zero everywhere.
+using Zeros = std::optional<std::set<ValueId>>;
+
+Zeros both(const Zeros& a, const Zeros& b) {
+  if (!a) return b;
+  if (!b) return a;
+  std::set<ValueId> out;
+  std::set_intersection(a->begin(), a->end(), b->begin(), b->end(), std::inserter(out, out.end()));
+  return out;
+}
+
+class ActiveElements {
+ public:
+  ActiveElements(const Graph& graph, const Pass& pass)
+      : graph_(graph), readable_(pass.reads.begin(), pass.reads.end()) {
+    // Conditions that the pass computes itself are cheap.
+    for (const ir::OpId id : pass.ops)
+      for (const ValueId v : graph.op(id).results)
+        if (graph.value(v).type.is_bool()) readable_.insert(v);
+  }
+
+  // The clause of a result: its op adds nothing to it unless all of these are true or not zero.
+  std::vector<ValueId> clause(ValueId result) const {
+    const Op& op = graph_.op(graph_.value(result).op);
+    const uint32_t k = graph_.value(result).result_index;
+    const Zeros zeros = op.kind == OpKind::ScatterAdd ? zero_with(op.operands[1]) : scattered(op, k);
+    std::vector<ValueId> out;
+    if (op.kind == OpKind::If && readable(op.operands[0]) && !scattered(op, op.regions[1], k))
+      out.push_back(op.operands[0]);
+    if (zeros)
+      for (const ValueId v : *zeros)
+        if (readable(v)) out.push_back(v);
+    return out;
+  }
+
+ private:
+  bool readable(ValueId v) const { return readable_.count(v) != 0 && graph_.value(v).region == graph_.root(); }
+
+  // Where result `k` of a region op gets nothing but zeros.
+  Zeros scattered(const Op& op, uint32_t k) const {
+    Zeros zeros;
+    for (const ir::RegionId region : op.regions) zeros = both(zeros, scattered(op, region, k));
+    return zeros;
+  }
+  Zeros scattered(const Op& op, ir::RegionId region, uint32_t k) const {
+    const ir::Yielded yield = ir::yielded(graph_, op, region)[k];
+    if (yield.index.valid()) return zero_with(yield.value);
+    const ir::ValueInfo& inner = graph_.value(yield.value);
+    return scattered(graph_.op(inner.op), inner.result_index);
+  }
+
+  bool finite_constant(ValueId v) const {
+    const ir::ValueInfo& info = graph_.value(v);
+    if (!info.op.valid()) return false;
+    const Op& op = graph_.op(info.op);
+    return op.kind == OpKind::Const && !op.attrs.floats.empty() &&
+           std::ranges::all_of(op.attrs.floats, [](double x) { return std::isfinite(x); });
+  }
+
+  Zeros zero_with(ValueId v) const {
+    const ir::ValueInfo& info = graph_.value(v);
+    std::set<ValueId> self;
+    if (info.region == graph_.root()) self.insert(v);
+    if (!info.op.valid()) return self;
+    const Op& op = graph_.op(info.op);
+    const auto with_self = [&](Zeros zeros) {
+      if (zeros) zeros->insert(self.begin(), self.end());
+      return zeros;
+    };
+    switch (op.kind) {
+      case OpKind::Const:
+        if (std::ranges::all_of(op.attrs.floats, [](double x) { return x == 0; })) return std::nullopt;
+        return std::set<ValueId>{};
+      case OpKind::SMul:
+      case OpKind::Neg:
+      case OpKind::Splat:
+      case OpKind::Broadcast:
+      case OpKind::Extract:
+      case OpKind::Detach:
+      case OpKind::Pin: return with_self(zero_with(op.operands[0]));
+      case OpKind::Add:
+      case OpKind::Sub:
+      case OpKind::Compose: {
+        Zeros zeros;
+        for (const ValueId part : op.operands) zeros = both(zeros, zero_with(part));
+        return with_self(zeros);
+      }
+      case OpKind::Mul:
+        for (const size_t k : {0u, 1u})
+          if (finite_constant(op.operands[1 - k])) return with_self(zero_with(op.operands[k]));
+        return self;
+      case OpKind::Select: return with_self(both(zero_with(op.operands[1]), zero_with(op.operands[2])));
+      case OpKind::If: {
+        Zeros zeros;
+        if (op.attrs.yields[info.result_index] != ir::Yield::Element) return self;
+        for (const ir::RegionId region : op.regions)
+          zeros = both(zeros, zero_with(ir::yielded(graph_, op, region)[info.result_index].value));
+        return with_self(zeros);
+      }
+      default: return self;
+    }
+  }
+
+  const Graph& graph_;
+  std::set<ValueId> readable_;
+};
+
+}  // namespace
+
+std::vector<std::vector<ValueId>> active_elements(const Graph& graph, const Pass& pass) {
+  if (pass.writes.size() != pass.sums.size()) return {};
+  const ActiveElements analysis(graph, pass);
+  std::vector<std::vector<ValueId>> out;
+  for (const ScatterSum& sum : pass.sums)
+    for (const ValueId term : sum.terms) {
+      std::vector<ValueId> clause = analysis.clause(term);
+      if (clause.empty()) return {};
+      if (std::find(out.begin(), out.end(), clause) == out.end()) out.push_back(std::move(clause));
+    }
+  return out;
+}
+
+}  // namespace dr::backend

@@ -1,0 +1,16 @@
+// SPDX-License-Identifier: Apache-2.0
+// Which elements of a scatter pass add nothing, told by values that they read: an adjoint that is zero makes all that
+// is scattered of it zero, and a condition that is false leaves the branch out that scatters.
+#pragma once
+
+#include <vector>
+
+#include "compiler/backend/schedule/schedule.h"
+
+namespace dr::backend {
+
+// A clause for each result: an element adds nothing to it unless all values of the clause are true or not zero.
+// Empty if that cannot be told from the pass's reads, or if elements store something of their own.
+std::vector<std::vector<ir::ValueId>> active_elements(const ir::Graph& graph, const Pass& pass);
+
+}  // namespace dr::backend

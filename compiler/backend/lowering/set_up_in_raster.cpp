@@ -1,0 +1,120 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "compiler/backend/lowering/set_up_in_raster.h"
+
+#include <algorithm>
+
+#include "compiler/backend/analysis/uses.h"
+#include "compiler/backend/schedule/limits.h"
+#include "compiler/backend/schedule/trips.h"
+
+namespace dr::backend {
+
+using ir::ValueId;
+
+namespace {
+
+// Raster's own loops take less than the rest of the trips that an invocation has.
+constexpr int64_t kShared = 2;
+
+bool meet(const std::vector<ValueId>& a, const std::vector<ValueId>& b) {
+  return std::ranges::any_of(a, [&](ValueId v) { return std::ranges::find(b, v) != b.end(); });
+}
+
+// Whether `later` must stay behind `pass`, or `pass` before it.
+bool depends(const StepSchedule& step, const Pass& later, const Pass& pass) {
+  if (meet(later.reads, pass.writes)) return true;
+  return std::ranges::any_of(later.writes, [&](ValueId written) {
+    return std::ranges::any_of(pass.reads, [&](ValueId v) { return step.stored.at(v) == step.stored.at(written); });
+  });
+}
+
+bool one_shader(const StepSchedule& step, const Schedule& schedule, const target::Profile& profile, const Pass& pass,
+                const Pass& raster) {
+  std::set<uint32_t> read, written;
+  for (ValueId v : pass.writes) written.insert(step.stored.at(v).index);
+  for (const std::vector<ValueId>* reads : {&pass.reads, &raster.reads})
+    for (ValueId v : *reads)
+      if (const uint32_t r = step.stored.at(v).index; written.count(r) == 0) read.insert(r);
+  constexpr uint32_t kOwn = 2;  // entries and lists
+  Bindings bindings;
+  for (uint32_t r : read)
+    ++(schedule.resources[r].storage == Resource::Storage::Buffer ? bindings.buffers : bindings.images);
+  bindings.writes = static_cast<uint32_t>(written.size()) + kOwn;
+  return fits(profile, bindings);
+}
+
+// Whether to load what a face is set up from takes no more components than to store the partial results for listed
+// faces and to load those again. What it computes is cheap beside either, a few hundred operations.
+bool cheap_again(const ir::Graph& graph, const Pass& setup) {
+  std::set<ValueId> here;
+  int loaded = 0, kept = 0;
+  for (ir::OpId id : setup.ops) {
+    const ir::Op& op = graph.op(id);
+    const Uses uses = uses_of(graph, op);
+    if (!uses.elsewhere.empty())
+      for (ValueId v : op.results) loaded += graph.value(v).type.components();
+    for (ValueId v : uses.at_element)
+      if (std::ranges::find(setup.reads, v) != setup.reads.end() && here.insert(v).second)
+        loaded += graph.value(v).type.components();
+  }
+  for (ValueId v : setup.partial) kept += graph.value(v).type.components();
+  return loaded <= 2 * kept;
+}
+
+// Takes the partial results of a pass out of memory.
+void forget_partial(StepSchedule& step, Pass& setup, Pass& raster, std::set<uint32_t>& unused) {
+  for (ValueId v : setup.partial) {
+    std::erase(setup.writes, v);
+    std::erase(raster.reads, v);
+    unused.insert(step.stored.at(v).index);
+    step.stored.erase(v);
+  }
+  setup.partial.clear();
+  raster.sets_up_again = true;
+}
+
+}  // namespace
+
+void set_up_in_raster(const ir::Graph& graph, const target::Profile& profile, Schedule& schedule) {
+  if (!profile.shader_int64 || !profile.shader_buffer_int64_atomics) return;
+  std::set<uint32_t> unused;
+  for (StepSchedule& step : schedule.steps) {
+    const std::set<ValueId> kept = read_afterwards(graph, step);
+    std::set<int> taken;  // those that list elements or set faces up already
+    for (const Pass& pass : step.passes) taken.insert(pass.listed_by);
+    for (size_t k = 0; k < step.passes.size(); ++k) {
+      Pass& raster = step.passes[k];
+      if (raster.kind != Pass::Kind::Raster || raster.hardware) continue;
+      const ir::Op& op = graph.op(raster.ops.back());
+      const ir::Extent faces{op.attrs.dims[3], 1, op.attrs.dims[2]};
+      // A captured value must not be taken for that of a face.
+      if (faces == raster.domain) continue;
+      for (size_t j = k; j-- > 0 && raster.set_up_by < 0;) {
+        const Pass& pass = step.passes[j];
+        const bool fits = pass.kind == Pass::Kind::Map && !pass.hardware && pass.domain == faces &&
+                          pass.steady == raster.steady && meet(raster.reads, pass.writes) &&
+                          taken.count(static_cast<int>(j)) == 0 && one_shader(step, schedule, profile, pass, raster) &&
+                          !may_pass_limit(trips_of(graph, pass.ops), profile, kShared);
+        if (!fits) continue;
+        const bool waits = std::any_of(step.passes.begin() + static_cast<std::ptrdiff_t>(j) + 1,
+                                       step.passes.begin() + static_cast<std::ptrdiff_t>(k),
+                                       [&](const Pass& between) { return depends(step, between, pass); });
+        if (waits) continue;
+        taken.insert(raster.set_up_by = static_cast<int>(j));
+        Pass& setup = step.passes[j];
+        for (ValueId v : setup.writes) {
+          const bool others = std::ranges::any_of(step.passes, [&](const Pass& other) {
+            return &other != &raster && std::ranges::find(other.reads, v) != other.reads.end();
+          });
+          if (!others && kept.count(v) == 0) setup.partial.push_back(v);
+        }
+        if (cheap_again(graph, setup)) forget_partial(step, setup, raster, unused);
+      }
+    }
+  }
+  for (const StepSchedule& step : schedule.steps)
+    for (const auto& [value, id] : step.stored) unused.erase(id.index);
+  remove_resources(schedule, unused);
+}
+
+}  // namespace dr::backend

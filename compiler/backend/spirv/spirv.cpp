@@ -1,0 +1,154 @@
+// SPDX-License-Identifier: Apache-2.0
+// The one place that talks to glslang and SPIRV-Tools.
+#include "compiler/backend/spirv/spirv.h"
+
+#include <glslang/Include/ResourceLimits.h>
+#include <glslang/Public/ResourceLimits.h>
+#include <glslang/Public/ShaderLang.h>
+#include <glslang/SPIRV/GlslangToSpv.h>
+
+#include <mutex>
+#include <set>
+#include <spirv-tools/libspirv.hpp>
+#include <spirv-tools/optimizer.hpp>
+
+#include "compiler/ir/graph.h"
+
+namespace dr::backend {
+
+namespace {
+
+// glslang needs one set-up a process.
+void initialize_glslang() {
+  static std::once_flag once;
+  std::call_once(once, [] { glslang::InitializeProcess(); });
+}
+
+constexpr uint32_t kOpEntryPoint = 15, kOpFunction = 54, kOpDecorate = 71, kNoContraction = 42;
+
+bool is_float_arithmetic(uint32_t opcode) {
+  switch (opcode) {
+    case 127:  // OpFNegate
+    case 129:
+    case 131:
+    case 133:
+    case 136:
+    case 140:
+    case 141:  // OpFAdd FSub FMul FDiv FRem FMod
+    case 142:
+    case 143:
+    case 144:
+    case 145:
+    case 146:
+    case 147:
+    case 148:  // vector, matrix products, OpOuterProduct, OpDot
+      return true;
+    default: return false;
+  }
+}
+
+}  // namespace
+
+std::vector<uint32_t> decorate_no_contraction(const std::vector<uint32_t>& module, bool but_main) {
+  constexpr size_t kHeader = 5;
+  std::set<uint32_t> decorated;
+  std::vector<uint32_t> ids;
+  size_t first_decoration = 0;
+  uint32_t main = 0, function = 0;
+  for (size_t at = kHeader; at < module.size(); at += std::max<uint32_t>(module[at] >> 16, 1)) {
+    const uint32_t opcode = module[at] & 0xffff;
+    if (opcode == kOpDecorate && first_decoration == 0) first_decoration = at;
+    if (opcode == kOpDecorate && module[at + 2] == kNoContraction) decorated.insert(module[at + 1]);
+    if (opcode == kOpEntryPoint) main = module[at + 2];
+    if (opcode == kOpFunction) function = module[at + 2];
+    if (is_float_arithmetic(opcode) && !(but_main && function == main)) ids.push_back(module[at + 2]);
+  }
+  std::vector<uint32_t> extra;
+  for (uint32_t id : ids)
+    if (decorated.count(id) == 0) extra.insert(extra.end(), {(3u << 16) | kOpDecorate, id, kNoContraction});
+  std::vector<uint32_t> out = module;
+  // A shader always has decorations (built-ins, bindings); new ones go before the first.
+  if (first_decoration != 0)
+    out.insert(out.begin() + static_cast<ptrdiff_t>(first_decoration), extra.begin(), extra.end());
+  return out;
+}
+
+std::string disassemble(const std::vector<uint32_t>& module) {
+  std::string text;
+  const spvtools::SpirvTools tools(SPV_ENV_VULKAN_1_1);
+  if (!tools.Disassemble(module, &text, SPV_BINARY_TO_TEXT_OPTION_INDENT | SPV_BINARY_TO_TEXT_OPTION_FRIENDLY_NAMES))
+    DR_ICE("a module cannot be disassembled");
+  return text;
+}
+
+namespace {
+
+std::variant<std::vector<uint32_t>, std::string> assemble(const GlslShader& shader) {
+  initialize_glslang();
+  const EShLanguage stage = shader.stage == bundle::Stage::Vertex     ? EShLangVertex
+                            : shader.stage == bundle::Stage::Fragment ? EShLangFragment
+                                                                      : EShLangCompute;
+  glslang::TShader text(stage);
+  const char* source = shader.source.c_str();
+  text.setStrings(&source, 1);
+  text.setEnvInput(glslang::EShSourceGlsl, stage, glslang::EShClientVulkan, 110);
+  text.setEnvClient(glslang::EShClientVulkan, glslang::EShTargetVulkan_1_1);
+  text.setEnvTarget(glslang::EShTargetSpv, glslang::EShTargetSpv_1_3);
+  const auto rules = static_cast<EShMessages>(EShMsgSpvRules | EShMsgVulkanRules);
+  if (!text.parse(GetDefaultResources(), 450, false, rules)) return std::string(text.getInfoLog());
+  glslang::TProgram program;
+  program.addShader(&text);
+  if (!program.link(rules)) return std::string(program.getInfoLog());
+  std::vector<uint32_t> module;
+  glslang::SpvOptions options;
+  options.disableOptimizer = true;
+  glslang::GlslangToSpv(*program.getIntermediate(stage), module, &options);
+  module = decorate_no_contraction(module, shader.native);
+
+  std::string problems;
+  const spvtools::MessageConsumer note = [&](spv_message_level_t level, const char*, const spv_position_t&,
+                                             const char* message) {
+    if (level <= SPV_MSG_ERROR) problems += std::string(message) + "\n";
+  };
+  // Drivers optimize. What is left to do here makes modules a fifth smaller: calls and variables go. More passes take
+  // three times as long, some of them quadratic time, and neither lavapipe nor SwiftShader runs faster for it. The
+  // passes touch no arithmetic that is decorated, and copy decorations with what they copy.
+  spvtools::Optimizer optimizer(SPV_ENV_VULKAN_1_1);
+  optimizer.SetMessageConsumer(note);
+  optimizer.RegisterPass(spvtools::CreateInlineExhaustivePass())
+      .RegisterPass(spvtools::CreateEliminateDeadFunctionsPass())
+      .RegisterPass(spvtools::CreateLocalSingleBlockLoadStoreElimPass())
+      .RegisterPass(spvtools::CreateLocalSingleStoreElimPass())
+      .RegisterPass(spvtools::CreateAggressiveDCEPass());
+  spvtools::OptimizerOptions once;
+  once.set_run_validator(false);  // what comes out is validated
+  std::vector<uint32_t> optimized;
+  if (!optimizer.Run(module.data(), module.size(), &optimized, once))
+    return "the optimizer refuses the module: " + problems;
+  module = decorate_no_contraction(optimized, shader.native);
+
+  spvtools::SpirvTools tools(SPV_ENV_VULKAN_1_1);
+  tools.SetMessageConsumer(note);
+  spvtools::ValidatorOptions numbers;
+  numbers.SetFriendlyNames(false);  // to make names takes quadratic time where many ids have the same one
+  if (!tools.Validate(module.data(), module.size(), numbers)) return "invalid SPIR-V: " + problems;
+  return module;
+}
+
+}  // namespace
+
+std::variant<std::vector<uint32_t>, std::string> assemble(const GlslShader& shader, const ShaderCache& cache) {
+  // Whatever else the words depend on: this file, and the libraries.
+  const glslang::Version version = glslang::GetVersion();
+  static const std::string kTools = DR_SPIRV_SOURCE_HASH " " + std::to_string(version.major) + "." +
+                                    std::to_string(version.minor) + "." + std::to_string(version.patch) + " " +
+                                    spvSoftwareVersionDetailsString() + "\n";
+  const std::string key =
+      kTools + bundle::EnumNameStage(shader.stage) + (shader.native ? " native\n" : "\n") + shader.source;
+  if (auto words = cache.find(key)) return *std::move(words);
+  auto result = assemble(shader);
+  if (const auto* words = std::get_if<std::vector<uint32_t>>(&result)) cache.store(key, *words);
+  return result;
+}
+
+}  // namespace dr::backend

@@ -1,0 +1,172 @@
+// SPDX-License-Identifier: Apache-2.0
+// Scalar kinds and conversions of host arrays.
+
+#include "compiler/io/array/array.h"
+
+#include <cmath>
+#include <cstring>
+#include <limits>
+
+#include "compiler/io/file/failure.h"
+
+namespace dr::io {
+namespace {
+
+// Calls `visit(value)` with every scalar of `array` as a double, which holds each kind exactly.
+template <class Visit>
+void for_each_scalar(const Array& array, const Visit& visit) {
+  const auto walk = [&]<class T>(T) {
+    const size_t count = array.bytes.size() / sizeof(T);
+    for (size_t i = 0; i < count; ++i) {
+      T value;
+      std::memcpy(&value, array.bytes.data() + i * sizeof(T), sizeof(T));
+      visit(static_cast<double>(value));
+    }
+  };
+  switch (array.kind) {
+    case ElementKind::Float32: return walk(float{});
+    case ElementKind::Float64: return walk(double{});
+    case ElementKind::Int32: return walk(int32_t{});
+    case ElementKind::UInt32: return walk(uint32_t{});
+    case ElementKind::Bool: return walk(uint8_t{});
+  }
+}
+
+// The value as a scalar of type T, or nothing when T cannot hold it.
+template <class T>
+bool fits(double value) {
+  return value >= static_cast<double>(std::numeric_limits<T>::lowest()) &&
+         value <= static_cast<double>(std::numeric_limits<T>::max()) && value == std::floor(value);
+}
+
+}  // namespace
+
+size_t scalar_size(ElementKind kind) {
+  switch (kind) {
+    case ElementKind::Float32:
+    case ElementKind::Int32:
+    case ElementKind::UInt32: return 4;
+    case ElementKind::Float64: return 8;
+    case ElementKind::Bool: return 1;
+  }
+  assert(false);
+  return 1;
+}
+
+std::string_view kind_name(ElementKind kind) {
+  switch (kind) {
+    case ElementKind::Float32: return "float32";
+    case ElementKind::Float64: return "float64";
+    case ElementKind::Int32: return "int32";
+    case ElementKind::UInt32: return "uint32";
+    case ElementKind::Bool: return "bool";
+  }
+  assert(false);
+  return "";
+}
+
+bool Array::consistent() const {
+  if (components <= 0 || width <= 0 || height <= 0 || layers <= 0) return false;
+  // Divide instead of multiplying: the product of hostile extents must not wrap around to the right byte count.
+  uint64_t left = bytes.size();
+  for (const uint64_t factor : {static_cast<uint64_t>(scalar_size(kind)), static_cast<uint64_t>(components),
+                                static_cast<uint64_t>(width), static_cast<uint64_t>(height)}) {
+    if (left % factor != 0) return false;
+    left /= factor;
+  }
+  return left == static_cast<uint64_t>(layers);
+}
+
+Array Array::zeros(ElementKind kind, int components, int64_t width, int64_t height, int64_t layers) {
+  Array array;
+  array.kind = kind;
+  array.components = components;
+  array.width = width;
+  array.height = height;
+  array.layers = layers;
+  array.bytes.resize(static_cast<size_t>(array.scalar_count()) * scalar_size(kind));
+  assert(array.consistent());
+  return array;
+}
+
+Array Array::from_floats(std::span<const float> values, int components, int64_t width, int64_t height, int64_t layers) {
+  return from<float>(values, components, width, height, layers);
+}
+
+Array Array::from_doubles(std::span<const double> values, int components, int64_t width, int64_t height,
+                          int64_t layers) {
+  return from<double>(values, components, width, height, layers);
+}
+
+Array Array::from_ints(std::span<const int32_t> values, int components, int64_t width, int64_t height, int64_t layers) {
+  return from<int32_t>(values, components, width, height, layers);
+}
+
+std::vector<double> Array::to_doubles() const {
+  std::vector<double> values;
+  values.reserve(bytes.size() / scalar_size(kind));
+  for_each_scalar(*this, [&](double value) { values.push_back(value); });
+  return values;
+}
+
+std::vector<float> Array::to_floats() const {
+  std::vector<float> values;
+  values.reserve(bytes.size() / scalar_size(kind));
+  for_each_scalar(*this, [&](double value) { values.push_back(static_cast<float>(value)); });
+  return values;
+}
+
+std::optional<Place> first_not_finite(const Array& array) {
+  if (array.kind != ElementKind::Float32 && array.kind != ElementKind::Float64) return std::nullopt;
+  std::optional<Place> first;
+  int64_t scalar = 0;
+  for_each_scalar(array, [&](double value) {
+    const int64_t element = scalar++ / array.components;
+    if (first || std::isfinite(value)) return;
+    const int64_t row = element / array.width;
+    first = Place{element % array.width, row % array.height, row / array.height, value};
+  });
+  return first;
+}
+
+std::string describe(const Place& p) {
+  return cat(std::isnan(p.value) ? "NaN"
+             : p.value > 0       ? "Inf"
+                                 : "-Inf",
+             " at element (", p.x, ", ", p.y, ", ", p.layer, ")");
+}
+
+Result<Array> Array::converted(ElementKind to) const {
+  if (to == kind) return *this;
+  return guarded(cat("cannot turn ", kind_name(kind), " into ", kind_name(to), ": "), [&] {
+    Array result = *this;
+    result.kind = to;
+    result.bytes.resize(bytes.size() / scalar_size(kind) * scalar_size(to));
+    size_t next = 0;
+    const auto put = [&]<class T>(T value) {
+      std::memcpy(result.bytes.data() + next * sizeof(T), &value, sizeof(T));
+      ++next;
+    };
+    const auto refuse = [&](double value) { fail("scalar ", next, " is ", value); };
+    for_each_scalar(*this, [&](double value) {
+      switch (to) {
+        case ElementKind::Float32:
+          if (std::isfinite(value) && !std::isfinite(static_cast<float>(value))) refuse(value);
+          return put(static_cast<float>(value));
+        case ElementKind::Float64: return put(value);
+        case ElementKind::Int32:
+          if (!fits<int32_t>(value)) refuse(value);
+          return put(static_cast<int32_t>(value));
+        case ElementKind::UInt32:
+          if (!fits<uint32_t>(value)) refuse(value);
+          return put(static_cast<uint32_t>(value));
+        case ElementKind::Bool:
+          if (value != 0 && value != 1) refuse(value);
+          return put(static_cast<uint8_t>(value));
+      }
+    });
+    return result;
+  });
+}
+
+}  // namespace dr::io

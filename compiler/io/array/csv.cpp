@@ -1,0 +1,114 @@
+// SPDX-License-Identifier: Apache-2.0
+// .csv: a table of numbers, a line a row. What a spreadsheet or a measuring device writes, so a first line of words is
+// a heading, and quotes are for words only.
+#include <charconv>
+#include <limits>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "compiler/io/array/npy.h"
+#include "compiler/io/file/failure.h"
+
+namespace dr::io {
+namespace {
+
+std::string_view trimmed(std::string_view text) {
+  const size_t begin = text.find_first_not_of(" \t\r");
+  if (begin == std::string_view::npos) return {};
+  return text.substr(begin, text.find_last_not_of(" \t\r") - begin + 1);
+}
+
+// std::from_chars takes no leading '+'.
+bool read_number(std::string_view text, double& value) {
+  if (text.starts_with('+')) text.remove_prefix(1);
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  return error == std::errc() && end == text.data() + text.size() && !text.empty();
+}
+
+// The numbers of a line; what is none goes to `wrong`, if it is asked for.
+std::vector<double> read_row(std::string_view line, std::string_view* wrong, size_t& numbers) {
+  std::vector<double> row;
+  numbers = 0;
+  for (size_t begin = 0; begin <= line.size();) {
+    const size_t end = std::min(line.find(',', begin), line.size());
+    const std::string_view field = trimmed(line.substr(begin, end - begin));
+    double value = 0;
+    if (read_number(field, value)) {
+      ++numbers;
+    } else if (wrong->data() == nullptr) {
+      *wrong = field.data() != nullptr ? field : "";
+    }
+    row.push_back(value);
+    begin = end + 1;
+  }
+  return row;
+}
+
+}  // namespace
+
+Array parse_csv(std::string_view text, int expected_components) {
+  std::vector<double> values;
+  int64_t rows = 0, columns = 0;
+  size_t line_number = 0;
+  bool integers = true;
+  if (text.starts_with("\xef\xbb\xbf")) text.remove_prefix(3);
+  for (size_t begin = 0; begin < text.size();) {
+    const size_t end = std::min(text.find('\n', begin), text.size());
+    const std::string_view line = trimmed(text.substr(begin, end - begin));
+    begin = end + 1;
+    ++line_number;
+    if (line.empty() || line.starts_with('#')) continue;
+    std::string_view wrong;
+    size_t numbers = 0;
+    const std::vector<double> row = read_row(line, &wrong, numbers);
+    if (wrong.data() != nullptr) {
+      if (rows == 0 && columns == 0 && numbers == 0) {
+        columns = static_cast<int64_t>(row.size());  // a heading
+        continue;
+      }
+      fail("line ", line_number, ": expected a number, found ", in_quotes(wrong));
+    }
+    if (columns == 0) columns = static_cast<int64_t>(row.size());
+    if (static_cast<int64_t>(row.size()) != columns)
+      fail("line ", line_number, ": expected ", counted(columns, "number", "numbers"),
+           " as in the line before it, found ", row.size());
+    for (const double value : row) {
+      integers = integers && value >= std::numeric_limits<int32_t>::min() &&
+                 value <= std::numeric_limits<int32_t>::max() &&
+                 value == static_cast<double>(static_cast<int32_t>(value));
+    }
+    values.insert(values.end(), row.begin(), row.end());
+    ++rows;
+  }
+  if (rows == 0) fail("there are no numbers in it");
+  // A column is a list, as a row is.
+  const std::vector<int64_t> shape = columns == 1 ? std::vector<int64_t>{rows} : std::vector<int64_t>{rows, columns};
+  const Extent extent = extent_of_shape(shape, expected_components);
+  const Array array = Array::from_doubles(values, extent.components, extent.width, extent.height, extent.layers);
+  if (!integers) return array;
+  auto whole = array.converted(ElementKind::Int32);
+  if (!whole) fail(whole.error());
+  return std::move(*whole);
+}
+
+Bytes encode_csv(const Array& array) {
+  if (array.layers > 1) fail("a table has no layers, the array has ", array.layers, "; save it as .npy");
+  if (array.components > 1 && array.height > 1)
+    fail("a table holds a picture of one component, this has ", array.components, "; save it as .npy");
+  const std::vector<double> values = array.to_doubles();
+  const bool is_float = array.kind == ElementKind::Float32;
+  const int64_t columns = array.height > 1 ? array.width : array.components;
+  std::string text;
+  for (size_t i = 0; i < values.size(); ++i) {
+    char digits[32];
+    // As short as reads back to the same number.
+    const auto end = is_float ? std::to_chars(digits, digits + sizeof digits, static_cast<float>(values[i])).ptr
+                              : std::to_chars(digits, digits + sizeof digits, values[i]).ptr;
+    text.append(digits, end);
+    text += static_cast<int64_t>(i + 1) % columns == 0 ? '\n' : ',';
+  }
+  return Bytes(text.begin(), text.end());
+}
+
+}  // namespace dr::io

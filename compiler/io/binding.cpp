@@ -1,0 +1,193 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a user binds to a leaf: takes `file:selector` apart, calls the reader, and checks the element it gives. Also the
+// way back, saving an array by extension.
+
+#include <algorithm>
+#include <array>
+#include <utility>
+
+#include "compiler/io/array/array.h"
+#include "compiler/io/array/npy.h"
+#include "compiler/io/file/failure.h"
+#include "compiler/io/file/file.h"
+#include "compiler/io/mesh/mesh_readers.h"
+#include "compiler/io/picture/image.h"
+
+namespace dr::io {
+namespace {
+
+struct Source {
+  std::string path;
+  std::vector<std::string_view> selectors;
+};
+
+// "a/b.png:raw:r": the selectors start at the first ':' of the last part of the path.
+Source split_source(std::string_view text) {
+  const size_t name_start = text.size() - file_name_of(text).size();
+  size_t colon = text.find(':', name_start);
+  Source source{std::string(text.substr(0, colon)), {}};
+  while (colon != std::string_view::npos) {
+    const size_t begin = colon + 1;
+    colon = text.find(':', begin);
+    source.selectors.push_back(text.substr(begin, colon - begin));
+  }
+  return source;
+}
+
+constexpr std::pair<std::string_view, MeshAttribute> kMeshSelectors[] = {
+    {"position", MeshAttribute::Position},    {"indices", MeshAttribute::Indices}, {"uv", MeshAttribute::Uv},
+    {"uv_indices", MeshAttribute::UvIndices}, {"normal", MeshAttribute::Normal},   {"color", MeshAttribute::Color}};
+
+Array mesh_attribute(const Source& source, int expected_components) {
+  std::vector<std::string_view> names;
+  for (const auto& [name, attribute] : kMeshSelectors) names.push_back(name);
+  constexpr std::string_view kList = "':position', ':indices', ':uv', ':uv_indices', ':normal' or ':color'";
+  if (source.selectors.empty()) fail("say which part of the mesh: add ", kList);
+  if (source.selectors.size() > 1) fail("one selector is enough for a mesh, found ", source.selectors.size());
+  const std::string_view selector = source.selectors.front();
+  const auto* found = std::find_if(std::begin(kMeshSelectors), std::end(kMeshSelectors),
+                                   [&](const auto& entry) { return entry.first == selector; });
+  if (found == std::end(kMeshSelectors)) {
+    const std::string hint = did_you_mean(selector, names);
+    fail("unknown selector ", in_quotes(selector), hint.empty() ? cat(", expected ", kList) : hint);
+  }
+  Mesh mesh = read_mesh(source.path, found->second);
+  switch (found->second) {
+    case MeshAttribute::Position: return Array::from_floats(mesh.positions, 3);
+    case MeshAttribute::Indices: return Array::from_ints(mesh.indices, 3);
+    case MeshAttribute::Uv: return Array::from_floats(mesh.uv, 2);
+    case MeshAttribute::UvIndices: return Array::from_ints(mesh.uv_indices, 3);
+    case MeshAttribute::Normal: return Array::from_floats(mesh.normals, 3);
+    case MeshAttribute::Color: break;
+  }
+  if (expected_components != 3) return Array::from_floats(mesh.colors, 4);
+  std::vector<float> rgb;
+  for (size_t i = 0; i < mesh.colors.size(); ++i) {
+    if (i % 4 != 3)
+      rgb.push_back(mesh.colors[i]);
+    else if (mesh.colors[i] != 1)
+      fail("its colours have an alpha other than 1, which 3 components cannot hold");
+  }
+  return Array::from_floats(rgb, 3);
+}
+
+Array image_binding(const Source& source, int expected_components) {
+  constexpr std::pair<std::string_view, ImageChannels> kChannels[] = {
+      {"r", ImageChannels::R}, {"rgb", ImageChannels::Rgb}, {"rgba", ImageChannels::Rgba}, {"a", ImageChannels::A}};
+  constexpr std::string_view kNames[] = {"raw", "r", "rgb", "rgba", "a"};
+  ImageOptions options;
+  options.expected_components = expected_components;
+  for (const std::string_view selector : source.selectors) {
+    if (selector == "raw") {
+      options.raw = true;
+      continue;
+    }
+    const auto* found = std::find_if(std::begin(kChannels), std::end(kChannels),
+                                     [&](const auto& entry) { return entry.first == selector; });
+    if (found == std::end(kChannels)) {
+      fail("unknown selector ", in_quotes(selector), did_you_mean(selector, kNames),
+           ", a picture takes ':raw', ':r', ':rgb', ':rgba' or ':a'");
+    }
+    if (options.channels != ImageChannels::AsStored) fail("one of ':r', ':rgb', ':rgba' and ':a' is enough");
+    options.channels = found->second;
+  }
+  std::vector<std::string> paths = {source.path};
+  if (source.path.find_first_of("*?") != std::string::npos) {
+    paths = files_matching(source.path);
+    if (paths.empty()) fail("no file matches");
+  }
+  return read_images(paths, options);
+}
+
+bool looks_like_literal(std::string_view text) {
+  if (text.empty()) return false;
+  if (text == "true" || text == "false") return true;
+  if (text.front() == '[') return text.back() == ']';
+  // A number all through; "3d.obj" and "2.png" are files.
+  return text.find_first_not_of("0123456789+-.eE") == std::string_view::npos &&
+         text.find_first_of("0123456789") != std::string_view::npos;
+}
+
+Array load(std::string_view text, int expected_components) {
+  const Source source = split_source(text);
+  const std::string extension = extension_of(source.path);
+  const bool pattern = source.path.find_first_of("*?") != std::string::npos;
+  if (is_image_extension(extension)) return image_binding(source, expected_components);
+  if (pattern) fail("only pictures are stacked by a pattern, found the extension ", in_quotes(extension));
+  if (extension == ".obj" || extension == ".gltf" || extension == ".glb") {
+    return mesh_attribute(source, expected_components);
+  }
+  if (extension == ".npy") {
+    if (!source.selectors.empty()) fail("a .npy file has no selectors, found ", in_quotes(source.selectors.front()));
+    return parse_npy(read_file(source.path), expected_components);
+  }
+  if (extension == ".csv") {
+    if (!source.selectors.empty()) fail("a .csv file has no selectors, found ", in_quotes(source.selectors.front()));
+    const auto bytes = read_file(source.path);
+    return parse_csv(as_text(bytes), expected_components);
+  }
+  if (extension == ".json") {
+    if (!source.selectors.empty()) fail("a .json file has no selectors, found ", in_quotes(source.selectors.front()));
+    const auto bytes = read_file(source.path);
+    return parse_literal({reinterpret_cast<const char*>(bytes.data()), bytes.size()}, expected_components);
+  }
+  constexpr std::string_view kExtensions[] = {".obj",  ".gltf", ".glb", ".png", ".jpg",
+                                              ".jpeg", ".hdr",  ".npy", ".csv", ".json"};
+  fail(extension.empty() ? std::string("there is no extension") : cat("unknown extension ", in_quotes(extension)),
+       did_you_mean(extension, kExtensions),
+       ", expected a .obj, .gltf, .glb, .png, .jpg, .hdr, .npy, .csv or .json file or a number or list after '='");
+}
+
+void check_expected(const Array& array, int expected_components) {
+  if (expected_components > 0 && array.components != expected_components) {
+    fail("it has ", counted(array.components, "component", "components"), " an element, expected ",
+         expected_components);
+  }
+}
+
+}  // namespace
+
+Result<Array> load_binding(std::string_view source, int expected_components) {
+  assert(expected_components >= 0);
+  const bool marked = source.starts_with('=');
+  if (marked || looks_like_literal(source)) {
+    const std::string_view text = marked ? source.substr(1) : source;
+    return guarded(cat("cannot read the value ", in_quotes(text), ": "), [&] {
+      Array array = parse_literal(text, expected_components);
+      check_expected(array, expected_components);
+      return array;
+    });
+  }
+  return guarded(cat("cannot read ", path_in_quotes(source), ": "), [&] {
+    if (source.empty()) fail("the name is empty");
+    Array array = load(source, expected_components);
+    check_expected(array, expected_components);
+    return array;
+  });
+}
+
+Result<void> save_array(const std::string& path, const Array& array) {
+  return guarded(cat("cannot write ", path_in_quotes(path), ": "), [&] {
+    if (!array.consistent()) fail("the array's extent and bytes do not agree, or it is empty");
+    const std::string extension = extension_of(path);
+    if (extension == ".npy") return write_file(path, encode_npy(array));
+    if (extension == ".csv") return write_file(path, encode_csv(array));
+    if (extension != ".png") {
+      constexpr std::string_view kExtensions[] = {".png", ".npy", ".csv"};
+      fail(extension.empty() ? std::string("there is no extension") : cat("unknown extension ", in_quotes(extension)),
+           did_you_mean(extension, kExtensions), ", an array is saved as .png, .npy or .csv");
+    }
+    if (array.layers == 1) return write_file(path, encode_png(array, 0));
+    const std::string stem = path.substr(0, path.size() - extension.size());
+    const size_t digits = cat(array.layers - 1).size();
+    std::vector<OutputFile> files;
+    for (int64_t layer = 0; layer < array.layers; ++layer) {
+      std::string number = cat(layer);
+      number.insert(0, digits - number.size(), '0');
+      files.push_back({cat(stem, "_", number, path.substr(stem.size())), encode_png(array, layer)});
+    }
+    write_files(files);
+  });
+}
+
+}  // namespace dr::io

@@ -1,0 +1,430 @@
+// SPDX-License-Identifier: Apache-2.0
+// Meshes by file name: picks the reader, checks what is to be written, and writes OBJ, glTF and GLB.
+
+#include "compiler/io/mesh/mesh.h"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <charconv>
+#include <cmath>
+#include <limits>
+#include <nlohmann/json.hpp>
+#include <unordered_map>
+
+#include "compiler/io/file/failure.h"
+#include "compiler/io/file/file.h"
+#include "compiler/io/mesh/mesh_readers.h"
+#include "compiler/io/picture/image.h"
+
+namespace dr::io {
+namespace {
+
+using Json = nlohmann::json;
+
+void check_finite(std::span<const float> values, size_t components, std::string_view what) {
+  for (size_t i = 0; i < values.size(); ++i) {
+    if (!std::isfinite(values[i])) {
+      fail(what, " ", i / components, " holds ", std::isnan(values[i]) ? "NaN" : "an infinite value");
+    }
+  }
+}
+
+void check_indices(std::span<const int32_t> indices, size_t count, std::string_view what) {
+  for (size_t i = 0; i < indices.size(); ++i) {
+    if (indices[i] < 0 || static_cast<size_t>(indices[i]) >= count) {
+      fail(what, " ", i, " is ", indices[i], ", there are ", count, " entries");
+    }
+  }
+}
+
+void check_multiple(size_t size, size_t components, std::string_view what) {
+  if (size % components != 0) fail(what, ": ", size, " numbers are not a multiple of ", components);
+}
+
+void check(const MeshView& mesh) {
+  check_multiple(mesh.positions.size(), 3, "positions");
+  check_multiple(mesh.indices.size(), 3, "indices");
+  check_multiple(mesh.uv.size(), 2, "uv");
+  if (mesh.positions.empty() || mesh.indices.empty()) fail("the mesh has no triangles");
+  if (mesh.positions.size() / 3 > static_cast<size_t>(kMaxVertices)) fail("more than ", kMaxVertices, " vertices");
+  if (mesh.indices.size() / 3 > static_cast<size_t>(kMaxTriangles)) fail("more than ", kMaxTriangles, " triangles");
+  check_finite(mesh.positions, 3, "position");
+  check_finite(mesh.uv, 2, "uv");
+  check_finite(mesh.normals, 3, "normal");
+  check_indices(mesh.indices, mesh.positions.size() / 3, "index");
+  if (!mesh.normals.empty() && mesh.normals.size() != mesh.positions.size()) {
+    fail(mesh.normals.size() / 3, " normals for ", mesh.positions.size() / 3, " vertices");
+  }
+  if (mesh.uv.empty()) {
+    if (!mesh.uv_indices.empty()) fail("there are uv indices but no uv");
+    if (mesh.texture) fail("there is a texture but no uv");
+    return;
+  }
+  if (mesh.uv.size() / 2 > static_cast<size_t>(kMaxVertices)) fail("more than ", kMaxVertices, " texture coordinates");
+  if (mesh.uv_indices.empty()) {
+    if (mesh.uv.size() / 2 != mesh.positions.size() / 3) {
+      fail(mesh.uv.size() / 2, " uv for ", mesh.positions.size() / 3, " vertices, and no uv indices");
+    }
+  } else {
+    if (mesh.uv_indices.size() != mesh.indices.size()) {
+      fail(mesh.uv_indices.size(), " uv indices for ", mesh.indices.size(), " indices");
+    }
+    check_indices(mesh.uv_indices, mesh.uv.size() / 2, "uv index");
+  }
+  if (mesh.texture && (mesh.texture->components < 3 || mesh.texture->layers != 1)) {
+    fail("a texture has 3 or 4 components and one layer, found ", mesh.texture->components, " and ",
+         mesh.texture->layers);
+  }
+}
+
+// Given normals at unit length, or smooth ones.
+std::vector<float> unit_normals(const MeshView& mesh) {
+  std::vector<float> normals = smooth_normals(mesh.positions, mesh.indices);
+  for (size_t i = 0; i < mesh.normals.size(); i += 3) {
+    const float* n = &mesh.normals[i];
+    const double length = std::hypot(double{n[0]}, double{n[1]}, double{n[2]});
+    if (!(length > 0)) continue;  // no direction to keep
+    // Already unit within rounding: keep the bits, so that a file read and written again stays the same.
+    const double factor = std::abs(length - 1) < 1e-6 ? 1 : length;
+    for (size_t k = 0; k < 3; ++k) normals[i + k] = static_cast<float>(n[k] / factor);
+  }
+  return normals;
+}
+
+// --- OBJ -------------------------------------------------------------------------------------------------------
+
+class TextWriter {
+ public:
+  TextWriter& operator<<(std::string_view text) { return add(text.data(), text.data() + text.size()); }
+  TextWriter& operator<<(float number) { return add_number(number); }
+  TextWriter& operator<<(double number) { return add_number(number); }
+  TextWriter& operator<<(int64_t number) { return add_number(number); }
+  Bytes take() { return std::move(bytes_); }
+
+ private:
+  TextWriter& add(const char* begin, const char* end) {
+    bytes_.insert(bytes_.end(), begin, end);
+    return *this;
+  }
+  template <class T>
+  TextWriter& add_number(T number) {
+    char buffer[40];
+    return add(buffer, std::to_chars(buffer, buffer + sizeof buffer, number).ptr);
+  }
+
+  Bytes bytes_;
+};
+
+Bytes write_obj(const MeshView& mesh, const std::string& material_file) {
+  const std::span<const int32_t> uv_indices = mesh.uv_indices.empty() ? mesh.indices : mesh.uv_indices;
+  const std::vector<float> normals = unit_normals(mesh);
+  TextWriter out;
+  if (!material_file.empty()) out << "mtllib " << material_file << "\nusemtl surface\n";
+  for (size_t i = 0; i < mesh.positions.size(); i += 3) {
+    out << "v " << mesh.positions[i] << " " << mesh.positions[i + 1] << " " << mesh.positions[i + 2] << "\n";
+  }
+  for (size_t i = 0; i < mesh.uv.size(); i += 2) {
+    // In double, where 1 - v loses nothing and reads back to the same float.
+    out << "vt " << mesh.uv[i] << " " << 1.0 - double{mesh.uv[i + 1]} << "\n";
+  }
+  for (size_t i = 0; i < normals.size(); i += 3) {
+    out << "vn " << normals[i] << " " << normals[i + 1] << " " << normals[i + 2] << "\n";
+  }
+  for (size_t i = 0; i < mesh.indices.size(); i += 3) {
+    out << "f";
+    for (size_t k = i; k < i + 3; ++k) {
+      const int64_t vertex = int64_t{mesh.indices[k]} + 1;
+      out << " " << vertex << "/";
+      if (!mesh.uv.empty()) out << int64_t{uv_indices[k]} + 1;
+      out << "/" << vertex;
+    }
+    out << "\n";
+  }
+  return out.take();
+}
+
+void save_obj(const std::string& path, const MeshView& mesh) {
+  std::vector<OutputFile> files;
+  std::string material_file;
+  if (mesh.texture) {
+    const std::string stem = path.substr(0, path.size() - extension_of(path).size());
+    const std::string texture_path = stem + "_texture.png";
+    material_file = std::string(file_name_of(stem)) + ".mtl";
+    // The format splits names at blanks and starts comments at '#'.
+    if (material_file.find_first_of(" \t\r\n#\\") != std::string::npos) {
+      fail("an OBJ file cannot name ", in_quotes(material_file), ", choose a name without blanks or '#'");
+    }
+    TextWriter material;
+    material << "newmtl surface\nKd 1 1 1\nmap_Kd " << file_name_of(texture_path) << "\n";
+    files.push_back({texture_path, encode_png(*mesh.texture, 0)});
+    files.push_back({stem + ".mtl", material.take()});
+  }
+  files.push_back({path, write_obj(mesh, material_file)});
+  write_files(files);
+}
+
+// --- glTF ------------------------------------------------------------------------------------------------------
+
+struct WeldedMesh {
+  std::vector<float> positions;
+  std::vector<float> normals;
+  std::vector<float> uv;
+  std::vector<uint32_t> indices;
+};
+
+// One texture coordinate a vertex. Vertex i keeps its number, so that a fitted mesh can be compared with its start.
+WeldedMesh weld(const MeshView& mesh) {
+  WeldedMesh result;
+  result.positions.assign(mesh.positions.begin(), mesh.positions.end());
+  result.normals = unit_normals(mesh);
+  result.indices.assign(mesh.indices.begin(), mesh.indices.end());
+  if (mesh.uv.empty()) return result;
+  if (mesh.uv_indices.empty()) {
+    result.uv.assign(mesh.uv.begin(), mesh.uv.end());
+    return result;
+  }
+  const size_t count = mesh.positions.size() / 3;
+  result.uv.resize(count * 2);
+  std::vector<int32_t> first_uv(count, -1);
+  std::unordered_map<uint64_t, uint32_t> copies;  // (vertex, uv) -> appended vertex
+  for (size_t i = 0; i < mesh.indices.size(); ++i) {
+    const auto vertex = static_cast<size_t>(mesh.indices[i]);
+    const int32_t uv = mesh.uv_indices[i];
+    const float* uv_value = &mesh.uv[static_cast<size_t>(uv) * 2];
+    if (first_uv[vertex] < 0) {
+      first_uv[vertex] = uv;
+      std::copy_n(uv_value, 2, &result.uv[vertex * 2]);
+    }
+    if (first_uv[vertex] == uv) continue;
+    const uint64_t key = static_cast<uint64_t>(vertex) << 32 | static_cast<uint32_t>(uv);
+    const auto [entry, fresh] = copies.try_emplace(key, static_cast<uint32_t>(result.positions.size() / 3));
+    if (fresh) {
+      if (result.positions.size() / 3 >= static_cast<size_t>(kMaxVertices)) {
+        fail("more than ", kMaxVertices, " vertices with one texture coordinate each");
+      }
+      for (size_t k = 0; k < 3; ++k) {
+        result.positions.push_back(mesh.positions[vertex * 3 + k]);
+        result.normals.push_back(result.normals[vertex * 3 + k]);
+      }
+      result.uv.insert(result.uv.end(), uv_value, uv_value + 2);
+    }
+    result.indices[i] = entry->second;
+  }
+  return result;
+}
+
+void append_u32(Bytes& out, uint32_t value) {
+  for (int shift = 0; shift < 32; shift += 8) out.push_back(static_cast<uint8_t>(value >> shift));
+}
+
+std::string base64(const Bytes& bytes) {
+  static constexpr char kAlphabet[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+  std::string out;
+  out.reserve(bytes.size() / 3 * 4 + 4);
+  for (size_t i = 0; i < bytes.size(); i += 3) {
+    const size_t have = std::min<size_t>(3, bytes.size() - i);
+    uint32_t group = 0;
+    for (size_t k = 0; k < 3; ++k) group = group << 8 | (k < have ? bytes[i + k] : 0u);
+    for (size_t k = 0; k < 4; ++k) out += k <= have ? kAlphabet[group >> (18 - 6 * k) & 63] : '=';
+  }
+  return out;
+}
+
+// The JSON and the buffer of one mesh; the caller decides where the buffer goes.
+struct GltfDocument {
+  Json json;
+  Bytes buffer;
+};
+
+class GltfWriter {
+ public:
+  explicit GltfWriter(const MeshView& mesh) : mesh_(weld(mesh)), texture_(mesh.texture) {}
+
+  // With `embed_texture_as_text` the picture is a data URI, else a view of the buffer.
+  GltfDocument write(bool embed_texture_as_text) {
+    Json& json = document_.json;
+    json["asset"] = {{"version", "2.0"}, {"generator", "Dressi"}};
+    json["scene"] = 0;
+    json["scenes"] = Json::array({{{"nodes", {0}}}});
+    json["nodes"] = Json::array({{{"mesh", 0}}});
+
+    Json attributes;
+    attributes["POSITION"] = add_floats(mesh_.positions, 3, true);
+    attributes["NORMAL"] = add_floats(mesh_.normals, 3, false);
+    if (!mesh_.uv.empty()) attributes["TEXCOORD_0"] = add_floats(mesh_.uv, 2, false);
+    Json primitive = {{"attributes", attributes}, {"indices", add_indices()}, {"mode", 4}};
+
+    // Both sides are drawn: a surface under optimisation need not be closed.
+    Json material = {{"doubleSided", true}, {"pbrMetallicRoughness", {{"metallicFactor", 0}, {"roughnessFactor", 1}}}};
+    if (texture_) {
+      add_texture(embed_texture_as_text);
+      material["pbrMetallicRoughness"]["baseColorTexture"] = {{"index", 0}};
+    }
+    json["materials"] = Json::array({material});
+    primitive["material"] = 0;
+    json["meshes"] = Json::array({{{"primitives", Json::array({primitive})}}});
+    json["buffers"] = Json::array({{{"byteLength", document_.buffer.size()}}});
+    return std::move(document_);
+  }
+
+ private:
+  // Pads the buffer, so that every view starts at a multiple of 4.
+  size_t add_view(size_t offset, int target) {
+    Json view = {{"buffer", 0}, {"byteOffset", offset}, {"byteLength", document_.buffer.size() - offset}};
+    if (target != 0) view["target"] = target;
+    while (document_.buffer.size() % 4 != 0) document_.buffer.push_back(0);
+    document_.json["bufferViews"].push_back(view);
+    return document_.json["bufferViews"].size() - 1;
+  }
+
+  size_t add_accessor(Json accessor) {
+    document_.json["accessors"].push_back(std::move(accessor));
+    return document_.json["accessors"].size() - 1;
+  }
+
+  size_t add_floats(const std::vector<float>& values, size_t components, bool with_bounds) {
+    constexpr int kFloat = 5126;
+    constexpr int kArrayBuffer = 34962;
+    const size_t offset = document_.buffer.size();
+    for (const float value : values) append_u32(document_.buffer, std::bit_cast<uint32_t>(value));
+    Json accessor = {{"bufferView", add_view(offset, kArrayBuffer)},
+                     {"componentType", kFloat},
+                     {"count", values.size() / components},
+                     {"type", components == 3 ? "VEC3" : "VEC2"}};
+    if (with_bounds) {
+      std::vector<double> low(components, std::numeric_limits<double>::infinity());
+      std::vector<double> high(components, -std::numeric_limits<double>::infinity());
+      for (size_t i = 0; i < values.size(); ++i) {
+        low[i % components] = std::min(low[i % components], double{values[i]});
+        high[i % components] = std::max(high[i % components], double{values[i]});
+      }
+      accessor["min"] = low;
+      accessor["max"] = high;
+    }
+    return add_accessor(std::move(accessor));
+  }
+
+  size_t add_indices() {
+    constexpr int kUnsignedInt = 5125;
+    constexpr int kElementArrayBuffer = 34963;
+    const size_t offset = document_.buffer.size();
+    for (const uint32_t index : mesh_.indices) append_u32(document_.buffer, index);
+    return add_accessor({{"bufferView", add_view(offset, kElementArrayBuffer)},
+                         {"componentType", kUnsignedInt},
+                         {"count", mesh_.indices.size()},
+                         {"type", "SCALAR"}});
+  }
+
+  void add_texture(bool as_text) {
+    const Bytes png = encode_png(*texture_, 0);
+    Json image = {{"mimeType", "image/png"}};
+    if (as_text) {
+      image = {{"uri", "data:image/png;base64," + base64(png)}};
+    } else {
+      const size_t offset = document_.buffer.size();
+      document_.buffer.insert(document_.buffer.end(), png.begin(), png.end());
+      image["bufferView"] = add_view(offset, 0);
+    }
+    document_.json["images"] = Json::array({image});
+    document_.json["samplers"] = Json::array({Json::object()});
+    document_.json["textures"] = Json::array({{{"source", 0}, {"sampler", 0}}});
+  }
+
+  WeldedMesh mesh_;
+  const Array* texture_;
+  GltfDocument document_;
+};
+
+Bytes write_gltf(const MeshView& mesh) {
+  GltfDocument document = GltfWriter(mesh).write(true);
+  document.json["buffers"][0]["uri"] = "data:application/octet-stream;base64," + base64(document.buffer);
+  const std::string text = document.json.dump(1) + "\n";
+  return Bytes(text.begin(), text.end());
+}
+
+Bytes write_glb(const MeshView& mesh) {
+  const GltfDocument document = GltfWriter(mesh).write(false);
+  std::string json = document.json.dump();
+  json.resize((json.size() + 3) / 4 * 4, ' ');
+  const uint64_t total = 12 + 8 + json.size() + 8 + document.buffer.size();
+  if (total > std::numeric_limits<uint32_t>::max()) fail("a GLB file of ", total, " bytes would pass 4 GiB");
+  Bytes out;
+  out.reserve(static_cast<size_t>(total));
+  const auto append_text = [&](std::string_view text) { out.insert(out.end(), text.begin(), text.end()); };
+  append_text("glTF");
+  append_u32(out, 2);
+  append_u32(out, static_cast<uint32_t>(total));
+  append_u32(out, static_cast<uint32_t>(json.size()));
+  append_text("JSON");
+  append_text(json);
+  append_u32(out, static_cast<uint32_t>(document.buffer.size()));
+  append_text(std::string_view("BIN\0", 4));
+  out.insert(out.end(), document.buffer.begin(), document.buffer.end());
+  return out;
+}
+
+constexpr std::string_view kMeshExtensions[] = {".obj", ".gltf", ".glb"};
+
+[[noreturn]] void fail_extension(const std::string& extension) {
+  fail(extension.empty() ? std::string("there is no extension") : cat("unknown extension ", in_quotes(extension)),
+       did_you_mean(extension, kMeshExtensions), ", a mesh is .obj, .gltf or .glb");
+}
+
+}  // namespace
+
+std::vector<float> smooth_normals(std::span<const float> positions, std::span<const int32_t> indices) {
+  std::vector<std::array<double, 3>> sums(positions.size() / 3);
+  for (size_t i = 0; i + 2 < indices.size(); i += 3) {
+    const float* a = &positions[static_cast<size_t>(indices[i]) * 3];
+    const float* b = &positions[static_cast<size_t>(indices[i + 1]) * 3];
+    const float* c = &positions[static_cast<size_t>(indices[i + 2]) * 3];
+    std::array<double, 3> u;
+    std::array<double, 3> v;
+    for (size_t k = 0; k < 3; ++k) {
+      u[k] = double{b[k]} - a[k];
+      v[k] = double{c[k]} - a[k];
+    }
+    // Twice the area along the normal: large faces count more, slivers hardly.
+    const std::array<double, 3> cross = {u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2],
+                                         u[0] * v[1] - u[1] * v[0]};
+    for (size_t corner = i; corner < i + 3; ++corner) {
+      for (size_t k = 0; k < 3; ++k) sums[static_cast<size_t>(indices[corner])][k] += cross[k];
+    }
+  }
+  std::vector<float> normals(positions.size());
+  for (size_t i = 0; i < sums.size(); ++i) {
+    const double length = std::hypot(sums[i][0], sums[i][1], sums[i][2]);
+    const bool usable = length > 0 && std::isfinite(length);
+    for (size_t k = 0; k < 3; ++k) {
+      normals[i * 3 + k] = usable ? static_cast<float>(sums[i][k] / length) : (k == 2 ? 1.0f : 0.0f);
+    }
+  }
+  return normals;
+}
+
+Mesh read_mesh(const std::string& path, RequiredAttribute required) {
+  const std::string extension = extension_of(path);
+  if (extension != ".obj" && extension != ".gltf" && extension != ".glb") fail_extension(extension);
+  const Bytes content = read_file(path);
+  return extension == ".obj" ? parse_obj(as_text(content), required) : parse_gltf(content, path, required);
+}
+
+Result<Mesh> load_mesh(const std::string& path) {
+  return guarded(cat("cannot read ", path_in_quotes(path), ": "), [&] { return read_mesh(path, std::nullopt); });
+}
+
+Result<void> save_mesh(const std::string& path, const MeshView& mesh) {
+  return guarded(cat("cannot write ", path_in_quotes(path), ": "), [&] {
+    const std::string extension = extension_of(path);
+    if (extension != ".obj" && extension != ".gltf" && extension != ".glb") fail_extension(extension);
+    check(mesh);
+    if (extension == ".obj") {
+      save_obj(path, mesh);
+    } else {
+      write_file(path, extension == ".glb" ? write_glb(mesh) : write_gltf(mesh));
+    }
+  });
+}
+
+}  // namespace dr::io

@@ -1,0 +1,295 @@
+// SPDX-License-Identifier: Apache-2.0
+// std.material, and the lamps of std.light that it is made for.
+#include "tests/device/accuracy/library_table.h"
+
+namespace dr::accuracy::library {
+
+namespace {
+
+// The design's for whole frames: each value here is a product of the terms whose rows are above it, with the error of
+// ggx where light is mirrored nearly exactly.
+constexpr double kWhole = 1e-4;
+
+Operand alpha() { return floats("alpha", 2e-3, 1, 2e-3); }
+Operand cosine(const std::string& name) { return floats(name, 1e-6, 1, 1e-6); }
+
+// A view at a cosine of 1e-3 or more to a normal, and light that leaves around its mirrored direction, as far off as
+// the lobe of `alpha` is wide: where ggx is ill-conditioned.
+Operands lobe() {
+  return join({unit("n"),
+               {alpha(), floats("n_v_", 1e-3, 1, 1e-3), vectors("aside_", -1, 1, 1e-3), floats("far_", 0, 4, 1e-4),
+                made("v", "vec3", "normalize(n_v_ * n + sqrt(1.0 - n_v_ * n_v_) * normalize(cross(n, aside_)))"),
+                made("l", "vec3", "normalize(reflect(-v, n) + far_ * alpha * normalize(aside_))")}});
+}
+
+// A relative error of `bound` over `alpha`: the cross product is off by 2 u, the slope of the lobe is 2 / alpha at
+// most.
+Direction over_alpha(const std::string& of, const std::string& size, const std::string& text) {
+  return over(of, 4 * u, "(1.0 / alpha + 2.0) * " + size, "(1 / alpha + 2) " + text, kDesign);
+}
+
+const char* const kSlopes = "the slopes of the terms, times 1 + (|ior^2 - 1| + c^2) / |ior^2 - 1 + c^2|";
+const char* const kRoot = "the root of a difference";
+
+std::vector<Function> terms() {
+  const Operand h = vectors("h", -2, 2, 1e-3);
+  const Operands frame = {
+      vectors("l_", -1, 1, 1e-3), vectors("v_", -1, 1, 1e-3), vectors("alpha", 2e-3, 1, 2e-3, "vec2"),
+      made("l", "vec3", "normalize(vec3(l_.xy, abs(l_.z)))"), made("v", "vec3", "normalize(vec3(v_.xy, abs(v_.z)))")};
+  // Slopes of k^2 / pi, k = alpha / (s^2 + c^2 alpha^2): to alpha 2 D / alpha, to the directions 2 D / (alpha |h|).
+  Function ggx{.name = "material.ggx",
+               .part = {},
+               .result = "float",
+               .operands = join({lobe(), {made("h", "vec3", "normalize(l + v)")}}),
+               .value = "material.ggx(n, h, alpha)",
+               .directions = {over_alpha("value", "y", "D"),
+                              over("alpha", 16 * u, "(1.0 / alpha + 2.0) * 2.0 * abs(g) * y / alpha",
+                                   "(1 / alpha + 2) 2 D / alpha |adjoint|", "like the value, of a difference"),
+                              over("n", 16 * u, "(1.0 / alpha + 2.0) * 2.0 * abs(g) * y / alpha",
+                                   "(1 / alpha + 2) 2 D / alpha |adjoint|", "like the value"),
+                              over("h", 16 * u, "(1.0 / alpha + 2.0) * 2.0 * abs(g) * y / alpha",
+                                   "(1 / alpha + 2) 2 D / alpha |adjoint|", "like the value")},
+               .domain = "h within the lobe"};
+  return {
+      {.name = "material.alpha_of",
+       .part = {},
+       .result = "float",
+       .operands = {floats("roughness", -0.5, 1.5, 1e-6)},
+       .value = "material.alpha_of(roughness)",
+       .directions = {relative("value", 8 * u, kFew), over("roughness", 8 * u, "2.0 * abs(g)", "2 |adjoint|", kFew)}},
+      {.name = "material.dielectric_straight",
+       .part = {},
+       .result = "vec3",
+       .operands = {floats("ior", 1, 4, 1), floats("specular", 0, 1, 1e-3), vectors("color", 0, 2, 1e-3)},
+       .value = "material.dielectric_straight(ior, specular, color)",
+       .directions = all_conditioned(16 * u, 16 * u, {"ior", "specular", "color"})},
+      {.name = "material.mirror_of",
+       .part = {},
+       .result = "vec3",
+       .operands = {vectors("base", 0, 1, 1e-3), floats("metallic", 0, 1, 1e-3), floats("ior", 1, 4, 1)},
+       .value = "material.mirror_of(material.Material(base = base, metallic = metallic, ior = ior)).straight",
+       .directions = all_conditioned(16 * u, 16 * u, {"base", "metallic", "ior"})},
+      ggx,
+      {.name = "material.visibility",
+       .part = {},
+       .result = "float",
+       .operands = {cosine("n_l"), cosine("n_v"), alpha()},
+       .value = "material.visibility(n_l, n_v, alpha)",
+       .directions = {relative("value", 1e-6, kDesign), conditioned("n_l", 32 * u), conditioned("n_v", 32 * u),
+                      conditioned("alpha", 32 * u)}},
+      {.name = "material.ggx_anisotropic",
+       .part = {},
+       .result = "float",
+       .operands = {h, vectors("alpha", 2e-3, 1, 2e-3, "vec2")},
+       .value = "material.ggx_anisotropic(h, alpha)",
+       .directions = all_conditioned(32 * u, 64 * u, {"h", "alpha"})},
+      {.name = "material.visibility_anisotropic",
+       .part = {},
+       .result = "float",
+       .operands = frame,
+       .value = "material.visibility_anisotropic(l, v, alpha)",
+       .directions = all_conditioned(32 * u, 64 * u, {"l", "v", "alpha"})},
+      {.name = "material.schlick",
+       .part = {},
+       .result = "float",
+       .operands = {floats("cosine", -0.1, 1.1, 1e-6)},
+       .value = "material.schlick(cosine)",
+       .directions = {relative("value", 8 * u, kDesign),
+                      relative("cosine", 16 * u, "like the value, five times its slope")}},
+      {.name = "material.fresnel",
+       .part = {},
+       .result = "float",
+       .operands = {cosine("cosine"), floats("ior", 0.4, 4, 0.4)},
+       .value = "material.fresnel(cosine, ior)",
+       .directions = {conditioned("value", 64 * u, "the root of a difference, twice"),
+                      over("cosine", 16 * u, "wide * to_cosine * abs(g)", kSlopes, kRoot),
+                      over("ior", 16 * u, "wide * to_ior * abs(g)", kSlopes, kRoot)},
+       // The root of a difference, and the slopes of the two roots: both polarizations' slopes cancel at right angles.
+       .before = "  let more = (ior - 1.0) * (ior + 1.0);\n"
+                 "  let t = sqrt(max(more + cosine * cosine, 1e-12));\n"
+                 "  let wide = 1.0 + (abs(more) + cosine * cosine) / (t * t);\n"
+                 "  let i2 = ior * ior;\n"
+                 "  let (q, r) = (cosine + t, i2 * cosine + t);\n"
+                 "  let (s, p) = (more / (q * q), more * ((i2 + 1.0) * cosine * cosine - 1.0) / (r * r));\n"
+                 "  let cut = abs(more) * (i2 + 1.0) * cosine / (r * r);\n"
+                 "  let to_cosine = 2.0 * s * s / t + 2.0 * abs(p) * (cut + abs(p) * (i2 + cosine / t) / r);\n"
+                 "  let apart = 1.0 / (q * q) + 1.0 / (r * r);\n"
+                 "  let to_ior = 2.0 * ior * (abs(s) + abs(p)) * apart +\n"
+                 "               2.0 * ior * (s * s / (q * t) + p * p * (2.0 * cosine + 1.0 / t) / r);\n"},
+  };
+}
+
+std::vector<Function> layers() {
+  const Operands operands = {vectors("base", 0, 1, 1e-3), cosine("n_l"), cosine("n_v"), floats("l_v", -1, 1, 1e-3),
+                             floats("roughness", 0, 1, 1e-3)};
+  const auto layer = [&](const std::string& name, Directions directions) {
+    return Function{.name = "material." + name,
+                    .part = {},
+                    .result = "vec3",
+                    .operands = operands,
+                    .value = "material." + name + "(base, n_l, n_v, l_v, roughness)",
+                    .directions = std::move(directions)};
+  };
+  return {layer("lambert", {relative("value", 2 * u, kFew), relative("base", 2 * u, kFew)}),
+          layer("burley", all_conditioned(32 * u, 64 * u, {"base", "n_l", "n_v", "l_v", "roughness"})),
+          layer("eon", all_conditioned(64 * u, 128 * u, {"base", "n_l", "n_v", "l_v", "roughness"}))};
+}
+
+const std::string kMaterial = "  let m = material.Material(base = base, metallic = metallic, roughness = roughness);\n";
+const std::string kLit = kMaterial + "  let lamp = light.Light(l, vec3(3.0, 2.0, 1.0));\n";
+
+std::vector<Function> lit_surfaces() {
+  const Operands paint = {vectors("base", 1e-3, 1), floats("metallic", 0, 1, 1e-3), floats("roughness", 0, 1, 1e-3)};
+  const Operands table = {made("table", "vec3", "material.energies()", "[64, 64]")};
+  const Directions directions =
+      all_conditioned(kWhole, kWhole, {"base", "metallic", "roughness", "n", "l", "v"}, kDesign);
+  return {
+      {.name = "material.shade",
+       .part = {},
+       .result = "vec3",
+       .operands = join({paint, lobe()}),
+       .value = "material.shade(m, n, lamp, v)",
+       .directions = directions,
+       .before = kLit,
+       .domain = "light within the lobe"},
+      {.name = "material.shade",
+       .part = "anywhere",
+       .result = "vec3",
+       .operands = join({paint, unit("n"), unit("l"), unit("v")}),
+       .value = "material.shade(m, n, lamp, v, matt = material.burley)",
+       .directions = directions,
+       .before = kLit},
+      {.name = "material.shade_anisotropic",
+       .part = {},
+       .result = "vec3",
+       .operands = join({paint, unit("n"), unit("l"), unit("v"), unit("t"), {floats("strength", 0, 1, 1e-3)}}),
+       .value = "material.shade_anisotropic(m, n, t, strength, lamp, v)",
+       .directions =
+           all_conditioned(kWhole, kWhole, {"base", "metallic", "roughness", "n", "l", "v", "t", "strength"}, kDesign),
+       .before = kLit},
+      {.name = "material.shade_full",
+       .part = {},
+       .result = "vec3",
+       .operands = join({paint, unit("n"), unit("l"), unit("v"), table}),
+       .value = "material.shade_full(m, n, lamp, v, table)",
+       .directions = {conditioned("value", kWhole, kDesign), conditioned("base", kWhole, kDesign)},
+       .before = kLit},
+      {.name = "material.ambient",
+       .part = {},
+       .result = "vec3",
+       .operands = join({paint, unit("n"), unit("v"), {vectors("i", 0, 8, 1e-3), vectors("s", 0, 8, 1e-3)}, table}),
+       .value = "material.ambient(m, n, v, i, s, table)",
+       .directions = {conditioned("value", kWhole, kDesign), conditioned("base", kWhole, kDesign),
+                      conditioned("i", kWhole, kDesign), conditioned("s", kWhole, kDesign)},
+       .before = kMaterial},
+  };
+}
+
+std::vector<Function> energies() {
+  const Operands table = {made("table", "vec3", "material.energies()", "[64, 64]")};
+  const Operands at = {floats("cosine", 1e-3, 1, 1e-3), alpha()};
+  const Operands mirror = {vectors("straight", 0, 1, 1e-3), vectors("grazing", 0, 1, 1e-3)};
+  const std::string why = "a sum of 512 terms, of 16 roundings each";
+  const std::string read = "where between texels it reads is off by 64 times a few roundings";
+  return {
+      {.name = "material.energy",
+       .part = {},
+       .result = "vec2",
+       .operands = at,
+       .value = "material.energy(cosine, alpha)",
+       .directions = {relative("value", 64 * u, why)}},
+      {.name = "material.energies",
+       .part = {},
+       .result = "vec3[64, 64]",
+       .operands = {},
+       .value = "material.energies()",
+       .directions = {relative("value", 64 * u, why)},
+       .whole = true},
+      {.name = "material.lost",
+       .part = {},
+       .result = "vec2",
+       .operands = join({table, at}),
+       .value = "material.lost(table, cosine, alpha)",
+       .directions = {over("value", 64 * u, "1.0 + 0.0 * alpha", "1", read)}},
+      {.name = "material.split_sum",
+       .part = {},
+       .result = "vec2",
+       .operands = join({table, at}),
+       .value = "material.split_sum(table, cosine, alpha)",
+       .directions = {over("value", 64 * u, "1.0 + 0.0 * alpha", "1", read)}},
+      {.name = "material.tint",
+       .part = {},
+       .result = "vec3",
+       .operands = join({mirror, {floats("lost", 0, 0.9, 1e-3)}}),
+       .value = "material.tint(straight, grazing, lost)",
+       .directions = all_conditioned(32 * u, 64 * u, {"straight", "grazing", "lost"})},
+      {.name = "material.again",
+       .part = {},
+       .result = "vec3",
+       .operands = join({mirror, {floats("n_l", 1e-3, 1, 1e-3), floats("n_v", 1e-3, 1, 1e-3), alpha()}, table}),
+       .value = "material.again(straight, grazing, n_l, n_v, alpha, table)",
+       .directions = {over("value", kWhole, "1.0 + 0.0 * alpha", "1", kDesign)}},
+      {.name = "material.turquin",
+       .part = {},
+       .result = "vec3",
+       .operands = join({{vectors("straight", 0, 1, 1e-3), floats("n_v", 1e-3, 1, 1e-3), alpha()}, table}),
+       .value = "material.turquin(straight, n_v, alpha, table)",
+       .directions = {relative("value", kWhole, kDesign)}},
+  };
+}
+
+std::vector<Function> lamps() {
+  const Operand lamp = vectors("lamp", -100, 100, 1e-4), at = vectors("at", -100, 100, 1e-4);
+  const Operand color = vectors("color", 1e-3, 100);
+  // The cone's border is a quotient of a difference of cosines of the rounding of the axis and the way, over that of
+  // the two angles.
+  return {
+      {.name = "light.spot",
+       .part = {},
+       .result = "vec3",
+       .operands = join({{lamp, at, color}, unit("axis")}),
+       .value = "light.spot(lamp, axis, at, color, 10.0, 60.0).color",
+       .directions = all_conditioned(32 * u, 64 * u, {"lamp", "at", "color", "axis"})},
+      {.name = "light.sphere",
+       .part = "color",
+       .result = "vec3",
+       .operands = {lamp, floats("radius", 1e-3, 10, 1e-3), at, color},
+       .value = "light.sphere(lamp, radius, at, color).color",
+       .directions = all_conditioned(8 * u, 16 * u, {"lamp", "radius", "at", "color"})},
+      {.name = "light.sphere",
+       .part = "size",
+       .result = "float",
+       .operands = {lamp, floats("radius", 1e-3, 10, 1e-3), at},
+       .value = "light.sphere(lamp, radius, at).size",
+       .directions = all_conditioned(16 * u, 32 * u, {"lamp", "radius", "at"})},
+      {.name = "light.fade",
+       .part = {},
+       .result = "float",
+       .operands = {lamp, at, floats("range", 1e-2, 300)},
+       .value = "light.fade(lamp, at, range)",
+       .directions = all_conditioned(16 * u, 32 * u, {"lamp", "at", "range"})},
+      {.name = "light.intensity",
+       .part = {},
+       .result = "float",
+       .operands = {floats("flux", 0, 1e6, 1e-6)},
+       .value = "light.intensity(flux)",
+       .directions = {relative("value", 4 * u, kFew), relative("flux", 4 * u, kFew)}},
+      {.name = "light.ball_intensity",
+       .part = {},
+       .result = "vec3",
+       .operands = {vectors("radiance", 0, 1e4, 1e-4), floats("radius", 1e-4, 100)},
+       .value = "light.ball_intensity(radiance, radius)",
+       .directions = {relative("value", 4 * u, kFew), relative("radiance", 4 * u, kFew),
+                      relative("radius", 8 * u, kFew)}},
+  };
+}
+
+}  // namespace
+
+std::vector<Function> material_functions() {
+  std::vector<Function> all = terms();
+  for (auto&& part : {layers(), lit_surfaces(), energies(), lamps()}) all.insert(all.end(), part.begin(), part.end());
+  return all;
+}
+
+}  // namespace dr::accuracy::library
