@@ -83,7 +83,7 @@ void Commands::dispatch(const bundle::CommandT& c, std::vector<Primitive>& out) 
   const size_t pipeline = pipelines_.compute(c.compute, bound.layout, group, parts > 1 ? c.part_trips : 0);
   for (int64_t part = 0; part < parts; ++part) {
     std::array<int32_t, 4> push = push_of(c);
-    push[0] = parts == 1 ? 0 : part == 0 ? 1 : 2;
+    push[0] = parts == 1 ? 0 : part == 0 ? 1 : part + 1 == parts ? 3 : 2;
     p.record = [=, this](const vk::raii::CommandBuffer& commands) {
       record_dispatch(commands, pipelines_[pipeline], bound, push, elements, group, indirect);
     };
@@ -95,9 +95,10 @@ void Commands::dispatch(const bundle::CommandT& c, std::vector<Primitive>& out) 
 int64_t Commands::parts_of(const bundle::CommandT& c) const {
   if (c.trips.empty()) return 1;
   const auto dim = ir::Dim::parse(c.trips);
-  const auto trips = dim ? dim->evaluate(sizes_.symbols()) : std::nullopt;
+  auto trips = dim ? dim->evaluate(sizes_.symbols()) : std::nullopt;
   constexpr int64_t kMaxParts = 1 << 20;
   if (trips && *trips <= c.most_trips) return 1;
+  if (trips && c.watch >= 0) *trips += c.most_trips;  // for loops that are not among them
   if (!trips || *trips > kMaxParts * c.part_trips)
     throw Failure{"the loops of pass '" + c.label + "' may take " + (trips ? std::to_string(*trips) : "over 2^63") +
                   " trips in an invocation, the device is given " + std::to_string(kMaxParts * c.part_trips) +

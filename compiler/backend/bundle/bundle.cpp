@@ -173,6 +173,8 @@ struct Checker {
       case CommandKind::Dispatch:
         if (!c.trips.empty() && (!expression(c.trips, where) || c.part_trips == 0))
           return fail(where + " takes no trips at a time");
+        if (c.watch >= 0 && (!resource(c.watch, where) || b.resources[static_cast<size_t>(c.watch)]->role != Role::Watch))
+          return fail(where + " is watched in a resource of another role");
         return shader(c.compute, Stage::Compute, where) && expression(c.elements, where) &&
                (c.indirect < 0 || bound_scratch(c, where));
       case CommandKind::Draw: {

@@ -22,8 +22,10 @@ Generator::Cut Generator::cut(Shader& s, const Pass& pass, const std::vector<ir:
                               int each) {
   Cut cut;
   const Trips trips = trips_of(graph_, ops);
-  if (!may_pass_limit(trips, profile_, each)) return cut;
+  const bool long_ones = may_pass_limit(trips, profile_, each), unknown = trips.unknown > 0 && profile_.loop_trips > 0;
+  if (!long_ones && !unknown) return cut;
   cut.cuts = true;
+  cut.watched = unknown || trips.promised > 0;
   cut.element = element;
   cut.most = profile_.loop_trips;
   cut.trips = (trips.most + ir::Dim(each > 1 ? 2 : 0)) * ir::Dim(each);
@@ -35,6 +37,10 @@ Generator::Cut Generator::cut(Shader& s, const Pass& pass, const std::vector<ir:
   cut.state = add_scratch(pass.name + "_loops", "1");
   bundle_->resources[cut.state]->room = (cut.trips - ir::Dim(cut.most)).str();
   bundle_->resources[cut.state]->extent->w = element_count(pass.domain).str();
+  if (cut.watched) {
+    cut.watch = add_scratch(pass.name + "_unfinished", "1");
+    bundle_->resources[cut.watch]->role = bundle::Role::Watch;
+  }
   return cut;
 }
 
@@ -49,6 +55,10 @@ void Generator::close_cut(Shader& s, const Cut& cut) {
   state.extent->w = (*elements * ir::Dim(s.cut_loops().words())).str();
   s.cut_loops().set_state(s.bind_words(cut.state, "loops", bundle::Access::ReadWrite));
   s.body().line("if (part_trips != 0) keep_loops(" + cut.element + ");");
+  if (cut.watched) {
+    const std::string word = s.bind_words(cut.watch, "unfinished_loops", bundle::Access::ReadWrite);
+    s.body().line("if (unfinished || (pc.layer == 3 && paused)) " + word + ".d[0] = 1u;");
+  }
   s.body().line("if (!paused) {");
   s.push_scope();
 }
@@ -64,6 +74,7 @@ void Generator::set_trips(bundle::CommandT& command, const Cut& cut) {
   command.trips = cut.trips.str();
   command.most_trips = cut.most;
   command.part_trips = cut.part;
+  if (cut.watched) command.watch = static_cast<int>(cut.watch);
 }
 
 }  // namespace dr::backend

@@ -61,7 +61,8 @@ class Generator {
     bool cuts = false;
     ir::Dim trips;  // of an invocation
     uint32_t most = 0, part = 0;
-    uint32_t state = 0;  // bundle resource
+    uint32_t state = 0, watch = 0;  // bundle resources
+    bool watched = false;           // whether loops come to their end, as nothing says that they do
     std::string element;
   };
   // `each`: elements of an invocation.

@@ -42,7 +42,7 @@ void CutLoops::open(Writer& body, const std::vector<std::string>& enter, const s
   body.line("}");
   body.line("--left_trips;");
   body.line("}");
-  open_.emplace_back();
+  open_.push_back({trip, end, {}});
 }
 
 void CutLoops::finish_trip(Writer& body) {
@@ -54,8 +54,9 @@ void CutLoops::finish_trip(Writer& body) {
 }
 
 void CutLoops::close(Writer& body) {
-  open_.pop_back();
   body.line("}");
+  body.line("if (!paused && " + open_.back().trip + " < " + open_.back().end + ") unfinished = true;");
+  open_.pop_back();
 }
 
 int CutLoops::words() const {
@@ -65,7 +66,7 @@ int CutLoops::words() const {
 }
 
 std::string CutLoops::variables() const {
-  std::string out = "int left_trips = part_trips;\nbool paused = false;\n";
+  std::string out = "int left_trips = part_trips;\nbool paused = false, unfinished = false;\n";
   for (int k = 0; k < (bits_ + 31) / 32; ++k) out += "uint " + word(32 * k) + " = 0u;\n";
   for (const Variable& v : kept_)
     out += v.type.str() + " " + v.name + (v.from_zero ? " = " + zero(v.type) : "") + ";\n";

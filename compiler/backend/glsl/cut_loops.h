@@ -28,7 +28,8 @@ class CutLoops {
   // Where the words of all elements are kept.
   void set_state(std::string buffer) { state_ = std::move(buffer); }
   // `part_trips` is a constant that says how many trips a dispatch may take, 0 for all that there are: then a driver's
-  // compiler finds plain loops. `paused` is true where loops of the element stop before their end.
+  // compiler finds plain loops. `paused` is true where loops of the element stop before their end, `unfinished` where the
+  // driver ended one.
   std::string variables() const;
   //   bool resume_loops(int element)   takes the variables from the words; false where the element's loops are done
   //   void keep_loops(int element)     puts them there
@@ -42,6 +43,7 @@ class CutLoops {
     bool from_zero;
   };
   struct Loop {
+    std::string trip, end;
     std::vector<int> bits;  // of what stands in its body
     bool has_loops = false;
   };

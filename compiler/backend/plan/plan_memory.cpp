@@ -32,7 +32,8 @@ std::vector<Lifetime> lifetimes(const BundleT& bundle) {
   std::vector<Lifetime> out(bundle.resources.size());
   std::set<uint32_t> forever;
   for (uint32_t k = 0; k < bundle.resources.size(); ++k)
-    if (bundle.resources[k]->role == bundle::Role::Leaf || bundle.resources[k]->role == bundle::Role::StepIndex)
+    if (bundle.resources[k]->role == bundle::Role::Leaf || bundle.resources[k]->role == bundle::Role::StepIndex ||
+        bundle.resources[k]->role == bundle::Role::Watch)
       forever.insert(k);
   for (int s = 0; s < static_cast<int>(bundle.steps.size()); ++s) {
     const bundle::StepT& step = *bundle.steps[static_cast<size_t>(s)];

@@ -224,21 +224,24 @@ Trips trips_of(const Graph& graph, std::span<const ir::OpId> ops) {
       inside.most = inside.most + one.most;
       inside.loops += one.loops;
       inside.unknown += one.unknown;
+      inside.promised += one.promised;
       inside.even = inside.even && one.even;
     }
     if (op.kind == OpKind::If) {
       inside.even = inside.loops == 0 || (inside.even && alike(op.operands[0]));
     } else {
       Bound most = Finder(graph).difference(op.operands[1], op.operands[0]);
-      if (op.attrs.ints[0] >= 0) most = either(most ? Bound(most_of(*most)) : Bound(), Dim(op.attrs.ints[0]), true);
-      if (!most) ++inside.unknown;
-      inside.most = Dim(1) + (most ? most_of(*most) : Dim(kTripsOfUnknown)) * (Dim(1) + inside.most);
+      const bool has_max = op.attrs.ints[0] >= 0;
+      if (!most) ++(has_max ? inside.promised : inside.unknown);
+      if (has_max) most = either(most ? Bound(most_of(*most)) : Bound(), Dim(op.attrs.ints[0]), true);
+      inside.most = Dim(1) + (most ? most_of(*most) : Dim(1)) * (Dim(1) + inside.most);
       inside.even = inside.even && alike(op.operands[0]) && alike(op.operands[1]);
       ++inside.loops;
     }
     all.most = all.most + inside.most;
     all.loops += inside.loops;
     all.unknown += inside.unknown;
+    all.promised += inside.promised;
     all.even = all.even && inside.even;
   }
   return all;

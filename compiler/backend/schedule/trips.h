@@ -17,11 +17,10 @@ struct Trips {
   // Of one invocation, at most: one for each time that a loop's body runs, and one for each time that a loop ends.
   ir::Dim most = 0;
   int loops = 0;  // in the text
-  // Of these the range depends on data, and nothing bounds it: they count as kTripsOfUnknown.
-  int unknown = 0;
+  int unknown = 0;   // their range depends on data and nothing bounds it: `most` is without their trips
+  int promised = 0;  // their range depends on data, and what bounds it is the program's `max`
   bool even = true;  // all invocations take the same trips
 };
-inline constexpr int64_t kTripsOfUnknown = 1 << 20;
 
 // What ops of the root region or of one region take together, whatever way their `if`s go.
 Trips trips_of(const ir::Graph& graph, std::span<const ir::OpId> ops);
