@@ -14,7 +14,7 @@ namespace {
 
 // The trips of our own that a dispatch needs to come to where it goes on: each loop is entered and left once more for
 // every element.
-int64_t overhead(const Trips& trips, int each) { return 64 + int64_t{each} * (2 * trips.loops + 2); }
+int64_t overhead(const Trips& trips, int each) { return 64 + int64_t{each} * (3 * trips.loops + 2); }
 
 }  // namespace
 

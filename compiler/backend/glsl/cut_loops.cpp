@@ -43,6 +43,7 @@ void CutLoops::open(Writer& body, const std::vector<std::string>& enter, const s
   body.line("--left_trips;");
   body.line("}");
   open_.push_back({trip, end, {}});
+  ++loops_;
 }
 
 void CutLoops::finish_trip(Writer& body) {
@@ -66,7 +67,8 @@ int CutLoops::words() const {
 }
 
 std::string CutLoops::variables() const {
-  std::string out = "int left_trips = part_trips;\nbool paused = false, unfinished = false;\n";
+  // The trips that stand around the one where a dispatch goes on are begun once more.
+  std::string out = "int left_trips = part_trips + " + std::to_string(loops_) + ";\nbool paused = false, unfinished = false;\n";
   for (int k = 0; k < (bits_ + 31) / 32; ++k) out += "uint " + word(32 * k) + " = 0u;\n";
   for (const Variable& v : kept_)
     out += v.type.str() + " " + v.name + (v.from_zero ? " = " + zero(v.type) : "") + ";\n";

@@ -55,6 +55,7 @@ class CutLoops {
   std::vector<Loop> open_;
   std::string state_;
   int bits_ = 1;  // the first: the element is done
+  int loops_ = 0;
 };
 
 }  // namespace dr::backend::glsl
