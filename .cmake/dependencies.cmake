@@ -19,13 +19,14 @@ dr_find(SPIRV-Tools-opt spirv-tools CONFIG)
 dr_find(FlatBuffers libflatbuffers-dev CONFIG)
 dr_find(nlohmann_json nlohmann-json3-dev CONFIG)
 dr_find(CLI11 libcli11-dev CONFIG)
+dr_find(glm libglm-dev CONFIG)
+dr_find(TinyGLTF libtinygltf-dev CONFIG)
 if(FlatBuffers_FOUND AND NOT TARGET flatbuffers::flatc)
   list(APPEND dr_missing_packages flatbuffers-compiler)
 endif()
 
 if(DR_BUILD_RUNTIME)
   dr_find(Vulkan libvulkan-dev MODULE)
-  dr_find(glm libglm-dev CONFIG)
 
   # stb comes without a CMake package: headers in /usr/include/stb, their code in one library.
   find_path(DR_STB_INCLUDE_DIR stb/stb_image.h)
@@ -43,9 +44,6 @@ endif()
 
 if(DR_BUILD_TESTS)
   dr_find(Catch2 catch2 2.13 CONFIG)
-  if(DR_BUILD_RUNTIME)
-    dr_find(TinyGLTF libtinygltf-dev CONFIG)
-  endif()
 endif()
 
 if(dr_missing_packages)

@@ -13,7 +13,7 @@ install(TARGETS drun RUNTIME)
 # dr_runtime and dr_jit, and what they link.
 set(libraries dr_include dr_warnings dr_runtime dr_jit dr_io dr_bundle dr_dim dr_topology dr_dsl dr_ir dr_ops dr_target
   dr_lower dr_passes dr_reference dr_analysis dr_schedule dr_cost dr_pack dr_lowering dr_glsl dr_plan dr_emit dr_spirv
-  dr_backend)
+  dr_backend dr_driver)
 foreach(library IN LISTS libraries)
   string(REGEX REPLACE "^dr_" "" name ${library})
   set_target_properties(${library} PROPERTIES EXPORT_NAME ${name})
@@ -22,7 +22,7 @@ endforeach()
 install(TARGETS ${libraries} EXPORT dressi ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR}/dressi)
 
 # Headers keep the paths that they include each other by.
-set(headers runtime/runtime.h compiler/io/array/array.h compiler/io/mesh/mesh.h compiler/io/file/result.h runtime/jit/jit.h
+set(headers runtime/runtime.h compiler/io/array/array.h compiler/io/mesh/mesh.h compiler/io/file/result.h compiler/driver/options.h runtime/jit/jit.h
   runtime/jit/measure.h runtime/jit/rebuild.h runtime/jit/reference_program.h)
 foreach(header IN LISTS headers)
   cmake_path(GET header PARENT_PATH folder)

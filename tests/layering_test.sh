@@ -25,13 +25,14 @@ compiler/backend/plan      BUNDLE compiler/ir/dim.h
 compiler/backend/emit      BUNDLE GRAPH compiler/target/ B/analysis/ B/schedule/ B/cost/ B/glsl/ B/plan/
 compiler/backend/spirv     BUNDLE compiler/ir/ B/glsl/source.h
 compiler/backend           dsl/ GRAPH compiler/target/ compiler/passes/ compiler/backend/
+compiler/driver          dsl/ compiler/ir/ compiler/lower/ compiler/passes/ compiler/target/ compiler/backend/
 compiler/drc             dsl/ compiler/
 compiler/io              compiler/io/
 compiler/io/file
 compiler/io/array        compiler/io/file/
 compiler/io/picture      compiler/io/file/ compiler/io/array/
 compiler/io/mesh         compiler/io/file/ compiler/io/array/ compiler/io/picture/
-runtime                  compiler/backend/bundle/ compiler/io/ compiler/ir/dim.h compiler/topology/
+runtime                  compiler/backend/bundle/ compiler/io/ compiler/ir/dim.h compiler/ir/internal_error.h compiler/topology/
 runtime/jit              runtime/ compiler/ dsl/
 '
 # Short names: B is the back end, BUNDLE its contract with the runtime, GRAPH what all that read a graph may use.

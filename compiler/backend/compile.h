@@ -22,8 +22,13 @@ struct Compiled {
   size_t shaders_found = 0;  // in the cache; the others were assembled
 };
 
-// `graph` has no Grad ops. The error is a limit of the profile that cannot be met, in one sentence.
-std::variant<Compiled, std::string> compile(const ir::Graph& graph, const target::Profile& profile,
-                                            const CompileOptions& options);
+// A limit of the profile that cannot be met, in one sentence a line. The program may be right on another device.
+struct Limit {
+  std::string text;
+};
+
+// `graph` has no Grad ops.
+std::variant<Compiled, Limit> compile(const ir::Graph& graph, const target::Profile& profile,
+                                      const CompileOptions& options);
 
 }  // namespace dr::backend

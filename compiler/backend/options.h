@@ -3,7 +3,9 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <string>
+#include <string_view>
 #include <variant>
 #include <vector>
 
@@ -17,6 +19,15 @@ namespace dr::backend {
 enum class Lower : uint8_t { Auto, Fragment, Compute };
 enum class RasterLower : uint8_t { Auto, Hardware, Compute };
 
+// For those who watch the passes; see pipeline.h.
+struct PassHooks {
+  bool verify_each = false;  // the schedule is checked after each pass, not only at the end
+  std::string stop_after;    // the last pass to run; empty: all do
+  std::string break_after;   // the pass over schedules that is made to leave an unsound one, to see what comes of it
+  // Called after each pass with its name, the schedule while there is nothing beyond it, and the milliseconds it took.
+  std::function<void(std::string_view, const Schedule*, double)> after = {};
+};
+
 struct CompileOptions {
   bool fused = true, recompute = true, stages = true, prologue = true;  // see PackOptions
   bool list_active = true;    // scatters run for the elements that may add something (lowering/scatter_active.h)
@@ -29,6 +40,7 @@ struct CompileOptions {
   Moving moving;                       // see PackOptions
   SourceLines lines;                   // of the graph's ops, for the bundle
   std::filesystem::path cache_folder;  // of assembled shaders; empty: none
+  PassHooks hooks;
 };
 
 // The options from the words of the command line: auto|fragment|compute, auto|hardware|compute, fused|naive, what is

@@ -4,131 +4,107 @@
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
-#include <span>
+#include <functional>
+#include <iterator>
+#include <memory>
+#include <utility>
 
 #include "compiler/backend/compile.h"
 #include "compiler/backend/report.h"
 #include "compiler/backend/schedule/graphviz.h"
-#include "compiler/backend/skips.h"
-#include "compiler/backend/spirv/shader_cache.h"
 #include "compiler/backend/spirv/spirv.h"
 #include "compiler/drc/bundle_cache.h"
 #include "compiler/drc/command.h"
 #include "compiler/drc/input.h"
 #include "compiler/drc/output.h"
+#include "compiler/driver/driver.h"
 #include "compiler/ir/print.h"
-#include "compiler/passes/passes.h"
 #include "dsl/diagnostic.h"
 
 namespace dr::drc {
 namespace {
 
-// The program on its way, each stage made when it is first asked for. A stage that is missing has been reported.
+// The program on its way. A stage that is missing has been told of.
 class Stages {
  public:
   explicit Stages(const BuildOptions& options) : options_(options) {}
 
   const BuildOptions& options() const { return options_; }
-  const dsl::SourceManager& sources() const { return sources_; }
-  // Of the passes that ran.
-  const passes::Skips::LeftOut& left_out() const { return left_out_; }
+  const driver::Compilation& program() const { return *program_; }
   // Whether the program was told something, an error or a warning.
-  bool has_messages() const { return has_messages_; }
+  bool has_messages() const { return !program_->diagnostics().all().empty(); }
 
   const ir::Graph* lowered() {
-    if (!graph_tried_ && profile()) {
-      InputOptions input = options_.input;
-      std::vector<std::string> defines;
-      for (const auto& [name, value] : backend::skip_defines(options_.ablate, *profile()))
-        defines.push_back(name + "=" + value);
-      input.defines.insert(input.defines.begin(), defines.begin(), defines.end());  // the last one counts
-      graph_ = load_graph(input, sources_, &has_messages_);
-    }
-    graph_tried_ = true;
-    return graph_ ? &*graph_ : nullptr;
+    return ask([](driver::Compilation& program) { return program.lowered(); });
   }
-
   // After the passes: those of --passes, or all that are needed before code is made.
   const ir::Graph* differentiated() {
-    if (result_) return &*result_;
-    if (!lowered()) return nullptr;
-    std::vector<passes::Pass> chosen(passes::default_passes().begin(), passes::default_passes().end());
-    if (options_.passes) chosen = passes_;
-    passes::PipelineOptions pipeline;
-    pipeline.verify_each = options_.verify_each;
-    pipeline.skips = backend::pass_skips(options_.ablate);
-    pipeline.skips.left_out = &left_out_;
-    pipeline.after = [&](std::string_view name, const ir::Graph& graph, double milliseconds) {
-      const std::string pass(name);
-      if (options_.time_passes) std::fprintf(stderr, "%s: %.3f ms\n", pass.c_str(), milliseconds);
-      if (!options_.dump_ir || (!options_.dump_ir->empty() && *options_.dump_ir != name)) return;
-      std::fprintf(stderr, "// after %s\n%s", pass.c_str(), ir::print(graph).c_str());
-    };
-    result_ = passes::run_passes(*graph_, chosen, pipeline);
-    return &*result_;
+    return ask([](driver::Compilation& program) { return program.differentiated(); });
   }
-
   const target::Profile* profile() {
-    if (profile_) return &*profile_;
-    auto loaded = target::load_profile(options_.profile);
-    if (const auto* problem = std::get_if<std::string>(&loaded)) {
-      print_error(*problem);
-      return nullptr;
-    }
-    profile_ = std::get<target::Profile>(std::move(loaded));
-    return &*profile_;
+    return ask([](driver::Compilation& program) { return program.profile(); });
   }
-
   // Schedule, shaders and bundle for the profile.
   const backend::Compiled* compiled() {
-    if (compiled_) return &*compiled_;
-    const ir::Graph* graph = differentiated();
-    if (!graph) return nullptr;
-    if (!profile()) return nullptr;
-    auto options = backend::compile_options(options_.lower, options_.raster, options_.pack, options_.ablate,
-                                            options_.scatter, options_.float_profile);
-    if (const auto* problem = std::get_if<std::string>(&options)) {
-      print_error(*problem);
-      return nullptr;
-    }
-    std::get<backend::CompileOptions>(options).lines = backend::SourceLines(*graph, sources_);
-    if (options_.cache) std::get<backend::CompileOptions>(options).cache_folder = backend::default_cache_folder();
-    auto result = backend::compile(*graph, *profile_, std::get<backend::CompileOptions>(options));
-    if (const auto* problem = std::get_if<std::string>(&result)) {
-      print_error(*problem);
-      return nullptr;
-    }
-    compiled_ = std::move(std::get<backend::Compiled>(result));
-    return &*compiled_;
+    return ask([](driver::Compilation& program) { return program.compiled(); });
   }
 
-  // The passes that --passes names; false after a message.
-  bool find_passes() {
-    if (!options_.passes) return true;
-    std::vector<std::string> known;
-    for (const passes::Pass& pass : passes::default_passes()) known.emplace_back(pass.name);
-    for (const std::string& name : *options_.passes) {
-      const auto found = std::ranges::find(known, name);
-      if (found == known.end()) {
-        const auto nearest = dsl::nearest_name(name, known);
-        print_error("unknown pass '" + name + "'" + (nearest ? ", did you mean '" + *nearest + "'?" : ""));
-        return false;
-      }
-      passes_.push_back(passes::default_passes()[static_cast<size_t>(found - known.begin())]);
-    }
+  // Whether the passes that are named are known; tells of the first that is not. What --stop-after leaves is the
+  // product: a graph after a pass over graphs, a schedule after one over schedules.
+  bool find_passes(std::vector<std::string>& emit) const {
+    const std::vector<std::string> graphs = driver::graph_pass_names();
+    for (const std::string& name : options_.passes.value_or(std::vector<std::string>{}))
+      if (std::ranges::find(graphs, name) == graphs.end()) return unknown_pass(name, graphs);
+    if (options_.stop_after.empty()) return true;
+    std::vector<std::string> all = graphs;
+    std::ranges::copy(driver::schedule_pass_names(), std::back_inserter(all));
+    if (std::ranges::find(all, options_.stop_after) == all.end()) return unknown_pass(options_.stop_after, all);
+    emit = {std::ranges::find(graphs, options_.stop_after) != graphs.end() ? "grad-ir" : "schedule"};
     return true;
   }
 
  private:
+  static bool unknown_pass(const std::string& name, const std::vector<std::string>& known) {
+    const auto nearest = dsl::nearest_name(name, known);
+    print_error("unknown pass '" + name + "'" + (nearest ? ", did you mean '" + *nearest + "'?" : ""));
+    return false;
+  }
+
+  // --time-passes and --dump-ir.
+  void show_pass(std::string_view name, const std::function<std::string()>& text, double milliseconds) const {
+    const std::string pass(name);
+    if (options_.time_passes) std::fprintf(stderr, "%s: %.3f ms\n", pass.c_str(), milliseconds);
+    if (!options_.dump_ir || (!options_.dump_ir->empty() && *options_.dump_ir != name)) return;
+    std::fprintf(stderr, "// after %s\n%s", pass.c_str(), text().c_str());
+  }
+
+  bool open() {
+    if (is_open_) return program_ != nullptr;
+    is_open_ = true;
+    driver::Hooks hooks;
+    hooks.verify_each = options_.verify_each;
+    hooks.passes = options_.passes;
+    hooks.stop_after = options_.stop_after;
+    hooks.break_after = options_.break_after;
+    hooks.after = [this](std::string_view name, const std::function<std::string()>& text, double milliseconds) {
+      show_pass(name, text, milliseconds);
+    };
+    program_ = open_program(options_.input, std::move(hooks));
+    return program_ != nullptr;
+  }
+
+  template <typename Stage>
+  auto ask(const Stage& stage) -> decltype(stage(std::declval<driver::Compilation&>())) {
+    if (!open()) return nullptr;
+    const auto result = stage(*program_);
+    if (has_messages() && !std::exchange(told_messages_, true)) report(program_->diagnostics(), program_->sources());
+    if (program_->error() && !std::exchange(told_error_, true)) tell_error(*program_);
+    return result;
+  }
+
   const BuildOptions& options_;
-  dsl::SourceManager sources_;
-  std::optional<ir::Graph> graph_, result_;
-  std::optional<target::Profile> profile_;
-  std::optional<backend::Compiled> compiled_;
-  std::vector<passes::Pass> passes_;
-  passes::Skips::LeftOut left_out_;
-  bool graph_tried_ = false;
-  bool has_messages_ = false;
+  std::unique_ptr<driver::Compilation> program_;
+  bool is_open_ = false, told_messages_ = false, told_error_ = false;
 };
 
 struct Product {
@@ -188,7 +164,7 @@ std::optional<std::string> make_bundle(Stages& stages) {
   if (!compiled) return std::nullopt;
   const std::vector<uint8_t> bytes = bundle::write(compiled->bundle);
   std::string out(reinterpret_cast<const char*>(bytes.data()), bytes.size());
-  if (!stages.has_messages()) cache.store(out, stages.sources());
+  if (!stages.has_messages()) cache.store(out, stages.program().sources());
   return out;
 }
 
@@ -210,7 +186,7 @@ bool write_report(Stages& stages) {
   const backend::Compiled* compiled = stages.compiled();
   if (!compiled) return false;
   const auto report =
-      backend::report(*stages.differentiated(), *compiled, *stages.profile(), symbols, stages.left_out());
+      backend::report(*stages.differentiated(), *compiled, *stages.profile(), symbols, stages.program().left_out());
   if (const auto* problem = std::get_if<std::string>(&report)) return print_error(*problem), false;
   const auto& numbers = std::get<backend::Report>(report);
   const std::string text = options.report == "json" ? backend::print_json(numbers) : backend::print(numbers);
@@ -240,13 +216,14 @@ std::vector<std::string> product_names() {
 
 int build(const BuildOptions& options) {
   Stages stages(options);
-  if (!stages.find_passes()) return kBadUsage;
-  const bool several = options.emit.size() > 1;
+  std::vector<std::string> emit = options.emit;
+  if (!stages.find_passes(emit)) return kBadUsage;
+  const bool several = emit.size() > 1;
   if (several && !std::filesystem::is_directory(options.output)) {
     print_error("expected a folder after -o for several products, found '" + options.output + "'");
     return kBadUsage;
   }
-  for (const std::string& name : options.emit) {
+  for (const std::string& name : emit) {
     const auto product = std::ranges::find(kProducts, name, &Product::name);
     const auto content = product->make(stages);
     if (!content) return kUserError;

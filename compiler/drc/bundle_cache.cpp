@@ -58,23 +58,24 @@ std::filesystem::path folder_of(const std::string& file) {
 BundleCache::BundleCache(const BuildOptions& options) {
   const InputOptions& input = options.input;
   const bool more = options.emit != std::vector<std::string>{"bundle"} || options.passes || options.dump_ir ||
-                    options.time_passes || !options.report.empty();
+                    options.time_passes || !options.stop_after.empty() || !options.report.empty();
   std::error_code error;
-  if (more || !options.cache || input.file == "-" || !input.include_dirs.empty() ||
+  if (more || !input.compile.shader_cache || input.file == "-" || !input.compile.include_dirs.empty() ||
       !std::filesystem::is_regular_file(input.file, error) || std::filesystem::exists(folder_of(input.file) / "std"))
     return;
   const std::string id = build_id();
-  const auto profile = target::load_profile(options.profile);
+  const auto profile = target::load_profile(input.compile.profile);
   std::ifstream file(input.file, std::ios::binary);
   std::ostringstream text;
   text << file.rdbuf();
   if (id.empty() || std::holds_alternative<std::string>(profile) || !file) return;
   key_ = "bundle ";
-  for (const std::string& part : {id, input.file, text.str(), target::write_profile(std::get<target::Profile>(profile)),
-                                  options.lower, options.raster, options.scatter, options.float_profile, options.pack,
-                                  std::string(input.plain_gradients ? "plain" : "")})
+  for (const std::string& part :
+       {id, input.file, text.str(), target::write_profile(std::get<target::Profile>(profile)), input.compile.lower,
+        input.compile.raster, input.compile.scatter, input.compile.float_profile, input.compile.pack,
+        std::string(input.compile.plain_gradients ? "plain" : "")})
     add(key_, part);
-  for (const std::string& part : options.ablate) add(key_, part);
+  for (const std::string& part : input.compile.ablate) add(key_, part);
   add(key_, "defines");
   for (const std::string& part : input.defines) add(key_, part);
 }

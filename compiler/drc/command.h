@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "compiler/ir/graph.h"
+#include "compiler/driver/options.h"
 
 namespace dr::drc {
 
@@ -18,27 +18,20 @@ enum ExitCode : int { kOk = 0, kUserError = 1, kBadUsage = 2, kInternalError = 3
 // A program and how to read it. `.ir` files are graphs in text form, anything else is source; `-` is stdin.
 struct InputOptions {
   std::string file;
-  std::vector<std::string> include_dirs;  // -I
-  std::vector<std::string> defines;       // -D name=value
-  bool plain_gradients = false;
+  std::vector<std::string> defines;  // -D name=value
+  driver::Options compile;
 };
 
 struct BuildOptions {
   InputOptions input;
   std::vector<std::string> emit = {"ir"};
   std::string output = "-";
-  std::string profile = "lavapipe";                // a built-in name or a JSON file
-  std::string lower = "auto";                      // auto, fragment, compute
-  std::string scatter = "auto";                    // auto, exact, rows, atomic
-  std::string float_profile = "strict";            // strict, native
-  std::string raster = "auto";                     // auto, hardware, compute
-  std::string pack = "fused";                      // fused, naive
-  std::vector<std::string> ablate;                 // substages, stages, remat, and the names of backend/skips.h
   std::optional<std::vector<std::string>> passes;  // instead of those that the product needs
   std::optional<std::string> dump_ir;              // after this pass, or all of them if empty
+  std::string stop_after;                          // the last pass to run; empty: all do
+  std::string break_after;                         // the pass that is made to fail
   bool time_passes = false;
   bool verify_each = true;
-  bool cache = true;                 // keep assembled shaders on disk
   std::string report;                // empty, text or json
   std::vector<std::string> symbols;  // W=32, for the report
 };

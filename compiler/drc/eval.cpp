@@ -311,13 +311,12 @@ double relative_distance(const reference::Image& a, const reference::Image& b) {
 int check_vjp(const EvalOptions& options, const ir::Graph& graph, const dsl::SourceManager& sources,
               const std::vector<Run>& runs) {
   EvalOptions plain_options = options;
-  plain_options.input.plain_gradients = true;
-  dsl::SourceManager plain_sources;
-  auto lowered = load_graph(plain_options.input, plain_sources);
-  if (!lowered) return kUserError;
-  const ir::Graph plain = passes::run_passes(*lowered, passes::default_passes());
+  plain_options.input.compile.plain_gradients = true;
+  const auto plain_program = load_graph(plain_options.input);
+  if (!plain_program) return kUserError;
+  const ir::Graph& plain = *plain_program->differentiated();
   const auto plain_runs = runs_of(options, plain);
-  Evaluator own(options, graph, sources), text(options, plain, plain_sources);
+  Evaluator own(options, graph, sources), text(options, plain, plain_program->sources());
   if (!own.process(runs) || !text.process(*plain_runs)) return kUserError;
   bool differs = false;
   for (const auto& [step, result] : own.results()) {
@@ -336,10 +335,9 @@ int check_vjp(const EvalOptions& options, const ir::Graph& graph, const dsl::Sou
 }  // namespace
 
 int eval(const EvalOptions& options) {
-  dsl::SourceManager sources;
-  auto lowered = load_graph(options.input, sources);
-  if (!lowered) return kUserError;
-  const ir::Graph graph = passes::run_passes(*lowered, passes::default_passes());
+  const auto program = load_graph(options.input);
+  if (!program) return kUserError;
+  const ir::Graph& graph = *program->differentiated();
   const auto runs = runs_of(options, graph);
   if (!runs) return kUserError;
   if (!options.out.empty()) {
@@ -347,8 +345,8 @@ int eval(const EvalOptions& options) {
     std::filesystem::create_directories(options.out, error);
     if (error) return print_error("cannot make the folder '" + options.out + "'"), kUserError;
   }
-  if (options.check_vjp) return check_vjp(options, graph, sources, *runs);
-  return Evaluator(options, graph, sources).process(*runs) ? kOk : kUserError;
+  if (options.check_vjp) return check_vjp(options, graph, program->sources(), *runs);
+  return Evaluator(options, graph, program->sources()).process(*runs) ? kOk : kUserError;
 }
 
 }  // namespace dr::drc

@@ -167,9 +167,9 @@ class Printer {
 }  // namespace
 
 int explain_grad(const ExplainGradOptions& options) {
-  dsl::SourceManager sources;
-  const auto graph = load_graph(options.input, sources);
-  if (!graph) return kUserError;
+  const auto program = load_graph(options.input);
+  if (!program) return kUserError;
+  const ir::Graph* graph = program->lowered();
   const auto loss = find_loss(*graph, options.loss);
   if (!loss) return print_unknown(*graph, options.loss, "output or let"), kUserError;
   const std::vector<ValueId> targets = find_targets(*graph, options.target);
@@ -179,7 +179,8 @@ int explain_grad(const ExplainGradOptions& options) {
     return kOk;
   }
   if (targets.empty()) return print_unknown(*graph, options.target, "leaf or let"), kUserError;
-  Printer(*graph, sources, options).print(passes::explain_gradient(*graph, *loss, targets), *loss, targets[0]);
+  Printer(*graph, program->sources(), options)
+      .print(passes::explain_gradient(*graph, *loss, targets), *loss, targets[0]);
   return kOk;
 }
 

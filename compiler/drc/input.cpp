@@ -8,9 +8,6 @@
 #include <iostream>
 #include <sstream>
 
-#include "compiler/ir/parse.h"
-#include "compiler/lower/lower.h"
-#include "compiler/passes/passes.h"
 #include "dsl/diagnostic.h"
 #include "dsl/dump.h"
 #include "dsl/parser.h"
@@ -45,58 +42,35 @@ std::optional<std::string> read_text(const std::string& file) {
   return std::move(text).str();
 }
 
-namespace {
-
-// A graph from the compiler that is unsound is the compiler's mistake; one from a file is the user's.
-std::optional<ir::Graph> verified(ir::Graph graph, bool from_text) {
-  const std::vector<std::string> violations = passes::verify(graph);
-  if (violations.empty()) return graph;
-  if (!from_text) {
-    std::string message = "lowering gave an unsound graph";
-    for (const std::string& violation : violations) message += "\n  " + violation;
-    DR_ICE(message);
-  }
-  for (const std::string& violation : violations) print_error(violation);
-  return std::nullopt;
-}
-
-std::optional<ir::Graph> parse_graph(const std::string& file, const std::string& text) {
-  auto parsed = ir::parse(text);
-  if (const auto* error = std::get_if<ir::ParseError>(&parsed)) {
-    dsl::SourceManager sources;
-    print_line_error(sources, sources.add(shown_name(file), text), error->line, error->message);
-    return std::nullopt;
-  }
-  return verified(std::get<ir::Graph>(std::move(parsed)), true);
-}
-
-}  // namespace
-
-std::optional<ir::Graph> load_graph(const InputOptions& options) {
-  dsl::SourceManager sources;
-  return load_graph(options, sources);
-}
-
-std::optional<ir::Graph> load_graph(const InputOptions& options, dsl::SourceManager& sources, bool* has_messages) {
-  const auto text = read_text(options.file);
-  if (!text) return std::nullopt;
-  if (options.file.ends_with(".ir")) return parse_graph(options.file, *text);
-
-  lower::Options lowering;
-  lowering.include_dirs = options.include_dirs;
-  lowering.plain_gradients = options.plain_gradients;
+std::unique_ptr<driver::Compilation> open_program(const InputOptions& options, driver::Hooks hooks) {
+  auto text = read_text(options.file);
+  if (!text) return nullptr;
+  driver::Options compile = options.compile;
   for (const std::string& define : options.defines) {
     const auto parts = split_assignment(define, "-D");
-    if (!parts) return std::nullopt;
-    lowering.defines[parts->first] = parts->second;
+    if (!parts) return nullptr;
+    compile.defines[parts->first] = parts->second;
   }
-  dsl::DiagnosticList diagnostics;
-  const dsl::FileId root = sources.add(shown_name(options.file), *text);
-  auto graph = lower::lower(sources, root, lowering, diagnostics);
-  report(diagnostics, sources);
-  if (has_messages) *has_messages = !diagnostics.all().empty();
-  if (!graph) return std::nullopt;
-  return verified(*std::move(graph), false);
+  return std::make_unique<driver::Compilation>(shown_name(options.file), *std::move(text), std::move(compile),
+                                               std::move(hooks));
+}
+
+void tell_error(const driver::Compilation& program) {
+  if (program.error()->line != 0)
+    print_line_error(program.sources(), program.file(), program.error()->line, program.error()->text);
+  else
+    print_error(program.error()->text);
+}
+
+std::unique_ptr<driver::Compilation> load_graph(const InputOptions& options) {
+  driver::Hooks hooks;
+  hooks.verify_each = true;
+  auto program = open_program(options, std::move(hooks));
+  if (!program) return nullptr;
+  const bool is_sound = program->lowered() != nullptr;
+  report(program->diagnostics(), program->sources());
+  if (program->error()) tell_error(*program);
+  return is_sound ? std::move(program) : nullptr;
 }
 
 std::optional<std::string> load_tree(const InputOptions& options) {

@@ -2,6 +2,7 @@
 // From a file to a graph, with messages on stderr.
 #pragma once
 
+#include <memory>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -9,7 +10,7 @@
 
 #include "compiler/drc/command.h"
 #include "compiler/drc/messages.h"
-#include "compiler/ir/graph.h"
+#include "compiler/driver/driver.h"
 
 namespace dr::drc {
 
@@ -22,10 +23,14 @@ std::optional<std::pair<std::string, std::string>> split_assignment(const std::s
 // The text of a file; `-` is stdin. Messages go to stderr.
 std::optional<std::string> read_text(const std::string& file);
 
-// Reads, parses, lowers and verifies. Nullopt after messages. Spans of the graph point into `sources`.
-std::optional<ir::Graph> load_graph(const InputOptions& options, dsl::SourceManager& sources,
-                                    bool* has_messages = nullptr);
-std::optional<ir::Graph> load_graph(const InputOptions& options);
+// The program that the options name. Null after messages.
+std::unique_ptr<driver::Compilation> open_program(const InputOptions& options, driver::Hooks hooks);
+
+// Prints the error of a program that has one beside its diagnostics.
+void tell_error(const driver::Compilation& program);
+
+// A program that has been read, parsed, lowered and verified; it has told its messages. Null if it is wrong.
+std::unique_ptr<driver::Compilation> load_graph(const InputOptions& options);
 
 // The syntax tree as text. Nullopt after messages.
 std::optional<std::string> load_tree(const InputOptions& options);

@@ -18,13 +18,13 @@ namespace backend = dr::backend;
 
 void add_input(CLI::App& command, InputOptions& input) {
   command.add_option("file", input.file, "Program (.dr), graph (.ir), or - for stdin")->required();
-  command.add_option("-I", input.include_dirs, "Folder to look for imported modules in")
+  command.add_option("-I", input.compile.include_dirs, "Folder to look for imported modules in")
       ->allow_extra_args(false)
       ->type_name("DIR");
   command.add_option("-D", input.defines, "Give a const of the program another value")
       ->allow_extra_args(false)
       ->type_name("NAME=VALUE");
-  command.add_flag("--plain-gradients", input.plain_gradients,
+  command.add_flag("--plain-gradients", input.compile.plain_gradients,
                    "Differentiate functions that have a @vjp by their own text");
 }
 
@@ -53,42 +53,48 @@ int main(int argc, char** argv) {
   add_diagnostics(*check_command, diagnostics);
 
   BuildOptions build_options;
+  build_options.input.compile.profile = "lavapipe";
   CLI::App* build_command = app.add_subcommand("build", "Compile a program");
   add_input(*build_command, build_options.input);
   add_diagnostics(*build_command, diagnostics);
-  build_command->add_option("--emit", build_options.emit, "What to write, several with commas and a folder for -o")
-      ->delimiter(',')
-      ->allow_extra_args(false)
-      ->check(CLI::IsMember(product_names()))
-      ->capture_default_str();
+  CLI::Option* emit_option =
+      build_command->add_option("--emit", build_options.emit, "What to write, several with commas and a folder for -o")
+          ->delimiter(',')
+          ->allow_extra_args(false)
+          ->check(CLI::IsMember(product_names()))
+          ->capture_default_str();
   build_command->add_option("-o", build_options.output, "File or folder to write, - for stdout")
       ->capture_default_str()
       ->type_name("FILE");
-  build_command->add_option("--profile", build_options.profile, "Device to build for: a built-in name or a JSON file")
+  build_command
+      ->add_option("--profile", build_options.input.compile.profile,
+                   "Device to build for: a built-in name or a JSON file")
       ->capture_default_str();
-  build_command->add_option("--lower", build_options.lower, "Where maps run")
+  build_command->add_option("--lower", build_options.input.compile.lower, "Where maps run")
       ->capture_default_str()
       ->check(CLI::IsMember({"auto", "fragment", "compute"}));
-  build_command->add_option("--raster", build_options.raster, "How raster runs")
+  build_command->add_option("--raster", build_options.input.compile.raster, "How raster runs")
       ->capture_default_str()
       ->check(CLI::IsMember({"auto", "hardware", "compute"}));
-  build_command->add_option("--scatter", build_options.scatter, "How scattered values are summed")
+  build_command->add_option("--scatter", build_options.input.compile.scatter, "How scattered values are summed")
       ->capture_default_str()
       ->check(CLI::IsMember({"auto", "exact", "rows", "atomic"}));
   build_command
-      ->add_option("--float", build_options.float_profile,
+      ->add_option("--float", build_options.input.compile.float_profile,
                    "Floats: our own functions, the same bits however ops are packed, or the driver's, faster")
       ->capture_default_str()
       ->check(CLI::IsMember({"strict", "native"}));
-  build_command->add_option("--pack", build_options.pack, "How ops share passes")
+  build_command->add_option("--pack", build_options.input.compile.pack, "How ops share passes")
       ->capture_default_str()
       ->check(CLI::IsMember({"fused", "naive"}));
-  build_command->add_option("--ablate", build_options.ablate, "Parts of packing to switch off, with commas")
+  build_command
+      ->add_option("--ablate", build_options.input.compile.ablate, "Parts of packing to switch off, with commas")
       ->delimiter(',')
       ->allow_extra_args(false)
       ->check(CLI::IsMember({"substages", "stages", "remat", "cache"}));
   std::vector<std::string> no_skip;
-  build_command->add_option("--no-skip", no_skip, "Do work that would be left out, with commas: see docs/explain/skipping.md")
+  build_command
+      ->add_option("--no-skip", no_skip, "Do work that would be left out, with commas: see docs/explain/skipping.md")
       ->delimiter(',')
       ->allow_extra_args(false)
       ->type_name("ID")
@@ -98,16 +104,26 @@ int main(int argc, char** argv) {
       build_command->add_option("--passes", passes, "Run just these passes")->delimiter(',')->allow_extra_args(false);
   std::string dump_ir;
   const CLI::Option* dump_option =
-      build_command->add_option("--dump-ir", dump_ir, "Print the graph to stderr after a pass, or after each")
+      build_command
+          ->add_option("--dump-ir", dump_ir, "Print the graph or schedule to stderr after a pass, or after each")
           ->expected(0, 1)
           ->type_name("PASS");
   build_command->add_flag("--verify-each,!--no-verify-each", build_options.verify_each,
-                          "Verify the graph after each pass (the default)");
+                          "Verify the graph or schedule after each pass (the default)");
+  build_command
+      ->add_option("--break-after", build_options.break_after, "Make a pass over schedules leave an unsound one")
+      ->group("");
+  CLI::Option* stop_option =
+      build_command
+          ->add_option("--stop-after", build_options.stop_after, "Run no pass after this one, and write what it leaves")
+          ->type_name("PASS")
+          ->excludes(emit_option);
   build_command->add_flag("--time-passes", build_options.time_passes, "Print the time of each pass to stderr");
 
   const CLI::Option* report_option = build_command->add_flag(
       "--report{text}", build_options.report,
       "Say what the program will do: passes, bytes moved, memory, shaders; --report=json for programs");
+  stop_option->excludes(build_command->get_option("--report"));
   build_command->add_option("--symbol", build_options.symbols, "Value of a symbol of extents, for the report")
       ->allow_extra_args(false)
       ->type_name("NAME=N");
@@ -212,8 +228,8 @@ int main(int argc, char** argv) {
     app.exit(error);
     return asked ? kOk : kBadUsage;
   }
-  build_options.cache = !no_cache;
-  build_options.ablate.insert(build_options.ablate.end(), no_skip.begin(), no_skip.end());
+  build_options.input.compile.shader_cache = !no_cache;
+  build_options.input.compile.ablate.insert(build_options.input.compile.ablate.end(), no_skip.begin(), no_skip.end());
   if (passes_option->count() > 0) build_options.passes = passes;
   if (finite_option->count() > 0) eval_options.check_finite = check_finite.empty() ? "all" : check_finite;
   if (report_option->count() > 0) {
@@ -258,6 +274,7 @@ int main(int argc, char** argv) {
     write_messages();
     return kUserError;
   } catch (const std::exception& error) {
+    write_messages();
     std::fprintf(stderr, "internal error: %s\n", error.what());
     return kInternalError;
   }

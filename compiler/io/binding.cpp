@@ -10,7 +10,7 @@
 #include "compiler/io/array/npy.h"
 #include "compiler/io/file/failure.h"
 #include "compiler/io/file/file.h"
-#include "compiler/io/mesh/mesh_readers.h"
+#include "compiler/io/mesh/bind.h"
 #include "compiler/io/picture/image.h"
 
 namespace dr::io {
@@ -34,63 +34,8 @@ Source split_source(std::string_view text) {
   return source;
 }
 
-constexpr std::pair<std::string_view, MeshAttribute> kMeshSelectors[] = {
-    {"position", MeshAttribute::Position},    {"indices", MeshAttribute::Indices}, {"uv", MeshAttribute::Uv},
-    {"uv_indices", MeshAttribute::UvIndices}, {"normal", MeshAttribute::Normal},   {"color", MeshAttribute::Color}};
-
-Array mesh_attribute(const Source& source, int expected_components) {
-  std::vector<std::string_view> names;
-  for (const auto& [name, attribute] : kMeshSelectors) names.push_back(name);
-  constexpr std::string_view kList = "':position', ':indices', ':uv', ':uv_indices', ':normal' or ':color'";
-  if (source.selectors.empty()) fail("say which part of the mesh: add ", kList);
-  if (source.selectors.size() > 1) fail("one selector is enough for a mesh, found ", source.selectors.size());
-  const std::string_view selector = source.selectors.front();
-  const auto* found = std::find_if(std::begin(kMeshSelectors), std::end(kMeshSelectors),
-                                   [&](const auto& entry) { return entry.first == selector; });
-  if (found == std::end(kMeshSelectors)) {
-    const std::string hint = did_you_mean(selector, names);
-    fail("unknown selector ", in_quotes(selector), hint.empty() ? cat(", expected ", kList) : hint);
-  }
-  Mesh mesh = read_mesh(source.path, found->second);
-  switch (found->second) {
-    case MeshAttribute::Position: return Array::from_floats(mesh.positions, 3);
-    case MeshAttribute::Indices: return Array::from_ints(mesh.indices, 3);
-    case MeshAttribute::Uv: return Array::from_floats(mesh.uv, 2);
-    case MeshAttribute::UvIndices: return Array::from_ints(mesh.uv_indices, 3);
-    case MeshAttribute::Normal: return Array::from_floats(mesh.normals, 3);
-    case MeshAttribute::Color: break;
-  }
-  if (expected_components != 3) return Array::from_floats(mesh.colors, 4);
-  std::vector<float> rgb;
-  for (size_t i = 0; i < mesh.colors.size(); ++i) {
-    if (i % 4 != 3)
-      rgb.push_back(mesh.colors[i]);
-    else if (mesh.colors[i] != 1)
-      fail("its colours have an alpha other than 1, which 3 components cannot hold");
-  }
-  return Array::from_floats(rgb, 3);
-}
-
 Array image_binding(const Source& source, int expected_components) {
-  constexpr std::pair<std::string_view, ImageChannels> kChannels[] = {
-      {"r", ImageChannels::R}, {"rgb", ImageChannels::Rgb}, {"rgba", ImageChannels::Rgba}, {"a", ImageChannels::A}};
-  constexpr std::string_view kNames[] = {"raw", "r", "rgb", "rgba", "a"};
-  ImageOptions options;
-  options.expected_components = expected_components;
-  for (const std::string_view selector : source.selectors) {
-    if (selector == "raw") {
-      options.raw = true;
-      continue;
-    }
-    const auto* found = std::find_if(std::begin(kChannels), std::end(kChannels),
-                                     [&](const auto& entry) { return entry.first == selector; });
-    if (found == std::end(kChannels)) {
-      fail("unknown selector ", in_quotes(selector), did_you_mean(selector, kNames),
-           ", a picture takes ':raw', ':r', ':rgb', ':rgba' or ':a'");
-    }
-    if (options.channels != ImageChannels::AsStored) fail("one of ':r', ':rgb', ':rgba' and ':a' is enough");
-    options.channels = found->second;
-  }
+  const ImageOptions options = image_options(source.selectors, {.expected_components = expected_components});
   std::vector<std::string> paths = {source.path};
   if (source.path.find_first_of("*?") != std::string::npos) {
     paths = files_matching(source.path);
@@ -115,7 +60,7 @@ Array load(std::string_view text, int expected_components) {
   if (is_image_extension(extension)) return image_binding(source, expected_components);
   if (pattern) fail("only pictures are stacked by a pattern, found the extension ", in_quotes(extension));
   if (extension == ".obj" || extension == ".gltf" || extension == ".glb") {
-    return mesh_attribute(source, expected_components);
+    return bind_mesh(source.path, source.selectors, expected_components);
   }
   if (extension == ".npy") {
     if (!source.selectors.empty()) fail("a .npy file has no selectors, found ", in_quotes(source.selectors.front()));

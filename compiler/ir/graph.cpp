@@ -4,9 +4,9 @@
 
 #include <algorithm>
 #include <array>
-#include <cstdio>
-#include <cstdlib>
 #include <unordered_map>
+
+#include "compiler/ir/internal_error.h"
 
 namespace dr::ir {
 namespace {
@@ -225,9 +225,7 @@ std::vector<bool> live_ops(const Graph& graph, std::span<const ValueId> roots) {
 }
 
 void internal_error(const char* file, int line, const std::string& message) {
-  std::fprintf(stderr, "internal error: %s:%d: %s\n", file, line, message.c_str());
-  std::fflush(stderr);
-  std::abort();
+  throw InternalError(std::string(file) + ":" + std::to_string(line) + ": " + message);
 }
 
 }  // namespace dr::ir

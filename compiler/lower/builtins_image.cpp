@@ -251,10 +251,11 @@ Value Elaborator::builtin_array(BuiltinCall& call) {
   }
   std::vector<Value> items;
   std::vector<Span> spans;
+  size_t parts = 0;
   for (int64_t i = 0; i < *count; ++i) {
     items.push_back(call_with(call.args[1], {Dim(i)}, call.spans[1]));
     spans.push_back(call.spans[1]);
-    if (contains_error(items.back())) return Error{};
+    if (contains_error(items.back()) || !has_room(items.back(), parts, call.spans[1])) return Error{};
   }
   return unify_items(std::move(items), spans);
 }

@@ -124,7 +124,11 @@ Value Elaborator::construct_struct(const TypeValue& type, std::vector<Argument> 
   StructValue value;
   value.type = &structure;
   for (const dsl::Name& generic : decl.generics) value.generics.push_back(scope->find(generic.text)->value);
-  for (const dsl::Param& field : decl.fields) value.fields.push_back(scope->find(field.name.text)->value);
+  size_t parts = 0;
+  for (const dsl::Param& field : decl.fields) {
+    value.fields.push_back(scope->find(field.name.text)->value);
+    if (!has_room(value.fields.back(), parts, span)) return Error{};
+  }
   return value;
 }
 

@@ -174,6 +174,7 @@ class Elaborator {
              std::string help = {});
   void set_span(const Span& span);
   bool over_budget(const Span& span);
+  bool has_room(const Value& part, size_t& parts, const Span& span);
   static std::string suggestion(std::string_view name, const std::vector<std::string>& known);
 
   // The program (lower.cpp).

@@ -38,7 +38,11 @@ Value Elaborator::evaluate_any(const Expr& expr) {
     case Expr::Kind::Reduce: return evaluate_reduce(expr);
     case Expr::Kind::Tuple: {
       TupleValue tuple;
-      for (const dsl::ExprPtr& item : expr.items) tuple.items.push_back(evaluate(*item));
+      size_t parts = 0;
+      for (const dsl::ExprPtr& item : expr.items) {
+        tuple.items.push_back(evaluate(*item));
+        if (!has_room(tuple.items.back(), parts, expr.span)) return Error{};
+      }
       return tuple;
     }
     case Expr::Kind::Array: return evaluate_array(expr);
@@ -224,9 +228,11 @@ Value Elaborator::index_value(const Value& base, const Value& index, const Expr&
 Value Elaborator::evaluate_array(const Expr& expr) {
   std::vector<Value> items;
   std::vector<Span> spans;
+  size_t parts = 0;
   for (const dsl::ExprPtr& item : expr.items) {
     items.push_back(evaluate(*item));
     spans.push_back(item->span);
+    if (!has_room(items.back(), parts, expr.span)) return Error{};
   }
   return unify_items(std::move(items), spans);
 }

@@ -68,6 +68,20 @@ bool Elaborator::over_budget(const Span& span) {
   return exhausted_;
 }
 
+// Whether one more part, and what is in it, can be added to a tuple, array or struct that has so many; counts it.
+bool Elaborator::has_room(const Value& part, size_t& parts, const Span& span) {
+  size_t more = 0;
+  for_each_leaf(part, [&](const Value&) { ++more; });
+  parts += more;
+  steps_ += more;
+  if (exhausted_ || parts <= options_.max_parts) return !exhausted_;
+  report(Code::E0503, span,
+         "expected a tuple, array or struct of at most " + std::to_string(options_.max_parts) +
+             " values, those of its parts counted, found more");
+  exhausted_ = true;
+  return false;
+}
+
 // ---- the program ----
 
 namespace {

@@ -26,6 +26,8 @@ struct Options {
   // What a program may come to after unrolling; more is an error.
   size_t max_ops = 1'000'000;
   size_t max_expressions = 50'000'000;
+  size_t max_parts = 262'144;  // of one tuple, array or struct, parts of parts counted
+  size_t max_steps = 1024;
 };
 
 // The text of a library module that ships inside the compiler ("std/camera.dr"), or nullopt.

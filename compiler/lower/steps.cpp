@@ -26,6 +26,12 @@ void Elaborator::run_step(const dsl::StepDecl& decl) {
     report(Code::E0202, decl.name.span, "expected each step once, found '" + decl.name.text + "' again");
     return;
   }
+  if (b_.graph().steps.size() == options_.max_steps) {
+    report(Code::E0503, decl.name.span,
+           "expected a program of at most " + std::to_string(options_.max_steps) + " steps, found more");
+    exhausted_ = true;
+    return;
+  }
   b_.graph().steps.push_back({decl.name.text, {}, {}});
   ir::Step step{decl.name.text, {}, {}};
   StepFrame frame;

@@ -27,16 +27,18 @@ float dr_log2(float x) { return log2(x); }
     {glsl::kPow, R"(
 // GLSL's is undefined below 0, and at 0 for y <= 0; some drivers take powers of subnormal numbers for others.
 float dr_pow(float x, float y) {
-  if (x == 1.0 || y == 0.0) return 1.0;
   float a = abs(x);
   float r;
-  if (a == 0.0) r = y > 0.0 ? 0.0 : (y < 0.0 ? uintBitsToFloat(0x7f800000u) : y);
+  if (x == 1.0 || y == 0.0) r = 1.0;
+  else if (a == 0.0) r = y > 0.0 ? 0.0 : (y < 0.0 ? uintBitsToFloat(0x7f800000u) : y);
   else if (a == 1.0) r = 1.0;
   else r = a < 1.17549435e-38 ? pow(a * 8388608.0, y) * exp2(-23.0 * y) : pow(a, y);
-  if (x >= 0.0) return r;
-  if (floor(y) != y) return uintBitsToFloat(0x7fc00000u);
-  float half_y = 0.5 * y;
-  return floor(half_y) != half_y ? -r : r;
+  if (!(x >= 0.0) && y != 0.0) {
+    float half_y = 0.5 * y, minus = -r, none = uintBitsToFloat(0x7fc00000u);
+    r = floor(half_y) != half_y ? minus : r;
+    r = floor(y) != y ? none : r;
+  }
+  return r;
 }
 )"},
     {glsl::kSinPart, ""},
@@ -86,18 +88,29 @@ float dr_atan2(float y, float x) {
 // exp(a) overflows before the function does.
 float dr_sinh(float x) {
   float a = abs(x);
-  if (a <= 80.0) return sinh(x);
-  float root = exp(0.5 * a);
-  float r = 0.5 * root * root;
-  return x < 0.0 ? -r : r;
+  float r;
+  if (a <= 80.0) {
+    r = sinh(x);
+  } else {
+    float root = exp(0.5 * a);
+    r = 0.5 * root * root;
+    float minus = -r;
+    r = x < 0.0 ? minus : r;
+  }
+  return r;
 }
 )"},
     {glsl::kCosh, R"(
 float dr_cosh(float x) {
   float a = abs(x);
-  if (a <= 80.0) return cosh(x);
-  float root = exp(0.5 * a);
-  return 0.5 * root * root;
+  float r;
+  if (a <= 80.0) {
+    r = cosh(x);
+  } else {
+    float root = exp(0.5 * a);
+    r = 0.5 * root * root;
+  }
+  return r;
 }
 )"},
     {glsl::kTanh, R"(
@@ -117,16 +130,21 @@ float dr_asinh(float x) {
 )"},
     {glsl::kAcosh, R"(
 float dr_acosh(float x) {
-  if (x < 1.0) return uintBitsToFloat(0x7fc00000u);
-  return x > 1e8 ? log(x) + 0.693147181 : acosh(x);
+  float r = uintBitsToFloat(0x7fc00000u);
+  if (!(x < 1.0)) r = x > 1e8 ? log(x) + 0.693147181 : acosh(x);
+  return r;
 }
 )"},
     {glsl::kAtanh, R"(
 float dr_atanh(float x) {
   float a = abs(x);
-  if (a > 1.0) return uintBitsToFloat(0x7fc00000u);
-  float r = a == 1.0 ? uintBitsToFloat(0x7f800000u) : atanh(a);
-  return x < 0.0 ? -r : r;
+  float r = uintBitsToFloat(0x7fc00000u);
+  if (!(a > 1.0)) {
+    r = a == 1.0 ? uintBitsToFloat(0x7f800000u) : atanh(a);
+    float minus = -r;
+    r = x < 0.0 ? minus : r;
+  }
+  return r;
 }
 )"},
 };

@@ -9,7 +9,8 @@
 //
 // They choose, where both sides are cheap, between names and constants, never between expressions: glslang makes a
 // select of `c ? a : b` and one operation of `a || b` only then, and else control flow. A loop with some dozens of
-// branches takes SwiftShader's compiler a thousand times as long as the same without. `ops_glsl_test` counts them.
+// branches takes SwiftShader's compiler a thousand times as long as the same without. `ops_glsl_test` counts them. They
+// return once, at their end, so that calls can be replaced by what they do (backend/spirv/inline.cpp).
 //
 // An entry of the op table lists the texts it needs, what they call first. Scalar functions come apart from their
 // component-wise overloads, so that one function may use another without dragging in its vectors.
@@ -260,10 +261,15 @@ inline constexpr std::string_view kExp2Vectors = DR_VECTORS_1("dr_exp2");
 
 inline constexpr std::string_view kExpm1 = R"(
 float dr_expm1(float x) {
-  if (x > 10.0 || x < -18.0) return dr_exp(x) - 1.0;
-  float n = roundEven(x * 1.44269504);
-  float s = intBitsToFloat((int(n) + 127) << 23);
-  return s * dr_expm1_part(dr_log2_remainder(x, n)) + (s - 1.0);
+  float r;
+  if (x > 10.0 || x < -18.0) {
+    r = dr_exp(x) - 1.0;
+  } else {
+    float n = roundEven(x * 1.44269504);
+    float s = intBitsToFloat((int(n) + 127) << 23);
+    r = s * dr_expm1_part(dr_log2_remainder(x, n)) + (s - 1.0);
+  }
+  return r;
 }
 )";
 inline constexpr std::string_view kExpm1Vectors = DR_VECTORS_1("dr_expm1");
@@ -360,28 +366,35 @@ float dr_pow_positive(float x, int shift, float y) {
   float ph = yh * th;
   float pl = (c - yh) * th + c * tl;
   float p = ph + pl;
-  if (p > 130.0) return uintBitsToFloat(0x7f800000u);
-  if (p < -152.0) return 0.0;
-  float k = roundEven(p);
-  return dr_ldexp(1.0 + dr_expm1_part(((ph - k) + pl) * 0.693147181), int(k));
+  float q = p > 130.0 ? 130.0 : p;
+  q = q < -152.0 ? -152.0 : q;
+  float k = roundEven(q);
+  float r = dr_ldexp(1.0 + dr_expm1_part(((ph - k) + pl) * 0.693147181), int(k)), high = uintBitsToFloat(0x7f800000u);
+  r = p > 130.0 ? high : r;
+  return p < -152.0 ? 0.0 : r;
 }
 float dr_pow(float x, float y) {
-  if (x == 1.0 || y == 0.0) return 1.0;
-  float a = abs(x);
+  float a = abs(x), r;
   bool tiny = dr_is_tiny(a);
   if (tiny) a *= 8388608.0;
-  if (a == 0.0) return y > 0.0 ? 0.0 : (y < 0.0 ? uintBitsToFloat(0x7f800000u) : y);
-  float r;
-  if (dr_log_is_special(a)) {
-    r = y > 0.0 ? a : (y < 0.0 ? (1.0 / a) : y);  // Inf, NaN
+  if (x == 1.0 || y == 0.0) {
+    r = 1.0;
+  } else if (a == 0.0) {
+    r = y > 0.0 ? 0.0 : (y < 0.0 ? uintBitsToFloat(0x7f800000u) : y);
   } else {
-    r = dr_pow_positive(a, tiny ? 23 : 0, y);
+    if (dr_log_is_special(a)) {
+      r = y > 0.0 ? a : (y < 0.0 ? (1.0 / a) : y);  // Inf, NaN
+    } else {
+      r = dr_pow_positive(a, tiny ? 23 : 0, y);
+    }
+    if (!(x >= 0.0)) {
+      // Negative: whole exponents have a power.
+      float half_y = 0.5 * y, minus = -r, none = uintBitsToFloat(0x7fc00000u);
+      r = floor(half_y) != half_y ? minus : r;
+      r = floor(y) != y ? none : r;
+    }
   }
-  if (x >= 0.0) return r;
-  // Negative: whole exponents have a power.
-  if (floor(y) != y) return uintBitsToFloat(0x7fc00000u);
-  float half_y = 0.5 * y;
-  return floor(half_y) != half_y ? -r : r;
+  return r;
 }
 )";
 inline constexpr std::string_view kPowVectors = DR_VECTORS_2("dr_pow");

@@ -84,9 +84,11 @@ StepOps ops_of(const Graph& graph, const Step& step) {
 class Hoister {
  public:
   explicit Hoister(const Graph& from)
-      : from_(from), map_(from.value_count()), hoisted_(from.op_count()), kept_(from.op_count()) {
-    for (const Step& step : from.steps) steps_.push_back(ops_of(from, step));
-  }
+      : from_(from),
+        map_(from.value_count()),
+        dirty_(from.op_count()),
+        hoisted_(from.op_count()),
+        kept_(from.op_count()) {}
 
   Graph run() {
     to_.reserve(from_.op_count());
@@ -109,19 +111,22 @@ class Hoister {
     if (op.kind != OpKind::If) return false;
     const auto scatters = [](Yield how) { return how == Yield::Scatter; };
     if (std::ranges::none_of(op.attrs.yields, scatters)) return false;
-    bool changes = false;
-    dirty_.assign(from_.op_count(), false);
-    for (const StepOps& step : steps_) {
-      if (!step.live[id.index]) continue;
-      changes = changes || step.dirty[id.index];
-      for (size_t k = 0; k < dirty_.size(); ++k) dirty_[k] = dirty_[k] || step.dirty[k];
-    }
-    if (!changes) return false;
+    if (steps_.empty())
+      for (const Step& step : from_.steps) steps_.push_back(ops_of(from_, step));
+    of_if_.clear();
+    for (const StepOps& step : steps_)
+      if (step.live[id.index]) of_if_.push_back(&step);
+    if (!is_dirty(op.results[0])) return false;
     for (const RegionId region : op.regions) find_dirty(region);
     return has_clean_indices(op);
   }
 
-  bool is_dirty(ValueId v) const { return from_.value(v).op.valid() && dirty_[from_.value(v).op.index]; }
+  bool is_dirty(ValueId v) const {
+    const OpId op = from_.value(v).op;
+    if (!op.valid()) return false;
+    if (!is_root(v)) return dirty_[op.index];
+    return std::ranges::any_of(of_if_, [&](const StepOps* step) { return step->dirty[op.index]; });
+  }
 
   void find_dirty(RegionId region) {
     for (const OpId id : from_.region(region).ops) {
@@ -209,8 +214,9 @@ class Hoister {
   const Graph& from_;
   Builder to_;
   ValueMap map_;
-  std::vector<StepOps> steps_;
-  std::vector<bool> dirty_;           // by OpId index, for the If at hand
+  std::vector<StepOps> steps_;          // made when there is an If to look at
+  std::vector<const StepOps*> of_if_;   // those that need the If at hand
+  std::vector<bool> dirty_;             // by OpId index, of ops inside of regions
   std::vector<bool> hoisted_, kept_;  // by OpId index; an op of a region belongs to one root op
   std::vector<OpId> order_;           // that move before the If at hand
 };

@@ -7,6 +7,7 @@
 #include <fstream>
 #include <sstream>
 
+#include "compiler/ir/internal_error.h"
 #include "runtime/drun/session.h"
 #include "runtime/jit/measure.h"
 #include "runtime/jit/rebuild.h"
@@ -105,6 +106,9 @@ int run(const Options& options) {
     if (!mistake.message.empty()) std::fprintf(stderr, "drun: error: %s\n", mistake.message.c_str());
   } catch (const std::bad_alloc&) {
     std::fprintf(stderr, "drun: error: this machine has not enough memory for the program's data\n");
+  } catch (const ir::InternalError& e) {
+    std::fprintf(stderr, "drun: internal error: %s\n", e.what());
+    return 3;  // as of drc
   } catch (const std::exception& e) {
     std::fprintf(stderr, "drun: error: %s\n", e.what());
   }

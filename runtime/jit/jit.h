@@ -8,21 +8,11 @@
 #include <variant>
 #include <vector>
 
+#include "compiler/driver/options.h"
+
 namespace dr::jit {
 
-struct Options {
-  std::string profile;                   // a built-in name or a file
-  std::string lower = "auto";            // auto, fragment, compute
-  std::string raster = "auto";           // auto, hardware, compute
-  std::string pack = "fused";            // fused, naive
-  std::vector<std::string> ablate;       // substages, stages, remat, and the names of compiler/backend/skips.h
-  std::string scatter = "auto";          // auto, exact, rows, atomic
-  std::string float_profile = "strict";  // strict, native
-  bool shader_cache = true;              // keep assembled shaders on disk
-  std::vector<std::string> include_dirs;
-  std::map<std::string, std::string, std::less<>> defines;
-  friend bool operator==(const Options&, const Options&) = default;
-};
+using Options = driver::Options;
 
 // The work of one thing that can be left out (docs/explain/skipping.md): what is done, and what is left out.
 struct Skip {

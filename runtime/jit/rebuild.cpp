@@ -7,6 +7,7 @@
 
 #include "compiler/backend/compile.h"
 #include "compiler/backend/spirv/shader_cache.h"
+#include "compiler/ir/internal_error.h"
 #include "compiler/ir/parse.h"
 
 namespace dr::jit {
@@ -38,7 +39,7 @@ Result<backend::Compiled> compile(const bundle::BundleT& bundle, const Options& 
   const auto profile = target::load_profile(options.profile);
   if (const auto* problem = std::get_if<std::string>(&profile)) return Error{*problem};
   auto compiled = backend::compile(std::get<ir::Graph>(graph), std::get<target::Profile>(profile), chosen);
-  if (const auto* problem = std::get_if<std::string>(&compiled)) return Error{*problem};
+  if (const auto* problem = std::get_if<backend::Limit>(&compiled)) return Error{problem->text};
   return std::move(std::get<backend::Compiled>(compiled));
 }
 
@@ -60,22 +61,30 @@ auto sums_of(const backend::Schedule& schedule) {
   return out;
 }
 
+Result<std::vector<uint8_t>> rebuild(const std::vector<uint8_t>& bytes, const Options& options,
+                                     const runtime::Moving& moving) {
+  const auto read = bundle::read(bytes);
+  if (const auto* problem = std::get_if<std::string>(&read)) return Error{*problem};
+  const auto& bundle = std::get<bundle::BundleT>(read);
+  const Options same = with_lowering_of(bundle, options);
+  const auto before = compile(bundle, same, {});
+  if (!before) return Error{before.error()};
+  if (!same_shaders(before->bundle, bundle)) return Error{"these options do not give the bundle's shaders"};
+  const auto after = compile(bundle, same, moving);
+  if (!after) return Error{after.error()};
+  if (sums_of(before->schedule) != sums_of(after->schedule)) return Error{"scattered values would sum in another way"};
+  return bundle::write(after->bundle);
+}
+
 }  // namespace
 
 runtime::Rebuild rebuilder(std::vector<uint8_t> bytes, const Options& options) {
   return [bytes = std::move(bytes), options](const runtime::Moving& moving) -> Result<std::vector<uint8_t>> {
-    const auto read = bundle::read(bytes);
-    if (const auto* problem = std::get_if<std::string>(&read)) return Error{*problem};
-    const auto& bundle = std::get<bundle::BundleT>(read);
-    const Options same = with_lowering_of(bundle, options);
-    const auto before = compile(bundle, same, {});
-    if (!before) return Error{before.error()};
-    if (!same_shaders(before->bundle, bundle)) return Error{"these options do not give the bundle's shaders"};
-    const auto after = compile(bundle, same, moving);
-    if (!after) return Error{after.error()};
-    if (sums_of(before->schedule) != sums_of(after->schedule))
-      return Error{"scattered values would sum in another way"};
-    return bundle::write(after->bundle);
+    try {
+      return rebuild(bytes, options, moving);
+    } catch (const ir::InternalError& error) {
+      return Error{std::string("internal error: ") + error.what()};  // the program goes on as it is
+    }
   };
 }
 

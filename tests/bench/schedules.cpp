@@ -79,7 +79,9 @@ struct Way {
 backend::Compiled compile(const ir::Graph& graph, const target::Profile& profile, const Way& way) {
   auto options = must(backend::compile_options(way.lower, way.raster, way.pack, way.ablate, way.scatter));
   options.cache_folder = backend::default_cache_folder();
-  return must(backend::compile(graph, profile, options));
+  auto compiled = backend::compile(graph, profile, options);
+  if (const auto* limit = std::get_if<backend::Limit>(&compiled)) benchmark::stop(limit->text);
+  return std::get<backend::Compiled>(std::move(compiled));
 }
 
 // ---- tables ----

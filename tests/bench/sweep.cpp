@@ -92,7 +92,7 @@ std::vector<uint8_t> compile(const Group& group, bool native, const std::string&
       backend::compile_options("auto", "auto", "fused", {}, "auto", native ? "native" : "strict"));
   options.cache_folder = backend::default_cache_folder();
   const auto compiled = backend::compile(graph, std::get<target::Profile>(profile), options);
-  if (const auto* problem = std::get_if<std::string>(&compiled)) stop(*problem);
+  if (const auto* problem = std::get_if<backend::Limit>(&compiled)) stop(problem->text);
   return bundle::write(std::get<backend::Compiled>(compiled).bundle);
 }
 

@@ -67,7 +67,7 @@ std::vector<uint8_t> compile(const ir::Graph& graph, const std::string& profile,
                              const backend::CompileOptions& options) {
   auto loaded = target::load_profile(profile);
   auto compiled = backend::compile(graph, std::get<target::Profile>(loaded), options);
-  if (const auto* problem = std::get_if<std::string>(&compiled)) FAIL(*problem);
+  if (const auto* problem = std::get_if<backend::Limit>(&compiled)) FAIL(problem->text);
   return bundle::write(std::get<backend::Compiled>(compiled).bundle);
 }
 

@@ -80,6 +80,17 @@ expect 2 err 'excludes' fmt --in-place --check ugly.dr
 expect 1 err 'E0102' fmt --in-place ugly.dr bad.dr
 cmp ugly.dr tidy.dr || failed=1
 [[ $(cat bad.dr) == $'edition 1;\nlet x=;' ]] || { echo 'fmt changed a file with errors'; failed=1; }
+# A pass that leaves an unsound schedule is a mistake of the compiler: code 3, the pass, the place, and a file that shows it again.
+expect 3 err 'schedule fails verification after pass keep-sums' build good.dr --emit=bundle -o b.drb --no-cache --break-after=keep-sums
+expect 3 err "step s: output 'a' is never stored" build good.dr --emit=bundle -o b.drb --no-cache --break-after=keep-sums
+kept=$(sed -n 's/^  drc build \(.*\.ir\) .*/\1/p' err)
+[[ -s $kept ]] || { echo "an internal error keeps no reproducer: $(cat err)"; failed=1; }
+expect 3 err 'after pass keep-sums' build "$kept" --emit=bundle -o b.drb --break-after=keep-sums
+expect 0 out 'output a' build "$kept" --emit=schedule
+rm -f "$kept"
+expect 2 err "unknown pass 'pac', did you mean 'pack'?" build good.dr --stop-after pac
+expect 0 out 'step s {' build good.dr --stop-after pack
+expect 0 out 'output a' build good.dr --stop-after simplify
 expect 2 err 'diagnostics=json' build good.dr --diagnostics=json --time-passes
 
 # Whole or not at all: what cannot be written leaves nothing behind.

@@ -149,7 +149,7 @@ Images run_on(const runtime::Device& device, const Problem& p, const target::Pro
   auto options = backend::compile_options(lower, lower == "fragment" ? "hardware" : "compute", pack, ablate);
   auto& chosen = std::get<backend::CompileOptions>(options);
   auto compiled = backend::compile(p.graph, profile, chosen);
-  if (const auto* problem = std::get_if<std::string>(&compiled)) FAIL(*problem);
+  if (const auto* problem = std::get_if<backend::Limit>(&compiled)) FAIL(problem->text);
   auto program = must(runtime::Program::load(device, bundle::write(std::get<backend::Compiled>(compiled).bundle)));
   for (const auto& leaf : program.leaves()) must(program.bind(leaf.name, array_of(p.data.at(leaf.name))));
   must(program.run("run"));

@@ -28,11 +28,12 @@ std::string append(Shader& s, const std::string& list, const std::string& elemen
                             "  place = subgroupBroadcastFirst(place) + subgroupBallotExclusiveBitCount(lanes) - 1u;\n"
                       : "  uint place = atomicAdd(" + end + ", 1u) - 1u;\n") +
             "  " + list + ".d[" + std::to_string(kListHead) + R"(u + place] = uint(element);
-  if (place % 64u != 0u) return place;
-  atomicMax()" +
+  if (place % 64u == 0u) {
+    atomicMax()" +
             list + R"(.d[0], min(place / 64u + 1u, 65535u));
-  atomicMax()" +
+    atomicMax()" +
             list + R"(.d[1], place / 64u / 65535u + 1u);
+  }
   return place;
 }
 )");
@@ -76,7 +77,7 @@ std::string ListingLoop::close() {
   for (const std::string& list : lists_) {
     const std::string end = std::to_string(kListEnd), head = std::to_string(kListHead);
     shader_.declare("void append_run_to_" + list + "(int begin, uint members) {\n" +
-                    "  if (members == 0u) return;\n"
+                    "  if (members != 0u) {\n"
                     "  uint place = atomicAdd(" +
                     list + ".d[" + end +
                     "], uint(bitCount(members))) - 1u;\n"
@@ -87,7 +88,7 @@ std::string ListingLoop::close() {
                     list +
                     ".d[0], min((place + 63u) / 64u, 65535u));\n"
                     "  atomicMax(" +
-                    list + ".d[1], ((place + 63u) / 64u + 65534u) / 65535u);\n}\n");
+                    list + ".d[1], ((place + 63u) / 64u + 65534u) / 65535u);\n  }\n}\n");
     shader_.body().line("append_run_to_" + list + "(begin, " + members(list) + ");");
   }
   return (count_ + ir::Dim(kRun - 1)).divided_by(kRun).str();

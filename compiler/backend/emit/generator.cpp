@@ -251,7 +251,7 @@ int Generator::add_shader(const std::string& name, bundle::Stage stage, Shader& 
   const std::string key =
       std::string(bundle::EnumNameStage(stage)) + (shader.native() ? " native\n" : "\n") + glsl::without_names(source);
   const auto [it, is_new] = shader_of_.emplace(key, shaders_->size());
-  if (is_new) shaders_->push_back({{}, stage, std::move(source), shader.native()});
+  if (is_new) shaders_->push_back({{}, stage, std::move(source), shader.native(), shader.extensions()});
   auto& names = (*shaders_)[it->second].names;
   if (std::ranges::find(names, name) == names.end()) names.push_back(name);
   return static_cast<int>(it->second);

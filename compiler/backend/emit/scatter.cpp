@@ -55,16 +55,16 @@ std::string count_bits(int most, const ir::Extent& domain, const std::string& co
 constexpr int kWorthJoining = 1 << 14;
 
 // Lanes of a subgroup that add to the same element join their parts, and one of them goes on: for kJoinRounds elements,
-// those of its first lanes. Lanes left over go on alone.
+// those of its first lanes. Lanes left over go on alone. The variable `adds_here` says which go on.
 template <class Part>
 std::string join_lanes(int n, const Part& part) {
-  std::string out = "  for (int round = 0; joins && round < " + std::to_string(kJoinRounds) +
+  std::string out = "  bool adds_here = true;\n  for (int round = 0; joins && round < " + std::to_string(kJoinRounds) +
                     "; ++round) {\n    bool same = subgroupBroadcastFirst(element) == element;\n"
                     "    uvec4 lanes = subgroupBallot(same);\n    if (same) {\n"
                     "      if (subgroupBallotBitCount(lanes) > 1u) {\n";
   for (int c = 0; c < n; ++c) out += "        " + part(c) + " = fixed_subgroup_add(" + part(c) + ");\n";
   out +=
-      "        flags = subgroupOr(flags);\n        if (!subgroupElect()) return;\n      }\n      break;\n    }\n  }\n";
+      "        flags = subgroupOr(flags);\n        adds_here = subgroupElect();\n      }\n      break;\n    }\n  }\n";
   return out;
 }
 
@@ -226,7 +226,7 @@ std::string Generator::declare_target(Shader& s, const Pass& pass, const Target&
                 "));\n";
       if (t.terms != 0) body += keep_term(s, pass, t);
       if (lists) body += "    adds |= " + any_bits(r.type, "value") + ";\n";
-      if (runs == Runs::Both) body += "    return;\n  }\n";
+      if (runs == Runs::Both) body += "  } else {\n";
       const std::string word = wide ? "uint64_t" : "uint";
       const std::string guard = runs == Runs::Both ? "pc.a == 0 && " : "",
                         elect = pass.join_lanes ? " && subgroupElect()" : "";
@@ -247,7 +247,7 @@ std::string Generator::declare_target(Shader& s, const Pass& pass, const Target&
         body += "  uvec2 " + part(c) + " = " +
                 s.at_once(ir::vec(2, ir::Scalar::Uint), "fixed_from_float(" + x + ", shift_" + id + ")") + ";\n";
       }
-      if (pass.join_lanes) body += join_lanes(n, part);
+      if (pass.join_lanes) body += join_lanes(n, part) + "  if (adds_here) {\n";
       for (int c = 0; c < n; ++c) {
         if (wide) {
           body += "  if (" + part(c) + " != uvec2(0u)) atomicAdd(" + buffer + ".d[" + word_of("element", n, c) +
@@ -261,12 +261,14 @@ std::string Generator::declare_target(Shader& s, const Pass& pass, const Target&
       }
       body += "  if (flags != 0u) atomicOr(" + buffer + ".d[" + flags + "], " + (wide ? "uint64_t(flags)" : "flags") +
               ");\n";
+      if (pass.join_lanes) body += "  }\n";
+      if (runs == Runs::Both) body += "  }\n";
     }
   } else {
     const bool maximum = graph_.op(graph_.value(t.sum.value).op).kind == OpKind::ScatterMax;
     const std::string buffer = s.bind(step_->stored.at(t.sum.value), bundle::Access::ReadWrite);
     if (r.type.is_float()) s.extension("GL_EXT_shader_atomic_float");
-    if (runs == Runs::Both) body = "  if (pc.a == 0) return;\n";  // needs no first run
+    if (runs == Runs::Both) body = "  if (pc.a != 0) {\n";  // needs no first run
     // Elements that add nothing may all name one element, such as the first, and would wait for each other there.
     const bool tests = r.type.is_float() && !profile_.lanes_in_turn;
     for (int c = 0; c < n; ++c) {
@@ -274,6 +276,7 @@ std::string Generator::declare_target(Shader& s, const Pass& pass, const Target&
       body += "  " + (tests ? "if (" + x + " != 0.0) " : std::string()) + (maximum ? "atomicMax(" : "atomicAdd(") +
               buffer + ".d[element * " + std::to_string(n) + " + " + std::to_string(c) + "], " + x + ");\n";
     }
+    if (runs == Runs::Both) body += "  }\n";
   }
   const bool keeps = t.terms != 0 && runs == Runs::First;
   s.declare("void add_" + id + "(int element, " + r.type.str() + " value" + (keeps ? ", int site" : "") + ") {\n" +

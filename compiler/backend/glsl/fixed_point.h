@@ -87,24 +87,26 @@ float power_of_two(int e) { return uintBitsToFloat(uint(clamp(e, -126, 127) + 12
 
 // The nearest float of a fixed point number: its top 24 bits, the rest rounded half up. `flags` of what was not finite.
 float fixed_to_float(uvec2 number, int shift, uint flags) {
-  if (flags != 0u) return uintBitsToFloat(flags == 1u ? 0x7f800000u : flags == 2u ? 0xff800000u : 0x7fc00000u);
-  uint low = number.x, high = number.y;
-  bool negative = (high >> 31) != 0u;
-  if (negative) { low = ~low + 1u; high = ~high + (low == 0u ? 1u : 0u); }
-  if ((low | high) == 0u) return 0.0;
-  int top = high != 0u ? findMSB(high) + 32 : findMSB(low);
-  int drop = max(top - 23, 0);
-  uint mantissa;
-  if (drop == 0) mantissa = low;
-  else {
-    int cut = drop - 1;
-    uint kept = cut >= 32 ? high >> (cut - 32) : cut == 0 ? low : (low >> cut) | (high << (32 - cut));
-    mantissa = (kept + 1u) >> 1;
+  float value = flags == 0u ? 0.0 : uintBitsToFloat(flags == 1u ? 0x7f800000u : flags == 2u ? 0xff800000u : 0x7fc00000u);
+  if (flags == 0u && (number.x | number.y) != 0u) {
+    uint low = number.x, high = number.y;
+    bool negative = (high >> 31) != 0u;
+    if (negative) { low = ~low + 1u; high = ~high + (low == 0u ? 1u : 0u); }
+    int top = high != 0u ? findMSB(high) + 32 : findMSB(low);
+    int drop = max(top - 23, 0);
+    uint mantissa;
+    if (drop == 0) mantissa = low;
+    else {
+      int cut = drop - 1;
+      uint kept = cut >= 32 ? high >> (cut - 32) : cut == 0 ? low : (low >> cut) | (high << (32 - cut));
+      mantissa = (kept + 1u) >> 1;
+    }
+    int e = drop - shift;
+    int half_e = e / 2;
+    value = float(mantissa) * power_of_two(half_e) * power_of_two(e - half_e);
+    if (negative) value = -value;
   }
-  int e = drop - shift;
-  int half_e = e / 2;
-  float value = float(mantissa) * power_of_two(half_e) * power_of_two(e - half_e);
-  return negative ? -value : value;
+  return value;
 }
 )";
 

@@ -87,6 +87,7 @@ class Shader {
 
   Writer& body() { return body_; }
   void extension(const std::string& name) { extensions_.insert(name); }
+  const std::set<std::string>& extensions() const { return extensions_; }
   void declare(const std::string& text) { declarations_ += text; }  // functions and interface variables
   void prelude(std::string_view text);
   bool native() const { return native_; }

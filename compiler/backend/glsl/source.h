@@ -2,6 +2,7 @@
 // The text of a shader on its way to SPIR-V.
 #pragma once
 
+#include <set>
 #include <string>
 #include <vector>
 
@@ -13,7 +14,8 @@ struct GlslShader {
   std::vector<std::string> names;  // of the passes that it is for
   bundle::Stage stage = bundle::Stage::Compute;
   std::string source;
-  bool native = false;  // arithmetic of main is the driver's to contract
+  bool native = false;                    // arithmetic of main is the driver's to contract
+  std::set<std::string> extensions = {};  // of GLSL that it requires
 };
 
 }  // namespace dr::backend

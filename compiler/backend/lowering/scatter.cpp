@@ -451,16 +451,19 @@ class StepLegalizer {
 
 }  // namespace
 
-std::optional<std::string> legalize_scatter(const Graph& graph, const target::Profile& profile, ScatterLower lower,
-                                            bool join_stages, Schedule& schedule) {
-  if (lower == ScatterLower::Atomic && !profile.shader_buffer_float32_atomic_add)
+std::optional<std::string> legalize_scatter(const Graph& graph, const target::Profile& profile,
+                                            const ScatterOptions& options, Schedule& schedule) {
+  if (options.lower == ScatterLower::Atomic && !profile.shader_buffer_float32_atomic_add)
     return "scatter by float atomics needs 'shader_buffer_float32_atomic_add', which profile '" + profile.name +
            "' lacks; choose auto, exact or rows";
   std::set<uint32_t> unused;
   for (StepSchedule& step : schedule.steps)
-    if (StepLegalizer(graph, profile, lower, schedule, step, unused).process())
-      pack_stages(graph, step, profile, join_stages);
+    if (StepLegalizer(graph, profile, options.lower, schedule, step, unused).process())
+      pack_stages(graph, step, profile, options.join_stages);
   remove_resources(schedule, unused);
+  if (!options.list_active)
+    for (StepSchedule& step : schedule.steps)
+      for (Pass& pass : step.passes) pass.active.clear(), pass.relist = false;
   return std::nullopt;
 }
 

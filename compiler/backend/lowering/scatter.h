@@ -23,8 +23,14 @@ namespace dr::backend {
 
 enum class ScatterLower : uint8_t { Auto, Exact, Rows, Atomic };
 
-// `join_stages`: see pack_stages. The error says what the profile lacks.
-std::optional<std::string> legalize_scatter(const ir::Graph& graph, const target::Profile& profile, ScatterLower lower,
-                                            bool join_stages, Schedule& schedule);
+struct ScatterOptions {
+  ScatterLower lower = ScatterLower::Auto;
+  bool join_stages = true;  // see pack_stages()
+  bool list_active = true;  // scatters run for the elements that may add something
+};
+
+// The error says what the profile lacks.
+std::optional<std::string> legalize_scatter(const ir::Graph& graph, const target::Profile& profile,
+                                            const ScatterOptions& options, Schedule& schedule);
 
 }  // namespace dr::backend

@@ -139,10 +139,17 @@ RasterPart raster_part(const ir::Graph& graph, ir::ValueId value);
 // Takes resources away that no step stores anything in.
 void remove_resources(Schedule& schedule, const std::set<uint32_t>& unused);
 
+// What is wrong with a schedule, in one line: a mistake of the compiler, or a limit of the profile that it exceeds.
+struct Violation {
+  enum class Kind : uint8_t { Unsound, Limit };
+  Kind kind = Kind::Unsound;
+  std::string text;
+  friend bool operator==(const Violation&, const Violation&) = default;
+};
+
 // Replays the schedule independently of the packer: every read was written before (or is a leaf), every op's operands
-// are at hand, every limit of the profile holds, outputs and updates are stored. One line a violation.
-std::vector<std::string> check_schedule(const ir::Graph& graph, const Schedule& schedule,
-                                        const target::Profile& profile);
+// are at hand, every limit of the profile holds, outputs and updates are stored.
+std::vector<Violation> check_schedule(const ir::Graph& graph, const Schedule& schedule, const target::Profile& profile);
 
 std::string print(const ir::Graph& graph, const Schedule& schedule);
 

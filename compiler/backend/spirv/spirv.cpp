@@ -10,8 +10,8 @@
 #include <mutex>
 #include <set>
 #include <spirv-tools/libspirv.hpp>
-#include <spirv-tools/optimizer.hpp>
 
+#include "compiler/backend/spirv/module.h"
 #include "compiler/ir/graph.h"
 
 namespace dr::backend {
@@ -110,22 +110,13 @@ std::variant<std::vector<uint32_t>, std::string> assemble(const GlslShader& shad
                                              const char* message) {
     if (level <= SPV_MSG_ERROR) problems += std::string(message) + "\n";
   };
-  // Drivers optimize. What is left to do here makes modules a fifth smaller: calls and variables go. More passes take
-  // three times as long, some of them quadratic time, and neither lavapipe nor SwiftShader runs faster for it. The
-  // passes touch no arithmetic that is decorated, and copy decorations with what they copy.
-  spvtools::Optimizer optimizer(SPV_ENV_VULKAN_1_1);
-  optimizer.SetMessageConsumer(note);
-  optimizer.RegisterPass(spvtools::CreateInlineExhaustivePass())
-      .RegisterPass(spvtools::CreateEliminateDeadFunctionsPass())
-      .RegisterPass(spvtools::CreateLocalSingleBlockLoadStoreElimPass())
-      .RegisterPass(spvtools::CreateLocalSingleStoreElimPass())
-      .RegisterPass(spvtools::CreateAggressiveDCEPass());
-  spvtools::OptimizerOptions once;
-  once.set_run_validator(false);  // what comes out is validated
-  std::vector<uint32_t> optimized;
-  if (!optimizer.Run(module.data(), module.size(), &optimized, once))
-    return "the optimizer refuses the module: " + problems;
-  module = decorate_no_contraction(optimized, shader.native);
+  // Drivers optimize. What is done here makes modules smaller and takes linear time: calls and variables go. SPIRV-Tools'
+  // passes for it take quadratic time, and so does SwiftShader where it is left to do it.
+  std::optional<spirv::Module> parsed = spirv::parse(module, problems);
+  if (!parsed) return "glslang's words are no module: " + problems;
+  spirv::inline_calls(*parsed);
+  spirv::remove_variables(*parsed);
+  module = spirv::write(*parsed);
 
   spvtools::SpirvTools tools(SPV_ENV_VULKAN_1_1);
   tools.SetMessageConsumer(note);

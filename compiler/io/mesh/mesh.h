@@ -27,6 +27,18 @@ struct Mesh {
   std::vector<float> normals;       // x y z of each vertex, unit length. Empty: the file has none
   std::vector<float> colors;        // r g b a of each vertex, as in the file. Empty: the file has none
 
+  // What only glTF has. Empty: the file has none.
+  std::vector<float> uv1;          // the second u v of each vertex
+  std::vector<float> tangents;     // x y z of each vertex, unit length, and the sign of the bitangent
+  std::vector<int32_t> joints;     // four joints of each vertex: places in the skins' lists, one skin after another
+  std::vector<float> weights;      // and how much each of them counts
+  std::vector<int32_t> materials;  // the material of each triangle; -1: none
+  struct Morph {
+    std::vector<float> positions;  // what is added to each vertex, x y z
+    std::vector<float> normals;    // empty: no primitive has them
+  };
+  std::vector<Morph> morphs;
+
   int64_t vertex_count() const { return static_cast<int64_t>(positions.size() / 3); }
   int64_t triangle_count() const { return static_cast<int64_t>(indices.size() / 3); }
 };
@@ -40,8 +52,10 @@ struct Mesh {
 //
 // glTF: every primitive of every node of the default scene, one after another, with the nodes' transforms applied (and
 // the winding swapped under a mirroring one); `uv` is TEXCOORD_0 and shares `indices`; `colors` is COLOR_0, in which a
-// missing alpha is 1. Skins, morph targets, animations and materials are left out; images are not opened. Buffers are
-// embedded or lie in the folder of the file; nothing outside it is read.
+// missing alpha is 1. A vertex of a skinned node stays where the skin's joints expect it: the format says that their
+// matrices alone place it. Morph targets are not added; images are not opened. Buffers are embedded or lie in the
+// folder of the file; nothing outside it is read. Cameras, lights, materials and the rest are in
+// compiler/io/mesh/scene.h.
 Result<Mesh> load_mesh(const std::string& path);
 
 // What save_mesh writes; it owns nothing.

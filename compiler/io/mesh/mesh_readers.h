@@ -11,7 +11,22 @@
 
 namespace dr::io {
 
-enum class MeshAttribute { Position, Indices, Uv, UvIndices, Normal, Color };
+enum class MeshAttribute {
+  Position,
+  Indices,
+  Uv,
+  UvIndices,
+  Normal,
+  Color,
+  // glTF only.
+  Uv1,
+  Tangent,
+  Joints,
+  Weights,
+  Material,
+  MorphPosition,
+  MorphNormal
+};
 
 // What a reader must find. An attribute that is asked for by name and is missing is an error that says where; without
 // one, missing attributes are left empty.

@@ -100,6 +100,8 @@ std::vector<ChannelSource> sources_of(int channels, bool linear, ImageChannels s
       return all;
     }
     case ImageChannels::R: return {value(0, colour)};
+    case ImageChannels::G: return {value(1, colour)};
+    case ImageChannels::B: return {value(2, colour)};
     case ImageChannels::Rgb: return {value(0, true), value(1, true), value(2, true)};
     case ImageChannels::Rgba: return {value(0, true), value(1, true), value(2, true), alpha};
     case ImageChannels::A:
@@ -180,8 +182,10 @@ Picture decode_png_or_jpeg(std::span<const uint8_t> file) {
   Picture picture;
   int width = 0;
   int height = 0;
+  stbi__g_failure_reason = nullptr;  // not every refusal sets one, and an old one would mislead
   const auto check = [&](const void* decoded) {
-    if (!decoded) fail("the picture data is damaged (", stbi_failure_reason(), ")");
+    const char* reason = stbi_failure_reason();
+    if (!decoded) fail("the picture data is damaged (", reason ? reason : "the decoder gives no reason", ")");
     if (width != size.width || height != size.height) fail("the picture data is damaged");
   };
   if (png && stbi_is_16_bit_from_memory(data, length) != 0) {
@@ -199,6 +203,39 @@ Picture decode_png_or_jpeg(std::span<const uint8_t> file) {
   picture.width = width;
   picture.height = height;
   return picture;
+}
+
+Array to_array(const Picture& picture, const ImageOptions& options) {
+  const std::vector<ChannelSource> sources =
+      sources_of(picture.channels, picture.linear || options.raw, options.channels);
+  check_components(static_cast<int>(sources.size()), picture.channels, options);
+  Array array =
+      checked_zeros(ElementKind::Float32, static_cast<int64_t>(sources.size()), picture.width, picture.height, 1);
+  convert(picture, sources, array.as<float>().data());
+  return array;
+}
+
+ImageOptions image_options(std::span<const std::string_view> selectors, ImageOptions options) {
+  constexpr std::pair<std::string_view, ImageChannels> kChannels[] = {
+      {"r", ImageChannels::R}, {"rgb", ImageChannels::Rgb}, {"rgba", ImageChannels::Rgba}, {"a", ImageChannels::A}};
+  constexpr std::string_view kNames[] = {"raw", "r", "rgb", "rgba", "a"};
+  bool chosen = false;
+  for (const std::string_view selector : selectors) {
+    if (selector == "raw") {
+      options.raw = true;
+      continue;
+    }
+    const auto* found = std::find_if(std::begin(kChannels), std::end(kChannels),
+                                     [&](const auto& entry) { return entry.first == selector; });
+    if (found == std::end(kChannels)) {
+      fail("unknown selector ", in_quotes(selector), did_you_mean(selector, kNames),
+           ", a picture takes ':raw', ':r', ':rgb', ':rgba' or ':a'");
+    }
+    if (chosen) fail("one of ':r', ':rgb', ':rgba' and ':a' is enough");
+    chosen = true;
+    options.channels = found->second;
+  }
+  return options;
 }
 
 Array read_images(const std::vector<std::string>& paths, const ImageOptions& options) {

@@ -15,8 +15,11 @@ namespace dr::io {
 
 // The largest width and height, checked in the header before anything is decoded.
 inline constexpr int64_t kMaxImageSide = 16384;
+// The most bytes that the samples of one picture may take once they are decoded: the decoders count in 32 bits, and a
+// few bytes of a file can stand for any number of samples. Checked before anything is decoded.
+inline constexpr int64_t kMaxDecodedBytes = (int64_t{1} << 31) - 1;
 
-enum class ImageChannels : uint8_t { AsStored, R, Rgb, Rgba, A };
+enum class ImageChannels : uint8_t { AsStored, R, G, B, Rgb, Rgba, A };
 
 struct ImageOptions {
   ImageChannels channels = ImageChannels::AsStored;
@@ -41,12 +44,22 @@ struct Picture {
 struct PictureSize {
   int64_t width = 0;
   int64_t height = 0;
+  int64_t channels = 0;  // at most, of the decoded samples
+  int64_t sample_bytes = 1;
 };
+// Fails when the decoded samples would pass kMaxDecodedBytes. `at` is the byte of the file that gives the size.
+void check_decoded_size(const PictureSize& size, size_t at);
 PictureSize check_png(std::span<const uint8_t> file);
 PictureSize check_jpeg(std::span<const uint8_t> file);
 
 Picture decode_png_or_jpeg(std::span<const uint8_t> file);
 Picture decode_hdr(std::span<const uint8_t> file);
+
+// One decoded picture as an array.
+Array to_array(const Picture& picture, const ImageOptions& options);
+
+// What `:raw`, `:r`, `:rgb`, `:rgba` and `:a` choose, on top of `options`.
+ImageOptions image_options(std::span<const std::string_view> selectors, ImageOptions options);
 
 // Reads the files as the layers of one array; they must agree in size and channels. Precondition: at least one path.
 Array read_images(const std::vector<std::string>& paths, const ImageOptions& options);

@@ -30,12 +30,15 @@ class HdrReader {
     if (left / 4 < static_cast<size_t>(height_)) {
       fail("byte ", at_, ": the file is cut short, ", left, " bytes cannot hold ", height_, " rows");
     }
-    picture.floats.resize(static_cast<size_t>(width_ * height_) * 3);
     std::vector<Rgbe> row(static_cast<size_t>(width_));
+    // Runs stand for many pixels: all of them are counted before the picture takes memory.
+    const size_t start = at_;
+    for (y_ = 0; y_ < height_; ++y_) scanline(row, false);
+    at_ = start;
+    picture.floats.resize(static_cast<size_t>(width_ * height_) * 3);
     float* out = picture.floats.data();
-    for (int64_t y = 0; y < height_; ++y) {
-      y_ = y;
-      scanline(row);
+    for (y_ = 0; y_ < height_; ++y_) {
+      scanline(row, true);
       for (const Rgbe& pixel : row) {
         // A zero exponent is black. The mantissas stand for whole steps, as every common reader takes them.
         const float scale = pixel[3] == 0 ? 0.0f : std::ldexp(1.0f, int{pixel[3]} - (128 + 8));
@@ -96,6 +99,7 @@ class HdrReader {
     if (width_ < 1 || height_ < 1 || width_ > kMaxImageSide || height_ > kMaxImageSide) {
       fail("byte ", start, ": a picture of ", width_, "x", height_, ", sides must be in 1 to ", kMaxImageSide);
     }
+    check_decoded_size({width_, height_, 3, sizeof(float)}, start);
   }
 
   void need(size_t count) const {
@@ -109,11 +113,12 @@ class HdrReader {
     return value;
   }
 
-  void scanline(std::vector<Rgbe>& row) {
+  // Reads one row; without `keep` its runs are only counted.
+  void scanline(std::vector<Rgbe>& row, bool keep) {
     need(4);
     const bool coded =
         row.size() >= 8 && row.size() < 32768 && file_[at_] == 2 && file_[at_ + 1] == 2 && (file_[at_ + 2] & 0x80) == 0;
-    if (!coded) return flat_scanline(row);
+    if (!coded) return flat_scanline(row, keep);
     const size_t length = static_cast<size_t>(file_[at_ + 2]) << 8 | file_[at_ + 3];
     if (length != row.size()) {
       fail("byte ", at_, ": row ", y_, " says it has ", length, " pixels, the picture has ", row.size());
@@ -128,7 +133,7 @@ class HdrReader {
         const size_t count = run ? code - 128 : code;
         if (count == 0 || count > row.size() - x) fail("byte ", start, ": a run of ", count, " leaves row ", y_);
         need(run ? 1 : count);
-        for (size_t i = 0; i < count; ++i) row[x + i][channel] = file_[run ? at_ : at_ + i];
+        for (size_t i = 0; keep && i < count; ++i) row[x + i][channel] = file_[run ? at_ : at_ + i];
         at_ += run ? 1 : count;
         x += count;
       }
@@ -136,7 +141,7 @@ class HdrReader {
   }
 
   // Pixels one after another; (1, 1, 1, n) repeats the last one, and several in a row add further bytes to the count.
-  void flat_scanline(std::vector<Rgbe>& row) {
+  void flat_scanline(std::vector<Rgbe>& row, bool keep) {
     int shift = 0;
     for (size_t x = 0; x < row.size();) {
       const size_t start = at_;
@@ -149,7 +154,8 @@ class HdrReader {
       const size_t count = shift < 32 ? static_cast<size_t>(value[3]) << shift : 0;
       if (x == 0 || count == 0 || count > row.size() - x)
         fail("byte ", start, ": a run of ", count, " leaves row ", y_);
-      for (size_t i = 0; i < count; ++i, ++x) row[x] = row[x - 1];
+      for (size_t i = 0; keep && i < count; ++i) row[x + i] = row[x - 1];
+      x += count;
       shift += 8;
     }
   }

@@ -41,7 +41,24 @@ void check_size(const PictureSize& size, size_t at) {
   }
 }
 
+// What a PNG's header says of its samples, as the decoder gives them: a palette becomes a colour, fewer than 8 bits 8.
+PictureSize png_header(std::span<const uint8_t> file) {
+  const uint8_t bits = file[24];
+  const uint8_t colour_type = file[25];
+  PictureSize size = {big_u32(file, 16), big_u32(file, 20)};
+  size.channels = colour_type == 0 ? 1 : colour_type == 4 ? 2 : colour_type == 2 ? 3 : 4;
+  size.sample_bytes = bits == 16 ? 2 : 1;
+  return size;
+}
+
 }  // namespace
+
+void check_decoded_size(const PictureSize& size, size_t at) {
+  const int64_t bytes = size.width * size.height * size.channels * size.sample_bytes;  // sides are checked: no overflow
+  if (bytes <= kMaxDecodedBytes) return;
+  fail("byte ", at, ": a picture of ", size.width, "x", size.height, " with ", size.channels, " x ",
+       size.sample_bytes * 8, " bits takes ", bytes, " bytes, the limit is ", kMaxDecodedBytes);
+}
 
 PictureSize check_png(std::span<const uint8_t> file) {
   constexpr uint8_t kSignature[8] = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'};
@@ -64,12 +81,15 @@ PictureSize check_png(std::span<const uint8_t> file) {
     }
     if (at == 8) {
       if (name != "IHDR" || length != 13) fail("byte 8: the first chunk is not a header of 13 bytes");
-      size = {big_u32(file, at + 8), big_u32(file, at + 12)};
+      size = png_header(file);
       check_size(size, at + 8);
     }
+    // A transparent colour becomes an alpha.
+    if (name == "tRNS" && (size.channels == 1 || size.channels == 3)) ++size.channels;
     if (name == "IDAT") has_data = true;
     if (name == "IEND") {
       if (!has_data) fail("byte ", at, ": there is no picture data");
+      check_decoded_size(size, 16);
       return size;
     }
     at += 12 + data_size;
@@ -144,8 +164,9 @@ class JpegChecker {
     const size_t count = data.size() >= 6 ? data[5] : 0;
     if (count == 0 || data.size() != 6 + count * 3) fail("byte ", start, ": the frame header has a wrong length");
     progressive_ = marker == 0xc2;
-    size_ = {big_u16(data, 3), big_u16(data, 1)};
+    size_ = {big_u16(data, 3), big_u16(data, 1), static_cast<int64_t>(count)};
     check_size(size_, start);
+    check_decoded_size(size_, start);
     for (size_t i = 0; i < count; ++i) components_.push_back({data[6 + i * 3], data[8 + i * 3]});
   }
 

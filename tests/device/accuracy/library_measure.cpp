@@ -107,7 +107,7 @@ class Group {
     backend::CompileOptions compile;
     compile.cache_folder = backend::default_cache_folder();
     auto compiled = backend::compile(graph, std::get<target::Profile>(profile), compile);
-    if (const auto* problem = std::get_if<std::string>(&compiled)) stop(*problem);
+    if (const auto* problem = std::get_if<backend::Limit>(&compiled)) stop(problem->text);
     return must(runtime::Program::load(device, bundle::write(std::get<backend::Compiled>(compiled).bundle)));
   }
 

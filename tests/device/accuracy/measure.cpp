@@ -243,7 +243,7 @@ std::vector<Row> measure(const runtime::Device& device, std::span<const Case> ca
   auto& compile_options = std::get<backend::CompileOptions>(chosen);
   compile_options.cache_folder = backend::default_cache_folder();
   auto compiled = backend::compile(graphs.device, std::get<target::Profile>(profile), compile_options);
-  if (const auto* problem = std::get_if<std::string>(&compiled)) stop(*problem);
+  if (const auto* problem = std::get_if<backend::Limit>(&compiled)) stop(problem->text);
   auto program = must(runtime::Program::load(device, bundle::write(std::get<backend::Compiled>(compiled).bundle)));
   for (const auto& leaf : program.leaves()) must(program.bind(leaf.name, array_of(leaves.at(leaf.name))));
   for (const std::string& step : program.steps()) must(program.run(step));

@@ -95,8 +95,8 @@ TEST_CASE("a limit of the profile splits a pass or is told") {
   CHECK(check_schedule(g, s, tight).empty());
   tight.max_per_stage_descriptor_storage_buffers = 1;
   const auto result = compile(g, tight, {});
-  REQUIRE(std::holds_alternative<std::string>(result));
-  CHECK(std::get<std::string>(result).find("device allows 1") != std::string::npos);
+  REQUIRE(std::holds_alternative<Limit>(result));
+  CHECK(std::get<Limit>(result).text.find("device allows 1") != std::string::npos);
 }
 
 namespace {
@@ -113,6 +113,12 @@ std::pair<size_t, size_t> arithmetic_of(const std::vector<uint32_t>& code) {
       arithmetic.push_back(code[at + 2]);
   }
   return {arithmetic.size(), std::ranges::count_if(arithmetic, [&](uint32_t id) { return decorated.contains(id); })};
+}
+
+size_t functions_of(const std::vector<uint32_t>& code) {
+  size_t count = 0;
+  for (size_t at = 5; at < code.size(); at += code[at] >> 16) count += (code[at] & 0xffff) == 54 ? 1 : 0;
+  return count;
 }
 
 }  // namespace
@@ -138,6 +144,7 @@ TEST_CASE("every float instruction is decorated NoContraction") {
     const auto [all, decorated] = arithmetic_of(shader->spirv);
     CHECK(decorated == all);
     CHECK(decorate_no_contraction(shader->spirv) == shader->spirv);
+    CHECK(functions_of(shader->spirv) == 1);  // no function of ours leaves early
   }
 }
 

@@ -80,7 +80,7 @@ TEST_CASE("random graphs have sound schedules on every profile, whatever is swit
         const Schedule s = pack(g, p, options);
         const auto problems = check_schedule(g, s, p);
         // A single op may need more than the smallest devices have; packing must not add to that.
-        for (const std::string& problem : problems) CHECK(problem == "");
+        for (const Violation& problem : problems) CHECK(problem.text == "");
         PackOptions apart = options;
         apart.stages = false;
         CHECK(stage_count(s) <= stage_count(pack(g, p, apart)));

@@ -91,7 +91,7 @@ std::string in_place(const std::string& text, bool fused = true) {
       ++count;
     }
   CHECK(schedule.resources.size() == before - count);
-  for (const std::string& problem : check_schedule(graph, schedule, profile)) FAIL(problem);
+  for (const Violation& problem : check_schedule(graph, schedule, profile)) FAIL(problem.text);
   return names;
 }
 

@@ -281,6 +281,9 @@ TEST_CASE("malformed pictures are refused by byte", "[io][malformed]") {
       picture("a.png", png_file(16385, 1, 8, 0, "x"), "byte 16: a picture of 16385x1, sides must be in 1 to 16384"),
       picture("a.png", png_file(1, 0xffffffff, 8, 0, "x"),
               "byte 16: a picture of 1x4294967295, sides must be in 1 to 16384"),
+      // Both sides are allowed, all of it is not: the decoder counts in 32 bits.
+      picture("a.png", png_file(16384, 16384, 16, 6, "x"),
+              "byte 16: a picture of 16384x16384 with 4 x 16 bits takes 2147483648 bytes, the limit is 2147483647"),
       picture("a.png", flipped, "byte 33: chunk 'IDAT' is damaged, its checksum differs"),
       picture("a.png", png.substr(0, 40), "byte 33: the file is cut short, a chunk was expected"),
       picture("a.png", png.substr(0, 50), "byte 33: the file is cut short, chunk 'IDAT' has 14 bytes, 5 are left"),
@@ -306,6 +309,8 @@ TEST_CASE("malformed pictures are refused by byte", "[io][malformed]") {
       picture("a.hdr", replaced(hdr, "-Y 2", "-Y 0"), "byte 35: a picture of 8x0, sides must be in 1 to 16384"),
       picture("a.hdr", replaced(hdr, "-Y 2", "-Y 9999"),
               "byte 48: the file is cut short, 31 bytes cannot hold 9999 rows"),
+      picture("a.hdr", replaced(hdr, "-Y 2 +X 8", "-Y 16384 +X 16384"),
+              "byte 35: a picture of 16384x16384 with 3 x 32 bits takes 3221225472 bytes, the limit is 2147483647"),
       picture("a.hdr", replaced(hdr, "+X 8", "+X 9"), "byte 45: row 0 says it has 8 pixels, the picture has 9"),
       picture("a.hdr", hdr.substr(0, hdr.size() - 1), "byte 75: the file is cut short in row 1"),
   });

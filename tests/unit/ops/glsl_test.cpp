@@ -81,18 +81,25 @@ std::string complaints(const std::string& text, const std::filesystem::path& fol
   return {std::istreambuf_iterator<char>(stream), {}};
 }
 
-// How often the module that glslang made last branches.
-size_t branches(const std::filesystem::path& folder) {
-  constexpr uint32_t kOpBranchConditional = 250, kHeader = 5;
+// What the module that glslang made last has of control flow.
+struct Flow {
+  size_t branches = 0, functions = 0, returns = 0;
+};
+Flow flow(const std::filesystem::path& folder) {
+  constexpr uint32_t kOpFunction = 54, kOpBranchConditional = 250, kOpReturn = 253, kOpReturnValue = 254, kHeader = 5;
   std::ifstream stream(folder / "op.spv", std::ios::binary);
   const std::string bytes{std::istreambuf_iterator<char>(stream), {}};
   std::vector<uint32_t> words(bytes.size() / 4);
   std::memcpy(words.data(), bytes.data(), words.size() * 4);
   REQUIRE(words.size() > kHeader);
-  size_t count = 0;
-  for (size_t at = kHeader; at < words.size(); at += words[at] >> 16)
-    if ((words[at] & 0xffffu) == kOpBranchConditional) ++count;
-  return count;
+  Flow out;
+  for (size_t at = kHeader; at < words.size(); at += words[at] >> 16) {
+    const uint32_t op = words[at] & 0xffffu;
+    if (op == kOpBranchConditional) ++out.branches;
+    if (op == kOpFunction) ++out.functions;
+    if (op == kOpReturn || op == kOpReturnValue) ++out.returns;
+  }
+  return out;
 }
 
 // Two costly sides of which one is enough; and SPIR-V's select does not take matrices.
@@ -101,7 +108,7 @@ const std::set<OpKind> kBranching = {OpKind::Expm1, OpKind::Tanh, OpKind::Sinh,
 
 }  // namespace
 
-TEST_CASE("glslang accepts every op in every form, of both float profiles, and of strict ones few branch") {
+TEST_CASE("glslang accepts every op in every form, of both float profiles; functions return once, few branch") {
   if (!have_glslang()) {
     WARN("glslangValidator is not installed: the GLSL of the ops is not checked");
     return;
@@ -115,10 +122,13 @@ TEST_CASE("glslang accepts every op in every form, of both float profiles, and o
     if (texts[0] == texts[1]) texts.pop_back();
     for (const std::string& text : texts) {
       const std::string wrong = complaints(text, folder);
-      if (!wrong.empty())
+      if (!wrong.empty()) {
         FAIL_CHECK(wrong << "\n" << text);
-      else if (&text == &texts[0])
-        CHECK((branches(folder) != 0) == kBranching.contains(kind));
+        continue;
+      }
+      const Flow found = flow(folder);
+      CHECK(found.returns == found.functions);
+      if (&text == &texts[0]) CHECK((found.branches != 0) == kBranching.contains(kind));
     }
   }
   std::filesystem::remove_all(folder);

@@ -1,0 +1,209 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "compiler/backend/pipeline.h"
+
+#include <bit>
+#include <chrono>
+
+#include "compiler/backend/emit/generator.h"
+#include "compiler/backend/lowering/keep_in_tiles.h"
+#include "compiler/backend/lowering/keep_sums.h"
+#include "compiler/backend/lowering/list_where_computed.h"
+#include "compiler/backend/lowering/raster_entries.h"
+#include "compiler/backend/lowering/scatter.h"
+#include "compiler/backend/lowering/set_up_in_raster.h"
+#include "compiler/backend/lowering/update_in_place.h"
+#include "compiler/backend/pack/pack.h"
+#include "compiler/backend/plan/dependencies.h"
+#include "compiler/backend/plan/plan_memory.h"
+#include "compiler/backend/shaders.h"
+#include "compiler/ir/print.h"
+
+namespace dr::backend {
+namespace {
+
+using Outcome = std::optional<Limit>;
+
+Outcome run_pack(Compilation& c) {
+  c.out.schedule = pack(c.graph, c.profile, pack_options(c.profile, c.options));
+  return std::nullopt;
+}
+
+Outcome run_choose_sums(Compilation& c) {
+  const ScatterOptions options{c.options.scatter, c.options.stages, c.options.list_active};
+  if (auto problem = legalize_scatter(c.graph, c.profile, options, c.out.schedule)) return Limit{*problem};
+  return std::nullopt;
+}
+
+Outcome run_update_in_place(Compilation& c) {
+  update_in_place(c.graph, c.out.schedule);
+  return std::nullopt;
+}
+
+Outcome run_keep_in_tiles(Compilation& c) {
+  keep_in_tiles(c.graph, c.out.schedule);
+  return std::nullopt;
+}
+
+Outcome run_list_where_computed(Compilation& c) {
+  list_where_computed(c.graph, c.profile, c.out.schedule);
+  return std::nullopt;
+}
+
+Outcome run_keep_entries(Compilation& c) {
+  keep_entries(c.graph, c.profile, c.out.schedule);
+  return std::nullopt;
+}
+
+Outcome run_keep_sums(Compilation& c) {
+  keep_sums(c.graph, c.out.schedule);
+  return std::nullopt;
+}
+
+Outcome run_set_up_in_raster(Compilation& c) {
+  set_up_in_raster(c.graph, c.profile, c.out.schedule);
+  return std::nullopt;
+}
+
+// The last word on limits, whatever the passes before took care of.
+Outcome run_check_limits(Compilation& c) {
+  std::string limits;
+  for (const Violation& v : check_schedule(c.graph, c.out.schedule, c.profile))
+    if (v.kind == Violation::Kind::Limit) limits += (limits.empty() ? "" : "\n") + v.text;
+  if (limits.empty()) return std::nullopt;
+  return Limit{limits};
+}
+
+Outcome run_emit(Compilation& c) {
+  bundle::BundleT& bundle = c.out.bundle;
+  const PackOptions packing = pack_options(c.profile, c.options);
+  bundle.version = bundle::kVersion;
+  bundle.profile = c.profile.name;
+  bundle.float_profile = c.options.native_floats ? "native" : "strict";
+  const bool naive = !packing.fused && !packing.recompute && !packing.stages;
+  bundle.lowering = std::string(naive ? "naive," : "fused,") + (packing.fragment ? "fragment," : "compute,") +
+                    (packing.hardware_raster ? "hardware" : "compute");
+  bundle.graph = ir::print(c.graph);
+  if (!c.options.lines.files().empty()) bundle.op_lines = c.options.lines.in_text_order(c.graph);
+  const EmitOptions options{c.options.lines, c.options.list_branches, c.options.native_floats};
+  c.generator = std::make_unique<Generator>(c.graph, c.out.schedule, c.profile, options);
+  c.generator->process(bundle, c.out.glsl);
+  return std::nullopt;
+}
+
+Outcome run_find_dependencies(Compilation& c) {
+  find_dependencies(c.out.bundle);
+  return std::nullopt;
+}
+
+Outcome run_clear_together(Compilation& c) {
+  c.generator->clear_together();
+  if (auto limit = words_over_limit(c.out.bundle)) return limit;
+  return bindings_over_limit(c.out.bundle, c.profile);
+}
+
+Outcome run_plan_memory(Compilation& c) {
+  bundle::BundleT& bundle = c.out.bundle;
+  plan_memory(bundle);
+  if (!c.options.share_memory)
+    for (uint32_t k = 0; k < bundle.resources.size(); ++k) bundle.resources[k]->slot = k;
+  if (const auto problems = check_memory(bundle); !problems.empty()) DR_ICE(problems.front());
+  return std::nullopt;
+}
+
+Outcome run_assemble(Compilation& c) {
+  assemble_shaders(c.options.cache_folder, c.out);
+  return std::nullopt;
+}
+
+constexpr Facts only(Fact fact) { return static_cast<Facts>(fact); }
+
+constexpr BackendPass kPasses[] = {
+    {"pack", run_pack, 0, only(Fact::Packed), only(Fact::PlacesFixed)},
+    {"choose-sums", run_choose_sums, only(Fact::Packed), only(Fact::SumsChosen), only(Fact::PlacesFixed)},
+    {"update-in-place", run_update_in_place, Fact::Packed | Fact::SumsChosen, 0, only(Fact::Lowered)},
+    {"keep-in-tiles", run_keep_in_tiles, Fact::Packed | Fact::SumsChosen, 0, only(Fact::Lowered)},
+    {"list-where-computed", run_list_where_computed, Fact::Packed | Fact::SumsChosen, only(Fact::PlacesFixed),
+     only(Fact::Lowered)},
+    {"keep-entries", run_keep_entries, only(Fact::Packed), only(Fact::EntriesKept), only(Fact::Lowered)},
+    {"keep-sums", run_keep_sums, Fact::Packed | Fact::SumsChosen, 0, only(Fact::Lowered)},
+    {"set-up-in-raster", run_set_up_in_raster, Fact::Packed | Fact::EntriesKept, only(Fact::PlacesFixed),
+     only(Fact::Lowered)},
+    {"check-limits", run_check_limits, Fact::Packed | Fact::SumsChosen, only(Fact::Lowered), only(Fact::Emitted)},
+    {"emit", run_emit, only(Fact::Lowered), only(Fact::Emitted), only(Fact::CommandsFixed)},
+    {"find-dependencies", run_find_dependencies, only(Fact::Emitted), only(Fact::Dependencies), 0},
+    {"clear-together", run_clear_together, Fact::Emitted | Fact::Dependencies, only(Fact::CommandsFixed),
+     only(Fact::Slots)},
+    {"plan-memory", run_plan_memory, Fact::Dependencies | Fact::CommandsFixed, only(Fact::Slots), 0},
+    {"assemble", run_assemble, only(Fact::CommandsFixed), only(Fact::Assembled), 0},
+};
+
+void require_facts(const BackendPass& pass, Facts have) {
+  const auto first = [](Facts facts) {
+    return std::string(fact_name(static_cast<Fact>(Facts{1} << std::countr_zero(facts))));
+  };
+  if (const Facts missing = pass.needs & ~have; missing != 0)
+    DR_ICE("pass " + std::string(pass.name) + " needs '" + first(missing) + "', which no pass before it establishes");
+  if (const Facts late = pass.before & have; late != 0)
+    DR_ICE("pass " + std::string(pass.name) + " has to run before '" + first(late) + "' is established");
+}
+
+void require_sound(const Compilation& c, std::string_view pass) {
+  std::string message;
+  for (const Violation& v : check_schedule(c.graph, c.out.schedule, c.profile))
+    if (v.kind == Violation::Kind::Unsound) message += "\n  " + v.text;
+  if (!message.empty())
+    DR_ICE("schedule fails verification after pass " + std::string(pass) + message + "\n" +
+           print(c.graph, c.out.schedule));
+}
+
+// As a pass with a mistake would.
+void forget_writes(Schedule& schedule) {
+  for (StepSchedule& step : schedule.steps)
+    for (Pass& pass : step.passes) pass.writes.clear();
+}
+
+}  // namespace
+
+std::string_view fact_name(Fact fact) {
+  switch (fact) {
+    case Fact::Packed: return "packed";
+    case Fact::SumsChosen: return "sums chosen";
+    case Fact::PlacesFixed: return "places of passes fixed";
+    case Fact::EntriesKept: return "entries kept";
+    case Fact::Lowered: return "lowered";
+    case Fact::Emitted: return "emitted";
+    case Fact::Dependencies: return "dependencies";
+    case Fact::CommandsFixed: return "commands fixed";
+    case Fact::Slots: return "slots";
+    case Fact::Assembled: return "assembled";
+  }
+  return "";
+}
+
+Compilation::Compilation(const ir::Graph& g, const target::Profile& p, const CompileOptions& o)
+    : graph(g), profile(p), options(o) {}
+Compilation::~Compilation() = default;
+
+std::span<const BackendPass> backend_passes() { return kPasses; }
+
+std::optional<Limit> run_backend(Compilation& compilation, std::span<const BackendPass> passes) {
+  const PassHooks& hooks = compilation.options.hooks;
+  Facts have = 0;
+  for (const BackendPass& pass : passes) {
+    require_facts(pass, have);
+    const auto start = std::chrono::steady_clock::now();
+    if (auto limit = pass.run(compilation)) return limit;
+    const std::chrono::duration<double, std::milli> elapsed = std::chrono::steady_clock::now() - start;
+    have |= pass.makes;
+    if (pass.name == hooks.break_after) forget_writes(compilation.out.schedule);
+    const bool is_schedule = (have & static_cast<Facts>(Fact::Emitted)) == 0;
+    // A schedule is checked where it is done; after each pass on request.
+    if (is_schedule && (hooks.verify_each || (pass.makes & static_cast<Facts>(Fact::Lowered)) != 0))
+      require_sound(compilation, pass.name);
+    if (hooks.after) hooks.after(pass.name, is_schedule ? &compilation.out.schedule : nullptr, elapsed.count());
+    if (pass.name == hooks.stop_after) break;
+  }
+  return std::nullopt;
+}
+
+}  // namespace dr::backend

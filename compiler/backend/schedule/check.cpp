@@ -1,0 +1,235 @@
+// SPDX-License-Identifier: Apache-2.0
+// The checker of schedules, which knows nothing of how packing decided.
+#include <algorithm>
+#include <set>
+
+#include "compiler/backend/analysis/uses.h"
+#include "compiler/backend/schedule/schedule.h"
+#include "compiler/backend/schedule/trips.h"
+#include "compiler/ops/op.h"
+
+namespace dr::backend {
+
+using ir::Graph;
+using ir::Op;
+using ir::OpId;
+using ir::OpKind;
+using ir::ValueId;
+
+namespace {
+
+void captured_operands(const Graph& graph, const Op& op, std::set<ValueId>& out) {
+  for (ValueId v : op.operands)
+    if (graph.value(v).region == graph.root()) out.insert(v);
+  for (ir::RegionId region : op.regions) {
+    for (OpId id : graph.region(region).ops) captured_operands(graph, graph.op(id), out);
+    for (ValueId v : graph.region(region).yields)
+      if (graph.value(v).region == graph.root()) out.insert(v);
+  }
+}
+
+bool is_fragment(const Pass& pass) { return pass.kind == Pass::Kind::Map && pass.hardware; }
+
+template <typename Values>
+bool contains(const Values& values, ValueId v) {
+  return std::ranges::find(values, v) != values.end();
+}
+
+// Runs the passes of a step in thought, in order.
+class StepChecker {
+ public:
+  StepChecker(const Graph& graph, const Schedule& schedule, const StepSchedule& step, const target::Profile& profile,
+              std::vector<Violation>& violations)
+      : graph_(graph), schedule_(schedule), step_(step), profile_(profile), violations_(violations) {}
+
+  void process() {
+    for (place_ = 0; place_ < step_.passes.size(); ++place_) check_pass();
+    for (const auto& [name, v] : step_.outputs)
+      if (!is_kept(v)) unsound_step("output '" + name + "' is never stored");
+    for (const auto& [leaf, v] : step_.updates)
+      if (!is_kept(v)) unsound_step("the update of '" + graph_.leaves[leaf].name + "' is never stored");
+  }
+
+ private:
+  const Pass& pass() const { return step_.passes[place_]; }
+  const Resource* resource_of(ValueId v) const {
+    const auto it = step_.stored.find(v);
+    return it == step_.stored.end() ? nullptr : &schedule_.resources[it->second.index];
+  }
+  bool is_ready(ValueId v) const {
+    if (!is_memory(graph_.op(graph_.value(v).op))) return ready_.count(v) != 0;
+    const auto it = step_.stored.find(v);
+    return it == step_.stored.end() || overwritten_.count(it->second.index) == 0;
+  }
+  bool is_tile(ValueId v) const {
+    const Resource* resource = resource_of(v);
+    return resource && resource->storage == Resource::Storage::Tile;
+  }
+  bool is_kept(ValueId v) const { return resource_of(v) && is_ready(v) && !is_tile(v); }
+
+  void report(Violation::Kind kind, const std::string& what) {
+    violations_.push_back({kind, "step " + step_.name + ", pass " + pass().name + ": " + what});
+  }
+  void unsound(const std::string& what) { report(Violation::Kind::Unsound, what); }
+  void unsound_step(const std::string& what) {
+    violations_.push_back({Violation::Kind::Unsound, "step " + step_.name + ": " + what});
+  }
+
+  void check_pass() {
+    inputs_ = stage_inputs(step_, place_);
+    here_.clear();
+    elsewhere_.clear();
+    check_reads();
+    check_setup();
+    check_ops();
+    check_rows();
+    check_stage();
+    check_writes();
+    if (pass().kind != Pass::Kind::Raster) check_limits();  // its draws and dispatches bind one result at a time
+    if (inputs_.size() > profile_.max_per_stage_descriptor_input_attachments)
+      over(inputs_.size(), "input attachments", profile_.max_per_stage_descriptor_input_attachments);
+  }
+
+  void check_reads() {
+    for (ValueId v : pass().reads) {
+      const Resource* resource = resource_of(v);
+      if (!resource)
+        unsound("reads a value that is not stored");
+      else if (!is_ready(v))
+        unsound("reads '" + resource->name + "' before it is written");
+      else if (is_tile(v) && !contains(inputs_, v))
+        unsound("reads '" + resource->name + "', which its stage has not written");
+      here_.insert(v);
+    }
+  }
+
+  // What sets the pass up runs no earlier than here.
+  void check_setup() {
+    if (pass().set_up_by < 0) return;
+    const auto place = static_cast<size_t>(pass().set_up_by);
+    const Pass& setup = step_.passes[place];
+    for (size_t j = place + 1; j < place_; ++j)
+      for (ValueId v : step_.passes[j].reads)
+        if (contains(setup.writes, v)) unsound("sets up late what '" + step_.passes[j].name + "' reads");
+    if (setup.steady != pass().steady) unsound("sets up what runs at other times");
+    if (pass().sets_up_again)
+      for (OpId id : setup.ops)
+        for (ValueId v : graph_.op(id).results) here_.insert(v);
+  }
+
+  void check_ops() {
+    for (OpId id : pass().ops) {
+      const Op& op = graph_.op(id);
+      for (ValueId v : uses_of(graph_, op).elsewhere) elsewhere_.insert(v);
+      std::set<ValueId> needs;
+      captured_operands(graph_, op, needs);
+      for (ValueId v : needs)
+        if (here_.count(v) == 0 && !(op.kind == OpKind::Raster && is_inline(graph_.op(graph_.value(v).op))))
+          unsound("op '" + std::string(ir::op_name(op.kind)) + "' lacks an operand");
+      for (ValueId v : op.results) here_.insert(v);
+    }
+  }
+
+  void check_rows() {
+    if (pass().rows.places.empty()) return;
+    const std::vector<bool> steady = steady_ops(graph_, graph_.steps[*graph_.step_index(step_.name)]);
+    for (const ScatterLeaf& place : pass().rows.places) {
+      std::vector<ValueId> sorted_by{place.index};
+      for (const ScatterLeaf::Branch& branch : place.path)
+        if (branch.in_table) sorted_by.push_back(graph_.op(branch.op).operands[0]);
+      for (ValueId v : root_values_at(graph_, place, sorted_by))
+        if (steady[graph_.value(v).op.index]) unsound("sorts by what its step changes");
+    }
+  }
+
+  void check_stage() {
+    const bool fragment = is_fragment(pass());
+    if (place_ > 0 && step_.passes[place_ - 1].stage == pass().stage) {
+      const Pass& before = step_.passes[place_ - 1];
+      if (fragment != is_fragment(before) ||
+          (fragment ? before.domain != pass().domain : pass().hardware || before.hardware))
+        unsound("is of another kind or extent than the rest of its stage");
+    }
+    for (ValueId v : inputs_)
+      if (!fragment)
+        unsound("needs another pass of its stage");
+      else if (elsewhere_.count(v) != 0 || graph_.value(v).extent != pass().domain)
+        unsound("reads a value of its stage at other places");
+  }
+
+  void check_writes() {
+    for (ValueId v : pass().writes) {
+      if (here_.count(v) == 0) unsound("stores a value that it does not compute");
+      const Resource* to = resource_of(v);
+      if (!to) {
+        unsound("stores a value without a resource");
+        continue;
+      }
+      if (to->leaf >= 0) check_overwritten(*to, step_.stored.at(v));
+      if (!ready_.insert(v).second && pass().kind != Pass::Kind::Map) unsound("stores a value twice");
+    }
+  }
+
+  void check_overwritten(const Resource& leaf, ResourceId id) {
+    overwritten_.insert(id.index);
+    for (ValueId old : elsewhere_)
+      if (step_.stored.count(old) != 0 && step_.stored.at(old) == id)
+        unsound("overwrites leaf '" + leaf.name + "' while it reads it at other places");
+    if (pass().kind != Pass::Kind::Map || pass().domain != leaf.extent)
+      unsound("overwrites leaf '" + leaf.name + "' from other places");
+  }
+
+  void over(size_t count, const std::string& what, size_t most, const std::string& where = "") {
+    if (count > most)
+      report(Violation::Kind::Limit,
+             std::to_string(count) + " " + what + ", device allows " + std::to_string(most) + where);
+  }
+
+  void check_limits() {
+    std::set<uint32_t> buffers, images;
+    for (ValueId v : pass().reads)
+      if (const auto it = step_.stored.find(v); it != step_.stored.end())
+        (schedule_.resources[it->second.index].storage == Resource::Storage::Buffer ? buffers : images)
+            .insert(it->second.index);
+    const size_t sampled = images.size() + (profile_.lanes_in_turn ? buffers.size() : 0);
+    size_t colors = 0;
+    for (ValueId v : pass().writes)
+      if (const auto it = step_.stored.find(v); it != step_.stored.end()) {
+        if (schedule_.resources[it->second.index].storage == Resource::Storage::Buffer)
+          buffers.insert(it->second.index);
+        else
+          ++colors;
+      }
+    over(buffers.size(), "storage buffers", profile_.max_per_stage_descriptor_storage_buffers);
+    over(sampled, "sampled images", profile_.max_per_stage_descriptor_sampled_images);
+    over(colors, "colour attachments", profile_.max_color_attachments);
+    over(buffers.size() + images.size() + colors, "resources", profile_.max_per_stage_resources);
+    if (pass().hardware && may_pass_limit(trips_of(graph_, pass().ops), profile_))
+      report(Violation::Kind::Limit, "loops of a fragment shader that may take more trips than the " +
+                                         std::to_string(profile_.loop_trips) + " that the device allows");
+    if (pass().hardware)
+      over(buffers.size() + colors, "storage buffers and colour attachments",
+           profile_.max_fragment_combined_output_resources, " in a fragment shader");
+  }
+
+  const Graph& graph_;
+  const Schedule& schedule_;
+  const StepSchedule& step_;
+  const target::Profile& profile_;
+  std::vector<Violation>& violations_;
+  size_t place_ = 0;                    // of the pass
+  std::set<ValueId> ready_;             // stored by now
+  std::set<uint32_t> overwritten_;      // leaves that hold their new value already
+  std::vector<ValueId> inputs_;         // read as input attachments by the pass
+  std::set<ValueId> here_, elsewhere_;  // at hand in the pass; read by it at other places
+};
+
+}  // namespace
+
+std::vector<Violation> check_schedule(const Graph& graph, const Schedule& schedule, const target::Profile& profile) {
+  std::vector<Violation> violations;
+  for (const StepSchedule& step : schedule.steps) StepChecker(graph, schedule, step, profile, violations).process();
+  return violations;
+}
+
+}  // namespace dr::backend

@@ -1,0 +1,164 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "compiler/driver/driver.h"
+
+#include <algorithm>
+
+#include "compiler/backend/pipeline.h"
+#include "compiler/backend/skips.h"
+#include "compiler/backend/spirv/shader_cache.h"
+#include "compiler/ir/internal_error.h"
+#include "compiler/ir/parse.h"
+#include "compiler/ir/print.h"
+#include "compiler/lower/lower.h"
+
+namespace dr::driver {
+namespace {
+
+std::string lines(const std::vector<std::string>& violations) {
+  std::string out;
+  for (const std::string& violation : violations) out += (out.empty() ? "" : "\n") + violation;
+  return out;
+}
+
+}  // namespace
+
+std::vector<std::string> graph_pass_names() {
+  std::vector<std::string> names;
+  for (const passes::Pass& pass : passes::default_passes())
+    if (std::ranges::find(names, pass.name) == names.end()) names.emplace_back(pass.name);
+  return names;
+}
+
+std::vector<std::string> schedule_pass_names() {
+  std::vector<std::string> names;
+  for (const backend::BackendPass& pass : backend::backend_passes()) {
+    if ((pass.makes & static_cast<backend::Facts>(backend::Fact::Emitted)) != 0) break;
+    names.emplace_back(pass.name);
+  }
+  return names;
+}
+
+Compilation::Compilation(std::string name, std::string text, Options options, Hooks hooks)
+    : options_(std::move(options)), hooks_(std::move(hooks)), is_graph_(name.ends_with(".ir")) {
+  file_ = sources_.add(std::move(name), std::move(text));
+}
+
+std::nullptr_t Compilation::fail(Error error) {
+  error_ = std::move(error);
+  return nullptr;
+}
+
+std::string Compilation::messages() const {
+  std::string out = dsl::format(diagnostics_, sources_);
+  if (!error_) return out;
+  const std::string name(sources_.name(file_));
+  if (error_->line != 0) return out + name + ":" + std::to_string(error_->line) + ": error: " + error_->text + "\n";
+  if (error_->kind == Error::Kind::Limit) return out + name + ": error: " + error_->text + "\n";
+  return out + error_->text + "\n";
+}
+
+// An internal error within `make` says where what reproduces it is.
+template <typename Make>
+auto Compilation::keeping_reproducer(const ir::Graph& graph, const Make& make) {
+  try {
+    return make();
+  } catch (const ir::InternalError& error) {
+    const std::string file = keep_reproducer(graph, options_, error.what());
+    if (file.empty()) throw;
+    throw ir::InternalError(std::string(error.what()) + "\nThis is a mistake of the compiler. The graph is kept in " +
+                            file + "; this shows the mistake again:\n  drc build " + file + " --emit=bundle -o -" +
+                            command_line(options_));
+  }
+}
+
+const target::Profile* Compilation::profile() {
+  if (profile_) return &*profile_;
+  auto loaded = target::load_profile(options_.profile);
+  if (const auto* problem = std::get_if<std::string>(&loaded)) return fail({Error::Kind::User, *problem});
+  profile_ = std::get<target::Profile>(std::move(loaded));
+  return &*profile_;
+}
+
+const ir::Graph* Compilation::lowered() {
+  if (lowered_) return &*lowered_;
+  if (error_ || diagnostics_.has_errors()) return nullptr;
+  if (is_graph_) {
+    auto parsed = ir::parse(std::string(sources_.text(file_)));
+    if (const auto* problem = std::get_if<ir::ParseError>(&parsed))
+      return fail({Error::Kind::User, problem->message, problem->line});
+    // A graph from the compiler that is unsound is the compiler's mistake; one from a file is the user's.
+    if (const auto violations = passes::verify(std::get<ir::Graph>(parsed)); !violations.empty())
+      return fail({Error::Kind::User, lines(violations)});
+    lowered_ = std::get<ir::Graph>(std::move(parsed));
+    return &*lowered_;
+  }
+  lower::Options lowering;
+  lowering.include_dirs = options_.include_dirs;
+  lowering.plain_gradients = options_.plain_gradients;
+  lowering.defines = options_.defines;
+  if (!options_.profile.empty() || profile_) {
+    if (!profile()) return nullptr;
+    for (auto& define : backend::skip_defines(options_.ablate, *profile_)) lowering.defines.insert(std::move(define));
+  }
+  lowered_ = lower::lower(sources_, file_, lowering, diagnostics_);
+  if (!lowered_) return nullptr;
+  if (!hooks_.verify_each) return &*lowered_;
+  if (const auto violations = passes::verify(*lowered_); !violations.empty())
+    keeping_reproducer(*lowered_, [&]() -> int { DR_ICE("lowering gave an unsound graph\n" + lines(violations)); });
+  return &*lowered_;
+}
+
+const ir::Graph* Compilation::differentiated() {
+  if (differentiated_) return &*differentiated_;
+  if (!lowered()) return nullptr;
+  std::vector<passes::Pass> chosen;
+  const std::span<const passes::Pass> known = passes::default_passes();
+  if (hooks_.passes) {
+    for (const std::string& name : *hooks_.passes) {
+      const auto found = std::ranges::find(known, name, &passes::Pass::name);
+      if (found == known.end()) return fail({Error::Kind::User, "unknown pass '" + name + "'"});
+      chosen.push_back(*found);
+    }
+  } else {
+    chosen.assign(known.begin(), known.end());
+  }
+  if (const auto last = std::ranges::find(chosen, hooks_.stop_after, &passes::Pass::name); last != chosen.end())
+    chosen.erase(last + 1, chosen.end());
+  passes::PipelineOptions pipeline;
+  pipeline.verify_each = hooks_.verify_each;
+  pipeline.skips = backend::pass_skips(options_.ablate);
+  pipeline.skips.left_out = &left_out_;
+  if (hooks_.after)
+    pipeline.after = [&](std::string_view name, const ir::Graph& graph, double milliseconds) {
+      hooks_.after(
+          name, [&] { return ir::print(graph); }, milliseconds);
+    };
+  differentiated_ = keeping_reproducer(*lowered_, [&] { return passes::run_passes(*lowered_, chosen, pipeline); });
+  return &*differentiated_;
+}
+
+const backend::Compiled* Compilation::compiled() {
+  if (compiled_) return &*compiled_;
+  if (!differentiated() || !profile()) return nullptr;
+  auto options = backend::compile_options(options_.lower, options_.raster, options_.pack, options_.ablate,
+                                          options_.scatter, options_.float_profile);
+  if (const auto* problem = std::get_if<std::string>(&options)) return fail({Error::Kind::User, *problem});
+  auto& chosen = std::get<backend::CompileOptions>(options);
+  if (!is_graph_) chosen.lines = backend::SourceLines(*differentiated_, sources_);
+  if (options_.shader_cache) chosen.cache_folder = backend::default_cache_folder();
+  chosen.hooks.verify_each = hooks_.verify_each;
+  chosen.hooks.stop_after = hooks_.stop_after;
+  chosen.hooks.break_after = hooks_.break_after;
+  if (hooks_.after)
+    chosen.hooks.after = [&](std::string_view name, const backend::Schedule* schedule, double milliseconds) {
+      hooks_.after(
+          name, [&] { return schedule ? backend::print(*differentiated_, *schedule) : std::string(); }, milliseconds);
+    };
+  auto result =
+      keeping_reproducer(*differentiated_, [&] { return backend::compile(*differentiated_, *profile_, chosen); });
+  if (const auto* limit = std::get_if<backend::Limit>(&result)) return fail({Error::Kind::Limit, limit->text});
+  compiled_ = std::get<backend::Compiled>(std::move(result));
+  return &*compiled_;
+}
+
+}  // namespace dr::driver
