@@ -10,6 +10,7 @@
 #include "compiler/backend/skips.h"
 #include "compiler/drc/command.h"
 #include "compiler/drc/messages.h"
+#include "version_generated.h"
 
 namespace {
 
@@ -42,7 +43,7 @@ void on_abort(int) { std::_Exit(kInternalError); }
 int main(int argc, char** argv) {
   std::signal(SIGABRT, on_abort);
   CLI::App app("drc compiles differentiable-rendering programs.", "drc");
-  app.set_version_flag("--version", "drc " DR_VERSION);
+  app.set_version_flag("--version", std::string("drc ") + dr::version());
   app.require_subcommand(1);
   app.footer("Exit codes: 0 ok, 1 error in the input, 2 bad usage, 3 internal error.");
 

@@ -5,6 +5,8 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 
+#include "version_generated.h"
+
 namespace dr::drun {
 
 namespace {
@@ -30,7 +32,7 @@ void add_once(std::vector<std::pair<std::string, std::string>>& all, const std::
 
 bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
   CLI::App app("drun runs a Dressi program (.dr) or bundle (.drb).", "drun");
-  app.set_version_flag("--version", "drun 0.1.0");
+  app.set_version_flag("--version", std::string("drun ") + version());
   std::vector<std::string> bindings, symbols, steps, meshes, defines;
   app.add_option("FILE", options.file, "a .dr program or a .drb bundle");
   app.add_option("--bind,-b", bindings,
