@@ -276,9 +276,10 @@ Result<Device> Device::open(const DeviceOptions& options) {
   }
 }
 
-DeviceInfo Device::info() const { return describe(state_->physical); }
+DeviceInfo Device::info() const { return state_ ? describe(state_->physical) : DeviceInfo{}; }
 
 DeviceLimits Device::limits() const {
+  if (!state_) return {};
   const auto& physical = state_->physical;
   const auto properties = physical.getProperties2<vk::PhysicalDeviceProperties2, vk::PhysicalDeviceSubgroupProperties,
                                                   vk::PhysicalDeviceMultiviewProperties>();
@@ -333,10 +334,11 @@ std::string Device::profile_name() const {
 }
 
 std::vector<std::string> Device::validation_messages() const {
+  if (!state_) return {};
   const std::lock_guard lock(state_->messages_lock);
   return state_->messages;
 }
 
-bool Device::validating() const { return *state_->messenger != vk::DebugUtilsMessengerEXT{}; }
+bool Device::validating() const { return state_ && *state_->messenger != vk::DebugUtilsMessengerEXT{}; }
 
 }  // namespace dr::runtime
