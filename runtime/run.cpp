@@ -3,6 +3,8 @@
 // runs.
 #include "runtime/state.h"
 
+#include <algorithm>
+
 namespace dr::runtime {
 
 OnDevice::~OnDevice() {
@@ -36,6 +38,8 @@ void Program::State::make_ready(size_t index) {
   OnDevice& o = objects();
   const std::set<uint32_t> resources = resources_of(table);
   o.memory.allocate({resources.begin(), resources.end()});  // what has none yet
+  for (const auto& c : table.commands)
+    if (c->watch >= 0) watch(static_cast<uint32_t>(c->watch));
   o.pipelines.specialize(sizes.symbols());
   StepState& step = o.steps[index];
   step.primitives = o.commands.primitives(table);
@@ -105,7 +109,29 @@ int Program::State::run(const std::string& name, int times) {
     ++done;
   }
   on_device->queue.finish();
+  require_whole_loops(index);
   return done;
+}
+
+bool Program::State::watch(uint32_t word) {
+  io::Array unfinished = on_device->transfer.download(word);
+  if (std::ranges::all_of(unfinished.bytes, [](std::byte b) { return b == std::byte{0}; })) return false;
+  std::ranges::fill(unfinished.bytes, std::byte{0});
+  on_device->transfer.upload(word, unfinished);
+  return true;
+}
+
+void Program::State::require_whole_loops(size_t index) {
+  const bundle::StepT& step = *bundle.steps[index];
+  for (const auto& c : step.commands) {
+    if (c->watch < 0 || !watch(static_cast<uint32_t>(c->watch))) continue;
+    std::string where;
+    for (const bundle::Line& line : c->lines)
+      where += (where.empty() ? " (" : ", ") + bundle.files[line.file()] + ":" + std::to_string(line.line());
+    throw Failure{"a loop of pass '" + c->label + "'" + where + (where.empty() ? "" : ")") +
+                  " takes more trips than this device gives one whose range depends on data: say how many it takes at "
+                  "most, as in reduce(sum, i in a..b, max = 1000000)"};
+  }
 }
 
 void Program::State::set_runs(const std::string& name, int64_t runs) {

@@ -104,6 +104,10 @@ struct Program::State {
   int run(const std::string& step, int times);
   // One run is on its way, and saw this state.
   void count_run(size_t index, const std::vector<bool>& dirty, const Work& run, const Work& skipped);
+  // Loops whose trips nothing bounds may end before their time: then what ran is not the step.
+  void require_whole_loops(size_t index);
+  // Whether such a word was set; clears it.
+  bool watch(uint32_t word);
   std::vector<CommandTime> timed_run(const std::string& step);
   std::optional<NotFinite> checked_run(const std::string& step);
   void set_runs(const std::string& step, int64_t runs);

@@ -99,6 +99,7 @@ Outcome run_find_dependencies(Compilation& c) {
 
 Outcome run_clear_together(Compilation& c) {
   c.generator->clear_together();
+  if (auto limit = words_over_limit(c.out.bundle)) return limit;
   return bindings_over_limit(c.out.bundle, c.profile);
 }
 

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <atomic>
 #include <exception>
+#include <limits>
 #include <thread>
 
 #include "compiler/backend/spirv/shader_cache.h"
@@ -38,6 +39,22 @@ std::optional<Limit> bindings_over_limit(const bundle::BundleT& bundle, const ta
                      " colour attachments, profile '" + profile.name + "' allows " +
                      std::to_string(profile.max_color_attachments)};
     }
+  return std::nullopt;
+}
+
+// Symbols as small as they can be.
+std::optional<Limit> words_over_limit(const bundle::BundleT& bundle) {
+  ir::SymbolValues ones;
+  for (const std::string& symbol : bundle.symbols) ones[symbol] = 1;
+  for (const auto& r : bundle.resources) {
+    ir::Dim words = r->role == bundle::Role::Scratch ? 1 : r->type->rows * r->type->cols;
+    for (const std::string* axis : {&r->extent->w, &r->extent->h, &r->extent->l})
+      words = words * ir::Dim::parse(*axis).value_or(ir::Dim(1));
+    const auto count = words.evaluate(ones);
+    if (!count || *count > std::numeric_limits<int32_t>::max())
+      return Limit{"'" + r->name + "' takes " + (count ? std::to_string(*count) : "more than 2^63") +
+                   " words, a buffer has fewer than 2^31"};
+  }
   return std::nullopt;
 }
 

@@ -12,6 +12,8 @@
 #include <numeric>
 #include <unordered_map>
 
+#include "compiler/ir/dim_bound.h"
+
 namespace dr::ir {
 namespace {
 
@@ -342,6 +344,16 @@ std::optional<int64_t> Dim::evaluate(const SymbolValues& values) const {
     if (add_overflows(sum, product, &sum)) return std::nullopt;
   }
   return sum;
+}
+
+Dim most_of(const Dim& dim) {
+  if (dim.is_constant()) return Dim(std::max<int64_t>(dim.constant(), 0));
+  if (is_undefined(dim)) return dim;
+  // No atom is negative, see above.
+  std::vector<Term> terms;
+  for (const Term& term : Node::of(dim)->terms)
+    if (term.coefficient > 0) terms.push_back(term);
+  return from_sorted(std::move(terms));
 }
 
 Dim Dim::substitute(const std::map<std::string, Dim, std::less<>>& replacements) const {

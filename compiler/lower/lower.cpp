@@ -5,6 +5,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <set>
 
 #include "compiler/lower/elaborator.h"
 #include "compiler/ops/emit.h"
@@ -109,6 +111,42 @@ std::optional<DeepGradient> too_deep_gradient(const ir::Graph& graph, size_t max
   return std::nullopt;
 }
 
+struct TooLarge {
+  Span span;
+  ir::Extent extent;
+};
+
+// Whether an image has more elements than an int counts, however small its symbols are.
+bool is_too_large(const ir::Extent& extent) {
+  constexpr int64_t kMost = std::numeric_limits<int32_t>::max();
+  const Dim elements = extent.w * extent.h * extent.l;
+  ir::SymbolValues ones;
+  for (const Dim* axis : {&extent.w, &extent.h, &extent.l}) {
+    for (const std::string& symbol : axis->symbols()) ones[symbol] = 1;
+  }
+  // Where the product of constants does not fit, nor does the image.
+  const std::optional<int64_t> count = elements.evaluate(ones);
+  return !count || *count > kMost;
+}
+
+std::optional<TooLarge> too_large(const ir::Graph& graph) {
+  std::set<ir::Extent> fitting{ir::Extent{}};
+  const auto too_large = [&](const ir::Extent& extent) {
+    if (fitting.contains(extent)) return false;
+    if (is_too_large(extent)) return true;
+    fitting.insert(extent);
+    return false;
+  };
+  for (const ir::Leaf& leaf : graph.leaves) {
+    if (too_large(leaf.extent)) return TooLarge{leaf.span, leaf.extent};
+  }
+  for (uint32_t k = 0; k < graph.value_count(); ++k) {
+    const ir::ValueInfo& value = graph.value(ValueId{k});
+    if (value.op.valid() && too_large(value.extent)) return TooLarge{graph.op(value.op).span, value.extent};
+  }
+  return std::nullopt;
+}
+
 }  // namespace
 
 std::optional<ir::Graph> Elaborator::run(dsl::FileId root) {
@@ -126,6 +164,10 @@ std::optional<ir::Graph> Elaborator::run(dsl::FileId root) {
     report(Code::E0503, deep->span,
            "expected a program that stays below " + std::to_string(options_.max_ops) +
                " operations, found gradients of gradients, " + std::to_string(deep->order) + " deep");
+  }
+  if (const auto large = too_large(b_.graph())) {
+    report(Code::E0406, large->span, "expected an image of fewer than 2^31 elements, found one of " +
+                                         large->extent.str());
   }
   if (diagnostics_.has_errors()) return std::nullopt;
   warn_of_shared_counts();

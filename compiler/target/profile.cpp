@@ -117,6 +117,7 @@ void visit_fields(P& p, const F& f) {
   f("max_multiview_view_count", p.max_multiview_view_count);
   f("subgroup_size", p.subgroup_size);
   f("max_storage_buffer_range", p.max_storage_buffer_range);
+  f("loop_trips", p.loop_trips);
   f("subgroup_arithmetic", p.subgroup_arithmetic);
   f("lanes_in_turn", p.lanes_in_turn);
   f("shader_int64", p.shader_int64);

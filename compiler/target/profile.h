@@ -56,6 +56,9 @@ struct Profile {
   uint32_t max_multiview_view_count = 0;  // 0: no multiview
   uint32_t subgroup_size = 1;
   uint64_t max_storage_buffer_range = 1u << 27;
+  // How many trips the driver lets all loops of an invocation take together before it ends them without a word; 0: any
+  // number. See trips.h of the backend.
+  uint32_t loop_trips = 0;
   // Features.
   bool subgroup_arithmetic = false;  // ballots and sums over the lanes of a subgroup, in compute shaders
   // Storage buffers are accessed one lane after the other, as by llvmpipe. What a shader only reads is then a uniform

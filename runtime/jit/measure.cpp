@@ -50,6 +50,7 @@ class Measurement {
     // Fixed costs from tiny images, traffic from large ones.
     constexpr int kTiny = 4, kLarge = 256;
     const double pixels = double{kLarge} * kLarge;
+    profile_.loop_trips = loop_trips(compute);
     profile_.lanes_in_turn = lanes_in_turn(kLarge, compute);
     c.dispatch_ns = a_line(neighbours, kTiny, compute);
     c.pass_ns = a_line(neighbours, kTiny, fragment);
@@ -193,6 +194,19 @@ class Measurement {
   double a_line(const Chain& program, int size, const Options& options) {
     constexpr int kFew = 2, kMany = 14;
     return at_least(beyond(program(kMany), program(kFew), size, options) / (kMany - kFew));
+  }
+  // A sum of ones, which is as long as the driver lets a loop run: a limit beyond a million trips is not found.
+  uint32_t loop_trips(const Options& options) {
+    constexpr int kTrips = 1 << 20;
+    profile_.loop_trips = 0;
+    profile_.lanes_in_turn = false;
+    runtime::Program program =
+        load(wrapped("step go { p <- p + 1.0; output y = reduce(sum, i in 0.." + std::to_string(kTrips) +
+                     ") { min(p, 1.0) }; }\n"),
+             1, options);
+    must(program.run("go"));
+    const double trips = must(program.output("go", "y")).to_doubles()[0];
+    return trips < kTrips ? static_cast<uint32_t>(trips) : 0;
   }
   bool lanes_in_turn(int size, const Options& options) {
     const auto with = [&](bool in_turn) {

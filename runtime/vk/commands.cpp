@@ -91,11 +91,31 @@ void Commands::dispatch(const bundle::CommandT& c, std::vector<Primitive>& out) 
     p.accesses.push_back({static_cast<uint32_t>(c.indirect), Use::IndirectRead});
   }
   const uint32_t group = indirect ? kGroup : group_size(device_->properties, elements);
-  const size_t pipeline = pipelines_.compute(c.compute, bound.layout, group);
-  p.record = [=, this, push = push_of(c)](const vk::raii::CommandBuffer& commands) {
-    record_dispatch(commands, pipelines_[pipeline], bound, push, elements, group, indirect);
-  };
-  out.push_back(std::move(p));
+  const int64_t parts = parts_of(c);
+  const size_t pipeline = pipelines_.compute(c.compute, bound.layout, group, parts > 1 ? c.part_trips : 0);
+  for (int64_t part = 0; part < parts; ++part) {
+    std::array<int32_t, 4> push = push_of(c);
+    push[0] = parts == 1 ? 0 : part == 0 ? 1 : part + 1 == parts ? 3 : 2;
+    p.record = [=, this](const vk::raii::CommandBuffer& commands) {
+      record_dispatch(commands, pipelines_[pipeline], bound, push, elements, group, indirect);
+    };
+    out.push_back(p);
+  }
+}
+
+// How many dispatches a command is.
+int64_t Commands::parts_of(const bundle::CommandT& c) const {
+  if (c.trips.empty()) return 1;
+  const auto dim = ir::Dim::parse(c.trips);
+  auto trips = dim ? dim->evaluate(sizes_.symbols()) : std::nullopt;
+  constexpr int64_t kMaxParts = 1 << 20;
+  if (trips && *trips <= c.most_trips) return 1;
+  if (trips && c.watch >= 0) *trips += c.most_trips;  // for loops that are not among them
+  if (!trips || *trips > kMaxParts * c.part_trips)
+    throw Failure{"the loops of pass '" + c.label + "' may take " + (trips ? std::to_string(*trips) : "over 2^63") +
+                  " trips in an invocation, the device is given " + std::to_string(kMaxParts * c.part_trips) +
+                  " at most"};
+  return (*trips + c.part_trips - 1) / c.part_trips;
 }
 
 void Commands::reduce(const bundle::CommandT& c, std::vector<Primitive>& out) {

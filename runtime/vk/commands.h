@@ -40,6 +40,7 @@ class Commands {
   // So many invocations are no mistake: each has something to read or to write. Throws Failure.
   void must_be_due(const bundle::CommandT& command, int64_t invocations) const;
   void dispatch(const bundle::CommandT& command, std::vector<Primitive>& out);
+  int64_t parts_of(const bundle::CommandT& command) const;
   void reduce(const bundle::CommandT& command, std::vector<Primitive>& out);
   void fill(const bundle::CommandT& command, std::vector<Primitive>& out);
   void copy(const bundle::CommandT& command, std::vector<Primitive>& out);

@@ -18,10 +18,17 @@ vk::Format format_of(const bundle::TypeT& type) {
   return kFormats[scalar][std::min<int>(type.rows, 3) - 1];
 }
 
+// Whether anything is held in it.
+bool Memory::has_room(const bundle::ResourceT& r) const {
+  const auto room = r.room.empty() ? std::nullopt : ir::Dim::parse(r.room);
+  const auto above = room ? room->evaluate(sizes_.symbols()) : std::nullopt;
+  return !above || *above > 0;
+}
+
 vk::MemoryRequirements Memory::create_buffer(uint32_t k) {
   const auto& d = device_->device;
   const bundle::ResourceT& r = *bundle_.resources[k];
-  const Size s = sizes_.size_of(*r.extent, "'" + r.name + "'");
+  const Size s = has_room(r) ? sizes_.size_of(*r.extent, "'" + r.name + "'") : Size{};
   const vk::DeviceSize bytes =
       static_cast<vk::DeviceSize>(s.count()) *
       static_cast<vk::DeviceSize>(r.role == bundle::Role::Scratch ? 1 : components_of(*r.type)) * 4;
@@ -211,6 +218,7 @@ std::string Memory::largest(const std::vector<uint32_t>& resources) const {
   std::vector<std::pair<int64_t, std::string>> all;
   for (const uint32_t k : resources) {
     const bundle::ResourceT& r = *bundle_.resources[k];
+    if (!has_room(r)) continue;
     const Size s = sizes_.size_of(*r.extent, r.name);
     all.emplace_back(-s.count() * components_of(*r.type) * 4, r.name);
   }

@@ -88,6 +88,7 @@ class Memory {
     bool of_host = false, of_tiles = false;
     size_t block = 0;
   };
+  bool has_room(const bundle::ResourceT& resource) const;
   vk::MemoryRequirements create_buffer(uint32_t resource);
   vk::MemoryRequirements create_image(uint32_t resource);
   void place(std::map<uint32_t, Slot>& slots, const std::vector<uint32_t>& resources);

@@ -182,12 +182,13 @@ size_t Pipelines::want(std::function<vk::raii::Pipeline(const Cache&)> make) {
   return pipelines_.size() - 1;
 }
 
-size_t Pipelines::compute(int shader, vk::PipelineLayout layout, uint32_t group) {
+size_t Pipelines::compute(int shader, vk::PipelineLayout layout, uint32_t group, uint32_t part_trips) {
   const auto [it, is_new] =
-      compute_.emplace(std::tuple(shader, static_cast<VkPipelineLayout>(layout), group, values_), 0);
+      compute_.emplace(std::tuple(shader, static_cast<VkPipelineLayout>(layout), group, part_trips, values_), 0);
   if (is_new)
-    it->second = want(
-        [=, this, values = values_](const Cache& cache) { return make_compute(shader, layout, group, values, cache); });
+    it->second = want([=, this, values = values_](const Cache& cache) {
+      return make_compute(shader, layout, group, part_trips, values, cache);
+    });
   return it->second;
 }
 
@@ -247,10 +248,11 @@ void Pipelines::build() {
   if (data != known) file.write(data);
 }
 
-vk::raii::Pipeline Pipelines::make_compute(int shader, vk::PipelineLayout layout, uint32_t group,
+vk::raii::Pipeline Pipelines::make_compute(int shader, vk::PipelineLayout layout, uint32_t group, uint32_t part_trips,
                                            std::vector<int32_t> values, const Cache& cache) const {
   std::vector<vk::SpecializationMapEntry> entries;
   values.push_back(static_cast<int32_t>(group));
+  values.push_back(static_cast<int32_t>(part_trips));
   const auto specialize = specialization(values, entries);
   vk::ComputePipelineCreateInfo info;
   info.stage = vk::PipelineShaderStageCreateInfo({}, vk::ShaderStageFlagBits::eCompute,

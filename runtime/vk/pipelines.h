@@ -36,8 +36,8 @@ class Pipelines {
   Bound bind(const std::vector<Descriptor>& descriptors, vk::ShaderStageFlags stages,
              const std::map<uint32_t, vk::ImageView>& inputs = {});
   // These give the number of a pipeline that is there after build().
-  // `group`: the invocations of a workgroup.
-  size_t compute(int shader, vk::PipelineLayout layout, uint32_t group);
+  // `group`: the invocations of a workgroup; `part_trips`: see Command in bundle.fbs.
+  size_t compute(int shader, vk::PipelineLayout layout, uint32_t group, uint32_t part_trips = 0);
   size_t graphics(const bundle::CommandT& draw, vk::PipelineLayout layout, vk::RenderPass render_pass, uint32_t subpass,
                   vk::Extent2D size);
   // Makes the pipelines that were asked for, on all cores.
@@ -49,8 +49,8 @@ class Pipelines {
  private:
   using Cache = vk::raii::PipelineCache;
   // `values`: of the symbols.
-  vk::raii::Pipeline make_compute(int shader, vk::PipelineLayout layout, uint32_t group, std::vector<int32_t> values,
-                                  const Cache& cache) const;
+  vk::raii::Pipeline make_compute(int shader, vk::PipelineLayout layout, uint32_t group, uint32_t part_trips,
+                                  std::vector<int32_t> values, const Cache& cache) const;
   vk::raii::Pipeline make_graphics(const bundle::CommandT& draw, vk::PipelineLayout layout, vk::RenderPass render_pass,
                                    uint32_t subpass, vk::Extent2D size, const Cache& cache) const;
   struct Layouts {
@@ -76,7 +76,7 @@ class Pipelines {
   std::vector<vk::raii::ShaderModule> shaders_;
   std::map<std::vector<uint32_t>, Layouts> layouts_;  // by the stages, and type and stages of each binding
   std::vector<vk::raii::Pipeline> pipelines_;
-  std::map<std::tuple<int, VkPipelineLayout, uint32_t, std::vector<int32_t>>, size_t> compute_;  // of pipelines_
+  std::map<std::tuple<int, VkPipelineLayout, uint32_t, uint32_t, std::vector<int32_t>>, size_t> compute_;  // of pipelines_
   std::vector<vk::raii::DescriptorPool> pools_;
   size_t sets_left_ = 0;  // in the last pool
   std::map<vk::DescriptorType, size_t> left_;

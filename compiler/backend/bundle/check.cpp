@@ -148,6 +148,8 @@ bool Checker::resources() {
     const std::string where = "resource '" + r->name + "'";
     if (r->storage > Storage::MAX || r->role > Role::MAX) return fail(where + " is of an unknown kind");
     if (!type(r->type, where) || !extent(r->extent, where)) return false;
+    if (!r->room.empty() && (r->role != Role::Scratch || !expression(r->room, where)))
+      return fail(where + " does without room that it needs");
     if (slots.try_emplace(r->slot, r->storage).first->second != r->storage)
       return fail(where + " shares memory with one of another storage");
     const bool buffer = r->storage == Storage::Buffer;
@@ -215,7 +217,7 @@ bool Checker::leaves() {
   for (size_t k = 0; k < b_.resources.size(); ++k) {
     const ResourceT& r = *b_.resources[k];
     if ((r.role == Role::Leaf) != (leaf_of_[k] >= 0)) return fail("resource '" + r.name + "' belongs to no leaf");
-    if ((r.role == Role::Leaf || r.role == Role::StepIndex) && slots[r.slot] > 1)
+    if ((r.role == Role::Leaf || r.role == Role::StepIndex || r.role == Role::Watch) && slots[r.slot] > 1)
       return fail("resource '" + r.name + "' shares memory, but stays");
   }
   return tables_of_leaves();
@@ -265,7 +267,7 @@ bool Checker::results(const StepT& s, const std::string& where) {
       const std::string own = what + " '" + o->name + "'";
       if (!kept(o->resource, own)) return false;
       const ResourceT& r = *b_.resources[o->resource];
-      if (r.role == Role::Scratch || r.storage == Storage::Depth)
+      if (r.role == Role::Scratch || r.role == Role::Watch || r.storage == Storage::Depth)
         return fail(own + " names '" + r.name + "', no value");
     }
     return true;

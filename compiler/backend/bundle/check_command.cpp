@@ -46,6 +46,10 @@ bool Checker::only_own_fields(const CommandT& c, const std::string& where) {
       {"indirect", c.indirect != -1, kDispatch},
       {"extent", c.extent != nullptr, kDraw},
       {"push", !c.push.empty(), kDispatch | kDraw | kReduce},
+      {"trips", !c.trips.empty(), kDispatch},
+      {"most_trips", c.most_trips != 0, kDispatch},
+      {"part_trips", c.part_trips != 0, kDispatch},
+      {"watch", c.watch != -1, kDispatch},
       {"colors", !c.colors.empty(), kDraw},
       {"clear", !c.clear.empty(), kDraw},
       {"joins", c.joins, kDraw},
@@ -79,8 +83,19 @@ bool Checker::bindings(const CommandT& c, const std::string& where) {
   return true;
 }
 
+// In how many dispatches a command's loops run, and where they say that they did not come to their end.
+bool Checker::trips(const CommandT& c, const std::string& where) {
+  if (!c.trips.empty() && (!expression(c.trips, where) || c.part_trips == 0))
+    return fail(where + " takes no trips at a time");
+  if (c.watch < 0) return c.watch == -1 || fail(where + " is watched by no resource");
+  for (const auto& binding : c.bindings)
+    if (binding->resource == static_cast<uint32_t>(c.watch))
+      return b_.resources[binding->resource]->role == Role::Watch || fail(where + " is watched by what is no watch");
+  return fail(where + " is watched by a resource that it does not bind");
+}
+
 bool Checker::dispatch(const CommandT& c, const std::string& where) {
-  if (!shader(c.compute, Stage::Compute, where) || !expression(c.elements, where)) return false;
+  if (!shader(c.compute, Stage::Compute, where) || !expression(c.elements, where) || !trips(c, where)) return false;
   for (const auto& binding : c.bindings)
     if (b_.resources[binding->resource]->storage == Storage::Tile) return kept(binding->resource, where);
   if (c.indirect < 0) return c.indirect == -1 || fail(where + " is as large as no resource says");

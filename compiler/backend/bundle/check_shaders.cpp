@@ -103,7 +103,7 @@ class ShaderChecker {
     }
     if (r.push_bytes > 16) return "has more than 16 bytes of push constants";
     const auto symbols = static_cast<uint32_t>(b_.symbols.size());
-    const uint32_t constants = symbols + (r.stage == Stage::Compute ? 1 : 0);
+    const uint32_t constants = symbols + (r.stage == Stage::Compute ? 2 : 0);  // and two of the host's
     for (const uint32_t number : r.constants)
       if (number >= constants) return "has specialization constant " + std::to_string(number) + ", which is no symbol";
     if (r.stage == Stage::Compute) {

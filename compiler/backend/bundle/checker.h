@@ -56,6 +56,7 @@ class Checker {
   bool command(const CommandT& command, const std::string& where);
   bool only_own_fields(const CommandT& command, const std::string& where);
   bool bindings(const CommandT& command, const std::string& where);
+  bool trips(const CommandT& c, const std::string& where);
   bool dispatch(const CommandT& command, const std::string& where);
   bool draw(const CommandT& command, const std::string& where);
   bool copy(const CommandT& command, const std::string& where);

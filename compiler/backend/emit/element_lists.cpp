@@ -56,6 +56,8 @@ ListingLoop::ListingLoop(Shader& shader, const ir::Extent& extent, bool runs)
   place_from_index(shader_, extent, "element");
 }
 
+int ListingLoop::each() const { return runs_ ? kRun : 1; }
+
 void ListingLoop::add(const std::string& list) {
   if (!runs_) {
     shader_.body().line(append(shader_, list, "index") + ";");

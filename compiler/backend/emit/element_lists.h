@@ -25,8 +25,11 @@ class ListingLoop {
   ListingLoop(glsl::Shader& shader, const ir::Extent& extent, bool runs);
   // Adds the element to a list, whose words are bound.
   void add(const std::string& list);
-  // Is done with the element.
-  void skip() { shader_.body().line(runs_ ? "continue;" : "return;"); }
+  // A statement: is done with the element.
+  const char* skip() const { return runs_ ? "continue;" : "return;"; }
+  const char* element() const { return runs_ ? "element" : "index"; }
+  // Elements of an invocation.
+  int each() const;
   // Closes it; returns how many invocations there are.
   std::string close();
 

@@ -320,10 +320,14 @@ void Generator::map_pass(const Pass& pass) {
   }
   Shader s = shader();
   ListingLoop loop(s, pass.domain, profile_.lanes_in_turn && listed_for(pass) != nullptr);
+  const Cut cut = this->cut(s, pass, pass.ops, loop.element(), loop.each());
+  open_cut(s, cut, loop.skip());
   s.element_ops(pass.ops);
+  close_cut(s, cut);
   store_results(s, pass, &loop);
+  end_cut(s, cut);
   const std::string count = loop.close();
-  dispatch(pass, "", s, count);
+  set_trips(dispatch(pass, "", s, count), cut);
 }
 
 void Generator::fragment_pass(const Pass& pass, const std::vector<ValueId>& inputs, bool joins) {

@@ -14,6 +14,7 @@
 #include "compiler/backend/glsl/fixed_point.h"
 #include "compiler/backend/glsl/shader.h"
 #include "compiler/backend/glsl/source.h"
+#include "compiler/backend/schedule/trips.h"
 
 namespace dr::backend {
 
@@ -54,6 +55,24 @@ class Generator {
   void listed_map_pass(const Pass& pass, const std::vector<ir::OpId>& heavy);
   // `inputs`: values that it reads as input attachments; `joins`: it goes on in the render pass before.
   void fragment_pass(const Pass& pass, const std::vector<ir::ValueId>& inputs, bool joins);
+  // Loops of a compute shader that may take more trips than the device lets an invocation have (cut.cpp). What
+  // an element computes stands between open_cut() and close_cut(), what it leaves behind between that and end_cut().
+  struct Cut {
+    bool cuts = false;
+    ir::Dim trips;  // of an invocation
+    uint32_t most = 0, part = 0;
+    uint32_t state = 0, watch = 0;  // bundle resources
+    bool watched = false;           // whether loops come to their end, as nothing says that they do
+    std::string element;
+  };
+  // `each`: elements of an invocation.
+  Cut cut(glsl::Shader& shader, const Pass& pass, const std::vector<ir::OpId>& ops, const std::string& element,
+          int each = 1);
+  // `skip`: is done with the element.
+  static void open_cut(glsl::Shader& shader, const Cut& cut, const std::string& skip);
+  void close_cut(glsl::Shader& shader, const Cut& cut);
+  static void end_cut(glsl::Shader& shader, const Cut& cut);
+  static void set_trips(bundle::CommandT& command, const Cut& cut);
   void reduce_pass(const Pass& pass);
   void scatter_pass(const Pass& pass);
   // Where a sum or maximum of a scatter goes.

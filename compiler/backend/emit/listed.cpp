@@ -74,16 +74,19 @@ void Generator::listed_map_pass(const Pass& pass, const std::vector<ir::OpId>& h
     for (const ValueId v : std::set<ValueId>(conditions))
       if (computed.count(v) == 0) suppose(v);
     for (const ir::OpId id : heavy) s.leave_out_branch(id);
+    const Cut cut = this->cut(s, pass, pass.ops, loop.element(), loop.each());
+    open_cut(s, cut, loop.skip());
     for (const ir::OpId id : pass.ops) {
       s.element_ops({id});
       for (const ValueId v : graph_.op(id).results) suppose(v);
     }
+    close_cut(s, cut);
     std::string any;
     for (const std::string& condition : found) any += (any.empty() ? "" : " || ") + condition;
     const std::string words = s.bind_words(list, "heavy_elements", bundle::Access::ReadWrite);
     s.body().line("if (" + any + ") {");
     loop.add(words);
-    loop.skip();
+    s.body().line(loop.skip());
     s.body().line("}");
     // Where each clause of the scatter has a condition of a branch left out, no element is active here.
     bool active = false;
@@ -93,17 +96,24 @@ void Generator::listed_map_pass(const Pass& pass, const std::vector<ir::OpId>& h
             heavy, [&](ir::OpId id) { return std::ranges::find(clause, graph_.op(id).operands[0]) != clause.end(); });
       });
     store_results(s, pass, &loop, active);
+    end_cut(s, cut);
     const std::string invocations = loop.close();
-    dispatch(pass, "", s, invocations);
+    set_trips(dispatch(pass, "", s, invocations), cut);
   }
   Shader s = shader();
   const std::string words = s.read_words(list, "heavy_elements");
   linear_index(s, "int(" + words + "(" + std::to_string(kListEnd) + ")) - 1");
   s.body().line("int element = int(" + words + "(" + std::to_string(kListHead) + " + index));");
   place_from_index(s, pass.domain, "element");
+  const Cut cut = this->cut(s, pass, pass.ops, "element");
+  open_cut(s, cut, "return;");
   s.element_ops(pass.ops);
+  close_cut(s, cut);
   store_results(s, pass);
-  dispatch(pass, "_heavy", s, count).indirect = static_cast<int>(list);
+  end_cut(s, cut);
+  auto& c = dispatch(pass, "_heavy", s, count);
+  c.indirect = static_cast<int>(list);
+  set_trips(c, cut);
 }
 
 }  // namespace dr::backend

@@ -337,7 +337,10 @@ void Generator::scatter_pass(const Pass& pass) {
   linear_index(s, dim_expression(invocations));
   if (!lists && !listed) place_from_index(s, pass.domain);
   std::string finish;
-  if (lists) s.declare("uint adds = 0u;\n");
+  const std::vector<ir::OpId> ops = element_ops(pass);
+  const Cut cut = this->cut(s, pass, ops, lists || listed ? "element" : "index");
+  if (lists && !cut.cuts) s.declare("uint adds = 0u;\n");
+  if (lists && cut.cuts) s.cut_loops().keep(ir::kUint, "adds", true);
   if (pass.join_lanes) s.declare("bool joins = true;\n");
   for (const Target& t : targets) finish += declare_target(s, pass, t, joined ? Runs::Second : Runs::Both, lists);
   if (lists) {
@@ -352,7 +355,9 @@ void Generator::scatter_pass(const Pass& pass) {
     s.body().line("int element = pc.a == 0 ? " + (listed ? "int(" + first + "(" + item + "))" : "index") + " : int(" +
                   again + ".d[" + item + "]);");
     place_from_index(s, pass.domain, "element");
-    s.element_ops(element_ops(pass));
+    open_cut(s, cut, "return;");
+    s.element_ops(ops);
+    close_cut(s, cut);
     s.body().line("if (pc.a == 0 && adds != 0u) " + append(s, again, "element") + ";");
   } else {
     if (listed) {
@@ -370,7 +375,9 @@ void Generator::scatter_pass(const Pass& pass) {
       s.body().line("int element = int(" + elements + "(" + std::to_string(kListHead) + " + index));");
       place_from_index(s, pass.domain, "element");
     }
-    s.element_ops(element_ops(pass));
+    open_cut(s, cut, "return;");
+    s.element_ops(ops);
+    close_cut(s, cut);
     if (pass.keeps_terms) {
       s.pop_scope();
       s.body().line("}");
@@ -379,6 +386,7 @@ void Generator::scatter_pass(const Pass& pass) {
   for (ValueId v : pass.writes)
     if (std::none_of(targets.begin(), targets.end(), [&](const Target& t) { return t.sum.value == v; }))
       s.store(v, "at", s.use(v));
+  end_cut(s, cut);
   if (!finish.empty()) {
     s.body().line("finish();");
     s.declare("void finish() {\n" + finish + "}\n");
@@ -387,6 +395,7 @@ void Generator::scatter_pass(const Pass& pass) {
   const bool two_runs = !finish.empty();
   auto& magnitudes = dispatch(pass, joined ? " add" : "", s, invocations.str(), {two_runs ? 0 : 1, 0, 0});
   if (listed && !pass.keeps_terms) magnitudes.indirect = static_cast<int>(list);
+  set_trips(magnitudes, cut);
   if (two_runs) {
     auto& sums_run = command(bundle::CommandKind::Dispatch, pass.name + " add");
     sums_run.compute = magnitudes.compute;
@@ -394,6 +403,7 @@ void Generator::scatter_pass(const Pass& pass) {
     sums_run.elements = magnitudes.elements;
     if (lists) sums_run.indirect = static_cast<int>(adding);
     sums_run.push = {1, 0, 0};
+    set_trips(sums_run, cut);
   }
   for (const Target& t : targets)
     if (!resource(t.sum.value).sums) scatter_resolve(pass, t);

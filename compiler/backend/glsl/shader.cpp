@@ -364,7 +364,7 @@ void Shader::op(const Op& op) {
       const auto it = accumulators_.find(op.results[0]);
       DR_ASSERT(it != accumulators_.end());
       const std::string index = use(op.operands[0]);
-      body_.line(scatter(it->second, op.operands[0], index, use(op.operands[1])));
+      effect(scatter(it->second, op.operands[0], index, use(op.operands[1])));
       return;
     }
     case OpKind::ReduceSum:
@@ -421,6 +421,8 @@ void Shader::yields(const Op& op, ir::RegionId region, const std::vector<std::st
     std::string index = part.index.valid() ? use(part.index) : "";
     all.push_back({std::move(index), graph_.value(part.value).accumulation ? "" : use(part.value)});
   }
+  const bool in_loop = op.kind == OpKind::Reduce;
+  if (in_loop && cut_) cut_->finish_trip(body_);
   for (size_t k = 0; k < op.results.size(); ++k) {
     const Type& type = graph_.value(op.results[k]).type;
     const std::string& y = all[k].value;
@@ -443,8 +445,10 @@ void Shader::yields(const Op& op, ir::RegionId region, const std::vector<std::st
         body_.line("}");
         break;
       case Yield::Scatter:
-        if (auto it = accumulators_.find(op.results[k]); parts[k].index.valid() && it != accumulators_.end())
-          body_.line(scatter(it->second, parts[k].index, all[k].index, y));
+        if (auto it = accumulators_.find(op.results[k]); parts[k].index.valid() && it != accumulators_.end()) {
+          const std::string statement = scatter(it->second, parts[k].index, all[k].index, y);
+          in_loop ? body_.line(statement) : effect(statement);
+        }
         break;
     }
   }
@@ -475,29 +479,39 @@ void Shader::if_op(const Op& op) {
 
 void Shader::reduce_op(const Op& op) {
   const std::string begin = use(op.operands[0]), end = use(op.operands[1]);
-  std::vector<std::string> names;
+  std::vector<std::string> names, enter;
+  // What the loop combines starts as `first`.
+  const auto variable = [&](const Type& type, const std::string& name, const std::string& first) {
+    if (cut_)
+      enter.push_back(cut_->keep(type, name) + " = " + first + ";");
+    else
+      body_.line(type.str() + " " + name + " = " + first + ";");
+  };
   for (size_t k = 0; k < op.results.size(); ++k) {
     const ir::ValueInfo& info = graph_.value(op.results[k]);
     const Yield yield = op.attrs.yields[k];
     names.push_back(yield == Yield::Scatter ? std::string() : unique(info.name.empty() ? "reduce" : info.name));
-    if (yield == Yield::Scatter) continue;
-    const std::string declare = info.type.str() + " " + names[k] + " = ";
-    if (yield == Yield::Sum) body_.line(declare + zero(info.type) + ";");
-    if (yield == Yield::Min || yield == Yield::Max) body_.line(declare + limit(info.type, yield == Yield::Min) + ";");
+    if (yield == Yield::Sum) variable(info.type, names[k], zero(info.type));
+    if (yield == Yield::Min || yield == Yield::Max) variable(info.type, names[k], limit(info.type, yield == Yield::Min));
     if (yield == Yield::ArgMin) {
-      body_.line(declare + begin + " - 1;");
-      body_.line("float " + names[k] + "_best = uintBitsToFloat(0x7f800000u);");
-      body_.line("bool " + names[k] + "_none = true;");
+      variable(info.type, names[k], begin + " - 1");
+      variable(ir::kFloat, names[k] + "_best", "uintBitsToFloat(0x7f800000u)");
+      variable(ir::kBool, names[k] + "_none", "true");
     }
   }
   forward_accumulators(op, op.regions[0]);
   const std::string trip = unique("i");
-  body_.line("for (int " + trip + " = " + begin + "; " + trip + " < " + end + "; ++" + trip + ") {");
+  if (cut_) {
+    enter.push_back(cut_->keep(ir::kInt, trip) + " = " + begin + ";");
+    cut_->open(body_, enter, trip, end);
+  } else {
+    body_.line("for (int " + trip + " = " + begin + "; " + trip + " < " + end + "; ++" + trip + ") {");
+  }
   push_scope();
   define(graph_.region(op.regions[0]).params[0], trip);
   yields(op, op.regions[0], names, trip);
   pop_scope();
-  body_.line("}");
+  cut_ ? cut_->close(body_) : body_.line("}");
   for (size_t k = 0; k < op.results.size(); ++k)
     if (!names[k].empty()) define(op.results[k], names[k]);
 }
@@ -524,6 +538,7 @@ std::string Shader::finish(const std::string& layout) {
   out += layout;
   for (size_t k = 0; k < symbols_.size(); ++k)
     out += "layout(constant_id = " + std::to_string(k) + ") const int " + symbol_name(symbols_[k]) + " = 1;\n";
+  if (cut_) out += "layout(constant_id = " + std::to_string(symbols_.size() + 1) + ") const int part_trips = 0;\n";
   out += "layout(push_constant) uniform Push { int layer; int a; int b; int c; } pc;\n";
   for (size_t k = 0; k < declared_.size(); ++k) {
     const bool image = declared_[k].text.starts_with("uniform");
@@ -535,6 +550,7 @@ std::string Shader::finish(const std::string& layout) {
            (image ? "" : kRights[static_cast<size_t>(bindings_[k]->access)]) + declared_[k].text;
   }
   for (const std::string& p : preludes_) out += p;
+  if (cut_) out += cut_->variables();
   for (const uint32_t resource : loaded_) out += load_function(schedule_.resources[resource], bound_.at(resource));
   for (const auto& [bound, function] : words_) {
     const std::string& word = declared_[bound.binding].word;
@@ -547,6 +563,7 @@ std::string Shader::finish(const std::string& layout) {
            "; }\n";
   }
   out += declarations_;
+  if (cut_) out += cut_->functions();
   out += "\nvoid main() {\n";
   out += body_.take();
   out += "}\n";

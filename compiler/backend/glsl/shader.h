@@ -6,12 +6,14 @@
 #include <functional>
 #include <map>
 #include <memory>
+#include <optional>
 #include <set>
 #include <string>
 #include <unordered_map>
 #include <vector>
 
 #include "compiler/backend/bundle/bundle.h"
+#include "compiler/backend/glsl/cut_loops.h"
 #include "compiler/backend/glsl/text.h"
 #include "compiler/backend/schedule/schedule.h"
 
@@ -77,6 +79,9 @@ class Shader {
   // The ivec3 place that an index expression names in an image of that extent.
   std::string place_of(ir::ValueId index_value, const std::string& index, const ir::Extent& extent) const;
 
+  // From here on loops may stop and go on later, see cut_loops.h.
+  CutLoops& cut_loops() { return cut_ ? *cut_ : cut_.emplace(); }
+
   // Of an `if` among the element ops: its second branch runs whatever the condition.
   void leave_out_branch(ir::OpId op) { left_out_.insert(graph_.op(op).results[0]); }
 
@@ -128,6 +133,8 @@ class Shader {
                  const std::vector<std::string>& results);
   void fold_advance(const FoldLoops& loops, size_t sweep);
   void fold_from_checkpoints(FoldLoops& loops, int64_t slots, const std::vector<std::string>& results);
+  // A statement that takes effect outside of the shader.
+  void effect(const std::string& statement) { body_.line(cut_ ? cut_->once(statement) : statement); }
   void yields(const ir::Op& op, ir::RegionId region, const std::vector<std::string>& names, const std::string& trip);
   void forward_accumulators(const ir::Op& op, ir::RegionId region);
   std::string result(ir::ValueId value, const std::string& expression);
@@ -154,6 +161,7 @@ class Shader {
   std::vector<std::map<ir::ValueId, std::string>> scopes_{1};
   std::map<ir::ValueId, Accumulator> accumulators_;
   std::set<ir::ValueId> left_out_;  // first results
+  std::optional<CutLoops> cut_;
 };
 
 }  // namespace dr::backend::glsl

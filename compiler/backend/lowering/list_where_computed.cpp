@@ -6,6 +6,7 @@
 #include "compiler/backend/analysis/scatter_leaves.h"
 #include "compiler/backend/analysis/uses.h"
 #include "compiler/backend/schedule/limits.h"
+#include "compiler/backend/schedule/trips.h"
 
 namespace dr::backend {
 
@@ -52,6 +53,7 @@ Bindings joined_bindings(const Schedule& schedule, const StepSchedule& step, con
 bool may_join(const ir::Graph& graph, const target::Profile& profile, const Schedule& schedule,
               const StepSchedule& step, const Pass& scatter, const std::set<ValueId>& elsewhere) {
   if (profile.lanes_in_turn || scatter.scatter == ScatterLowering::Rows) return false;
+  if (may_pass_limit(trips_of(graph, scatter.ops), profile)) return false;  // cut loops are a scatter's own
   const Pass& pass = step.passes[static_cast<size_t>(scatter.listed_by)];
   for (const ValueId v : scatter.writes) {
     const bool sum = std::ranges::any_of(scatter.sums, [&](const ScatterSum& s) { return s.value == v; });

@@ -10,6 +10,7 @@
 #include "compiler/backend/lowering/scatter_active.h"
 #include "compiler/backend/pack/stages.h"
 #include "compiler/backend/schedule/limits.h"
+#include "compiler/backend/schedule/trips.h"
 
 namespace dr::backend {
 
@@ -303,6 +304,12 @@ class StepLegalizer {
       case ScatterLower::Rows: {
         const bool asked = lower_ == ScatterLower::Rows;
         std::string lacks;
+        // A row's walk computes what an element adds for each of its items, in loops that cannot be cut.
+        constexpr int64_t kItems = 512;
+        if (may_pass_limit(trips_of(graph_, pass.ops), profile_, kItems)) {
+          if (asked) pass.no_rows = "its loops may take more trips than the device lets an invocation have";
+          break;
+        }
         auto rows = rows_of(pass);
         if (!rows || !(asked || rows_pay(pass, *rows))) {
           rows = sorted_rows_of(pass, lacks);

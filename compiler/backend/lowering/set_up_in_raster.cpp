@@ -5,12 +5,16 @@
 
 #include "compiler/backend/analysis/uses.h"
 #include "compiler/backend/schedule/limits.h"
+#include "compiler/backend/schedule/trips.h"
 
 namespace dr::backend {
 
 using ir::ValueId;
 
 namespace {
+
+// Raster's own loops take less than the rest of the trips that an invocation has.
+constexpr int64_t kShared = 2;
 
 bool meet(const std::vector<ValueId>& a, const std::vector<ValueId>& b) {
   return std::ranges::any_of(a, [&](ValueId v) { return std::ranges::find(b, v) != b.end(); });
@@ -89,7 +93,8 @@ void set_up_in_raster(const ir::Graph& graph, const target::Profile& profile, Sc
         const Pass& pass = step.passes[j];
         const bool fits = pass.kind == Pass::Kind::Map && !pass.hardware && pass.domain == faces &&
                           pass.steady == raster.steady && meet(raster.reads, pass.writes) &&
-                          taken.count(static_cast<int>(j)) == 0 && one_shader(step, schedule, profile, pass, raster);
+                          taken.count(static_cast<int>(j)) == 0 && one_shader(step, schedule, profile, pass, raster) &&
+                          !may_pass_limit(trips_of(graph, pass.ops), profile, kShared);
         if (!fits) continue;
         const bool waits = std::any_of(step.passes.begin() + static_cast<std::ptrdiff_t>(j) + 1,
                                        step.passes.begin() + static_cast<std::ptrdiff_t>(k),

@@ -8,6 +8,7 @@
 #include "compiler/backend/cost/cost.h"
 #include "compiler/backend/pack/stages.h"
 #include "compiler/backend/pack/step_packer.h"
+#include "compiler/backend/schedule/trips.h"
 #include "compiler/ops/op.h"
 
 namespace dr::backend {
@@ -61,6 +62,7 @@ StepPacker::StepPacker(const Graph& graph, const ir::Step& step, const target::P
       size_(graph.op_count()),
       gathers_(graph.op_count()),
       loads_(graph.op_count()),
+      looped_(graph.op_count()),
       absorbed_(graph.op_count()),
       users_(graph.value_count()),
       read_elsewhere_(graph.value_count()),
@@ -99,6 +101,7 @@ StepSchedule StepPacker::process() {
                                            moving == options_.moving.end() ? std::set<std::string>{} : moving->second)
                               : std::vector<bool>(graph_.op_count(), true);
   find_users();
+  find_looped();
   find_recomputable();
   if (options_.fused && options_.recompute) find_absorbed();
   find_levels();
@@ -153,6 +156,16 @@ void StepPacker::find_recomputable() {
     }
     recompute_cost_[id.index] = cost;
   }
+}
+
+// Fragment shaders cannot stop within a loop and go on later (emit/cut.cpp).
+void StepPacker::find_looped() {
+  // Several that are not among these may share a shader.
+  constexpr int64_t kShared = 16;
+  for (OpId id : order_)
+    looped_[id.index] = may_pass_limit(trips_of(graph_, std::span(&id, 1)), profile_, kShared) ||
+                        std::ranges::any_of(uses_[id.index].at_element,
+                                            [&](ValueId v) { return looped_[graph_.value(v).op.index]; });
 }
 
 void StepPacker::find_users() {
@@ -242,6 +255,7 @@ bool StepPacker::is_image(ValueId v) const {
   const Op& op = def(v);
   const Pass::Kind kind = pass_kind(op);
   if (is_memory(op) || kind != Pass::Kind::Map) return kind == Pass::Kind::Raster && options_.hardware_raster;
+  if (looped_[info.op.index]) return false;
   return options_.fragment && !info.extent.h.is_one() && !info.type.is_matrix() && updated_.count(v) == 0;
 }
 

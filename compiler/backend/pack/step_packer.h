@@ -87,6 +87,7 @@ class StepPacker {
 
   // absorb.cpp
   void find_absorbed();
+  void find_looped();
   void absorb_into(OpId scatter);
   bool stored_anyway(ValueId v) const;
 
@@ -130,6 +131,7 @@ class StepPacker {
   std::vector<bool> gathers_, loads_;
   int recompute_limit_ = 0;
   std::vector<bool> steady_;    // whether an op depends on what the step changes, by OpId index
+  std::vector<bool> looped_;    // long loops stand before an op, at its element, by OpId index
   std::vector<bool> absorbed_;  // by OpId index: run by the one scatter that uses them
   std::vector<int> level_;
   std::set<ValueId> roots_, updated_;

@@ -32,7 +32,8 @@ std::vector<Lifetime> lifetimes(const BundleT& bundle) {
   std::vector<Lifetime> out(bundle.resources.size());
   std::set<uint32_t> forever;
   for (uint32_t k = 0; k < bundle.resources.size(); ++k)
-    if (bundle.resources[k]->role == bundle::Role::Leaf || bundle.resources[k]->role == bundle::Role::StepIndex)
+    if (bundle.resources[k]->role == bundle::Role::Leaf || bundle.resources[k]->role == bundle::Role::StepIndex ||
+        bundle.resources[k]->role == bundle::Role::Watch)
       forever.insert(k);
   for (int s = 0; s < static_cast<int>(bundle.steps.size()); ++s) {
     const bundle::StepT& step = *bundle.steps[static_cast<size_t>(s)];
@@ -71,6 +72,7 @@ std::optional<int64_t> resource_bytes(const bundle::ResourceT& r, const ir::Symb
     const auto dim = ir::Dim::parse(text);
     return dim ? dim->evaluate(symbols) : std::nullopt;
   };
+  if (const auto room = r.room.empty() ? std::nullopt : axis(r.room); room && *room <= 0) return 4;
   const auto w = axis(r.extent->w), h = axis(r.extent->h), l = axis(r.extent->l);
   if (!w || !h || !l) return std::nullopt;
   int64_t bytes = 4;
@@ -129,12 +131,14 @@ std::vector<std::string> check_memory(const BundleT& bundle) {
           (lives[a].step != lives[b].step || lives[a].last < lives[b].first || lives[b].last < lives[a].first);
       if (!apart) problems.push_back("'" + y.name + "' and '" + x.name + "' share memory while both are needed");
     }
-  // What shares memory finds anything in it: the first command that touches it must write it.
+  // What shares memory finds anything in it: the first command that touches it must write it. What is kept of loops is
+  // written by the first of the dispatches of its command.
   for (const auto& step : bundle.steps) {
     std::set<uint32_t> seen;
     for (const auto& command : step->commands)
       for_each_access(*command, [&](uint32_t r, bundle::Access access) {
-        if (seen.insert(r).second && lives[r].transient() && access != bundle::Access::Write)
+        if (seen.insert(r).second && lives[r].transient() && access != bundle::Access::Write &&
+            bundle.resources[r]->room.empty())
           problems.push_back("'" + bundle.resources[r]->name + "' is read before it is written");
       });
   }

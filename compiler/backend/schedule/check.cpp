@@ -5,6 +5,7 @@
 
 #include "compiler/backend/analysis/uses.h"
 #include "compiler/backend/schedule/schedule.h"
+#include "compiler/backend/schedule/trips.h"
 #include "compiler/ops/op.h"
 
 namespace dr::backend {
@@ -203,6 +204,9 @@ class StepChecker {
     over(sampled, "sampled images", profile_.max_per_stage_descriptor_sampled_images);
     over(colors, "colour attachments", profile_.max_color_attachments);
     over(buffers.size() + images.size() + colors, "resources", profile_.max_per_stage_resources);
+    if (pass().hardware && may_pass_limit(trips_of(graph_, pass().ops), profile_))
+      report(Violation::Kind::Limit, "loops of a fragment shader that may take more trips than the " +
+                                         std::to_string(profile_.loop_trips) + " that the device allows");
     if (pass().hardware)
       over(buffers.size() + colors, "storage buffers and colour attachments",
            profile_.max_fragment_combined_output_resources, " in a fragment shader");

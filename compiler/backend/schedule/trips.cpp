@@ -1,0 +1,256 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "compiler/backend/schedule/trips.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "compiler/ir/dim_bound.h"
+
+namespace dr::backend {
+
+using ir::Dim;
+using ir::most_of;
+using ir::Graph;
+using ir::Op;
+using ir::OpKind;
+using ir::ValueId;
+
+namespace {
+
+// Longer chains of arithmetic say nothing.
+constexpr int kMostValues = 1000;
+using Bound = std::optional<Dim>;
+
+// For symbols of at least 1.
+bool never_above_zero(const Dim& dim) {
+  ir::SymbolValues ones;
+  for (const std::string& symbol : dim.symbols()) ones[symbol] = 1;
+  const auto at_ones = dim.evaluate(ones);
+  // If all terms but the constant one are negative, it is largest where the symbols are least.
+  return at_ones && *at_ones <= 0 && most_of(dim).is_constant();
+}
+
+// A bound that holds for whichever of the two it is.
+Bound larger(const Bound& a, const Bound& b) {
+  if (!a || !b) return std::nullopt;
+  if (never_above_zero(*a - *b)) return b;
+  if (never_above_zero(*b - *a)) return a;
+  return most_of(*a) + most_of(*b);
+}
+Bound smaller(const Bound& a, const Bound& b) {
+  if (!a || !b) return std::nullopt;
+  if (never_above_zero(*a - *b)) return a;
+  if (never_above_zero(*b - *a)) return b;
+  return std::nullopt;
+}
+// Of two bounds that both hold.
+Bound either(const Bound& a, const Bound& b, bool least) {
+  if (!a || !b) return a ? a : b;
+  return never_above_zero(least ? *a - *b : *b - *a) ? a : never_above_zero(least ? *b - *a : *a - *b) ? b : a->is_constant() ? a : b;
+}
+
+class Finder {
+ public:
+  explicit Finder(const Graph& graph) : graph_(graph) {}
+
+  Bounds of(ValueId v) {
+    const ir::ValueInfo& info = graph_.value(v);
+    if (--left_ < 0) return {};
+    if (!info.op.valid()) return of_param(info);
+    const Op& op = graph_.op(info.op);
+    const auto arg = [&](size_t k) { return of(op.operands[k]); };
+    switch (op.kind) {
+      case OpKind::Const: return of_const(op);
+      case OpKind::DimValue: return {op.attrs.dims[0], op.attrs.dims[0]};
+      case OpKind::Coord: return {Dim(0), op.attrs.dims[static_cast<size_t>(op.attrs.ints[0])] - Dim(1)};
+      case OpKind::StepIndex: return {Dim(0), {}};
+      case OpKind::Broadcast:
+      case OpKind::Pin:
+      case OpKind::Detach:
+      case OpKind::Splat:
+      case OpKind::Extract:
+      case OpKind::Floor:  // between whole numbers it stays between them
+      case OpKind::Ceil:
+      case OpKind::Round:
+      case OpKind::Trunc: return arg(0);
+      case OpKind::Convert: return of_convert(op, info, arg(0));
+      case OpKind::Compose: {
+        Bounds all = arg(0);
+        for (size_t k = 1; k < op.operands.size(); ++k) all = hull(all, arg(k));
+        return all;
+      }
+      case OpKind::Select: return hull(arg(1), arg(2));
+      case OpKind::Min: {
+        const Bounds a = arg(0), b = arg(1);
+        return {smaller(a.low, b.low), either(a.high, b.high, true)};
+      }
+      case OpKind::Max: {
+        const Bounds a = arg(0), b = arg(1);
+        return {either(a.low, b.low, false), larger(a.high, b.high)};
+      }
+      case OpKind::Clamp: {
+        const Bounds x = arg(0), low = arg(1), high = arg(2);
+        return {smaller(either(x.low, low.low, false), high.low), either(high.high, larger(x.high, low.high), true)};
+      }
+      case OpKind::If: {
+        const Bounds then = of(yield_of(op, 0, info.result_index));
+        return hull(then, of(yield_of(op, 1, info.result_index)));
+      }
+      case OpKind::Reduce: {
+        if (op.attrs.yields[info.result_index] != ir::Yield::ArgMin) return {};
+        const Bounds begin = arg(0), end = arg(1);
+        return {begin.low ? Bound(*begin.low - Dim(1)) : Bound(), larger(begin.high, end.high)};
+      }
+      default: return info.type.scalar == ir::Scalar::Int ? of_arithmetic(op, arg) : Bounds{};
+    }
+  }
+
+  // What `end` is above `begin` at most.
+  Bound difference(ValueId end, ValueId begin) {
+    if (end == begin) return Dim(0);
+    const ir::ValueInfo& info = graph_.value(end);
+    const Bounds high = of(end), low = of(begin);
+    const Bound apart = high.high && low.low ? Bound(*high.high - *low.low) : Bound();
+    if (!info.op.valid() || left_ < 0) return apart;
+    const Op& op = graph_.op(info.op);
+    const auto of_operand = [&](size_t k) { return difference(op.operands[k], begin); };
+    if (op.kind == OpKind::Min) return either(apart, either(of_operand(0), of_operand(1), true), true);
+    if (op.kind == OpKind::Add)
+      for (const size_t k : {size_t{0}, size_t{1}})
+        if (const auto rest = of_operand(k), more = of(op.operands[1 - k]).high; rest && more)
+          return either(apart, *rest + *more, true);
+    return apart;
+  }
+
+ private:
+  static Bounds hull(const Bounds& a, const Bounds& b) { return {smaller(a.low, b.low), larger(a.high, b.high)}; }
+
+  ValueId yield_of(const Op& op, size_t branch, uint32_t result) const {
+    // Before a result stand yields of one value each, or of two where they scatter; what scatters is no number.
+    size_t at = 0;
+    const auto& yields = graph_.region(op.regions[branch]).yields;
+    for (uint32_t k = 0; k < result; ++k)
+      at += op.attrs.yields[k] == ir::Yield::Scatter && !graph_.value(yields[at]).accumulation ? 2 : 1;
+    return yields[at];
+  }
+
+  Bounds of_param(const ir::ValueInfo& info) {
+    const ir::OpId parent = graph_.region(info.region).parent;
+    if (!parent.valid() || graph_.op(parent).kind != OpKind::Reduce) return {};
+    const Op& loop = graph_.op(parent);
+    const Bound last = of(loop.operands[1]).high;
+    return {of(loop.operands[0]).low, last ? Bound(*last - Dim(1)) : Bound()};
+  }
+
+  static Bounds of_const(const Op& op) {
+    Bounds all;
+    for (const double x : op.attrs.floats) {
+      if (!(std::abs(x) < 9e15)) return {};
+      const Bounds one{Dim(static_cast<int64_t>(std::floor(x))), Dim(static_cast<int64_t>(std::ceil(x)))};
+      all = all.low ? hull(all, one) : one;
+    }
+    return all;
+  }
+
+  Bounds of_convert(const Op& op, const ir::ValueInfo& info, const Bounds& x) const {
+    const bool from_float = graph_.value(op.operands[0]).type.is_float();
+    if (info.type.is_float()) {
+      // Large integers are rounded.
+      if (!x.high) return {x.low, {}};
+      return {x.low && x.low->is_constant() && std::abs(x.low->constant()) < 1 << 24 ? x.low : Bound(),
+              *x.high + most_of(*x.high).divided_by(1 << 23)};
+    }
+    if (!from_float) return x;
+    return {smaller(x.low, Dim(0)), larger(x.high, Dim(0))};  // of NaN it is 0
+  }
+
+  template <class Arg>
+  static Bounds of_arithmetic(const Op& op, const Arg& arg) {
+    const auto plus = [](const Bound& a, const Bound& b) { return a && b ? Bound(*a + *b) : Bound(); };
+    const auto minus = [](const Bound& a, const Bound& b) { return a && b ? Bound(*a - *b) : Bound(); };
+    const auto constant = [](const Bounds& b) {
+      return b.low && b.high && b.low->is_constant() && *b.low == *b.high && b.low->constant() > 0
+                 ? b.low->constant()
+                 : int64_t{0};
+    };
+    const auto from_zero = [](const Bounds& b) { return b.low && never_above_zero(Dim(0) - *b.low); };
+    switch (op.kind) {
+      case OpKind::Add: {
+        const Bounds a = arg(0), b = arg(1);
+        return {plus(a.low, b.low), plus(a.high, b.high)};
+      }
+      case OpKind::Sub: {
+        const Bounds a = arg(0), b = arg(1);
+        return {minus(a.low, b.high), minus(a.high, b.low)};
+      }
+      case OpKind::Mul: {
+        const Bounds a = arg(0), b = arg(1);
+        if (!from_zero(a) || !from_zero(b)) return {};
+        return {*a.low * *b.low, a.high && b.high ? Bound(most_of(*a.high) * most_of(*b.high)) : Bound()};
+      }
+      case OpKind::Div: {
+        const Bounds a = arg(0);
+        const int64_t by = constant(arg(1));
+        if (by == 0) return {};
+        return {from_zero(a) ? Bound(Dim(0)) : a.low ? Bound(a.low->divided_by(by)) : Bound(),
+                a.high ? Bound(most_of(*a.high).divided_by(by)) : Bound()};
+      }
+      case OpKind::Mod: {
+        const Bounds by = arg(1);
+        if (!by.low || !by.high || !never_above_zero(Dim(1) - *by.low)) return {};
+        return {Dim(0), *by.high - Dim(1)};
+      }
+      default: return {};
+    }
+  }
+
+  const Graph& graph_;
+  int left_ = kMostValues;
+};
+
+}  // namespace
+
+Bounds bounds_of(const Graph& graph, ValueId value) { return Finder(graph).of(value); }
+
+Trips trips_of(const Graph& graph, std::span<const ir::OpId> ops) {
+  Trips all;
+  const auto alike = [&](ValueId v) { return graph.value(v).extent.is_unit(); };
+  for (const ir::OpId id : ops) {
+    const Op& op = graph.op(id);
+    if (op.kind != OpKind::If && op.kind != OpKind::Reduce) continue;
+    Trips inside;
+    for (const ir::RegionId region : op.regions) {
+      const Trips one = trips_of(graph, graph.region(region).ops);
+      inside.most = inside.most + one.most;
+      inside.loops += one.loops;
+      inside.unknown += one.unknown;
+      inside.promised += one.promised;
+      inside.even = inside.even && one.even;
+    }
+    if (op.kind == OpKind::If) {
+      inside.even = inside.loops == 0 || (inside.even && alike(op.operands[0]));
+    } else {
+      Bound most = Finder(graph).difference(op.operands[1], op.operands[0]);
+      const bool has_max = op.attrs.ints[0] >= 0;
+      if (!most) ++(has_max ? inside.promised : inside.unknown);
+      if (has_max) most = either(most ? Bound(most_of(*most)) : Bound(), Dim(op.attrs.ints[0]), true);
+      inside.most = Dim(1) + (most ? most_of(*most) : Dim(1)) * (Dim(1) + inside.most);
+      inside.even = inside.even && alike(op.operands[0]) && alike(op.operands[1]);
+      ++inside.loops;
+    }
+    all.most = all.most + inside.most;
+    all.loops += inside.loops;
+    all.unknown += inside.unknown;
+    all.promised += inside.promised;
+    all.even = all.even && inside.even;
+  }
+  return all;
+}
+
+bool may_pass_limit(const Trips& trips, const target::Profile& profile, int64_t times) {
+  if (profile.loop_trips == 0 || trips.loops == 0) return false;
+  const Dim all = trips.most * Dim(times);
+  return !all.is_constant() || all.constant() > profile.loop_trips;
+}
+
+}  // namespace dr::backend

@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: Apache-2.0
+// How many trips the loops of a shader take: the one place that accounts for them. Some drivers end all loops of an
+// invocation, without a word, when they have taken so many together (target::Profile::loop_trips). Every op that is
+// printed as a loop has its case in trips_of(); loops that generated code has of its own are bounded where they are
+// written.
+#pragma once
+
+#include <optional>
+#include <span>
+
+#include "compiler/ir/graph.h"
+#include "compiler/target/profile.h"
+
+namespace dr::backend {
+
+struct Trips {
+  // Of one invocation, at most: one for each time that a loop's body runs, and one for each time that a loop ends.
+  ir::Dim most = 0;
+  int loops = 0;  // in the text
+  int unknown = 0;   // their range depends on data and nothing bounds it: `most` is without their trips
+  int promised = 0;  // their range depends on data, and what bounds it is the program's `max`
+  bool even = true;  // all invocations take the same trips
+};
+
+// What ops of the root region or of one region take together, whatever way their `if`s go.
+Trips trips_of(const ir::Graph& graph, std::span<const ir::OpId> ops);
+
+// Whether so many are not known to be within what the profile lets an invocation take, which is shared by `times` runs.
+bool may_pass_limit(const Trips& trips, const target::Profile& profile, int64_t times = 1);
+
+// What an int, or the whole part of a float, is at most and at least, for all elements and components.
+struct Bounds {
+  std::optional<ir::Dim> low, high;
+};
+Bounds bounds_of(const ir::Graph& graph, ir::ValueId value);
+
+}  // namespace dr::backend

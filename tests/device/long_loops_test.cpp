@@ -1,0 +1,168 @@
+// SPDX-License-Identifier: Apache-2.0
+// Loops that take more trips than a driver lets an invocation have: they are cut, and give what they would give in one
+// piece. A profile that allows few trips cuts small programs, whose bits must be those of the same programs with the
+// device's own; at the true limit sums are known.
+#include <unistd.h>
+
+#include <filesystem>
+#include <fstream>
+
+#include "compiler/target/profile.h"
+#include "runtime/jit/jit.h"
+#include "runtime/runtime.h"
+#include "tests/catch.h"
+#include "tests/device/compile.h"
+#include "tests/device/devices.h"
+
+using namespace dr;
+using io::Array;
+using runtime::Program;
+using test::must;
+
+namespace {
+
+// A profile that allows so many trips, in a file of this process alone.
+class Few {
+ public:
+  Few(const std::string& device, uint32_t trips, bool lanes_in_turn) {
+    target::Profile profile = std::get<target::Profile>(target::load_profile(device));
+    profile.loop_trips = trips;
+    profile.lanes_in_turn = profile.lanes_in_turn && lanes_in_turn;
+    path_ = std::filesystem::temp_directory_path() /
+            (device + "_" + std::to_string(trips) + "_trips_" + std::to_string(getpid()) + ".json");
+    std::ofstream(path_) << target::write_profile(profile);
+  }
+  ~Few() {
+    std::error_code ignored;
+    std::filesystem::remove(path_, ignored);
+  }
+  std::string path() const { return path_.string(); }
+
+ private:
+  std::filesystem::path path_;
+};
+
+// Every way in which a loop stands in a program: alone, beside others, in another, in a branch, with a range that
+// depends on data, with its gradient, and with what its result indexes.
+const char* const kProgram = R"(edition 1;
+  input a : vec3[V];
+  input n : int[P];
+  param x : float[P] = 0.5;
+  param w : float[V] = 1.0;
+  let alone = reduce(sum, i in 0..V) { x * a.at(i).x };
+  let pair = reduce(min, i in 0..V) { (abs(a.at(i).y - x), a.at(i)) };
+  let nearest = reduce(argmin, i in 0..V) { abs(a.at(i).z - alone) };
+  let behind = reduce(max, i in nearest..V) { a.at(i).x * pair.0 };
+  let nested = reduce(sum, i in 0..V) {
+    let row = reduce(sum, j in 0..i) { a.at(j) * float(i) };
+    let some = if row.x > 0.2 { reduce(max, k in 0..V) { a.at(k).y + row.z } } else { row.y };
+    some * x + w.at(i)
+  };
+  let counted = reduce(sum, i in 0..n) { w.at(i % V) * x };
+  let bounded = reduce(sum, i in 0..n, max = 400) { float(i) * x };
+  let branch = if x > 0.6 { reduce(sum, i in 0..V) { exp(-a.at(i).x * x) } } else { nested };
+  let loss = sum(alone + pair.0 * 0.1 + behind + nested + counted + branch + pair.1.z);
+  step look {
+    output alone, nearest, behind, nested, counted, bounded, branch, loss;
+    output d = scatter_add(nearest, x * nested, V);
+  }
+  step fit { let g = grad(loss, (x, w)); x <- x - 0.0001 * g.0; w <- w - 0.0001 * g.1; output dx = g.0, dw = g.1; }
+)";
+
+constexpr int64_t kV = 70, kP = 33;
+
+void bind(Program& program) {
+  std::vector<float> points, starts;
+  std::vector<int32_t> counts;
+  for (int64_t k = 0; k < 3 * kV; ++k) points.push_back(static_cast<float>((k * 37 % 101)) / 101.0F);
+  for (int64_t k = 0; k < kP; ++k) counts.push_back(static_cast<int32_t>(k * 53 % 391));
+  for (int64_t k = 0; k < kP; ++k) starts.push_back(static_cast<float>((k * 29 % 31)) / 31.0F);
+  must(program.bind("a", Array::from_floats(points, 3, kV)));
+  must(program.bind("n", Array::from_ints(counts)));
+  must(program.bind("x", Array::from_floats(starts, 1, kP)));
+}
+
+using Results = std::vector<std::pair<std::string, std::vector<std::byte>>>;
+
+Results results_of(const runtime::Device& device, const std::string& file, const jit::Options& options) {
+  Program program = must(Program::load(device, test::compile(file, options)));
+  bind(program);
+  Results out;
+  for (const std::string step : {"look", "fit"}) {
+    must(program.run(step, 3));
+    for (const std::string& name : program.outputs(step)) out.emplace_back(name, must(program.output(step, name)).bytes);
+  }
+  out.emplace_back("w", must(program.leaf("w")).bytes);
+  return out;
+}
+
+std::string written(const std::string& name, const std::string& text) {
+  const auto path = std::filesystem::path(DR_BUILD_DIR) / (name + "_" + std::to_string(getpid()) + ".dr");
+  std::ofstream(path) << text;
+  return path.string();
+}
+
+}  // namespace
+
+TEST_CASE("cut loops give the bits of whole ones") {
+  const std::string file = written("long_loops", kProgram);
+  for (const auto& [name, device] : test::devices()) {
+    for (const std::string lower : {"compute", "fragment"})
+      for (const std::string pack : {"fused", "naive"})
+        for (const std::string scatter : {"auto", "exact"}) {
+          jit::Options options;
+          options.lower = lower;
+          options.pack = pack;
+          options.scatter = scatter;
+          // With the true limit: in one piece on SwiftShader, in a few on lavapipe.
+          options.profile = name;
+          const Results expected = results_of(device, file, options);
+          for (const bool in_turn : {true, false}) {
+            if (!in_turn && name != "lavapipe") continue;
+            constexpr uint32_t kTrips = 1500;
+            INFO(name << ", " << lower << ", " << pack << ", scatter " << scatter << (in_turn ? "" : ", branching"));
+            const Few few(name, kTrips, in_turn);
+            options.profile = few.path();
+            const Results found = results_of(device, file, options);
+            REQUIRE(found.size() == expected.size());
+            for (size_t k = 0; k < found.size(); ++k) {
+              INFO(found[k].first);
+              CHECK(found[k].second == expected[k].second);
+            }
+          }
+        }
+  }
+  std::filesystem::remove(file);
+}
+
+TEST_CASE("loops count right at, below and above the true limit") {
+  const std::string file = written("true_limit", R"(edition 1;
+    input a : float[V];
+    param x : float[9] = 1.0;
+    step count {
+      output one = reduce(sum, i in 0..V) { x }, last = reduce(max, i in 0..V) { float(i) * a.at(i) },
+        where = reduce(argmin, i in 0..V) { -float(i) }, again = reduce(sum, i in 0..V) { a.at(V - 1 - i) * x },
+        nested = reduce(sum, i in 0..V) { reduce(sum, j in 0..30) { if j % 10 == 0 { x } else { 0.0 } } };
+    }
+  )");
+  for (const auto& [name, device] : test::devices())
+    for (const int64_t size : {30, 2113, 2114, 65534, 65535, 65536, 200000}) {
+      INFO(name << ", " << size);
+      jit::Options options;
+      options.profile = name;
+      Program program = must(Program::load(device, test::compile(file, options)));
+      must(program.bind("a", Array::from_floats(std::vector<float>(static_cast<size_t>(size), 1.0F), 1, size)));
+      must(program.run("count"));
+      const auto all = [&](const std::string& output, double value) {
+        INFO(output);
+        CHECK(must(program.output("count", output)).to_doubles() == std::vector<double>(9, value));
+      };
+      const auto n = static_cast<double>(size);
+      CHECK(must(program.output("count", "last")).to_doubles() == std::vector<double>(1, n - 1));
+      CHECK(must(program.output("count", "where")).to_doubles() == std::vector<double>(1, n - 1));
+      all("one", n);
+      all("again", n);
+      all("nested", 3 * n);
+    }
+  std::filesystem::remove(file);
+}
