@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Running steps: what must run is recorded once for each set of clean commands, and submitted as often as the step
 // runs.
-#include "runtime/state.h"
-
 #include <algorithm>
+
+#include "runtime/state.h"
 
 namespace dr::runtime {
 
@@ -130,7 +130,7 @@ void Program::State::require_whole_loops(size_t index) {
       where += (where.empty() ? " (" : ", ") + bundle.files[line.file()] + ":" + std::to_string(line.line());
     throw Failure{"a loop of pass '" + c->label + "'" + where + (where.empty() ? "" : ")") +
                   " takes more trips than this device gives one whose range depends on data: say how many it takes at "
-                  "most, as in reduce(sum, i in a..b, max = 1000000)"};
+                  "most, as in reduce(sum, i in a..b, max = 1000000). Loops that carry values cannot be given more"};
   }
 }
 

@@ -25,7 +25,7 @@ Generator::Cut Generator::cut(Shader& s, const Pass& pass, const std::vector<ir:
   const bool long_ones = may_pass_limit(trips, profile_, each), unknown = trips.unknown > 0 && profile_.loop_trips > 0;
   if (!long_ones && !unknown) return cut;
   cut.cuts = true;
-  cut.watched = unknown || trips.promised > 0;
+  cut.watched = unknown || trips.promised > 0 || trips.folds > 0;
   cut.element = element;
   cut.most = profile_.loop_trips;
   cut.trips = (trips.most + ir::Dim(each > 1 ? 2 : 0)) * ir::Dim(each);

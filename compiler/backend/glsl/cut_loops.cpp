@@ -51,13 +51,18 @@ void CutLoops::finish_trip(Writer& body) {
   if (loop.has_loops) body.line("if (part_trips != 0 && paused) break;");
   std::map<std::string, uint32_t> clear;
   for (const int bit : loop.bits) clear[word(bit)] |= 1u << static_cast<unsigned>(bit % 32);
-  for (const auto& [name, bits] : clear) body.line("if (part_trips != 0) " + name + " &= " + std::to_string(~bits) + "u;");
+  for (const auto& [name, bits] : clear)
+    body.line("if (part_trips != 0) " + name + " &= " + std::to_string(~bits) + "u;");
 }
 
 void CutLoops::close(Writer& body) {
   body.line("}");
   body.line("if (!paused && " + open_.back().trip + " < " + open_.back().end + ") unfinished = true;");
   open_.pop_back();
+}
+
+void CutLoops::require_whole(Writer& body, const std::string& unfinished) {
+  body.line("if (!paused && " + unfinished + ") unfinished = true;");
 }
 
 int CutLoops::words() const {
@@ -68,7 +73,8 @@ int CutLoops::words() const {
 
 std::string CutLoops::variables() const {
   // The trips that stand around the one where a dispatch goes on are begun once more.
-  std::string out = "int left_trips = part_trips + " + std::to_string(loops_) + ";\nbool paused = false, unfinished = false;\n";
+  std::string out =
+      "int left_trips = part_trips + " + std::to_string(loops_) + ";\nbool paused = false, unfinished = false;\n";
   for (int k = 0; k < (bits_ + 31) / 32; ++k) out += "uint " + word(32 * k) + " = 0u;\n";
   for (const Variable& v : kept_)
     out += v.type.str() + " " + v.name + (v.from_zero ? " = " + zero(v.type) : "") + ";\n";

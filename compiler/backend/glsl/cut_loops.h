@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Loops of a shader that may stop before their end and go on in a later dispatch, each from the trip that it had come to,
-// so that order and bits are those of one run. What loops combine and where they are is kept in variables of their own
-// beside the loops, an element's in a buffer between dispatches; all else is computed again, which gives the same, as
-// graphs are pure.
+// Loops of a shader that may stop before their end and go on in a later dispatch, each from the trip that it had come
+// to, so that order and bits are those of one run. What loops combine and where they are is kept in variables of their
+// own beside the loops, an element's in a buffer between dispatches; all else is computed again, which gives the same,
+// as graphs are pure.
 #pragma once
 
 #include <string>
@@ -19,17 +19,19 @@ class CutLoops {
   // A statement that takes effect once an element, or once a trip of the loop that it stands in.
   std::string once(const std::string& statement);
 
-  // A loop: `enter` are the statements that set what it keeps. Behind its body comes finish_trip(), then what a trip that
-  // is complete combines, then close().
+  // A loop: `enter` are the statements that set what it keeps. Behind its body comes finish_trip(), then what a trip
+  // that is complete combines, then close().
   void open(Writer& body, const std::vector<std::string>& enter, const std::string& trip, const std::string& end);
   void finish_trip(Writer& body);
   void close(Writer& body);
+  // A loop that cannot stop and go on: after it, whether the driver has ended it.
+  static void require_whole(Writer& body, const std::string& unfinished);
 
   // Where the words of all elements are kept.
   void set_state(std::string buffer) { state_ = std::move(buffer); }
   // `part_trips` is a constant that says how many trips a dispatch may take, 0 for all that there are: then a driver's
-  // compiler finds plain loops. `paused` is true where loops of the element stop before their end, `unfinished` where the
-  // driver ended one.
+  // compiler finds plain loops. `paused` is true where loops of the element stop before their end, `unfinished` where
+  // the driver ended one.
   std::string variables() const;
   //   bool resume_loops(int element)   takes the variables from the words; false where the element's loops are done
   //   void keep_loops(int element)     puts them there

@@ -127,6 +127,9 @@ class Shader {
   struct FoldLoops;
   void fold_op(const ir::Op& op);
   std::string fold_head(const FoldLoops& loops, const std::string& count) const;
+  // Behind the loop of a fold's first sweep, and behind others that `unfinished` says of.
+  void require_first_sweep(const FoldLoops& loops);
+  void require_whole(const std::string& unfinished);
   void fold_storing(FoldLoops& loops, const std::vector<std::string>& results);
   void fold_parameters(const FoldLoops& loops, size_t sweep, const std::string& trip);
   void fold_trip(const FoldLoops& loops, size_t sweep, const std::string& trip,

@@ -4,9 +4,9 @@
 // before some trips are stored, and those between are computed again from the nearest.
 #include <algorithm>
 
+#include "compiler/backend/analysis/uses.h"
 #include "compiler/backend/glsl/fold_memory.h"
 #include "compiler/backend/glsl/shader.h"
-#include "compiler/backend/analysis/uses.h"
 #include "compiler/ir/yields.h"
 
 namespace dr::backend::glsl {
@@ -34,9 +34,10 @@ bool reads(const ir::Graph& graph, RegionId region, ValueId value) {
 struct Shader::FoldLoops {
   const Op& op;
   std::string begin, end;
-  std::string trips;                            // how many were run
-  std::vector<std::vector<std::string>> now;    // variables: by sweep, by state
-  std::vector<std::vector<std::string>> kept;   // arrays, by sweep, by state; empty: nobody asks
+  std::string trips;                           // how many were run
+  std::vector<std::vector<std::string>> now;   // variables: by sweep, by state
+  std::vector<std::vector<std::string>> kept;  // arrays, by sweep, by state; empty: nobody asks
+  std::string stopped = {};                    // whether the first sweep ended by its own condition; empty: nobody asks
   size_t sweeps() const { return op.regions.size(); }
 };
 
@@ -61,6 +62,10 @@ void Shader::fold_op(const Op& op) {
     if (!scatter) body_.line(info.type.str() + " " + results.back() + " = " + zero(info.type) + ";");
   }
   forward_accumulators(op, op.regions.back());
+  if (cut_ && ir::fold_stops(op)) {
+    loops.stopped = unique("stopped");
+    body_.line("bool " + loops.stopped + " = false;");
+  }
 
   const FoldMemory memory = fold_memory(graph_, op);
   if (memory.how == FoldMemory::How::Checkpoints) {
@@ -77,6 +82,16 @@ std::string Shader::fold_head(const FoldLoops& loops, const std::string& count) 
   const int64_t bound = ir::fold_bound(loops.op);
   return "for (; " + loops.begin + " + " + count + " < " + loops.end +
          (bound < 0 ? "" : " && " + count + " < " + std::to_string(bound)) + "; ) {";
+}
+
+void Shader::require_whole(const std::string& unfinished) {
+  if (cut_) CutLoops::require_whole(body_, unfinished);
+}
+
+void Shader::require_first_sweep(const FoldLoops& loops) {
+  const int64_t bound = ir::fold_bound(loops.op);
+  require_whole((loops.stopped.empty() ? "" : "!" + loops.stopped + " && ") + loops.begin + " + " + loops.trips +
+                " < " + loops.end + (bound < 0 ? "" : " && " + loops.trips + " < " + std::to_string(bound)));
 }
 
 void Shader::fold_storing(FoldLoops& loops, const std::vector<std::string>& results) {
@@ -100,14 +115,20 @@ void Shader::fold_storing(FoldLoops& loops, const std::vector<std::string>& resu
     if (s == 0) {
       body_.line(fold_head(loops, trip));
     } else if (s % 2 == 1) {
-      body_.line("for (int " + trip + " = " + loops.trips + " - 1; " + trip + " >= 0; --" + trip + ") {");
+      body_.line("int " + trip + " = " + loops.trips + " - 1;");
+      body_.line("for (; " + trip + " >= 0; --" + trip + ") {");
     } else {
-      body_.line("for (int " + trip + " = 0; " + trip + " < " + loops.trips + "; ++" + trip + ") {");
+      body_.line("int " + trip + " = 0;");
+      body_.line("for (; " + trip + " < " + loops.trips + "; ++" + trip + ") {");
     }
     push_scope();
     fold_trip(loops, s, trip, results);
     pop_scope();
     body_.line("}");
+    if (s == 0)
+      require_first_sweep(loops);
+    else
+      require_whole(s % 2 == 1 ? trip + " >= 0" : trip + " < " + loops.trips);
   }
 }
 
@@ -124,7 +145,8 @@ void Shader::fold_parameters(const FoldLoops& loops, size_t sweep, const std::st
       if (of < sweep && array.empty()) continue;
       const ir::ValueInfo& info = graph_.value(params[k]);
       const std::string name = unique(info.name.empty() ? "state" : info.name);
-      body_.line(info.type.str() + " " + name + " = " + (of < sweep ? array + "[" + trip + "]" : loops.now[of][k]) + ";");
+      body_.line(info.type.str() + " " + name + " = " + (of < sweep ? array + "[" + trip + "]" : loops.now[of][k]) +
+                 ";");
       if (of == sweep && !array.empty()) body_.line(array + "[" + trip + "] = " + name + ";");
       define(params[k], name);
     }
@@ -144,7 +166,10 @@ void Shader::fold_trip(const FoldLoops& loops, size_t sweep, const std::string& 
   const ValueId stop = ir::fold_stop(graph_, loops.op);
   const std::string stops = stop.valid() ? use(stop) : "";
   body_.line("++" + trip + ";");
-  if (stop.valid()) body_.line("if (" + stops + ") break;");
+  if (stop.valid() && loops.stopped.empty())
+    body_.line("if (" + stops + ") break;");
+  else if (stop.valid())
+    body_.line("if (" + stops + ") { " + loops.stopped + " = true; break; }");
 }
 
 // Computes a sweep's next states from its parameters.
@@ -160,8 +185,8 @@ void Shader::fold_advance(const FoldLoops& loops, size_t sweep) {
 // closer to the trip: half of those that are free at equal distances, and so on.
 void Shader::fold_from_checkpoints(FoldLoops& loops, int64_t slots, const std::vector<std::string>& results) {
   const Op& op = loops.op;
-  const std::string count = std::to_string(slots), top = unique("top"), places = unique("place"),
-                    trip = unique("trip"), at = unique("at"), next = unique("next"), free = unique("free");
+  const std::string count = std::to_string(slots), top = unique("top"), places = unique("place"), trip = unique("trip"),
+                    at = unique("at"), next = unique("next"), free = unique("free");
   body_.line("int " + loops.trips + " = 0;");
   std::vector<std::string> starts, arrays;
   for (size_t k = 0; k < loops.now[0].size(); ++k) {
@@ -176,6 +201,7 @@ void Shader::fold_from_checkpoints(FoldLoops& loops, int64_t slots, const std::v
     fold_trip(loops, 0, loops.trips, results);
     pop_scope();
     body_.line("}");
+    require_first_sweep(loops);
   } else {
     const std::string all = "max(" + loops.end + " - " + loops.begin + ", 0)";
     const int64_t bound = ir::fold_bound(op);
@@ -184,13 +210,14 @@ void Shader::fold_from_checkpoints(FoldLoops& loops, int64_t slots, const std::v
   body_.line("int " + places + "[" + count + "];");
   body_.line(places + "[0] = 0;");
   body_.line("int " + top + " = 0;");
-  body_.line("for (int " + trip + " = " + loops.trips + " - 1; " + trip + " >= 0; --" + trip + ") {");
+  body_.line("int " + trip + " = " + loops.trips + " - 1;");
+  body_.line("for (; " + trip + " >= 0; --" + trip + ") {");
   for (size_t k = 0; k < arrays.size(); ++k) body_.line(loops.now[0][k] + " = " + arrays[k] + "[" + top + "];");
   body_.line("int " + at + " = " + places + "[" + top + "];");
   const auto choose_next = [&] {
     body_.line(free + " = " + count + " - 1 - " + top + ";");
-    body_.line(next + " = " + at + " + (" + free + " >= " + trip + " - " + at + " ? 1 : (" + trip + " - " + at + " + (" +
-               free + " + 1) / 2) / ((" + free + " + 1) / 2 + 1));");
+    body_.line(next + " = " + at + " + (" + free + " >= " + trip + " - " + at + " ? 1 : (" + trip + " - " + at +
+               " + (" + free + " + 1) / 2) / ((" + free + " + 1) / 2 + 1));");
   };
   body_.line("int " + free + ", " + next + ";");
   choose_next();
@@ -207,6 +234,7 @@ void Shader::fold_from_checkpoints(FoldLoops& loops, int64_t slots, const std::v
   choose_next();
   body_.line("}");
   body_.line("}");
+  require_whole(at + " < " + trip);
   push_scope();
   const std::span<const ValueId> before = ir::fold_params(graph_, op, 1, 0);
   for (size_t k = 0; k < before.size(); ++k) define(before[k], loops.now[0][k]);
@@ -214,6 +242,7 @@ void Shader::fold_from_checkpoints(FoldLoops& loops, int64_t slots, const std::v
   pop_scope();
   body_.line("if (" + top + " > 0 && " + places + "[" + top + "] == " + trip + ") --" + top + ";");
   body_.line("}");
+  require_whole(trip + " >= 0");
 }
 
 }  // namespace dr::backend::glsl

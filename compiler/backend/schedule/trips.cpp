@@ -5,12 +5,13 @@
 #include <cmath>
 
 #include "compiler/ir/dim_bound.h"
+#include "compiler/ir/yields.h"
 
 namespace dr::backend {
 
 using ir::Dim;
-using ir::most_of;
 using ir::Graph;
+using ir::most_of;
 using ir::Op;
 using ir::OpKind;
 using ir::ValueId;
@@ -46,7 +47,10 @@ Bound smaller(const Bound& a, const Bound& b) {
 // Of two bounds that both hold.
 Bound either(const Bound& a, const Bound& b, bool least) {
   if (!a || !b) return a ? a : b;
-  return never_above_zero(least ? *a - *b : *b - *a) ? a : never_above_zero(least ? *b - *a : *a - *b) ? b : a->is_constant() ? a : b;
+  return never_above_zero(least ? *a - *b : *b - *a)   ? a
+         : never_above_zero(least ? *b - *a : *a - *b) ? b
+         : a->is_constant()                            ? a
+                                                       : b;
 }
 
 class Finder {
@@ -169,9 +173,8 @@ class Finder {
     const auto plus = [](const Bound& a, const Bound& b) { return a && b ? Bound(*a + *b) : Bound(); };
     const auto minus = [](const Bound& a, const Bound& b) { return a && b ? Bound(*a - *b) : Bound(); };
     const auto constant = [](const Bounds& b) {
-      return b.low && b.high && b.low->is_constant() && *b.low == *b.high && b.low->constant() > 0
-                 ? b.low->constant()
-                 : int64_t{0};
+      return b.low && b.high && b.low->is_constant() && *b.low == *b.high && b.low->constant() > 0 ? b.low->constant()
+                                                                                                   : int64_t{0};
     };
     const auto from_zero = [](const Bounds& b) { return b.low && never_above_zero(Dim(0) - *b.low); };
     switch (op.kind) {
@@ -192,7 +195,9 @@ class Finder {
         const Bounds a = arg(0);
         const int64_t by = constant(arg(1));
         if (by == 0) return {};
-        return {from_zero(a) ? Bound(Dim(0)) : a.low ? Bound(a.low->divided_by(by)) : Bound(),
+        return {from_zero(a) ? Bound(Dim(0))
+                : a.low      ? Bound(a.low->divided_by(by))
+                             : Bound(),
                 a.high ? Bound(most_of(*a.high).divided_by(by)) : Bound()};
       }
       case OpKind::Mod: {
@@ -217,7 +222,7 @@ Trips trips_of(const Graph& graph, std::span<const ir::OpId> ops) {
   const auto alike = [&](ValueId v) { return graph.value(v).extent.is_unit(); };
   for (const ir::OpId id : ops) {
     const Op& op = graph.op(id);
-    if (op.kind != OpKind::If && op.kind != OpKind::Reduce) continue;
+    if (op.kind != OpKind::If && op.kind != OpKind::Reduce && op.kind != OpKind::Fold) continue;
     Trips inside;
     for (const ir::RegionId region : op.regions) {
       const Trips one = trips_of(graph, graph.region(region).ops);
@@ -225,10 +230,22 @@ Trips trips_of(const Graph& graph, std::span<const ir::OpId> ops) {
       inside.loops += one.loops;
       inside.unknown += one.unknown;
       inside.promised += one.promised;
+      inside.folds += one.folds;
       inside.even = inside.even && one.even;
     }
     if (op.kind == OpKind::If) {
       inside.even = inside.loops == 0 || (inside.even && alike(op.operands[0]));
+    } else if (op.kind == OpKind::Fold) {
+      // Each sweep is a loop of as many trips as the first. Without a bound, states may be computed again and again.
+      const Dim sweeps(static_cast<int64_t>(ir::fold_sweeps(op)));
+      Bound most = Finder(graph).difference(op.operands[1], op.operands[0]);
+      if (most) most = most_of(*most);
+      if (ir::fold_bound(op) >= 0) most = either(most, Dim(ir::fold_bound(op)), true);
+      if (!most || (ir::fold_bound(op) < 0 && ir::fold_sweeps(op) > 1)) ++inside.unknown;
+      inside.most = sweeps + (most ? *most : Dim(1)) * (sweeps + inside.most);
+      inside.even = inside.even && alike(op.operands[0]) && alike(op.operands[1]) && !ir::fold_stops(op);
+      inside.loops += static_cast<int>(ir::fold_sweeps(op));
+      ++inside.folds;
     } else {
       Bound most = Finder(graph).difference(op.operands[1], op.operands[0]);
       const bool has_max = op.attrs.ints[0] >= 0;
@@ -242,6 +259,7 @@ Trips trips_of(const Graph& graph, std::span<const ir::OpId> ops) {
     all.loops += inside.loops;
     all.unknown += inside.unknown;
     all.promised += inside.promised;
+    all.folds += inside.folds;
     all.even = all.even && inside.even;
   }
   return all;
