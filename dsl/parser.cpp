@@ -11,13 +11,13 @@ namespace dr::dsl {
 namespace {
 
 // Names in messages; a text may hold a name of any length.
-std::string shortened(std::string_view text) {
+std::string shown_part(std::string_view text) {
   constexpr size_t kMaxShown = 40;
   if (text.size() <= kMaxShown) return std::string(text);
   return std::string(text.substr(0, kMaxShown)) + "...";
 }
 
-std::string quoted(std::string_view text) { return "'" + shortened(text) + "'"; }
+std::string quoted(std::string_view text) { return "'" + shown_part(text) + "'"; }
 
 }  // namespace
 
