@@ -11,13 +11,13 @@ namespace dr::dsl {
 namespace {
 
 // Names in messages; a text may hold a name of any length.
-std::string shortened(std::string_view text) {
+std::string shown_part(std::string_view text) {
   constexpr size_t kMaxShown = 40;
   if (text.size() <= kMaxShown) return std::string(text);
   return std::string(text.substr(0, kMaxShown)) + "...";
 }
 
-std::string quoted(std::string_view text) { return "'" + shortened(text) + "'"; }
+std::string quoted(std::string_view text) { return "'" + shown_part(text) + "'"; }
 
 }  // namespace
 
@@ -224,7 +224,8 @@ bool Parser::starts_statement() const {
     case TokenKind::Return:
     case TokenKind::Minimize: return true;
     case TokenKind::Const: return next_at(TokenKind::If);
-    case TokenKind::Name: return at_word("output") && next_at(TokenKind::Name);
+    case TokenKind::Name:
+      return (at_word("output") && next_at(TokenKind::Name)) || (at_word("break") && next_at(TokenKind::If));
     default: return false;
   }
 }

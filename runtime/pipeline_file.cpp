@@ -2,11 +2,10 @@
 // File: magic, length of the key, checksum of all that follows, key, data.
 #include "runtime/pipeline_file.h"
 
-#include <unistd.h>
-
 #include <cstring>
-#include <fstream>
-#include <iterator>
+
+#include "compiler/backend/bundle/bundle.h"
+#include "compiler/backend/bundle/own_file.h"
 
 namespace dr::runtime {
 
@@ -15,38 +14,30 @@ namespace fs = std::filesystem;
 namespace {
 
 struct Header {
-  uint64_t magic = 0x3143505244524400;  // "\0DRDRPC1"
+  uint64_t magic = 0x3243505244524400;  // "\0DRDRPC2"
   uint64_t key_bytes = 0;
   uint64_t checksum = 0;
 };
 
 }  // namespace
 
-uint64_t hash_bytes(const void* data, size_t bytes, uint64_t seed) {
-  const auto* p = static_cast<const unsigned char*>(data);
-  for (size_t k = 0; k < bytes; ++k) seed = (seed ^ p[k]) * 0x100000001b3;
-  return seed;
-}
-
 PipelineFile::PipelineFile(const fs::path& folder, std::string key) : key_(std::move(key)) {
   if (folder.empty()) return;
   char name[40];
   std::snprintf(name, sizeof name, "%016llx.pipelines",
-                static_cast<unsigned long long>(hash_bytes(key_.data(), key_.size())));
+                static_cast<unsigned long long>(bundle::checksum(key_.data(), key_.size())));
   path_ = folder / name;
 }
 
 std::vector<uint8_t> PipelineFile::read() const {
   if (path_.empty()) return {};
-  std::ifstream file(path_, std::ios::binary);
-  if (!file) return {};
-  const std::string bytes(std::istreambuf_iterator<char>(file), {});
+  const std::string bytes = bundle::read_own_file(path_).value_or("");
   Header header;
   if (bytes.size() < sizeof header) return {};
   std::memcpy(&header, bytes.data(), sizeof header);
   const size_t rest = bytes.size() - sizeof header;
   if (header.magic != Header{}.magic || header.key_bytes != key_.size() || rest < key_.size() ||
-      header.checksum != hash_bytes(bytes.data() + sizeof header, rest) ||
+      header.checksum != bundle::checksum(bytes.data() + sizeof header, rest) ||
       bytes.compare(sizeof header, key_.size(), key_) != 0)
     return {};
   return {bytes.begin() + static_cast<long>(sizeof header + key_.size()), bytes.end()};
@@ -54,19 +45,10 @@ std::vector<uint8_t> PipelineFile::read() const {
 
 void PipelineFile::write(std::span<const uint8_t> data) const {
   if (path_.empty()) return;
-  std::error_code error;
-  fs::create_directories(path_.parent_path(), error);
-  if (error) return;
   std::string bytes = key_;
   bytes.append(data.begin(), data.end());
-  const Header header{.key_bytes = key_.size(), .checksum = hash_bytes(bytes.data(), bytes.size())};
-  const fs::path temporary = path_.string() + "." + std::to_string(getpid());
-  std::ofstream out(temporary, std::ios::binary);
-  out.write(reinterpret_cast<const char*>(&header), sizeof header);
-  out.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
-  out.close();
-  if (out) fs::rename(temporary, path_, error);
-  if (!out || error) fs::remove(temporary, error);
+  const Header header{.key_bytes = key_.size(), .checksum = bundle::checksum(bytes.data(), bytes.size())};
+  bundle::write_own_file(path_, {{reinterpret_cast<const char*>(&header), sizeof header}, bytes});
 }
 
 }  // namespace dr::runtime

@@ -26,7 +26,4 @@ class PipelineFile {
   std::filesystem::path path_;
 };
 
-// FNV-1a, 64 bits.
-uint64_t hash_bytes(const void* data, size_t bytes, uint64_t seed = 0xcbf29ce484222325);
-
 }  // namespace dr::runtime

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <map>
 
+#include "compiler/backend/bundle/check_shaders.h"
 #include "runtime/state.h"
 
 namespace dr::runtime {
@@ -22,13 +23,18 @@ auto guarded(F&& f) -> Result<decltype(f())> {
   } catch (const Failure& failure) {
     return io::Error{failure.message};
   } catch (const vk::DeviceLostError&) {
-    return io::Error{"the device was lost while it ran a step"};
+    return io::Error{"the device was lost while it ran a step; open it and load the program again"};
   } catch (const vk::SystemError& e) {
     return io::Error{std::string("Vulkan reports: ") + e.what()};
   } catch (const std::bad_alloc&) {
     return io::Error{"this machine has not enough memory for the program's data"};
+  } catch (const std::exception& e) {
+    return io::Error{e.what()};
   }
 }
+
+// What functions that give no Result answer from when the program was moved from: tables of nothing.
+const Program::State kNothing;
 
 // Faces and tags of a raster's entries (see RasterResults in bundle.fbs): face 0, tag 0, face 1, ...
 std::vector<io::Array> parts_of_entries(const io::Array& entries, size_t ranks) {
@@ -67,6 +73,12 @@ PipelineCounters& PipelineCounters::operator+=(const PipelineCounters& other) {
   return *this;
 }
 
+Program::State& Program::state() {
+  if (!state_) throw Failure{"the program is empty: it was moved from"};
+  return *state_;
+}
+const Program::State& Program::known() const { return state_ ? *state_ : kNothing; }
+
 Program::Program() : state_(std::make_unique<State>()) {}
 Program::Program(Program&&) noexcept = default;
 Program& Program::operator=(Program&&) noexcept = default;
@@ -100,12 +112,24 @@ std::unique_ptr<Program::State> Program::State::load(std::shared_ptr<DeviceState
       throw Failure{"the bundle was built for profile '" + state->bundle.profile + "' and needs the feature '" +
                     feature + "', which the device lacks; build it for the device's own profile"};
   }
+  if (!options.trusted) {
+    const DeviceState& d = *state->device;
+    const bundle::ShaderLimits limits{.shared_bytes = d.properties.limits.maxComputeSharedMemorySize,
+                                      .int64 = d.int64,
+                                      .int64_atomics = d.int64_atomics,
+                                      .float_atomics = d.float_atomics,
+                                      .subgroups = d.subgroup_arithmetic,
+                                      .multiview = d.multiview_views > 0};
+    if (const std::string problem = check_shaders(state->bundle, limits); !problem.empty())
+      throw Failure{"the bundle is not sound: " + problem};
+  }
   return state;
 }
 
 Result<Program> Program::load(const Device& device, std::span<const uint8_t> bytes, const LoadOptions& options) {
   return guarded([&] {
     Program program;
+    if (!device.state()) throw Failure{"the device is empty: it was moved from"};
     program.state_ = State::load(device.state(), bytes, options);
     if (options.cache && options.rebuild && options.memory_limit == 0) program.state_->rebuilder.emplace();
     return program;
@@ -121,97 +145,99 @@ Result<Program> Program::describe(std::span<const uint8_t> bytes) {
 }
 
 bool Program::is_input(const std::string& leaf) const {
-  for (const auto& l : state_->bundle.leaves)
+  for (const auto& l : known().bundle.leaves)
     if (l->name == leaf) return l->kind == bundle::LeafKind::Input;
   return false;
 }
 
 std::vector<std::string> Program::steps() const {
   std::vector<std::string> out;
-  for (const auto& s : state_->bundle.steps) out.push_back(s->name);
+  for (const auto& s : known().bundle.steps) out.push_back(s->name);
   return out;
 }
 
 std::vector<Program::LeafInfo> Program::leaves() const {
   std::vector<LeafInfo> out;
-  for (const auto& l : state_->bundle.leaves) out.push_back({l->name, components_of(*l->type), kind_of(*l->type)});
+  for (const auto& l : known().bundle.leaves) out.push_back({l->name, components_of(*l->type), kind_of(*l->type)});
   return out;
 }
 
 std::vector<std::string> Program::needed_leaves(const std::string& step) const {
   std::vector<std::string> out;
-  for (const auto& s : state_->bundle.steps)
+  for (const auto& s : known().bundle.steps)
     if (s->name == step)
-      for (uint32_t leaf : s->leaves) out.push_back(state_->bundle.leaves[leaf]->name);
+      for (uint32_t leaf : s->leaves) out.push_back(known().bundle.leaves[leaf]->name);
   return out;
 }
 
 std::vector<std::string> Program::resources() const {
   std::vector<std::string> out;
-  for (const auto& r : state_->bundle.resources) out.push_back(r->name);
+  for (const auto& r : known().bundle.resources) out.push_back(r->name);
   return out;
 }
 
 Result<void> Program::bind(const std::string& leaf, const io::Array& data) {
-  return guarded([&] { state_->bind(leaf, data); });
+  return guarded([&] { state().bind(leaf, data); });
 }
 
 Result<void> Program::bind_symbol(const std::string& symbol, int64_t value) {
   return guarded([&] {
-    const std::vector<std::string>& all = state_->bundle.symbols;
+    const std::vector<std::string>& all = state().bundle.symbols;
     if (std::find(all.begin(), all.end(), symbol) == all.end()) {
       std::string names;
       for (const std::string& s : all) names += (names.empty() ? "" : ", ") + s;
       throw Failure{"there is no symbol '" + symbol + "'; there are: " + names};
     }
-    state_->sizes.set(symbol, value, "the symbol's own binding");
+    if (value < 1 || value >= kMaxElements)
+      throw Failure{"symbol '" + symbol + "' is " + std::to_string(value) + ", which is not between 1 and 2^31"};
+    state().sizes.set(symbol, value, "the symbol's own binding");
   });
 }
 
 Result<void> Program::run(const std::string& step, int times) {
   return guarded([&] {
+    if (times < 1) throw Failure{"a step runs once or more often, found " + std::to_string(times)};
     for (int done = 0; done < times;) {
-      if (state_->rebuilder && state_->rebuilder->ready()) {
-        auto next = state_->rebuilder->take();
+      if (state().rebuilder && state().rebuilder->ready()) {
+        auto next = state().rebuilder->take();
         next->take_over(*state_);
         state_ = std::move(next);
       }
-      done += state_->run(step, times - done);
+      done += state().run(step, times - done);
     }
-    if (times <= 0) state_->run(step, 0);
   });
 }
 
 Result<std::vector<CommandTime>> Program::timed_run(const std::string& step) {
-  return guarded([&] { return state_->timed_run(step); });
+  return guarded([&] { return state().timed_run(step); });
 }
 
 Result<std::optional<NotFinite>> Program::checked_run(const std::string& step) {
-  return guarded([&] { return state_->checked_run(step); });
+  return guarded([&] { return state().checked_run(step); });
 }
 
 Result<void> Program::set_runs(const std::string& step, int64_t runs) {
-  return guarded([&] { state_->set_runs(step, runs); });
+  return guarded([&] { state().set_runs(step, runs); });
 }
 
-int Program::rebuilds() const { return state_->rebuilds; }
+int Program::rebuilds() const { return known().rebuilds; }
 
 PipelineCounters Program::pipelines() const {
-  PipelineCounters all = state_->pipelines_before;
-  if (state_->on_device) all += state_->on_device->pipelines.counters();
+  PipelineCounters all = known().pipelines_before;
+  if (known().on_device) all += known().on_device->pipelines.counters();
   return all;
 }
 
 StepCounters Program::counters(const std::string& step) const {
-  if (!state_->on_device) return {};
-  for (size_t k = 0; k < state_->bundle.steps.size(); ++k)
-    if (state_->bundle.steps[k]->name == step) return state_->on_device->steps[k].counters;
+  if (!known().on_device) return {};
+  for (size_t k = 0; k < known().bundle.steps.size(); ++k)
+    if (known().bundle.steps[k]->name == step) return known().on_device->steps[k].counters;
   return {};
 }
 
 std::vector<std::string> Program::outputs(const std::string& step) const {
   std::vector<std::string> out;
-  for (const auto& s : state_->bundle.steps)
+  for (const auto& s : known().bundle.steps)
     if (s->name == step)
       for (const auto& o : s->outputs) out.push_back(o->name);
   return out;
@@ -219,12 +245,12 @@ std::vector<std::string> Program::outputs(const std::string& step) const {
 
 Result<io::Array> Program::output(const std::string& step, const std::string& name) {
   return guarded([&]() -> io::Array {
-    State& s = *state_;
+    State& s = state();
     const size_t index = s.step_index(step);
     for (const auto& o : s.bundle.steps[index]->outputs)
       if (o->name == name) {
         if (const auto kept = s.kept.find(index); kept != s.kept.end()) return kept->second.at(name);
-        if (!s.has_memory(o->resource)) throw Failure{"step '" + step + "' has not run yet"};
+        s.require_run(step);
         return s.on_device->transfer.download(o->resource);
       }
     throw Failure{"step '" + step + "' has no output '" + name + "'"};
@@ -233,7 +259,7 @@ Result<io::Array> Program::output(const std::string& step, const std::string& na
 
 Result<std::vector<std::vector<io::Array>>> Program::rasters(const std::string& step) {
   return guarded([&] {
-    State& s = *state_;
+    State& s = state();
     const auto& table = *s.bundle.steps[s.step_index(step)];
     s.require_run(step);
     std::vector<std::vector<io::Array>> out;
@@ -253,7 +279,7 @@ Result<std::vector<std::vector<io::Array>>> Program::rasters(const std::string& 
 
 Result<std::vector<std::pair<std::string, io::Array>>> Program::pins(const std::string& step) {
   return guarded([&] {
-    State& s = *state_;
+    State& s = state();
     s.require_run(step);
     std::vector<std::pair<std::string, io::Array>> out;
     for (const auto& pin : s.bundle.steps[s.step_index(step)]->pins)
@@ -264,7 +290,7 @@ Result<std::vector<std::pair<std::string, io::Array>>> Program::pins(const std::
 
 Result<io::Array> Program::leaf(const std::string& name) {
   return guarded([&] {
-    State& s = *state_;
+    State& s = state();
     const auto index = s.leaf_index(name);
     s.prepare_leaf(index);
     return s.on_device->transfer.download(s.bundle.leaves[index]->resource);
@@ -273,7 +299,7 @@ Result<io::Array> Program::leaf(const std::string& name) {
 
 Result<io::Array> Program::resource(const std::string& name) {
   return guarded([&]() -> io::Array {
-    State& s = *state_;
+    State& s = state();
     for (uint32_t k = 0; k < s.bundle.resources.size(); ++k) {
       if (s.bundle.resources[k]->name != name) continue;
       if (!s.has_memory(k)) throw Failure{"'" + name + "' has no value: no step that uses it has run yet"};
@@ -288,7 +314,7 @@ Result<io::Array> Program::resource(const std::string& name) {
 }
 
 MemoryUse Program::memory_use() const {
-  const State& s = *state_;
+  const State& s = known();
   MemoryUse use;
   use.peak = s.tally->peak;
   if (!s.on_device) return use;
@@ -301,7 +327,7 @@ MemoryUse Program::memory_use() const {
 }
 
 Result<int> Program::command_count(const std::string& step) {
-  return guarded([&] { return static_cast<int>(state_->prepared_step(state_->step_index(step)).primitives.size()); });
+  return guarded([&] { return static_cast<int>(state().prepared_step(state().step_index(step)).primitives.size()); });
 }
 
 }  // namespace dr::runtime

@@ -86,6 +86,9 @@ void Program::State::count_run(size_t index, const std::vector<bool>& dirty, con
 int Program::State::run(const std::string& name, int times) {
   const size_t index = step_index(name);
   StepState& step = prepared_step(index);
+  if (step.counters.runs > INT32_MAX - int64_t{times})
+    throw Failure{"step '" + name + "' has run " + std::to_string(step.counters.runs) + " times; it cannot run " +
+                  std::to_string(times) + " times more, as its counter ends at 2^31 - 1"};
   int done = 0;
   while (done < times && !(rebuilder && rebuilder->ready())) {
     const std::vector<bool>& dirty = options.cache ? step.list->dirty(versions) : step.list->everything();

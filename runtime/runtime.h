@@ -7,8 +7,8 @@
 //   program->run("fit_shape", 100);
 //   auto alpha = program->output("fit_shape", "alpha");
 //
-// Every function that can fail on what the outside gives returns a Result with one sentence. Objects are not thread
-// safe.
+// Every function that can fail on what the outside gives returns a Result with one sentence, also of an object that was
+// moved from; others answer then that there is nothing. Objects are not thread safe.
 #pragma once
 
 #include <cstdint>
@@ -80,6 +80,9 @@ using Moving = std::map<std::string, std::set<std::string>>;
 using Rebuild = std::function<Result<std::vector<uint8_t>>(const Moving& moving)>;
 
 struct LoadOptions {
+  // The bundle comes from somebody whom the user trusts as a programmer, or was compiled just now: its shaders go to
+  // the driver as they are. Otherwise they are validated, and compared with the bundle's tables and the device.
+  bool trusted = false;
   // The reactive cache: leaves out the commands of a step whose results are there already, since nothing that they
   // depend on changed. Results have the same bits without it.
   bool cache = true;
@@ -158,8 +161,8 @@ class Program {
   static Result<Program> load(const Device& device, std::span<const uint8_t> bundle, const LoadOptions& options = {});
   // The tables alone, without a device: leaves(), steps(), outputs() answer, nothing runs.
   static Result<Program> describe(std::span<const uint8_t> bundle);
-  struct State;  // the runtime's own
-  State& state() { return *state_; }
+  struct State;    // the runtime's own
+  State& state();  // throws where there is none
   Program(Program&&) noexcept;
   Program& operator=(Program&&) noexcept;
   ~Program();
@@ -176,7 +179,7 @@ class Program {
   std::vector<std::string> needed_leaves(const std::string& step) const;
 
   // Gives a leaf its data; the first time this also gives values to the symbols of its extent, which later data must
-  // keep.
+  // keep. What fails changes nothing.
   Result<void> bind(const std::string& leaf, const io::Array& data);
   // Gives a symbol its value where no leaf does.
   Result<void> bind_symbol(const std::string& symbol, int64_t value);
@@ -216,6 +219,7 @@ class Program {
 
  private:
   Program();
+  const State& known() const;  // one without tables where there is none
   std::unique_ptr<State> state_;
 };
 

@@ -67,6 +67,11 @@ void Program::State::make_tables() {
 void Program::State::assign(size_t index, const io::Array& data) {
   const bundle::LeafT& leaf = *bundle.leaves[index];
   const std::string origin = "leaf '" + leaf.name + "'";
+  if (!data.consistent())
+    throw Failure{origin + ": the array's extent of " + std::to_string(data.width) + " x " +
+                  std::to_string(data.height) + " x " + std::to_string(data.layers) + " elements of " +
+                  std::to_string(data.components) + " components and its " + std::to_string(data.bytes.size()) +
+                  " bytes do not agree, or it is empty"};
   if (data.components != components_of(*leaf.type))
     throw Failure{origin + " has " + std::to_string(components_of(*leaf.type)) +
                   " components an element, the data has " + std::to_string(data.components)};

@@ -46,7 +46,7 @@ struct OnDevice {
         queue(device),
         transfer(device, bundle, sizes, memory, queue),
         pipelines(device, bundle, memory, options.pipeline_folder),
-        commands(device, bundle, sizes, memory, pipelines),
+        commands(device, bundle, sizes, memory, pipelines, options.trusted),
         steps(bundle.steps.size()) {}
   // What failed may have left something under way.
   ~OnDevice();

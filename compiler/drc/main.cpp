@@ -4,12 +4,15 @@
 #include <algorithm>
 #include <csignal>
 #include <cstdio>
+#include <cstdlib>
 #include <exception>
+#include <new>
 #include <set>
 
 #include "compiler/backend/skips.h"
 #include "compiler/drc/command.h"
 #include "compiler/drc/messages.h"
+#include "version_generated.h"
 
 namespace {
 
@@ -37,12 +40,21 @@ void add_diagnostics(CLI::App& command, std::string& format) {
 // An internal error aborts with its message on stderr; scripts see it as an exit code.
 void on_abort(int) { std::_Exit(kInternalError); }
 
+// The allocator aborts without a word where nobody says what to do. Before main() there is nobody to catch.
+bool catches = false;
+void on_no_memory() {
+  if (catches) throw std::bad_alloc();
+  std::fputs("error: this machine has not enough memory to start\n", stderr);
+  std::_Exit(kUserError);
+}
+[[gnu::constructor(101)]] void set_on_no_memory() { std::set_new_handler(on_no_memory); }
+
 }  // namespace
 
 int main(int argc, char** argv) {
   std::signal(SIGABRT, on_abort);
   CLI::App app("drc compiles differentiable-rendering programs.", "drc");
-  app.set_version_flag("--version", "drc " DR_VERSION);
+  app.set_version_flag("--version", std::string("drc ") + dr::version());
   app.require_subcommand(1);
   app.footer("Exit codes: 0 ok, 1 error in the input, 2 bad usage, 3 internal error.");
 
@@ -257,6 +269,7 @@ int main(int argc, char** argv) {
     return kBadUsage;
   }
   if (as_json) collect_messages();
+  catches = true;
   try {
     int code = kOk;
     if (check_command->parsed()) code = check(check_options);
@@ -268,7 +281,10 @@ int main(int argc, char** argv) {
     if (doc_command->parsed()) code = doc(doc_options);
     if (explain_command->parsed()) code = explain(code_to_explain);
     write_messages();
-    return code;
+    // What the system buffered may still find no room.
+    if (code != kOk || (std::fflush(stdout) == 0 && std::ferror(stdout) == 0)) return code;
+    std::fprintf(stderr, "error: cannot write to stdout\n");
+    return kUserError;
   } catch (const std::bad_alloc&) {
     print_error("this machine has not enough memory for the program and its data");
     write_messages();

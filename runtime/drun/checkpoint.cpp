@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
+#include "runtime/drun/out_folder.h"
 #include "runtime/drun/target.h"
 
 namespace dr::drun {
@@ -28,6 +29,14 @@ ordered_json read_json(const fs::path& path) {
   return json;
 }
 
+// The folder that the file names; empty where there is none.
+std::string folder_in_use(const std::string& out) {
+  std::ifstream file(fs::path(out) / kFile, std::ios::binary);
+  if (!file) return {};
+  const ordered_json json = ordered_json::parse(file, nullptr, false);
+  return json.is_object() && json.contains("folder") && json["folder"].is_string() ? json["folder"] : "";
+}
+
 // Whether it is the name of a folder that save_checkpoint() made: nothing else is read or removed.
 bool is_own_folder(const std::string& name) { return name.starts_with(kPrefix) && name.find('/') == std::string::npos; }
 
@@ -43,17 +52,13 @@ void write_text(const std::string& path, const std::string& text) {
     fs::remove(temporary, ignored);
     throw Mistake{"cannot write '" + path + "'"};
   }
+  sync_to_disk(temporary);
   fs::rename(temporary, path);
 }
 
 void save_checkpoint(const std::string& out, const Checkpoint& c) {
   // A folder of another name than the one in use, which stays until the file names the new one.
-  std::string before;
-  if (fs::exists(fs::path(out) / kFile)) {
-    std::ifstream old(fs::path(out) / kFile, std::ios::binary);
-    const ordered_json json = ordered_json::parse(old, nullptr, false);
-    if (json.is_object() && json.contains("folder") && json["folder"].is_string()) before = json["folder"];
-  }
+  const std::string before = folder_in_use(out);
   int number = 0;
   while (fs::exists(fs::path(out) / (kPrefix + std::to_string(number)))) ++number;
   const std::string name = kPrefix + std::to_string(number);
@@ -61,13 +66,24 @@ void save_checkpoint(const std::string& out, const Checkpoint& c) {
   ordered_json json{{"folder", name}, {"steps", c.steps}, {"entry", c.entry}, {"done", c.done}, {"runs", c.runs}};
   json["leaves"] = ordered_json::array();
   for (const auto& [leaf, data] : c.leaves) {
-    must(io::save_array((fs::path(out) / name / (leaf + ".npy")).string(), data));
+    const std::string file = (fs::path(out) / name / (leaf + ".npy")).string();
+    must(io::save_array(file, data));
+    sync_to_disk(file);
     json["leaves"].push_back({{"name", leaf}, {"components", data.components}});
   }
   write_text((fs::path(out) / name / "log.jsonl").string(), c.log);
+  // All that the file names is on the disk before the file is, and the file before what it named goes.
+  sync_to_disk((fs::path(out) / name).string());
+  sync_to_disk(out);
   write_text((fs::path(out) / kFile).string(), json.dump(2) + "\n");
+  sync_to_disk(out);
   // Nothing but what the file pointed to.
   if (is_own_folder(before) && before != name) fs::remove_all(fs::path(out) / before);
+}
+
+std::string checkpoint_folder(const std::string& out) {
+  const std::string folder = folder_in_use(out);
+  return is_own_folder(folder) ? folder : "";
 }
 
 Checkpoint load_checkpoint(const std::string& out) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Where a run stopped, so that it can go on: OUT/checkpoint.json, and beside it the folder that it names, with the
-// params and states as .npy files. The folder is complete before the file points to it.
+// params and states as .npy files. The folder is complete, and on the disk, before the file points to it: whenever a
+// run is killed, the checkpoint before or after is there whole.
 #pragma once
 
 #include <map>
@@ -24,6 +25,8 @@ struct Checkpoint {
 // Both throw Mistake.
 void save_checkpoint(const std::string& out, const Checkpoint& checkpoint);
 Checkpoint load_checkpoint(const std::string& out);
+// The folder in `out` that holds the checkpoint, or nothing.
+std::string checkpoint_folder(const std::string& out);
 
 // Writes the file whole or not at all.
 void write_text(const std::string& path, const std::string& text);

@@ -4,6 +4,11 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <cctype>
+#include <charconv>
+#include <string_view>
+
+#include "version_generated.h"
 
 namespace dr::drun {
 
@@ -15,6 +20,48 @@ std::pair<std::string, std::string> split(const std::string& text, const char* o
   if (at == 0 || at == std::string::npos)
     throw CLI::ValidationError(option, "expected name=value, found '" + text + "'");
   return {text.substr(0, at), text.substr(at + 1)};
+}
+
+// "512M": a number of bytes. K, M, G and T are powers of 1024.
+int64_t bytes_of(const std::string& text) {
+  constexpr std::string_view kUnits = "KMGT";
+  uint64_t number = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
+  std::string unit(end, text.data() + text.size());
+  for (char& c : unit) c = static_cast<char>(std::toupper(static_cast<unsigned char>(c)));
+  if (unit.size() > 1 && unit.ends_with("B")) unit.pop_back();
+  if (unit.size() > 1 && unit.ends_with("I")) unit.pop_back();
+  if (unit == "B") unit.clear();
+  const size_t power = unit.empty() ? 0 : unit.size() == 1 ? kUnits.find(unit[0]) + 1 : 0;
+  const bool known = unit.empty() || power > 0;
+  const int shift = static_cast<int>(10 * power);
+  if (error != std::errc{} || !known || number == 0 || number > uint64_t{1} << (62 - shift))
+    throw CLI::ValidationError("--memory", "expected a number of bytes as 1000000, 512M or 2G, found '" + text + "'");
+  return static_cast<int64_t>(number << shift);
+}
+
+// "90s" or "90": seconds.
+double seconds_of(const std::string& text, const char* option, const char* expected) {
+  double seconds = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), seconds);
+  const std::string_view unit(end, text.data() + text.size());
+  if (error != std::errc{} || (!unit.empty() && unit != "s") || !(seconds > 0 && seconds < 1e9))
+    throw CLI::ValidationError(option, std::string("expected ") + expected + ", found '" + text + "'");
+  return seconds;
+}
+
+void set_checkpoints(const std::string& text, Options& options) {
+  constexpr const char* kExpected = "a number of runs as 500, of seconds as 30s, or never";
+  if (text.empty()) return;
+  options.checkpoint_seconds = 0;
+  if (text == "never") return;
+  if (text.ends_with("s")) {
+    options.checkpoint_seconds = seconds_of(text, "--checkpoint-every", kExpected);
+    return;
+  }
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), options.checkpoint_runs);
+  if (error != std::errc{} || end != text.data() + text.size() || options.checkpoint_runs < 1)
+    throw CLI::ValidationError("--checkpoint-every", std::string("expected ") + kExpected + ", found '" + text + "'");
 }
 
 // What is given twice would silently count once.
@@ -30,7 +77,7 @@ void add_once(std::vector<std::pair<std::string, std::string>>& all, const std::
 
 bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
   CLI::App app("drun runs a Dressi program (.dr) or bundle (.drb).", "drun");
-  app.set_version_flag("--version", "drun 0.1.0");
+  app.set_version_flag("--version", std::string("drun ") + version());
   std::vector<std::string> bindings, symbols, steps, meshes, defines;
   app.add_option("FILE", options.file, "a .dr program or a .drb bundle");
   app.add_option("--bind,-b", bindings,
@@ -38,7 +85,7 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
   app.add_option("--symbol,-s", symbols, "NAME=NUMBER: value of an extent symbol that no data gives");
   app.add_option("--step", steps,
                  "NAME[=TIMES]: step to run; several run one after another (default: the only one, once)");
-  app.add_option("--out,-o", options.out, "folder for outputs, params and the log");
+  const CLI::Option* out = app.add_option("--out,-o", options.out, "folder for outputs, params and the log");
   app.add_option("--mesh", meshes,
                  "FILE=POSITION:FACE[:UV[:UV_FACE[:TEXTURE]]]: write leaves or outputs as a .obj, .gltf or .glb file "
                  "after the run");
@@ -78,12 +125,16 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
       ->delimiter(',')
       ->type_name("ID")
       ->check(CLI::IsMember(skips));
-  app.add_option(
-         "--memory", options.memory,
-         "device memory to take at most, in bytes or as 512M; inputs beyond that are read from the host's (default: "
-         "all that the device has)")
-      ->transform(CLI::AsSizeValue(false))
-      ->check(CLI::PositiveNumber);
+  std::string memory, timeout, checkpoints;
+  app.add_option("--memory", memory,
+                 "device memory to take at most, in bytes or as 512M; inputs beyond that are read from the host's "
+                 "(default: all that the device has)");
+  app.add_option("--timeout", timeout,
+                 "seconds after which the run stops, writes what there is and exits with 124 (default: none)");
+  app.add_option("--checkpoint-every", checkpoints,
+                 "write a checkpoint to --out every so many runs (500) or seconds (30s), or never (default: 60s)");
+  app.add_flag("--trusted", options.trusted,
+               "the bundle is of somebody whom you trust: its shaders go to the driver without a check");
   app.add_flag("--resume", options.resume, "go on where the run that wrote to --out stopped");
   app.add_flag("--timing", options.timing, "print the device's time of each command in the last run of a step");
   app.add_flag(
@@ -138,6 +189,11 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
       else
         options.compile.ablate.push_back(part);
     }
+    if (out->count() > 0 && options.out.empty())
+      throw CLI::ValidationError("--out", "expected a folder, found nothing");
+    if (!memory.empty()) options.memory = bytes_of(memory);
+    if (!timeout.empty()) options.timeout = seconds_of(timeout, "--timeout", "a number of seconds as 90 or 90s");
+    set_checkpoints(checkpoints, options);
     if (options.resume && options.out.empty())
       throw CLI::ValidationError("--resume", "needs --out, the folder of the run to go on with");
     if (options.file.empty() && !options.list_devices && !options.measure) throw CLI::RequiredError("FILE");

@@ -21,11 +21,15 @@ struct Options {
   std::string device;
   int log_every = 10;
   bool validate = false;
-  bool resume = false;        // from the checkpoint in `out`
-  bool timing = false;        // times of the commands of each step's last run
-  bool check_finite = false;  // stop at the first NaN or Inf that a run stores
-  bool unchecked = false;     // bound data may hold NaN and Inf
-  std::string counters;       // what was done and left out: empty, text or json
+  bool trusted = false;            // a bundle of somebody whom the user trusts
+  double timeout = 0;              // seconds, 0: none
+  double checkpoint_seconds = 60;  // between checkpoints, 0: none
+  int checkpoint_runs = 0;         // of a step between checkpoints, 0: none
+  bool resume = false;             // from the checkpoint in `out`
+  bool timing = false;             // times of the commands of each step's last run
+  bool check_finite = false;       // stop at the first NaN or Inf that a run stores
+  bool unchecked = false;          // bound data may hold NaN and Inf
+  std::string counters;            // what was done and left out: empty, text or json
   bool cache = true;
   bool commands = true;   // recorded commands are used again
   bool pipelines = true;  // pipelines are kept on disk

@@ -9,6 +9,7 @@
 
 #include "compiler/ir/internal_error.h"
 #include "runtime/drun/session.h"
+#include "runtime/drun/stop.h"
 #include "runtime/jit/measure.h"
 #include "runtime/jit/rebuild.h"
 
@@ -71,11 +72,14 @@ std::vector<uint8_t> load_or_compile(const Options& options, const std::string& 
 
 }  // namespace
 
-int run(const Options& options) {
+namespace {
+
+int run_program(const Options& options) {
   try {
     if (options.list_devices) return list_devices();
     if (options.measure) return measure(options);
-    catch_interrupts();
+    catch_signals();
+    const Timeout timeout(options.timeout);
     std::vector<jit::Skip> skips;
     if (options.device == "reference") {
       // The bundle's tables name leaves, steps and outputs; its graph runs.
@@ -83,13 +87,14 @@ int run(const Options& options) {
       const runtime::Program names = must(runtime::Program::describe(bundle));
       jit::ReferenceProgram program = must(jit::ReferenceProgram::load(bundle));
       Session(options, target_of(program), names, bundle).process();
-      return 0;
+      return exit_code_of_stop();
     }
     const runtime::Device device = must(runtime::Device::open({options.device, options.validate}));
     const auto begin = std::chrono::steady_clock::now();
     const std::vector<uint8_t> bundle = load_or_compile(options, device.profile_name(), skips);
     if (options.timing) std::printf("%s: compiled or read in %.0f ms\n", options.file.c_str(), ms_since(begin));
-    runtime::LoadOptions load{.cache = options.cache,
+    runtime::LoadOptions load{.trusted = options.trusted || !options.file.ends_with(".drb"),
+                              .cache = options.cache,
                               .reuse_commands = options.commands,
                               .pipeline_folder = options.pipelines ? jit::cache_folder() : std::string(),
                               .memory_limit = options.memory,
@@ -101,7 +106,7 @@ int run(const Options& options) {
       for (const std::string& m : messages) std::fprintf(stderr, "validation: %s\n", m.c_str());
       return 1;
     }
-    return 0;
+    return exit_code_of_stop();
   } catch (const Mistake& mistake) {
     if (!mistake.message.empty()) std::fprintf(stderr, "drun: error: %s\n", mistake.message.c_str());
   } catch (const std::bad_alloc&) {
@@ -113,6 +118,16 @@ int run(const Options& options) {
     std::fprintf(stderr, "drun: error: %s\n", e.what());
   }
   return 1;
+}
+
+}  // namespace
+
+int run(const Options& options) {
+  const int code = run_program(options);
+  // What the system buffered may still find no room.
+  if (std::fflush(stdout) == 0 && std::ferror(stdout) == 0) return code;
+  std::fprintf(stderr, "drun: error: cannot write to stdout\n");
+  return code == 0 ? 1 : code;
 }
 
 }  // namespace dr::drun

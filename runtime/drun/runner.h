@@ -6,7 +6,8 @@
 
 namespace dr::drun {
 
-// 0 well, 1 the user's or the device's mistake (told on stderr).
+// 0 well, 1 the user's or the device's mistake (told on stderr), 130 and 143 after SIGINT and SIGTERM, 124 after
+// --timeout.
 int run(const Options& options);
 
 }  // namespace dr::drun

@@ -5,13 +5,13 @@
 #include <algorithm>
 #include <charconv>
 #include <chrono>
-#include <csignal>
 #include <cstdio>
 #include <filesystem>
 
 #include "compiler/topology/topology.h"
 #include "runtime/drun/progress.h"
 #include "runtime/drun/results.h"
+#include "runtime/drun/stop.h"
 #include "runtime/drun/timing.h"
 #include "runtime/jit/check_indices.h"
 
@@ -23,8 +23,6 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-volatile std::sig_atomic_t interrupted = 0;
-
 std::string list(const std::vector<std::string>& names) {
   std::string out;
   for (const std::string& n : names) out += (out.empty() ? "" : ", ") + n;
@@ -32,13 +30,6 @@ std::string list(const std::vector<std::string>& names) {
 }
 
 }  // namespace
-
-void catch_interrupts() {
-  std::signal(SIGINT, [](int) {
-    interrupted = 1;
-    std::signal(SIGINT, SIG_DFL);
-  });
-}
 
 void Session::process() {
   if (options_.timing && !target_.timed_run)
@@ -51,28 +42,33 @@ void Session::process() {
   bind();
   if (options_.resume) resume();
   at_.steps = steps_;
-  if (!options_.out.empty()) std::filesystem::create_directories(options_.out);
+  if (!options_.out.empty()) {
+    folder_.take();
+    folder_.sweep(checkpoint_folder(options_.out));
+  }
   try {
     run_steps();
-  } catch (const Mistake&) {
+  } catch (const Mistake& mistake) {
     // What ran before is not lost.
-    if (!ran_.empty()) try {
+    if (!ran_.empty() && !under_way_) try {
         write_results();
       } catch (const Mistake&) {
       }
-    throw;
+    if (!has_saved_ || !under_way_) throw;
+    throw Mistake{mistake.message + "; what '" + options_.out + "' has stays: --resume goes on from it"};
   }
-  if (ran_.empty() && !interrupted) std::fprintf(stderr, "nothing is left to run\n");
-  if (interrupted) std::fprintf(stderr, "interrupted: writing what there is\n");
+  if (ran_.empty() && !is_stopping()) std::fprintf(stderr, "nothing is left to run\n");
+  if (is_stopping()) std::fprintf(stderr, "%s: writing what there is\n", reason_of_stop());
   if (const auto use = target_.memory_use ? target_.memory_use() : runtime::MemoryUse{}; !use.host_leaves.empty())
     std::fprintf(stderr, "drun: warning: the device's memory does not hold all: it reads %s from the host's\n",
                  list(use.host_leaves).c_str());
   if (!options_.counters.empty()) print_counters();
-  write_results();
+  // A run that was stopped before it did anything leaves what was there before.
+  if (!ran_.empty() || !is_stopping()) write_results();
 }
 
 void Session::run_steps() {
-  while (at_.entry < steps_.size() && !interrupted) {
+  while (at_.entry < steps_.size() && !is_stopping()) {
     const auto& [step, times] = steps_[at_.entry];
     run_step(step, at_.done, times);
     // The last one may get more runs when it is resumed.
@@ -130,6 +126,7 @@ void Session::bind() {
 }
 
 void Session::resume() {
+  if (std::filesystem::is_directory(options_.out)) folder_.take();
   at_ = load_checkpoint(options_.out);
   // The steps before the one that it stopped in are as they were, and that one is the same.
   const bool same =
@@ -147,11 +144,17 @@ void Session::resume() {
   at_.leaves.clear();
 }
 
+int Session::until_line(int done, int times) const {
+  if (!options_.dump_raster.empty() || options_.check_finite) return 1;
+  const int every = options_.log_every;
+  return std::min(done == 0 ? 1 : every - (done - 1) % every, times - done);
+}
+
 void Session::run_step(const std::string& step, int& done, int times) {
   Progress progress(step, done, times);
-  while (done < times && !interrupted) {
-    const int left = times - done;
-    int now = std::min(options_.dump_raster.empty() && !options_.check_finite ? options_.log_every : 1, left);
+  while (done < times && !is_stopping()) {
+    const int left = times - done, line = until_line(done, times);
+    int now = line;
     const bool first = ran_.count(step) == 0;
     if (first) now = 1;  // it compiles, and shows where the fit starts
     if (first && options_.timing) prepare(step);
@@ -160,12 +163,14 @@ void Session::run_step(const std::string& step, int& done, int times) {
     const bool looks = options_.timing || !options_.counters.empty();
     if (looks && now == left && now > 1) --now;
     std::string not_finite;
+    under_way_ = true;
     if (options_.check_finite)
       not_finite = checked_run(step, done + 1);
     else if (looks && left == 1)
       timed_run(step);
     else
       now = run_for(step, now);
+    under_way_ = false;
     if (first && options_.timing && left > 1)
       std::printf("%s: the first run took %.0f ms, in which some drivers compile\n", step.c_str(), ms_since(begin));
     if (ran_.insert(step).second) warn_of_open_meshes(step);
@@ -174,18 +179,38 @@ void Session::run_step(const std::string& step, int& done, int times) {
     at_.runs[step] += now;
     if (!options_.dump_raster.empty())
       must(io::save_decisions(options_.dump_raster, step, before, must(target_.decisions(step))));
-    last_values_[step] = log_scalars(step, done);
+    last_values_[step] = scalars(step, done, now == line);
     progress.show(done, last_values_[step]);
     if (!not_finite.empty()) throw Mistake{not_finite};
+    checkpoint_when_due(step, 0);
   }
   if (!last_values_[step].empty()) std::printf("%s: %s\n", step.c_str(), last_values_[step].c_str());
+}
+
+void Session::checkpoint_when_due(const std::string& step, int more) {
+  if (options_.out.empty() || is_stopping()) return;
+  const bool by_time = options_.checkpoint_seconds > 0 && ms_since(saved_) >= 1e3 * options_.checkpoint_seconds;
+  const bool by_runs = options_.checkpoint_runs > 0 && runs_since_saved_ >= options_.checkpoint_runs;
+  if (!by_time && !by_runs) return;
+  Checkpoint now = at_;
+  now.done += more;
+  now.runs[step] += more;
+  std::set<std::string> ran = ran_;
+  ran.insert(step);
+  now.leaves = Results(target_, names_).leaves(ran);
+  log_.flush();
+  save_checkpoint(options_.out, now);
+  has_saved_ = true;
+  runs_since_saved_ = 0;
+  saved_ = Clock::now();
 }
 
 void Session::warn_of_open_meshes(const std::string& step) {
   constexpr std::string_view kTable = ".closed";
   for (const std::string& leaf : names_.needed_leaves(step)) {
     if (!leaf.ends_with(kTable) || !names_.is_input(leaf) || !warned_.insert(leaf).second) continue;
-    if (must(target_.leaf(leaf)).as<int32_t>()[0] == 0)
+    const Array closed = must(target_.leaf(leaf));
+    if (closed.kind == io::ElementKind::Int32 && closed.as<int32_t>()[0] == 0)
       std::fprintf(stderr, "drun: warning: %s\n",
                    topology::not_closed(leaf.substr(0, leaf.size() - kTable.size())).c_str());
   }
@@ -194,15 +219,18 @@ void Session::warn_of_open_meshes(const std::string& step) {
 // Runs the step so often, or until somebody interrupts, which is looked at several times a second. Gives how often.
 int Session::run_for(const std::string& step, int times) {
   int done = 0;
-  while (done < times && !(interrupted && done > 0)) {
+  while (done < times && !(is_stopping() && done > 0)) {
     const auto begin = Clock::now();
-    const int now = std::min(times - done, together_);
+    int now = std::min(times - done, together_);
+    if (options_.checkpoint_runs > 0) now = std::clamp(options_.checkpoint_runs - runs_since_saved_, 1, now);
     must(target_.run(step, now));
     done += now;
+    runs_since_saved_ += now;
     const double seconds = ms_since(begin) * 1e-3;
     together_ = static_cast<int>(std::clamp(0.2 * now / std::max(seconds, 1e-6), 1.0, 1e6));
     // The device takes its time to start, and the host to know how much it takes at once.
     if (ran_.count(step) != 0) batches_[step].push_back({seconds, now});
+    if (done < times) checkpoint_when_due(step, done);
   }
   return done;
 }
@@ -243,7 +271,7 @@ std::string Session::checked_run(const std::string& step, int run) {
          io::describe(found->place) + " of '" + found->value + "'" + (lines.empty() ? "" : "; lines " + lines);
 }
 
-std::string Session::log_scalars(const std::string& step, int done) {
+std::string Session::scalars(const std::string& step, int done, bool logged) {
   std::string values, json = "{\"step\": \"" + step + "\", \"run\": " + std::to_string(done);
   for (const std::string& name : names_.outputs(step)) {
     if (!maybe_scalar(step, name)) continue;
@@ -252,6 +280,7 @@ std::string Session::log_scalars(const std::string& step, int done) {
     json += ", \"" + name + "\": " + (text.find_first_of("in") == std::string::npos ? text : "null");
   }
   json += "}\n";
+  if (!logged) return values;
   log_.add(json, at_.log);
   at_.log += json;
   return values;
@@ -281,6 +310,7 @@ void Session::write_results() {
     for (const auto& [leaf, data] : at_.leaves) must(io::save_array((out / (leaf + ".npy")).string(), data));
     log_.flush();
     save_checkpoint(options_.out, at_);
+    has_saved_ = true;
   }
   for (const auto& [file, what] : options_.meshes) results.write_mesh(file, what, ran_);
 }

@@ -2,6 +2,7 @@
 // One run of drun on a target: bind, run the steps, write what comes out.
 #pragma once
 
+#include <chrono>
 #include <filesystem>
 #include <map>
 #include <set>
@@ -13,12 +14,10 @@
 #include "runtime/drun/counters.h"
 #include "runtime/drun/loss_log.h"
 #include "runtime/drun/options.h"
+#include "runtime/drun/out_folder.h"
 #include "runtime/drun/target.h"
 
 namespace dr::drun {
-
-// From now on Ctrl-C lets the step that runs finish, and what there is be written; a second one ends the program.
-void catch_interrupts();
 
 class Session {
  public:
@@ -30,7 +29,8 @@ class Session {
         names_(names),
         bundle_(bundle),
         counters_{.compiled = std::move(skips), .steps = {}, .memory = {}, .pipelines = {}, .rebuilds = 0},
-        log_(options.out.empty() ? "" : (std::filesystem::path(options.out) / "log.jsonl").string()) {}
+        log_(options.out.empty() ? "" : (std::filesystem::path(options.out) / "log.jsonl").string()),
+        folder_(options.out) {}
   // Throws Mistake.
   void process();
 
@@ -42,14 +42,18 @@ class Session {
   // From the runs that are `done` to `times`.
   void run_step(const std::string& step, int& done, int times);
   int run_for(const std::string& step, int times);
+  // How many runs until the next line of the log, which has the first, then every --log-every-th, and the last.
+  int until_line(int done, int times) const;
+  // Writes one if it is time, in a run of the step of which `more` runs are not counted yet.
+  void checkpoint_when_due(const std::string& step, int more);
   // Makes what the step needs before its first run, and prints how long that took.
   void prepare(const std::string& step);
   // A run whose commands are looked at one by one, for --timing and --counters.
   void timed_run(const std::string& step);
   // The run that is number `run` of all; what it stored that is not finite, or nothing.
   std::string checked_run(const std::string& step, int run);
-  // Reads the scalar outputs for the log and the progress line.
-  std::string log_scalars(const std::string& step, int done);
+  // Reads the scalar outputs for the progress line and, as `logged`, the log.
+  std::string scalars(const std::string& step, int done, bool logged);
   bool maybe_scalar(const std::string& step, const std::string& name);
   // Warns once of each mesh that the step expects to be closed and that is not.
   void warn_of_open_meshes(const std::string& step);
@@ -64,6 +68,11 @@ class Session {
   std::vector<std::pair<std::string, int>> steps_;  // and how often
   Checkpoint at_;                                   // where it is
   LossLog log_;
+  OutFolder folder_;
+  std::chrono::steady_clock::time_point saved_ = std::chrono::steady_clock::now();
+  int runs_since_saved_ = 0;
+  bool under_way_ = false;  // runs that failed half-way: nobody knows what the leaves hold
+  bool has_saved_ = false;  // a checkpoint, in this run
   std::set<std::string> ran_;
   std::set<std::string> warned_;  // leaves
   std::map<std::string, std::string> last_values_;

@@ -29,6 +29,8 @@ io::Array to_array(const reference::Image& image) {
   return io::Array::from_doubles(values, image.type.components(), image.width, image.height, image.layers);
 }
 
+const io::Error kMovedFrom{"the program is empty: it was moved from"};
+
 }  // namespace
 
 struct ReferenceProgram::State {
@@ -59,9 +61,12 @@ io::Result<ReferenceProgram> ReferenceProgram::load(std::span<const uint8_t> byt
 }
 
 io::Result<void> ReferenceProgram::bind(const std::string& name, const io::Array& data) {
+  if (!state_) return kMovedFrom;
   const auto index = state_->graph.leaf_index(name);
   if (!index) return io::Error{"there is no leaf '" + name + "'"};
   const ir::Type type = state_->graph.leaves[*index].type;
+  if (!data.consistent())
+    return io::Error{"leaf '" + name + "': the array's extent and bytes do not agree, or it is empty"};
   if (type.components() != data.components)
     return io::Error{"leaf '" + name + "' has " + std::to_string(type.components()) +
                      " components an element, the data has " + std::to_string(data.components)};
@@ -70,6 +75,7 @@ io::Result<void> ReferenceProgram::bind(const std::string& name, const io::Array
 }
 
 io::Result<void> ReferenceProgram::bind_symbol(const std::string& symbol, int64_t value) {
+  if (!state_) return kMovedFrom;
   const std::vector<std::string>& all = state_->symbols;
   if (std::find(all.begin(), all.end(), symbol) == all.end()) {
     std::string names;
@@ -83,6 +89,8 @@ io::Result<void> ReferenceProgram::bind_symbol(const std::string& symbol, int64_
 }
 
 io::Result<void> ReferenceProgram::run(const std::string& step, int times) {
+  if (!state_) return kMovedFrom;
+  if (times < 1) return io::Error{"a step runs once or more often, found " + std::to_string(times)};
   reference::Options options;
   if (const auto it = state_->frozen.find(step); it != state_->frozen.end())
     options.frozen = &it->second;
@@ -97,6 +105,7 @@ io::Result<void> ReferenceProgram::run(const std::string& step, int times) {
 }
 
 io::Result<void> ReferenceProgram::set_runs(const std::string& step, int64_t runs) {
+  if (!state_) return kMovedFrom;
   if (!state_->graph.step_index(step)) return io::Error{"there is no step '" + step + "'"};
   if (runs < 0 || runs > INT32_MAX) return io::Error{"a step cannot have run " + std::to_string(runs) + " times"};
   state_->session.set_runs(step, runs);
@@ -104,6 +113,7 @@ io::Result<void> ReferenceProgram::set_runs(const std::string& step, int64_t run
 }
 
 io::Result<io::Array> ReferenceProgram::output(const std::string& step, const std::string& name) {
+  if (!state_) return kMovedFrom;
   const auto result = state_->results.find(step);
   if (result == state_->results.end()) return io::Error{"step '" + step + "' has not run yet"};
   const auto it = result->second.outputs.find(name);
@@ -112,6 +122,7 @@ io::Result<io::Array> ReferenceProgram::output(const std::string& step, const st
 }
 
 io::Result<io::Array> ReferenceProgram::leaf(const std::string& name) {
+  if (!state_) return kMovedFrom;
   if (!state_->graph.leaf_index(name)) return io::Error{"there is no leaf '" + name + "'"};
   if (!state_->session.has_leaf(name)) {
     if (auto problem = state_->session.prepare()) return io::Error{*problem};
@@ -120,6 +131,7 @@ io::Result<io::Array> ReferenceProgram::leaf(const std::string& name) {
 }
 
 void ReferenceProgram::freeze(const std::string& step, std::vector<std::vector<io::Array>> rasters) {
+  if (!state_) return;
   reference::Frozen frozen;
   for (const auto& raster : rasters) {
     frozen.rasters.emplace_back();
@@ -130,6 +142,7 @@ void ReferenceProgram::freeze(const std::string& step, std::vector<std::vector<i
 
 std::vector<std::vector<io::Array>> ReferenceProgram::rasters(const std::string& step) const {
   std::vector<std::vector<io::Array>> out;
+  if (!state_) return out;
   const auto it = state_->recorded.find(step);
   if (it == state_->recorded.end()) return out;
   for (const auto& raster : it->second.rasters) {
@@ -141,6 +154,7 @@ std::vector<std::vector<io::Array>> ReferenceProgram::rasters(const std::string&
 
 std::vector<std::pair<std::string, io::Array>> ReferenceProgram::pins(const std::string& step) const {
   std::vector<std::pair<std::string, io::Array>> out;
+  if (!state_) return out;
   const auto it = state_->recorded.find(step);
   if (it == state_->recorded.end()) return out;
   for (const auto& [name, image] : it->second.pins) out.emplace_back(name, to_array(image));

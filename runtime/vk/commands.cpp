@@ -4,6 +4,7 @@
 
 #include <algorithm>
 
+#include "compiler/backend/bundle/touched.h"
 #include "runtime/vk/queue.h"
 #include "runtime/vk/transfer.h"
 
@@ -57,6 +58,19 @@ std::array<int32_t, 4> push_of(const bundle::CommandT& c) {
   return push;
 }
 
+void Commands::must_be_due(const bundle::CommandT& c, int64_t invocations) const {
+  const std::string what = "pass '" + c.label + "' has " + std::to_string(invocations) + " invocations, ";
+  // They are counted in an int, and the last row of workgroups may be partly idle.
+  if (invocations > kMaxElements - (int64_t{1} << 23)) throw Failure{what + "about 2^31 is the most"};
+  constexpr int64_t kAnyway = int64_t{1} << 24, kForEachWord = 64;
+  if (trusted_ || invocations <= kAnyway) return;
+  int64_t words = 0;
+  for (const bundle::Touched& t : bundle::touched_by(c)) words += memory_.content_bytes(t.resource) / 4;
+  if (invocations / kForEachWord > words)
+    throw Failure{what + "but touches " + std::to_string(words) +
+                  " words only; if the bundle comes from somebody whom you trust, give --trusted"};
+}
+
 void Commands::dispatch(const bundle::CommandT& c, std::vector<Primitive>& out) {
   std::vector<Descriptor> descriptors;
   Primitive p;
@@ -67,9 +81,7 @@ void Commands::dispatch(const bundle::CommandT& c, std::vector<Primitive>& out) 
   }
   const Bound bound = pipelines_.bind(descriptors, vk::ShaderStageFlagBits::eCompute);
   const int64_t elements = sizes_.evaluate(c.elements, "pass '" + c.label + "'");
-  // Invocations are counted in an int, and the last row of workgroups may be partly idle.
-  if (elements > kMaxElements - (int64_t{1} << 23))
-    throw Failure{"pass '" + c.label + "' has " + std::to_string(elements) + " invocations, about 2^31 is the most"};
+  must_be_due(c, elements);
   vk::Buffer indirect;
   if (c.indirect >= 0) {
     const BufferObject& sizes = memory_.buffer(static_cast<size_t>(c.indirect));
@@ -90,9 +102,13 @@ void Commands::reduce(const bundle::CommandT& c, std::vector<Primitive>& out) {
   const int64_t outs = sizes_.evaluate(c.outs, "pass '" + c.label + "'");
   int64_t n = sizes_.evaluate(c.count, "pass '" + c.label + "'");
   const uint32_t scratch[] = {static_cast<uint32_t>(c.scratch_a), static_cast<uint32_t>(c.scratch_b)};
+  if (outs > kMaxElements / n) throw Failure{"pass '" + c.label + "' has more than 2^31 inputs"};
   for (int stage = 0;; ++stage) {
     const int64_t partials = (n + 63) / 64;
     const uint32_t target = partials == 1 ? static_cast<uint32_t>(c.target) : scratch[stage % 2];
+    must_be_due(c, outs * partials);
+    if (memory_.buffer(target).bytes / 4 < static_cast<vk::DeviceSize>(outs * partials))
+      throw Failure{"pass '" + c.label + "' has more results than '" + bundle_.resources[target]->name + "' holds"};
     Primitive p;
     p.label = c.label + " stage " + std::to_string(stage);
     std::vector<Descriptor> descriptors;

@@ -22,8 +22,13 @@ struct Primitive {
 class Commands {
  public:
   Commands(std::shared_ptr<DeviceState> device, const bundle::BundleT& bundle, const Sizes& sizes, const Memory& memory,
-           Pipelines& pipelines)
-      : device_(std::move(device)), bundle_(bundle), sizes_(sizes), memory_(memory), pipelines_(pipelines) {}
+           Pipelines& pipelines, bool trusted)
+      : device_(std::move(device)),
+        bundle_(bundle),
+        sizes_(sizes),
+        memory_(memory),
+        pipelines_(pipelines),
+        trusted_(trusted) {}
 
   // Resources of the step have memory; symbols have values.
   std::vector<Primitive> primitives(const bundle::StepT& step);
@@ -32,6 +37,8 @@ class Commands {
               const std::function<void(size_t)>& after_each = {}) const;
 
  private:
+  // So many invocations are no mistake: each has something to read or to write. Throws Failure.
+  void must_be_due(const bundle::CommandT& command, int64_t invocations) const;
   void dispatch(const bundle::CommandT& command, std::vector<Primitive>& out);
   void reduce(const bundle::CommandT& command, std::vector<Primitive>& out);
   void fill(const bundle::CommandT& command, std::vector<Primitive>& out);
@@ -48,6 +55,7 @@ class Commands {
   const Sizes& sizes_;
   const Memory& memory_;
   Pipelines& pipelines_;
+  bool trusted_;
   std::vector<vk::raii::RenderPass> render_passes_;
   std::vector<vk::raii::Framebuffer> framebuffers_;
   std::vector<vk::raii::ImageView> views_;

@@ -39,13 +39,21 @@ void make_instance(DeviceState& state, bool validation) {
   const vk::ValidationFeatureEnableEXT enabled[] = {vk::ValidationFeatureEnableEXT::eSynchronizationValidation};
   vk::ValidationFeaturesEXT features;
   features.setEnabledValidationFeatures(enabled);
+  // Names of objects and labels of commands, for the validation layer and for capture tools. The loader offers the
+  // extension where nobody listens, too: names are given once an object, labels once a recording.
+  const auto offered = state.context.enumerateInstanceExtensionProperties();
+  const bool offers_names = std::any_of(offered.begin(), offered.end(), [](const auto& e) {
+    return std::string_view(e.extensionName.data()) == VK_EXT_DEBUG_UTILS_EXTENSION_NAME;
+  });
+  if (validation || offers_names) {
+    extensions.push_back(VK_EXT_DEBUG_UTILS_EXTENSION_NAME);
+    state.debug_names = true;
+  }
   if (validation) {
     if (!has_layer(kValidationLayer))
       throw Failure{"the Vulkan validation layer is not installed (Debian: vulkan-validationlayers)"};
     layers.push_back(kValidationLayer);
-    extensions.push_back(VK_EXT_DEBUG_UTILS_EXTENSION_NAME);
     info.pNext = &features;
-    state.debug_names = true;
   }
   info.setPEnabledLayerNames(layers);
   info.setPEnabledExtensionNames(extensions);
@@ -268,9 +276,10 @@ Result<Device> Device::open(const DeviceOptions& options) {
   }
 }
 
-DeviceInfo Device::info() const { return describe(state_->physical); }
+DeviceInfo Device::info() const { return state_ ? describe(state_->physical) : DeviceInfo{}; }
 
 DeviceLimits Device::limits() const {
+  if (!state_) return {};
   const auto& physical = state_->physical;
   const auto properties = physical.getProperties2<vk::PhysicalDeviceProperties2, vk::PhysicalDeviceSubgroupProperties,
                                                   vk::PhysicalDeviceMultiviewProperties>();
@@ -325,10 +334,11 @@ std::string Device::profile_name() const {
 }
 
 std::vector<std::string> Device::validation_messages() const {
+  if (!state_) return {};
   const std::lock_guard lock(state_->messages_lock);
   return state_->messages;
 }
 
-bool Device::validating() const { return *state_->messenger != vk::DebugUtilsMessengerEXT{}; }
+bool Device::validating() const { return state_ && *state_->messenger != vk::DebugUtilsMessengerEXT{}; }
 
 }  // namespace dr::runtime

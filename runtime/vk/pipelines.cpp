@@ -85,6 +85,7 @@ Bound Pipelines::bind(const std::vector<Descriptor>& descriptors, vk::ShaderStag
                                                                                 : vk::DescriptorType::eSampledImage;
     bindings.emplace_back(k, type, 1, input ? vk::ShaderStageFlags(vk::ShaderStageFlagBits::eFragment) : stages);
   }
+  must_fit(bindings);
   const Layouts& layouts = layouts_for(bindings, stages);
   Bound bound{*layouts.pipeline, {}};
   vk::DescriptorSetAllocateInfo allocate(pool_for(bindings));
@@ -108,6 +109,27 @@ Bound Pipelines::bind(const std::vector<Descriptor>& descriptors, vk::ShaderStag
     d.updateDescriptorSets(write, {});
   }
   return bound;
+}
+
+void Pipelines::must_fit(const std::vector<vk::DescriptorSetLayoutBinding>& bindings) const {
+  const vk::PhysicalDeviceLimits& l = device_->properties.limits;
+  using Type = vk::DescriptorType;
+  const auto count = [&](std::initializer_list<Type> types) {
+    return static_cast<uint32_t>(std::ranges::count_if(
+        bindings, [&](const auto& b) { return std::ranges::find(types, b.descriptorType) != types.end(); }));
+  };
+  const struct {
+    const char* what;
+    uint32_t found, most;
+  } all[] = {{"storage buffers", count({Type::eStorageBuffer}), l.maxPerStageDescriptorStorageBuffers},
+             {"sampled images and texel buffers", count({Type::eSampledImage, Type::eUniformTexelBuffer}),
+              l.maxPerStageDescriptorSampledImages},
+             {"input attachments", count({Type::eInputAttachment}), l.maxPerStageDescriptorInputAttachments},
+             {"resources", static_cast<uint32_t>(bindings.size()), l.maxPerStageResources}};
+  for (const auto& [what, found, most] : all)
+    if (found > most)
+      throw Failure{"a shader binds " + std::to_string(found) + " " + what + ", the device allows " +
+                    std::to_string(most) + "; compile the program for this device"};
 }
 
 const Pipelines::Layouts& Pipelines::layouts_for(const std::vector<vk::DescriptorSetLayoutBinding>& bindings,
@@ -179,9 +201,10 @@ size_t Pipelines::graphics(const bundle::CommandT& draw, vk::PipelineLayout layo
 std::string Pipelines::cache_key() const {
   const auto& p = device_->properties;
   std::string key(reinterpret_cast<const char*>(p.pipelineCacheUUID.data()), VK_UUID_SIZE);
-  uint64_t shaders = hash_bytes(nullptr, 0);
-  for (const auto& s : bundle_.shaders) shaders = hash_bytes(s->spirv.data(), s->spirv.size() * 4, shaders);
-  shaders = hash_bytes(values_.data(), values_.size() * 4, shaders);
+  std::vector<uint64_t> parts;
+  for (const auto& s : bundle_.shaders) parts.push_back(bundle::checksum(s->spirv.data(), s->spirv.size() * 4));
+  parts.push_back(bundle::checksum(values_.data(), values_.size() * 4));
+  const uint64_t shaders = bundle::checksum(parts.data(), parts.size() * sizeof(uint64_t));
   for (const uint64_t number : {uint64_t{p.vendorID}, uint64_t{p.deviceID}, uint64_t{p.driverVersion}, shaders})
     key += " " + std::to_string(number);
   return key;

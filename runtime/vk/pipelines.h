@@ -57,6 +57,8 @@ class Pipelines {
     vk::raii::DescriptorSetLayout set;
     vk::raii::PipelineLayout pipeline;
   };
+  // Into a shader of the device. Throws Failure.
+  void must_fit(const std::vector<vk::DescriptorSetLayoutBinding>& bindings) const;
   // One of each kind, so that passes of one shader have one pipeline.
   const Layouts& layouts_for(const std::vector<vk::DescriptorSetLayoutBinding>& bindings, vk::ShaderStageFlags stages);
   vk::DescriptorPool pool_for(const std::vector<vk::DescriptorSetLayoutBinding>& bindings);

@@ -167,6 +167,15 @@ void Commands::render_pass(Draws draws, std::vector<Primitive>& out) {
   const std::string what = "pass '" + front.label + "'";
   const Size size = sizes_.size_of(*front.extent, what);
   const vk::Rect2D area({0, 0}, {static_cast<uint32_t>(size.w), static_cast<uint32_t>(size.h)});
+  const vk::PhysicalDeviceLimits& limits = device_->properties.limits;
+  if (size.w > limits.maxFramebufferWidth || size.h > limits.maxFramebufferHeight)
+    throw Failure{what + " draws " + std::to_string(size.w) + " x " + std::to_string(size.h) +
+                  " pixels, the device allows " + std::to_string(limits.maxFramebufferWidth) + " x " +
+                  std::to_string(limits.maxFramebufferHeight)};
+  for (const bundle::CommandT* c : draws)
+    if (c->colors.size() > limits.maxColorAttachments)
+      throw Failure{what + " writes " + std::to_string(c->colors.size()) + " colour attachments, the device allows " +
+                    std::to_string(limits.maxColorAttachments)};
   const Attachments attachments = attachments_of(bundle_, draws);
 
   Primitive p;
@@ -220,7 +229,9 @@ void Commands::render_pass(Draws draws, std::vector<Primitive>& out) {
       subpass.pipeline = shared.pipelines[s];
       subpass.push = push_of(c);
       subpass.push[0] = static_cast<int32_t>(first);
-      subpass.vertices = static_cast<uint32_t>(sizes_.evaluate(c.elements, what));
+      const int64_t vertices = sizes_.evaluate(c.elements, what);
+      must_be_due(c, vertices);
+      subpass.vertices = static_cast<uint32_t>(vertices);
       part.subpasses.push_back(std::move(subpass));
     }
     parts.push_back(std::move(part));

@@ -154,6 +154,19 @@ class Suite:
 
         return self.bind(f"sphere_{around}_{rings}", position=position, face=faces(vertex), uv=uv.reshape(-1, 2), uv_face=faces(corner))
 
+    def mesh(self, file):
+        """Positions and triangles of an OBJ file."""
+        position, faces = [], []
+        for line in Path(file).read_text().splitlines():
+            word, *rest = line.split() or [""]
+            if word == "v":
+                position.append([float(x) for x in rest[:3]])
+            elif word == "f":
+                corner = [int(x.partition("/")[0]) for x in rest]
+                corner = [k - 1 if k > 0 else len(position) + k for k in corner]
+                faces += [[corner[0], corner[k], corner[k + 1]] for k in range(1, len(corner) - 1)]
+        return np.array(position), np.array(faces)
+
     def bind(self, prefix, **arrays):
         """Writes arrays, and gives drun's arguments that bind them. Floats as float32, integers as int32."""
         arguments = []

@@ -114,7 +114,22 @@ faults() { # DEVICE
   expect 2 "'goal' is given twice" fit.dr "${on[@]}" --bind "$goal" --bind 'goal=[[1]]'
   expect 2 "'W' is given twice" fit.dr "${on[@]}" --bind "$goal" --symbol W=2 --symbol W=2
   expect 2 "expected name=value, found 'W'" fit.dr "${on[@]}" --bind "$goal" --symbol W
+  expect 2 'expected a number of bytes' fit.dr "${on[@]}" --memory=99999999999999999999
+  expect 2 "expected a number of bytes as 1000000, 512M or 2G, found '0'" fit.dr "${on[@]}" --memory=0
+  expect 2 "found '9000000000G'" fit.dr "${on[@]}" --memory=9000000000G
+  expect 2 "found '5X'" fit.dr "${on[@]}" --memory=5X
+  expect 2 'expected a number of seconds' fit.dr "${on[@]}" --timeout=-3
+  expect 2 'or never' fit.dr "${on[@]}" --checkpoint-every=often
   expect 2 'expected a number of runs' fit.dr "${on[@]}" --bind "$goal" --step fit=99999999999
+
+  local named=0
+  "$drun" fit.dr "${on[@]}" --bind "$goal" --out '' > out 2> err || named=$?
+  [[ $named == 2 ]] && grep -q 'expected a folder, found nothing' err || complain "with --out ''" "exit code $named"
+
+  # Results that found no room are no success.
+  local status=0
+  "$drun" fit.dr "${on[@]}" --bind "$goal" > /dev/full 2> err || status=$?
+  [[ $status == 1 ]] && grep -q 'cannot write to stdout' err || complain 'to a full disk' "exit code $status"
 
   # NaN in data is a mistake, unless the user says otherwise: then the run goes on, and what it spoils says so. `null`
   # stands for it in the log.

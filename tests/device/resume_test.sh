@@ -43,7 +43,8 @@ done
 [[ $(head -n "$log" stopped/log.jsonl | grep -c '^{"step": "fit", "run": [0-9]*, "error": \([0-9.e+-]*\|null\)}$') == "$log" ]] || fail "lines of the log"
 [[ ! -e stopped/a.npy && ! -e stopped/checkpoint.json ]] || fail "results before the end"
 kill -INT $!
-wait $! || fail "an interrupted run: $(cat err.txt)"
+status=0; wait $! || status=$?
+[[ $status == 130 ]] || fail "an interrupted run ends with $status: $(cat err.txt)"
 grep -q "interrupted" err.txt || fail "an interrupted run says nothing"
 done=$(sed -n 's/.*"done": \([0-9]*\).*/\1/p' stopped/checkpoint.json)
 ((done > 0 && done < 900000000)) || fail "an interrupted run has done $done runs"
@@ -52,6 +53,37 @@ run --step fit=$((done + 5)) --resume --out stopped > /dev/null
 [[ $(ls -d stopped/checkpoint-*) == stopped/checkpoint-1 ]] || fail "folders of checkpoints: $(ls stopped)"
 run --step fit=$((done + 5)) --out again > /dev/null
 for leaf in a momentum; do cmp stopped/$leaf.npy again/$leaf.npy || fail "$leaf after an interrupted run"; done
+
+# SIGTERM, which batch systems send, likewise; what ends with a signal is no success.
+"$drun" "${common[@]}" llvmpipe --step fit=900000000 --out terminated > /dev/null 2> err.txt &
+for ((wait = 0; wait < 240; ++wait)); do [[ -s terminated/log.jsonl ]] && break; sleep 0.25; done
+kill -TERM $!
+status=0; wait $! || status=$?
+[[ $status == 143 ]] && grep -q terminated err.txt && [[ -s terminated/checkpoint.json ]] || fail "SIGTERM: $status, $(cat err.txt)"
+
+# --timeout likewise; a checkpoint is there before the end, by runs and by seconds.
+for every in 1000 0.5s; do
+  status=0
+  run --step fit=900000000 --checkpoint-every $every --timeout 4 --out "timed-$every" > /dev/null 2> err.txt &
+  for ((wait = 0; wait < 240; ++wait)); do [[ -s timed-$every/checkpoint.json ]] && break; sleep 0.05; done
+  [[ -s timed-$every/checkpoint.json && ! -e timed-$every/a.npy ]] || fail "no checkpoint while a run goes on, every $every"
+  # One run writes to a folder, and says so of another.
+  other=0; run --step fit=1 --out "timed-$every" > /dev/null 2> other.txt || other=$?
+  [[ $other == 1 ]] && grep -q "another drun writes to 'timed-$every'" other.txt || fail "two write to one folder: $(cat other.txt)"
+  wait $! || status=$?
+  [[ $status == 124 ]] && grep -q 'the time is over' err.txt || fail "--timeout: $status, $(cat err.txt)"
+  [[ -s timed-$every/a.npy ]] || fail "--timeout writes nothing"
+done
+runs=$(sed -n 's/.*"done": \([0-9]*\).*/\1/p' timed-1000/checkpoint.json)
+run --step fit=$runs --resume --out timed-1000 2>&1 | grep -q "nothing is left to run" || fail "checkpoint by runs"
+run --step fit=$runs --checkpoint-every never --out timed-again > /dev/null
+cmp timed-1000/a.npy timed-again/a.npy || fail "a run with checkpoints gives other bits"
+
+# What killed runs left goes; what is the user's stays.
+mkdir -p parts/checkpoint-7 parts/checkpoint-notes && touch parts/a.npy.123.tmp parts/checkpoint.json.partial parts/own.tmp
+run --log-every 1 --step fit=8 --step tune=3 --out parts > /dev/null
+[[ ! -e parts/checkpoint-7 && ! -e parts/a.npy.123.tmp && ! -e parts/checkpoint.json.partial ]] || fail "leftovers: $(ls parts)"
+[[ -e parts/checkpoint-notes && -e parts/own.tmp ]] || fail "the user's files: $(ls parts)"
 
 # The reference goes on too.
 "$drun" "${common[@]}" reference --step fit=5 --out reference > /dev/null

@@ -1,30 +1,27 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# The programs of docs/tutorial/README.md find what they look for. usage: tutorials_test.sh DRC TUTORIALS.md
+# The programs of docs/tutorial/ find what they look for. usage: tutorials_test.sh DRC TUTORIAL_FOLDER
 set -euo pipefail
-drc=$(realpath "$1")
+drc=$(realpath "$1") pages=$2
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
-awk -v folder="$folder" '
-  /^```dr$/ { inside = 1; name = sprintf("%s/%d.dr", folder, ++n); next }
-  /^```$/ { if (inside) close(name); inside = 0; next }
-  inside { print > name }' "$2"
 failed=0
-# finds NUMBER STEPS NAME LEAST MOST: after that many steps the output lies between the two.
+# finds PAGE STEPS NAME LEAST MOST: after that many steps the output lies between the two.
 finds() {
+  awk '/^```dr$/ { inside = 1; next } /^```$/ { inside = 0 } inside' "$pages/$1.md" > "$folder/$1.dr"
   "$drc" eval "$folder/$1.dr" --step "fit=$2" > "$folder/out.txt" || { failed=1; return; }
   sed -n "s/^$3 = //p" "$folder/out.txt" | tail -n 1 |
-    awk -v what="tutorial $1, $3" -v least="$4" -v most="$5" '
+    awk -v what="$1, $3" -v least="$4" -v most="$5" '
       { found = $1 }
       END {
         if (found == "") { print what " is not printed"; exit 1 }
         if (!(found + 0 >= least + 0 && found + 0 <= most + 0)) { print what " = " found ", expected " least " to " most; exit 1 }
       }' || failed=1
 }
-finds 1 60 width 0.94 0.98
-finds 2 60 error 0 1e-5
-finds 3 150 degrees_off 0 0.05
-finds 3 150 off 0 0.001
-finds 4 80 error 0 2e-5
-[[ -e $folder/4.dr && ! -e $folder/5.dr ]] || { echo "expected 4 programs"; failed=1; }
+finds shape 60 width 0.94 0.98
+finds texture 60 error 0 1e-5
+finds pose 150 degrees_off 0 0.05
+finds pose 150 off 0 0.001
+finds shading 80 error 0 2e-5
+[[ $(grep -l '^```dr$' "$pages"/*.md | wc -l) == 4 ]] || { echo "expected 4 pages with a program"; failed=1; }
 exit $failed

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Reading and writing bundles. A bundle from outside is verified, structure first and then meaning (indices in range,
-// expressions that parse, sizes that agree), before any field is used.
+// expressions that parse, sizes that agree), before any field is used. What its shaders do with its tables is looked at
+// by check_shaders.h.
 #pragma once
 
 #include <cstdint>
@@ -13,9 +14,9 @@
 
 namespace dr::bundle {
 
-inline constexpr uint32_t kVersion = 9;
+inline constexpr uint32_t kVersion = 10;
 
-// Deterministic bytes.
+// Deterministic bytes: the tables with their length before them, and a checksum of both behind them.
 std::vector<uint8_t> write(const BundleT& bundle);
 
 // The bundle, or one sentence on what is wrong with it.
@@ -23,5 +24,9 @@ std::variant<BundleT, std::string> read(std::span<const uint8_t> bytes);
 
 // What read() checks beyond the FlatBuffers structure; empty when sound.
 std::string check(const BundleT& bundle);
+
+// A number that changes with any change within one word of 64 bits, and with nearly any other one: against accidents,
+// not against people.
+uint64_t checksum(const void* data, size_t bytes);
 
 }  // namespace dr::bundle

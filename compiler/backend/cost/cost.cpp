@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "compiler/backend/analysis/uses.h"
+#include "compiler/ir/yields.h"
 
 namespace dr::backend {
 
@@ -70,6 +71,16 @@ int op_cost(OpKind kind) {
   }
 }
 
+size_t op_size(const ir::Graph& graph, const Op& op) {
+  if (is_inline(op) || is_memory(op)) return 0;
+  size_t components = 0;
+  for (ValueId v : op.results) components += static_cast<size_t>(graph.value(v).type.components());
+  size_t size = static_cast<size_t>(1 + op_cost(op.kind)) * components;
+  for (ir::RegionId region : op.regions)
+    for (ir::OpId id : graph.region(region).ops) size += op_size(graph, graph.op(id));
+  return size;
+}
+
 int recompute_limit(const target::Profile& profile, bool fragment) {
   const target::Costs& c = profile.costs;
   const double bytes_per_ns = fragment ? c.fragment_image_bytes_per_ns : c.compute_buffer_bytes_per_ns;
@@ -106,7 +117,7 @@ struct Model {
     for (ir::RegionId region : op.regions) {
       double inside = 0;
       for (ir::OpId id : graph.region(region).ops) inside += arithmetic(graph.op(id));
-      own += op.kind == OpKind::Reduce ? kUnknownTrips * inside : inside;
+      own += ir::is_loop(op.kind) ? kUnknownTrips * inside : inside;
     }
     return own;
   }

@@ -11,6 +11,9 @@ namespace dr::backend {
 // Additions and multiplications that one element of an op takes, roughly; 0 for what only moves values.
 int op_cost(ir::OpKind kind);
 
+// What an op comes to in a shader's text, regions and all, in op_cost() units and a move a component.
+size_t op_size(const ir::Graph& graph, const ir::Op& op);
+
 // Arithmetic that costs no more than to store a component and to load it again, in op_cost() units.
 int recompute_limit(const target::Profile& profile, bool fragment);
 

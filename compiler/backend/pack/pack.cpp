@@ -58,6 +58,7 @@ StepPacker::StepPacker(const Graph& graph, const ir::Step& step, const target::P
       position_(graph.op_count()),
       uses_(graph.op_count()),
       recompute_cost_(graph.op_count(), kNotCheap),
+      size_(graph.op_count()),
       gathers_(graph.op_count()),
       loads_(graph.op_count()),
       absorbed_(graph.op_count()),
@@ -91,6 +92,7 @@ StepSchedule StepPacker::process() {
   for (uint32_t k = 0; k < order_.size(); ++k) {
     position_[order_[k].index] = k;
     uses_[order_[k].index] = uses_of(graph_, graph_.op(order_[k]));
+    size_[order_[k].index] = op_size(graph_, graph_.op(order_[k]));
   }
   const auto moving = options_.moving.find(step_.name);
   steady_ = options_.prologue ? steady_ops(graph_, step_, order_, uses_,

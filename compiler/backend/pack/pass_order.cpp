@@ -5,7 +5,7 @@
 
 namespace dr::backend {
 
-PassOrder::PassOrder(const std::vector<Pass>& passes)
+PassOrder::PassOrder(std::span<const Pass> passes)
     : before_(passes.size(), Set((passes.size() + 63) / 64)), after_(before_) {
   std::map<ir::ValueId, size_t> writer;
   std::vector<std::vector<size_t>> waits(passes.size());

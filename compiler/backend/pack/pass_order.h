@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "compiler/backend/schedule/schedule.h"
@@ -11,8 +12,8 @@ namespace dr::backend {
 
 class PassOrder {
  public:
-  // `passes` come after what they read.
-  explicit PassOrder(const std::vector<Pass>& passes);
+  // `passes` come after what they read. Takes room and time by the square of their number.
+  explicit PassOrder(std::span<const Pass> passes);
   // Whether a and b may be one pass, in which a's ops come first: a waits for b in no way, b for a at most directly.
   bool may_merge(size_t a, size_t b) const;
   // Pass a is now part of b.

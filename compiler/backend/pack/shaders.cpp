@@ -15,8 +15,10 @@ namespace {
 
 // Longer shaders are not merged: drivers compile them slowly, and registers run out.
 constexpr size_t kMaxMergedOps = 2000;
-// A pass is merged with one of so many before it, which keeps packing near linear.
-constexpr size_t kMergeReach = 64;
+// In op_size() units. Longer shaders are cut: drivers take quadratic time for one.
+constexpr size_t kMaxSize = 6144;
+// A pass is merged with one of so many before it, and among so many passes, which keeps packing near linear.
+constexpr size_t kMergeReach = 64, kMergeWindow = 4096;
 
 bool is_in(const std::vector<ValueId>& sorted, ValueId v) {
   return std::binary_search(sorted.begin(), sorted.end(), v);
@@ -50,8 +52,14 @@ bool StepPacker::is_read(ValueId v, OpId user) const {
   return elsewhere_.has(v.index) || 2 * recompute_cost_[from] > recompute_limit_;
 }
 
-// Adds what `target` takes to the cone.
-void StepPacker::grow(ValueId target) {
+// Whether `user`, in the shader at hand, has `v` loaded rather than computed; but for what has just been spilled.
+bool StepPacker::is_loaded(ValueId v, OpId user) const {
+  const OpId from = graph_.value(v).op;
+  return is_memory(graph_.op(from)) || (!group_.has(from.index) && is_read(v, user));
+}
+
+// Adds what `target` takes to the cone, until that is larger than `most`.
+void StepPacker::grow(ValueId target, size_t most) {
   const auto read = [&](ValueId v) {
     if (!read_.add(v.index)) return;
     cone_.reads.push_back(v);
@@ -59,19 +67,19 @@ void StepPacker::grow(ValueId target) {
       ++(resource(v).storage == Resource::Storage::Image ? cone_.images : cone_.buffers);
   };
   const auto need = [&](OpId id) {
-    if (in_cone_.add(id.index)) cone_.ops.push_back(id);
+    if (!in_cone_.add(id.index)) return;
+    cone_.ops.push_back(id);
+    cone_.size += size_[id.index];
   };
   size_t next = cone_.ops.size();
   need(graph_.value(target).op);
-  for (; next < cone_.ops.size(); ++next) {
+  for (; next < cone_.ops.size() && cone_.size <= most; ++next) {
     const OpId id = cone_.ops[next];
     const Uses& uses = uses_[id.index];
     for (ValueId v : uses.elsewhere) read(v);
     for (ValueId v : uses.at_element) {
       const OpId from = graph_.value(v).op;
-      const bool stored = is_memory(graph_.op(from)) || (spilled_[v.index] && v != target) ||
-                          (!group_.has(from.index) && is_read(v, id));
-      stored ? read(v) : need(from);
+      (spilled_[v.index] && v != target) || is_loaded(v, id) ? read(v) : need(from);
     }
   }
 }
@@ -142,18 +150,56 @@ void StepPacker::spill(const Pass& pass) {
         reads[id] = std::move(own);
         break;
       }
-      if (!stored_[most.index]) {
-        stored_[most.index] = true;
-        add_resource(most, def(most));
+      store_before(most, pass.domain);
+    }
+  }
+}
+
+// By a compute pass of its own, unless a pass has stored it already; later shaders load it.
+void StepPacker::store_before(ValueId v, const Extent& domain) {
+  if (!stored_[v.index]) {
+    stored_[v.index] = true;
+    add_resource(v, def(v));
+  }
+  resource(v).storage = Resource::Storage::Buffer;
+  if (!written_[v.index]) add_map_pass(domain, {v}, level_[graph_.value(v).op.index], false);
+  spilled_[v.index] = true;
+}
+
+// Where `targets` take a shader that is too large, parts of it are stored by passes before: walks its ops, and where one
+// takes too much, the operand is cut off without which least is left. What several ops use may take half only: values of
+// a forward sweep are computed again beside each part of the backward sweep, which should have room for as much. Ops that
+// are too large by themselves stay.
+void StepPacker::cut(const Extent& domain, const std::vector<ValueId>& targets, int level) {
+  elsewhere_.clear();
+  begin_cone(level);
+  for (ValueId v : targets) grow(v);
+  if (cone_.size <= kMaxSize) return;
+  std::vector<OpId> ops = std::move(cone_.ops);
+  std::ranges::sort(ops, {}, [&](OpId id) { return position_[id.index]; });
+  std::vector<bool> small(graph_.op_count());  // not worth to be cut off
+  for (OpId id : ops) {
+    const ValueId result = graph_.op(id).results[0];
+    const size_t most = users_[result.index].size() > 1 ? kMaxSize / 2 : kMaxSize;
+    const auto size = [&] {
+      begin_cone(level);
+      grow(result, most);
+      return cone_.size;
+    };
+    size_t now = size();
+    small[id.index] = now < kMaxSize / 16;
+    while (now > most) {
+      ValueId best;
+      size_t left = now;
+      for (ValueId v : uses_[id.index].at_element) {
+        if (spilled_[v.index] || small[graph_.value(v).op.index] || is_loaded(v, id)) continue;
+        spilled_[v.index] = true;
+        if (const size_t without = size(); without < left || !best.valid()) best = v, left = without;
+        spilled_[v.index] = false;
       }
-      resource(most).storage = Resource::Storage::Buffer;
-      if (!written_[most.index]) {
-        Pass part;
-        part.domain = pass.domain;
-        close_over(part, {most}, level_[graph_.value(most).op.index]);
-        add_pass(std::move(part));
-      }
-      spilled_[most.index] = true;
+      if (!best.valid()) break;
+      store_before(best, domain);
+      now = size();
     }
   }
 }
@@ -178,11 +224,13 @@ std::string StepPacker::pass_name(const Pass& pass) const {
 }
 
 void StepPacker::add_map_passes(const Extent& domain, const std::vector<OpId>& group, int level) {
-  std::vector<ValueId> images, buffers;
+  std::vector<ValueId> images, buffers, all;
   for (OpId id : group)
     for (ValueId v : graph_.op(id).results)
-      if (stored_[v.index]) (resource(v).storage == Resource::Storage::Image ? images : buffers).push_back(v);
+      if (stored_[v.index]) all.push_back(v);
   set_group(group);
+  if (options_.fused) cut(domain, all, level);
+  for (ValueId v : all) (resource(v).storage == Resource::Storage::Image ? images : buffers).push_back(v);
   for (const bool hardware : {true, false}) {
     const std::vector<ValueId>& targets = hardware ? images : buffers;
     std::span<const ValueId> rest = targets;
@@ -209,7 +257,7 @@ std::vector<ValueId> StepPacker::choose(std::span<const ValueId>& targets, int l
     if (written_[v.index]) continue;
     grow(v);
     const auto count = static_cast<uint32_t>(chosen.size()) + 1;
-    if (fits(profile_, {cone_.buffers, cone_.images, count, hardware})) {
+    if (fits(profile_, {cone_.buffers, cone_.images, count, hardware}) && (count == 1 || cone_.size <= kMaxSize)) {
       chosen.push_back(v);
       continue;
     }
@@ -334,6 +382,7 @@ std::optional<Pass> StepPacker::merged(const Pass& from, const Pass& into) {
   int level = INT_MAX;
   for (ValueId v : both.writes) level = std::min(level, level_[graph_.value(v).op.index]);
   close_over(both, std::vector<ValueId>(both.writes), level);
+  if (cone_.size > kMaxSize) return std::nullopt;
   // Nothing that it would write itself, and nothing new: the order of passes does not know of that.
   const bool sound = std::ranges::all_of(
       both.reads, [&](ValueId v) { return !is_in(both.writes, v) && (is_in(from.reads, v) || is_in(into.reads, v)); });
@@ -344,7 +393,13 @@ std::optional<Pass> StepPacker::merged(const Pass& from, const Pass& into) {
 
 // Levels are shortest ways; passes of one extent that no other stands between may wait longer and share a shader.
 void StepPacker::merge_passes() {
-  std::vector<Pass>& passes = out_.passes;
+  for (size_t begin = 0; begin < out_.passes.size(); begin += kMergeWindow)
+    merge_passes(std::span(out_.passes).subspan(begin, std::min(kMergeWindow, out_.passes.size() - begin)));
+  std::erase_if(out_.passes, [](const Pass& pass) { return pass.writes.empty(); });
+}
+
+// Of passes that stand beside each other: what two of them wait for in between is among them.
+void StepPacker::merge_passes(std::span<Pass> passes) {
   PassOrder order(passes);
   std::map<std::tuple<Extent, bool, bool>, std::vector<size_t>> alike;
   for (size_t k = 0; k < passes.size(); ++k)
@@ -363,7 +418,6 @@ void StepPacker::merge_passes() {
       }
     }
   }
-  std::erase_if(passes, [](const Pass& pass) { return pass.writes.empty(); });
 }
 
 }  // namespace dr::backend

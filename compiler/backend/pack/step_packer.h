@@ -66,6 +66,7 @@ class StepPacker {
     std::vector<OpId> ops;
     std::vector<ValueId> reads;
     uint32_t buffers = 0, images = 0;  // that it reads
+    size_t size = 0;                   // op_size() of its ops
   };
 
   // pack.cpp
@@ -97,14 +98,18 @@ class StepPacker {
   std::vector<std::vector<ValueId>> gathered(std::span<const ValueId> targets, size_t most, const Extent& domain,
                                              int level);
   void merge_passes();
+  void merge_passes(std::span<Pass> passes);
   std::optional<Pass> merged(const Pass& from, const Pass& into);
   void set_group(std::span<const OpId> ops);
   void begin_cone(int level);
-  void grow(ValueId target);
+  void grow(ValueId target, size_t most = SIZE_MAX);
   bool is_read(ValueId v, OpId user) const;
+  bool is_loaded(ValueId v, OpId user) const;
   void close_over(Pass& pass, const std::vector<ValueId>& targets, int level);
   bool within_limits(const Pass& pass) const;
   void spill(const Pass& pass);
+  void cut(const Extent& domain, const std::vector<ValueId>& targets, int level);
+  void store_before(ValueId v, const Extent& domain);
   void add_pass(Pass pass);
   std::string pass_name(const Pass& pass) const;
 
@@ -120,6 +125,7 @@ class StepPacker {
   std::vector<uint32_t> position_;  // in order_, by OpId index
   std::vector<Uses> uses_;
   std::vector<int> recompute_cost_;
+  std::vector<size_t> size_;  // op_size(), by OpId index
   // By OpId index: to compute it again would read other places again, or values that are stored anyway.
   std::vector<bool> gathers_, loads_;
   int recompute_limit_ = 0;

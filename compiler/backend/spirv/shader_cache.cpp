@@ -2,16 +2,14 @@
 // Entry: magic, length of the key, number of words, checksum of the words, key, words.
 #include "compiler/backend/spirv/shader_cache.h"
 
-#include <fcntl.h>
-#include <sys/stat.h>
-#include <unistd.h>
-
 #include <algorithm>
-#include <atomic>
 #include <cstdlib>
 #include <cstring>
-#include <fstream>
 #include <span>
+#include <string_view>
+
+#include "compiler/backend/bundle/bundle.h"
+#include "compiler/backend/bundle/own_file.h"
 
 namespace dr::backend {
 
@@ -28,93 +26,42 @@ struct Header {
   uint64_t checksum = 0;
 };
 
-// FNV-1a over words of 64 bits, the last one filled up with zeros. A product carries a word's bits upwards only, so the
-// upper half is folded back onto the lower one.
-uint64_t hash(const void* data, size_t bytes) {
-  const auto* p = static_cast<const unsigned char*>(data);
-  uint64_t state = 0xcbf29ce484222325 ^ bytes;
-  for (size_t k = 0; k < bytes; k += sizeof(uint64_t)) {
-    uint64_t word = 0;
-    std::memcpy(&word, p + k, std::min(sizeof word, bytes - k));
-    state = (state ^ word) * 0x100000001b3;
-    state ^= state >> 32;
-  }
-  return state;
-}
-
-uint64_t checksum(std::span<const uint32_t> words) { return hash(words.data(), words.size_bytes()); }
-
-// A file that is open for reading; -1: there is none.
-struct File {
-  explicit File(const char* name) : descriptor(open(name, O_RDONLY | O_CLOEXEC)) {}
-  File(const File&) = delete;
-  File& operator=(const File&) = delete;
-  ~File() {
-    if (descriptor >= 0) close(descriptor);
-  }
-  int descriptor;
-};
-
-// So many bytes, fewer only at the end of the file or after an error.
-bool read_all(int descriptor, void* to, size_t bytes) {
-  auto* at = static_cast<char*>(to);
-  while (bytes > 0) {
-    const ssize_t n = read(descriptor, at, bytes);
-    if (n <= 0) return false;
-    at += n;
-    bytes -= static_cast<size_t>(n);
-  }
-  return true;
-}
+uint64_t checksum(std::span<const uint32_t> words) { return bundle::checksum(words.data(), words.size_bytes()); }
 
 }  // namespace
 
 fs::path ShaderCache::file_of(const std::string& key) const {
   char name[32];
-  std::snprintf(name, sizeof name, "%016llx.spv", static_cast<unsigned long long>(hash(key.data(), key.size())));
+  std::snprintf(name, sizeof name, "%016llx.spv",
+                static_cast<unsigned long long>(bundle::checksum(key.data(), key.size())));
   return folder_ / name;
 }
 
 std::optional<std::vector<uint32_t>> ShaderCache::find(const std::string& key) const {
   if (folder_.empty()) return std::nullopt;
-  const File file(file_of(key).c_str());
-  if (file.descriptor < 0) return std::nullopt;
-  struct stat status = {};
+  const auto entry = bundle::read_own_file(file_of(key));
   Header header;
-  if (fstat(file.descriptor, &status) != 0 || !read_all(file.descriptor, &header, sizeof header)) return std::nullopt;
-  const auto size = static_cast<uint64_t>(status.st_size);
-  if (header.magic != kMagic || header.key_bytes != key.size() || size < sizeof header + key.size() ||
-      header.words != (size - sizeof header - key.size()) / sizeof(uint32_t) ||
-      size != sizeof header + key.size() + header.words * sizeof(uint32_t))
+  if (!entry || entry->size() < sizeof header + key.size()) return std::nullopt;
+  std::memcpy(&header, entry->data(), sizeof header);
+  const size_t bytes = entry->size() - sizeof header - key.size();
+  if (header.magic != kMagic || header.key_bytes != key.size() || header.words != bytes / sizeof(uint32_t) ||
+      bytes % sizeof(uint32_t) != 0 || entry->compare(sizeof header, key.size(), key) != 0)
     return std::nullopt;
-  std::string stored_key(key.size(), '\0');
   std::vector<uint32_t> words(static_cast<size_t>(header.words));
-  if (!read_all(file.descriptor, stored_key.data(), stored_key.size()) || stored_key != key ||
-      !read_all(file.descriptor, words.data(), words.size() * sizeof(uint32_t)) || checksum(words) != header.checksum)
-    return std::nullopt;
-  futimens(file.descriptor, nullptr);  // used now; no matter if that cannot be noted
+  std::memcpy(words.data(), entry->data() + sizeof header + key.size(), bytes);
+  if (checksum(words) != header.checksum) return std::nullopt;
   ++found_;
   return words;
 }
 
 void ShaderCache::store(const std::string& key, const std::vector<uint32_t>& words) const {
   if (folder_.empty()) return;
-  std::error_code error;
-  fs::create_directories(folder_, error);
-  if (error) return;
-  static std::atomic<unsigned> counter{0};
-  const fs::path file = file_of(key);
-  const fs::path temporary = file.string() + "." + std::to_string(getpid()) + "." + std::to_string(counter++);
   const Header header{kMagic, key.size(), words.size(), checksum(words)};
-  std::ofstream out(temporary, std::ios::binary);
-  out.write(reinterpret_cast<const char*>(&header), sizeof header);
-  out.write(key.data(), static_cast<std::streamsize>(key.size()));
-  out.write(reinterpret_cast<const char*>(words.data()), static_cast<std::streamsize>(words.size() * sizeof(uint32_t)));
-  out.close();
-  if (out) fs::rename(temporary, file, error);
-  if (!out || error)
-    fs::remove(temporary, error);
-  else
+  const auto bytes = [](const void* data, size_t size) {
+    return std::string_view(static_cast<const char*>(data), size);
+  };
+  if (bundle::write_own_file(
+          file_of(key), {bytes(&header, sizeof header), key, bytes(words.data(), words.size() * sizeof(uint32_t))}))
     stored_ = true;
 }
 

@@ -111,6 +111,7 @@ inline constexpr int64_t kMaxArrayBytes = int64_t{1} << 34;
 // error.
 //
 //   mesh.obj:position  :indices :uv :uv_indices :normal :color   also .gltf and .glb; see compiler/io/mesh/mesh.h
+//   scene.glb:camera:view  :light:Sun:color ...   cameras, lamps, materials, skins: docs/reference/files.md
 //   picture.png        .jpg .jpeg .hdr; `:raw` (value / 255, no sRGB curve), `:r` `:rgb` `:rgba` `:a` pick channels
 //   views/*.png        pictures of one size, as layers, in the order of the names' bytes
 //   values.npy         C order

@@ -218,7 +218,10 @@ Array bind_slot(const gltf::Document& document, const Scene& scene, const Slot& 
     material = users.front();
   }
   const Scene::TextureUse use = scene.materials.empty() ? Scene::TextureUse{} : scene.materials[material].*slot.use;
-  if (use.texture < 0) fail(words.empty() ? "no" : cat("the"), " material has a ", slot.name);
+  if (use.texture < 0) {
+    if (!words.empty()) fail("the material has no ", slot.name);
+    fail("no material has ", slot.name.starts_with('e') || slot.name.starts_with('o') ? "an " : "a ", slot.name);
+  }
   const int image = scene.textures[static_cast<size_t>(use.texture)].image;
   if (image < 0) fail("textures[", use.texture, "] has no picture that is read ('source')");
   ImageOptions options{.channels = slot.channels, .raw = !slot.colour, .expected_components = expected};

@@ -5,22 +5,18 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <charconv>
 #include <cmath>
-#include <limits>
-#include <nlohmann/json.hpp>
 #include <unordered_map>
 
 #include "compiler/io/file/failure.h"
 #include "compiler/io/file/file.h"
+#include "compiler/io/mesh/gltf/write.h"
 #include "compiler/io/mesh/mesh_readers.h"
 #include "compiler/io/picture/image.h"
 
 namespace dr::io {
 namespace {
-
-using Json = nlohmann::json;
 
 void check_finite(std::span<const float> values, size_t components, std::string_view what) {
   for (size_t i = 0; i < values.size(); ++i) {
@@ -42,7 +38,25 @@ void check_multiple(size_t size, size_t components, std::string_view what) {
   if (size % components != 0) fail(what, ": ", size, " numbers are not a multiple of ", components);
 }
 
+void check_texture(const Array* texture, std::string_view what) {
+  if (texture && (texture->components < 3 || texture->layers != 1)) {
+    fail(what, " has 3 or 4 components and one layer, found ", texture->components, " and ", texture->layers);
+  }
+}
+
+void check_factor(double factor, double high, std::string_view what) {
+  if (!(factor >= 0 && factor <= high)) fail("the material's ", what, " is ", factor, ", expected 0 to ", high);
+}
+
+void check(const MaterialView& material) {
+  for (const double factor : material.base_color) check_factor(factor, 1, "base colour");
+  for (const double factor : material.emissive) check_factor(factor, 1, "emissive colour");
+  check_factor(material.metallic, 1, "metallic factor");
+  check_factor(material.roughness, 1, "roughness");
+}
+
 void check(const MeshView& mesh) {
+  check(mesh.material);
   check_multiple(mesh.positions.size(), 3, "positions");
   check_multiple(mesh.indices.size(), 3, "indices");
   check_multiple(mesh.uv.size(), 2, "uv");
@@ -58,7 +72,9 @@ void check(const MeshView& mesh) {
   }
   if (mesh.uv.empty()) {
     if (!mesh.uv_indices.empty()) fail("there are uv indices but no uv");
-    if (mesh.texture) fail("there is a texture but no uv");
+    if (mesh.texture || mesh.material.metallic_roughness || mesh.material.normal) {
+      fail("there is a texture but no uv");
+    }
     return;
   }
   if (mesh.uv.size() / 2 > static_cast<size_t>(kMaxVertices)) fail("more than ", kMaxVertices, " texture coordinates");
@@ -72,10 +88,9 @@ void check(const MeshView& mesh) {
     }
     check_indices(mesh.uv_indices, mesh.uv.size() / 2, "uv index");
   }
-  if (mesh.texture && (mesh.texture->components < 3 || mesh.texture->layers != 1)) {
-    fail("a texture has 3 or 4 components and one layer, found ", mesh.texture->components, " and ",
-         mesh.texture->layers);
-  }
+  check_texture(mesh.texture, "a texture");
+  check_texture(mesh.material.metallic_roughness, "a metallic-roughness texture");
+  check_texture(mesh.material.normal, "a normal texture");
 }
 
 // Given normals at unit length, or smooth ones.
@@ -166,16 +181,9 @@ void save_obj(const std::string& path, const MeshView& mesh) {
 
 // --- glTF ------------------------------------------------------------------------------------------------------
 
-struct WeldedMesh {
-  std::vector<float> positions;
-  std::vector<float> normals;
-  std::vector<float> uv;
-  std::vector<uint32_t> indices;
-};
-
 // One texture coordinate a vertex. Vertex i keeps its number, so that a fitted mesh can be compared with its start.
-WeldedMesh weld(const MeshView& mesh) {
-  WeldedMesh result;
+gltf::WeldedMesh weld(const MeshView& mesh) {
+  gltf::WeldedMesh result;
   result.positions.assign(mesh.positions.begin(), mesh.positions.end());
   result.normals = unit_normals(mesh);
   result.indices.assign(mesh.indices.begin(), mesh.indices.end());
@@ -212,156 +220,6 @@ WeldedMesh weld(const MeshView& mesh) {
     result.indices[i] = entry->second;
   }
   return result;
-}
-
-void append_u32(Bytes& out, uint32_t value) {
-  for (int shift = 0; shift < 32; shift += 8) out.push_back(static_cast<uint8_t>(value >> shift));
-}
-
-std::string base64(const Bytes& bytes) {
-  static constexpr char kAlphabet[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-  std::string out;
-  out.reserve(bytes.size() / 3 * 4 + 4);
-  for (size_t i = 0; i < bytes.size(); i += 3) {
-    const size_t have = std::min<size_t>(3, bytes.size() - i);
-    uint32_t group = 0;
-    for (size_t k = 0; k < 3; ++k) group = group << 8 | (k < have ? bytes[i + k] : 0u);
-    for (size_t k = 0; k < 4; ++k) out += k <= have ? kAlphabet[group >> (18 - 6 * k) & 63] : '=';
-  }
-  return out;
-}
-
-// The JSON and the buffer of one mesh; the caller decides where the buffer goes.
-struct GltfDocument {
-  Json json;
-  Bytes buffer;
-};
-
-class GltfWriter {
- public:
-  explicit GltfWriter(const MeshView& mesh) : mesh_(weld(mesh)), texture_(mesh.texture) {}
-
-  // With `embed_texture_as_text` the picture is a data URI, else a view of the buffer.
-  GltfDocument write(bool embed_texture_as_text) {
-    Json& json = document_.json;
-    json["asset"] = {{"version", "2.0"}, {"generator", "Dressi"}};
-    json["scene"] = 0;
-    json["scenes"] = Json::array({{{"nodes", {0}}}});
-    json["nodes"] = Json::array({{{"mesh", 0}}});
-
-    Json attributes;
-    attributes["POSITION"] = add_floats(mesh_.positions, 3, true);
-    attributes["NORMAL"] = add_floats(mesh_.normals, 3, false);
-    if (!mesh_.uv.empty()) attributes["TEXCOORD_0"] = add_floats(mesh_.uv, 2, false);
-    Json primitive = {{"attributes", attributes}, {"indices", add_indices()}, {"mode", 4}};
-
-    // Both sides are drawn: a surface under optimisation need not be closed.
-    Json material = {{"doubleSided", true}, {"pbrMetallicRoughness", {{"metallicFactor", 0}, {"roughnessFactor", 1}}}};
-    if (texture_) {
-      add_texture(embed_texture_as_text);
-      material["pbrMetallicRoughness"]["baseColorTexture"] = {{"index", 0}};
-    }
-    json["materials"] = Json::array({material});
-    primitive["material"] = 0;
-    json["meshes"] = Json::array({{{"primitives", Json::array({primitive})}}});
-    json["buffers"] = Json::array({{{"byteLength", document_.buffer.size()}}});
-    return std::move(document_);
-  }
-
- private:
-  // Pads the buffer, so that every view starts at a multiple of 4.
-  size_t add_view(size_t offset, int target) {
-    Json view = {{"buffer", 0}, {"byteOffset", offset}, {"byteLength", document_.buffer.size() - offset}};
-    if (target != 0) view["target"] = target;
-    while (document_.buffer.size() % 4 != 0) document_.buffer.push_back(0);
-    document_.json["bufferViews"].push_back(view);
-    return document_.json["bufferViews"].size() - 1;
-  }
-
-  size_t add_accessor(Json accessor) {
-    document_.json["accessors"].push_back(std::move(accessor));
-    return document_.json["accessors"].size() - 1;
-  }
-
-  size_t add_floats(const std::vector<float>& values, size_t components, bool with_bounds) {
-    constexpr int kFloat = 5126;
-    constexpr int kArrayBuffer = 34962;
-    const size_t offset = document_.buffer.size();
-    for (const float value : values) append_u32(document_.buffer, std::bit_cast<uint32_t>(value));
-    Json accessor = {{"bufferView", add_view(offset, kArrayBuffer)},
-                     {"componentType", kFloat},
-                     {"count", values.size() / components},
-                     {"type", components == 3 ? "VEC3" : "VEC2"}};
-    if (with_bounds) {
-      std::vector<double> low(components, std::numeric_limits<double>::infinity());
-      std::vector<double> high(components, -std::numeric_limits<double>::infinity());
-      for (size_t i = 0; i < values.size(); ++i) {
-        low[i % components] = std::min(low[i % components], double{values[i]});
-        high[i % components] = std::max(high[i % components], double{values[i]});
-      }
-      accessor["min"] = low;
-      accessor["max"] = high;
-    }
-    return add_accessor(std::move(accessor));
-  }
-
-  size_t add_indices() {
-    constexpr int kUnsignedInt = 5125;
-    constexpr int kElementArrayBuffer = 34963;
-    const size_t offset = document_.buffer.size();
-    for (const uint32_t index : mesh_.indices) append_u32(document_.buffer, index);
-    return add_accessor({{"bufferView", add_view(offset, kElementArrayBuffer)},
-                         {"componentType", kUnsignedInt},
-                         {"count", mesh_.indices.size()},
-                         {"type", "SCALAR"}});
-  }
-
-  void add_texture(bool as_text) {
-    const Bytes png = encode_png(*texture_, 0);
-    Json image = {{"mimeType", "image/png"}};
-    if (as_text) {
-      image = {{"uri", "data:image/png;base64," + base64(png)}};
-    } else {
-      const size_t offset = document_.buffer.size();
-      document_.buffer.insert(document_.buffer.end(), png.begin(), png.end());
-      image["bufferView"] = add_view(offset, 0);
-    }
-    document_.json["images"] = Json::array({image});
-    document_.json["samplers"] = Json::array({Json::object()});
-    document_.json["textures"] = Json::array({{{"source", 0}, {"sampler", 0}}});
-  }
-
-  WeldedMesh mesh_;
-  const Array* texture_;
-  GltfDocument document_;
-};
-
-Bytes write_gltf(const MeshView& mesh) {
-  GltfDocument document = GltfWriter(mesh).write(true);
-  document.json["buffers"][0]["uri"] = "data:application/octet-stream;base64," + base64(document.buffer);
-  const std::string text = document.json.dump(1) + "\n";
-  return Bytes(text.begin(), text.end());
-}
-
-Bytes write_glb(const MeshView& mesh) {
-  const GltfDocument document = GltfWriter(mesh).write(false);
-  std::string json = document.json.dump();
-  json.resize((json.size() + 3) / 4 * 4, ' ');
-  const uint64_t total = 12 + 8 + json.size() + 8 + document.buffer.size();
-  if (total > std::numeric_limits<uint32_t>::max()) fail("a GLB file of ", total, " bytes would pass 4 GiB");
-  Bytes out;
-  out.reserve(static_cast<size_t>(total));
-  const auto append_text = [&](std::string_view text) { out.insert(out.end(), text.begin(), text.end()); };
-  append_text("glTF");
-  append_u32(out, 2);
-  append_u32(out, static_cast<uint32_t>(total));
-  append_u32(out, static_cast<uint32_t>(json.size()));
-  append_text("JSON");
-  append_text(json);
-  append_u32(out, static_cast<uint32_t>(document.buffer.size()));
-  append_text(std::string_view("BIN\0", 4));
-  out.insert(out.end(), document.buffer.begin(), document.buffer.end());
-  return out;
 }
 
 constexpr std::string_view kMeshExtensions[] = {".obj", ".gltf", ".glb"};
@@ -422,7 +280,7 @@ Result<void> save_mesh(const std::string& path, const MeshView& mesh) {
     if (extension == ".obj") {
       save_obj(path, mesh);
     } else {
-      write_file(path, extension == ".glb" ? write_glb(mesh) : write_gltf(mesh));
+      write_file(path, gltf::write(weld(mesh), mesh.texture, mesh.material, extension == ".glb"));
     }
   });
 }

@@ -3,6 +3,7 @@
 // texture coordinates with their origin at the top left.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <span>
 #include <string>
@@ -58,6 +59,17 @@ struct Mesh {
 // compiler/io/mesh/scene.h.
 Result<Mesh> load_mesh(const std::string& path);
 
+// The material that glTF files are written with; it owns nothing.
+struct MaterialView {
+  std::array<double, 4> base_color = {1, 1, 1, 1};  // linear, times the texture; all factors are in [0, 1]
+  double metallic = 0;
+  double roughness = 1;
+  std::array<double, 3> emissive = {0, 0, 0};
+  // Pictures of numbers, 3 components, one layer; they need `uv`.
+  const Array* metallic_roughness = nullptr;  // roughness in the second component, metallic in the third
+  const Array* normal = nullptr;              // x y z of tangent space, as n / 2 + 0.5
+};
+
 // What save_mesh writes; it owns nothing.
 struct MeshView {
   std::span<const float> positions;
@@ -66,6 +78,7 @@ struct MeshView {
   std::span<const int32_t> uv_indices = {};  // empty with a `uv`: it shares `indices`
   std::span<const float> normals = {};       // one per vertex; empty: smooth ones are computed
   const Array* texture = nullptr;            // base colour: linear, 3 or 4 components, one layer; needs `uv`
+  MaterialView material = {};                // glTF only
 
   // Precondition: the mesh outlives the view.
   static MeshView of(const Mesh& mesh) {

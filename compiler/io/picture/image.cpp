@@ -277,7 +277,7 @@ Array read_images(const std::vector<std::string>& paths, const ImageOptions& opt
   return array;
 }
 
-Bytes encode_png(const Array& array, int64_t layer) {
+Bytes encode_png(const Array& array, int64_t layer, bool raw) {
   const bool is_float = array.kind == ElementKind::Float32 || array.kind == ElementKind::Float64;
   if (!is_float && array.kind != ElementKind::Bool) {
     fail("a PNG holds floats in 0 to 1 or bools, found ", kind_name(array.kind), "; .npy holds any kind");
@@ -311,7 +311,7 @@ Bytes encode_png(const Array& array, int64_t layer) {
       fail("component ", i % components, " of the element at x ", element % width, ", y ", element / width, ", layer ",
            layer, " is NaN; .npy holds it");
     }
-    const bool curved = components >= 3 && i % components < 3;
+    const bool curved = !raw && components >= 3 && i % components < 3;
     const double clamped = std::clamp(value, 0.0, 1.0);
     samples[i] = static_cast<uint8_t>(std::floor((curved ? linear_to_srgb(clamped) : clamped) * 255 + 0.5));
   }

@@ -64,8 +64,8 @@ ImageOptions image_options(std::span<const std::string_view> selectors, ImageOpt
 // Reads the files as the layers of one array; they must agree in size and channels. Precondition: at least one path.
 Array read_images(const std::vector<std::string>& paths, const ImageOptions& options);
 
-// One layer as an 8-bit PNG; the rules are save_array's.
-Bytes encode_png(const Array& array, int64_t layer);
+// One layer as an 8-bit PNG; the rules are save_array's, but for `raw`, which leaves the curve out.
+Bytes encode_png(const Array& array, int64_t layer, bool raw = false);
 
 // The sRGB curve, both ways.
 double srgb_to_linear(double value);

@@ -80,7 +80,9 @@ std::vector<Function> number_functions();    // optim, random, loss of elements
 std::vector<Function> image_functions();     // loss, texture
 std::vector<Function> mesh_functions();      // mesh
 std::vector<Function> material_functions();  // material, lamps of light
-std::vector<Function> picture_functions();   // hardsoftras, raster, nvdiffrast
+std::vector<Function> environment_functions();
+std::vector<Function> shadow_functions();
+std::vector<Function> picture_functions();  // hardsoftras, raster, nvdiffrast
 
 // One function and direction on one device.
 struct Row {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// std.material, and the lamps of std.light that it is made for.
+// std.material, the lamps of std.light that it is made for, and std.tone.
 #include "tests/device/accuracy/library_table.h"
 
 namespace dr::accuracy::library {
@@ -284,11 +284,39 @@ std::vector<Function> lamps() {
   };
 }
 
+std::vector<Function> tones() {
+  const Operand color = vectors("color", 0, 100, 1e-3);
+  return {
+      {.name = "tone.exposed",
+       .part = {},
+       .result = "vec3",
+       .operands = {color, floats("stops", -8, 8, 1e-3)},
+       .value = "tone.exposed(color, stops)",
+       .directions = all_conditioned(8 * u, 16 * u, {"color", "stops"})},
+      {.name = "tone.reinhard",
+       .part = {},
+       .result = "vec3",
+       .operands = {color},
+       .value = "tone.reinhard(color)",
+       .directions = {relative("value", 8 * u, kFew),
+                      over("color", 16 * u, "length(g) / (1.0 + max(max(color.x, color.y), color.z))",
+                           "|adjoint| / (1 + the largest)", "two terms that cancel for the largest")}},
+      {.name = "tone.neutral",
+       .part = {},
+       .result = "vec3",
+       .operands = {color},
+       .value = "tone.neutral(color)",
+       .directions = {over("value", 16 * u, "1.0 + abs(y)", "1 + |y|", "the differences from the curve's start"),
+                      conditioned("color", 256 * u, "the same, over the slope of the curve's end")}},
+  };
+}
+
 }  // namespace
 
 std::vector<Function> material_functions() {
   std::vector<Function> all = terms();
-  for (auto&& part : {layers(), lit_surfaces(), energies(), lamps()}) all.insert(all.end(), part.begin(), part.end());
+  for (auto&& part : {layers(), lit_surfaces(), energies(), lamps(), tones()})
+    all.insert(all.end(), part.begin(), part.end());
   return all;
 }
 

@@ -181,7 +181,10 @@ std::vector<Function> pictures() {
         "hardsoftras.blend(soft, fn(s) { hardsoftras.interpolate(s, paint) }, vec3(0.1, 0.2, 0.3))",
         {over("value", kFrame, "1.0 + 0.0 * y.x", "1", kDesign), to_clip, to_paint});
   }
-  add("coverage.silhouette", "", "float", across, "coverage.silhouette($clip, $face, across, 64, 64)", {one, to_clip});
+  add("coverage.silhouette", "", "float", across, "coverage.silhouette($clip, $face, across, 64, 64, nearest = 4)", {one, to_clip});
+  add("coverage.blend", "", "vec3", across,
+      "coverage.blend($clip, $face, across, 64, 64, fn(hit) { raster.interpolate(hit, paint) }, vec3(0.1, 0.2, 0.3), nearest = 4)",
+      {over("value", kFrame, "1.0 + 0.0 * y.x", "1", kDesign), to_clip, to_paint});
   const std::string hit = "  let hit = raster.rasterize($clip, $face, 64, 64);\n";
   add("raster.rasterize", "weight", "vec3", hit, "hit.weight",
       {over("value", 8 * u, kappa("hit.corner"), kappa_text, "the design's, with the coordinates' own rounding"),
@@ -206,6 +209,14 @@ std::vector<Function> pictures() {
       nv + across + "  let color = if hit.face >= 0 { raster.interpolate(hit, paint) } else { vec3(0.1, 0.2, 0.3) };\n",
       "nvdiffrast.antialias(color, hit, $clip, $face, across)", {frame, to_clip, to_paint}, true);
   const Operand image = whole(vectors("image", 0, 1, 1e-3), "[16, 8]");
+  all.push_back({.name = "coverage.spread",
+                 .part = {},
+                 .result = "vec3[16, 8]",
+                 .operands = {image, whole(floats("far", 0, 6, 1e-3), "[1]")},
+                 .value = "coverage.spread(image, far)",
+                 .directions = {over("value", 32 * u, "1.0 + 0.0 * y.x", "1", "sums of 14 terms, twice"),
+                                l2("image", 1e-6, "the design's, as a dot product")},
+                 .whole = true});
   all.push_back({.name = "nvdiffrast.texture",
                  .part = {},
                  .result = "vec3",

@@ -5,7 +5,8 @@ namespace dr::accuracy::library {
 
 std::vector<Function> functions() {
   std::vector<Function> all;
-  for (auto&& part : {point_functions(), material_functions(), number_functions(), image_functions(), mesh_functions(), picture_functions()})
+  for (auto&& part : {point_functions(), material_functions(), environment_functions(), shadow_functions(),
+                      number_functions(), image_functions(), mesh_functions(), picture_functions()})
     all.insert(all.end(), part.begin(), part.end());
   return all;
 }
@@ -18,6 +19,9 @@ std::vector<Elsewhere> elsewhere() {
       {"mesh.rhomb_vertex", "a part of icosphere_face"},
       {"mesh.rhomb_point", "a part of icosphere_position"},
       {"mesh.ring_corner", "a part of icosphere_position"},
+      {"shadow.map",
+       "`raster.rasterize` and `coverage.silhouette`, which have rows; a golden test holds their shadows to closed "
+       "forms"},
       {"random.directions", "numbers known when a program is compiled; `combined` reads them"},
       {"tiles.touched", "decisions: which tiles a box reaches"},
       {"texture.inverse_uv",

@@ -15,6 +15,7 @@ namespace {
 constexpr const char* kPrelude = R"(edition 1;
 import std.camera;
 import std.coverage;
+import std.environment;
 import std.hardsoftras;
 import std.light;
 import std.loss;
@@ -25,8 +26,10 @@ import std.optim;
 import std.random;
 import std.raster;
 import std.shading;
+import std.shadow;
 import std.texture;
 import std.tiles;
+import std.tone;
 
 fn sizes4(m: mat4) -> mat4 { mat4(abs(m[0]), abs(m[1]), abs(m[2]), abs(m[3])) }
 fn sizes_together(m: mat4) -> float { sqrt(dot(m[0], m[0]) + dot(m[1], m[1]) + dot(m[2], m[2]) + dot(m[3], m[3])) }

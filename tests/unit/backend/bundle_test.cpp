@@ -3,6 +3,7 @@
 #include "compiler/backend/bundle/bundle.h"
 
 #include <cstdlib>
+#include <functional>
 #include <random>
 
 #include "tests/catch.h"
@@ -45,6 +46,7 @@ BundleT sample() {
   b.shaders.push_back(std::move(s));
   auto step = std::make_unique<StepT>();
   step->name = "go";
+  step->leaves = {0};
   auto c = std::make_unique<CommandT>();
   c->kind = CommandKind::Dispatch;
   c->label = "pass";
@@ -60,7 +62,25 @@ BundleT sample() {
   return b;
 }
 
-std::string problem(const BundleT& b) { return check(b); }
+// A change of a bundle, and what check() says of it.
+struct Change {
+  std::function<void(BundleT&)> make;
+  std::string says;
+};
+
+void expect(BundleT (*start)(), const std::vector<Change>& changes) {
+  CHECK(check(start()).empty());
+  for (const Change& change : changes) {
+    BundleT b = start();
+    change.make(b);
+    const std::string said = check(b);
+    INFO("expected: " << change.says << "\n  found: " << said);
+    CHECK(said.find(change.says) != std::string::npos);
+    CHECK_FALSE(said.empty());
+  }
+}
+
+CommandT& command(BundleT& b, size_t k = 0) { return *b.steps[0]->commands[k]; }
 
 }  // namespace
 
@@ -95,6 +115,16 @@ TEST_CASE("damaged bundles are refused or sound, never worse") {
   }
 }
 
+TEST_CASE("one bit that is not what it was is noticed, wherever it is") {
+  const auto bytes = write(sample());
+  for (size_t k = 0; k < bytes.size() * 8; ++k) {
+    auto damaged = bytes;
+    damaged[k / 8] = static_cast<uint8_t>(damaged[k / 8] ^ 1u << k % 8);
+    INFO("bit " << k);
+    CHECK(std::holds_alternative<std::string>(read(damaged)));
+  }
+}
+
 TEST_CASE("another version is named") {
   BundleT b = sample();
   b.version = 99;
@@ -104,48 +134,207 @@ TEST_CASE("another version is named") {
 }
 
 TEST_CASE("what FlatBuffers cannot know is checked") {
+  expect(sample, {
+                     {[](auto& b) { b.resources[0]->extent->w = "Q"; }, "unknown symbol 'Q'"},
+                     {[](auto& b) { b.resources[0]->extent->w = "V +"; }, "no expression"},
+                     {[](auto& b) { b.resources[0]->extent->w = "V / (V - 8)"; }, "no expression"},
+                     {[](auto& b) { command(b).compute = 3; }, "shader 3"},
+                     {[](auto& b) { command(b).bindings[0]->resource = 5; }, "names resource 5"},
+                     {[](auto& b) { command(b).lines = {Line(0, 3)}; }, "line 3 of file 0"},
+                     {[](auto& b) {
+                        command(b).push = {1, 2, 3, 4};
+                      },
+                      "more than three constants"},
+                     {[](auto& b) {
+                        command(b).leaves = {0, 0};
+                      },
+                      "leafs out of order"},
+                     {[](auto& b) { command(b).leaves = {1}; }, "a leaf that is not there"},
+                     {[](auto& b) { command(b).bindings[0]->texel = 5; }, "binds as texels"},
+                     {[](auto& b) { command(b).indirect = 0; }, "as large as a value says"},
+                     {[](auto& b) { b.shaders[0]->spirv[0] = 1; }, "not SPIR-V"},
+                     {[](auto& b) {
+                        b.leaves[0]->initial = {1, 2};
+                      },
+                      "initial value"},
+                     {[](auto& b) { b.leaves[0]->type->cols = 2; }, "a matrix of what is no float"},
+                     {[](auto& b) { b.resources[0]->role = Role::Value; }, "a resource of another type"},
+                     {[](auto& b) { b.op_lines = {Line(0, 1)}; }, "a file that there is not"},
+                     {[](auto& b) { b.float_profile = "loose"; }, "float profile"},
+                     {[](auto& b) { b.steps[0]->outputs[0]->resource = 1; }, "output 'y'"},
+                     {[](auto& b) { b.steps[0]->symbols = {"Q"}; }, "needs the unknown symbol 'Q'"},
+                     {[](auto& b) { b.steps[0]->leaves.clear(); }, "which its step does not name"},
+                     {[](auto& b) {
+                        b.steps[0]->changes = {0, 1};
+                      },
+                      "a leaf that is not there"},
+                     {[](auto& b) { b.steps[0]->step_index = 0; }, "no counter"},
+                     {[](auto& b) { b.steps[0]->step_index = -2; }, "counts in no resource"},
+                     {[](auto& b) { command(b).bindings[0]->access = Access::Write; }, "changes leaf 'x'"},
+                 });
+}
+
+// Whoever walks over all fields of a command must find nothing there that nobody looked at.
+TEST_CASE("a command has the fields of its kind alone") {
+  const std::vector<std::pair<const char*, std::function<void(CommandT&)>>> fields = {
+      {"next", [](auto& c) { c.next = 77777; }},
+      {"vertex", [](auto& c) { c.vertex = 77777; }},
+      {"fragment", [](auto& c) { c.fragment = -7; }},
+      {"extent", [](auto& c) { c.extent = extent("1"); }},
+      {"colors", [](auto& c) { c.colors = {99999}; }},
+      {"clear", [](auto& c) { c.clear = {0}; }},
+      {"joins", [](auto& c) { c.joins = true; }},
+      {"inputs", [](auto& c) { c.inputs = {0}; }},
+      {"depth", [](auto& c) { c.depth = 12345; }},
+      {"value", [](auto& c) { c.value = 1; }},
+      {"source", [](auto& c) { c.source = 2147483647; }},
+      {"target", [](auto& c) { c.target = 0; }},
+      {"outs", [](auto& c) { c.outs = "V"; }},
+      {"count", [](auto& c) { c.count = "V"; }},
+      {"scratch_a", [](auto& c) { c.scratch_a = 5000; }},
+      {"scratch_b", [](auto& c) { c.scratch_b = -9; }}};
+  for (const auto& [name, give] : fields)
+    expect(sample, {{[&give = give](auto& b) { give(command(b)); },
+                     "has '" + std::string(name) + "', which commands of its kind do not use"}});
+}
+
+TEST_CASE("names are names, and there once") {
+  const std::string not_a_name = "which is no name";
+  for (const std::string bad :
+       {"", "/absolute", "../above", "a/b", ".hidden", "a b", "\x1b[2J", "a\nb", "caf\xc3\xa9", "<b>"}) {
+    INFO(bad);
+    expect(sample, {{[&](auto& b) { b.leaves[0]->name = bad; }, not_a_name},
+                    {[&](auto& b) { b.steps[0]->name = bad; }, not_a_name},
+                    {[&](auto& b) { b.steps[0]->outputs[0]->name = bad; }, not_a_name},
+                    {[&](auto& b) { b.symbols.push_back(bad); }, not_a_name},
+                    {[&](auto& b) { b.features = {bad}; }, not_a_name},
+                    {[&](auto& b) {
+                       b.steps[0]->pins.push_back(std::make_unique<OutputT>(*b.steps[0]->outputs[0]));
+                       b.steps[0]->pins[0]->name = bad;
+                     },
+                     not_a_name}});
+  }
+  const std::string odd = "which holds characters that no name has";
+  for (const std::string bad : {"", "\x1b[2J", "a\nb", "caf\xc3\xa9", "<b>", "\"", "a&b"})
+    expect(sample, {{[&](auto& b) { b.resources[0]->name = bad; }, odd},
+                    {[&](auto& b) { b.shaders[0]->name = bad; }, odd},
+                    {[&](auto& b) { b.lowering = bad; }, odd},
+                    {[&](auto& b) { command(b).label = bad; }, odd}});
+  const std::string controls = "control characters";
+  for (const std::string bad : {"\x1b[2J", "\x7f", "\xc2\x9b", "\a"})
+    expect(sample, {{[&](auto& b) { b.files = {bad}; }, controls}, {[&](auto& b) { b.graph = bad; }, controls}});
+  const std::string twice = "is there twice";
+  expect(sample,
+         {{[](auto& b) { b.symbols.push_back("V"); }, twice},
+          {[](auto& b) { b.steps.push_back(std::make_unique<StepT>(*b.steps[0])); }, twice},
+          {[](auto& b) { b.resources.push_back(std::make_unique<ResourceT>(*b.resources[0])); }, twice},
+          {[](auto& b) {
+             b.resources.push_back(std::make_unique<ResourceT>(*b.resources[0]));
+             b.resources[1]->name = "other";
+             b.leaves.push_back(std::make_unique<LeafT>(*b.leaves[0]));
+             b.leaves[1]->resource = 1;
+           },
+           twice},
+          {[](auto& b) { b.steps[0]->outputs.push_back(std::make_unique<OutputT>(*b.steps[0]->outputs[0])); }, twice}});
+}
+
+namespace {
+
+// Leaf "face" of whole numbers (0), and a table of it (1).
+BundleT sample_with_table() {
   BundleT b = sample();
-  CHECK(problem(b).empty());
-  b.resources[0]->extent->w = "Q";
-  CHECK(problem(b).find("unknown symbol 'Q'") != std::string::npos);
-  b = sample();
-  b.resources[0]->extent->w = "V +";
-  CHECK(problem(b).find("no expression") != std::string::npos);
-  b = sample();
-  b.steps[0]->commands[0]->compute = 3;
-  CHECK(problem(b).find("shader 3") != std::string::npos);
-  b = sample();
-  b.steps[0]->commands[0]->bindings[0]->resource = 5;
-  CHECK_FALSE(problem(b).empty());
-  b = sample();
-  b.shaders[0]->spirv[0] = 1;
-  CHECK(problem(b).find("not SPIR-V") != std::string::npos);
-  b = sample();
-  b.leaves[0]->initial = {1, 2};
-  CHECK(problem(b).find("initial value") != std::string::npos);
-  b = sample();
-  b.op_lines = {Line(0, 0), Line(static_cast<uint32_t>(b.files.size()), 1)};
-  CHECK(problem(b).find("a file that there is not") != std::string::npos);
-  b = sample();
-  b.steps[0]->commands[0]->joins = true;
-  CHECK(problem(b).find("joins no render pass") != std::string::npos);
-  b = sample();
-  b.steps[0]->commands[0]->inputs = {0};
-  CHECK(problem(b).find("no subpass before it") != std::string::npos);
-  b = sample();
-  b.steps[0]->commands.push_back(std::make_unique<CommandT>(*b.steps[0]->commands[0]));
-  b.steps[0]->commands[1]->joins = true;
-  CHECK(problem(b).find("joins a render pass of another kind") != std::string::npos);
-  b = sample();
-  b.steps[0]->commands[0]->lines = {Line(0, 3)};
-  CHECK(problem(b).find("line 3 of file 0") != std::string::npos);
-  b = sample();
+  b.leaves[0]->kind = LeafKind::Input;
+  for (const auto& t : {b.leaves[0]->type.get(), b.resources[0]->type.get()}) {
+    t->scalar = Scalar::Int;
+    t->rows = 3;
+  }
   b.resources.push_back(std::make_unique<ResourceT>(*b.resources[0]));
-  b.resources[1]->storage = Storage::Image;
-  CHECK(problem(b).find("memory with one of another storage") != std::string::npos);
-  b = sample();
-  b.steps[0]->outputs[0]->resource = 1;
-  CHECK(problem(b).find("output 'y'") != std::string::npos);
+  b.resources[1]->name = "face.edge";
+  b.resources[1]->slot = 1;
+  b.leaves.push_back(std::make_unique<LeafT>(*b.leaves[0]));
+  LeafT& table = *b.leaves[1];
+  table.name = "face.edge";
+  table.resource = 1;
+  table.table = "edge";
+  table.table_of = 0;
+  return b;
+}
+
+// A raster of two ranks: entries (resource 1).
+BundleT sample_with_raster() {
+  BundleT b = sample();
+  auto r = std::make_unique<ResourceT>(*b.resources[0]);
+  r->name = "seen";
+  r->role = Role::Value;
+  r->type->scalar = Scalar::Uint;
+  r->type->rows = 2;
+  r->slot = 1;
+  b.resources.push_back(std::move(r));
+  b.steps[0]->rasters.push_back(std::make_unique<RasterResultsT>());
+  b.steps[0]->rasters[0]->resources = {1, 1, 1, 1};
+  return b;
+}
+
+BundleT sample_with_reduce() {
+  BundleT b = sample();
+  for (const char* name : {"total", "scratch_a", "scratch_b"}) {
+    b.resources.push_back(std::make_unique<ResourceT>(*b.resources[0]));
+    b.resources.back()->name = name;
+    b.resources.back()->role = b.resources.size() > 2 ? Role::Scratch : Role::Value;
+    b.resources.back()->slot = static_cast<uint32_t>(b.resources.size());
+  }
+  CommandT& c = command(b);
+  c.kind = CommandKind::Reduce;
+  c.elements.clear();
+  c.next = c.compute;
+  c.outs = c.count = "V";
+  c.target = 1;
+  c.scratch_a = 2;
+  c.scratch_b = 3;
+  return b;
+}
+
+}  // namespace
+
+TEST_CASE("tables are whole numbers of other leaves") {
+  const std::string bad = "is a table, but not of whole numbers that are bound";
+  expect(sample_with_table,
+         {{[](auto& b) { b.leaves[1]->table_of = 7; }, "a table of a leaf that there is not"},
+          {[](auto& b) { b.leaves[1]->table_of = 1; }, "is a table of itself"},
+          {[](auto& b) { b.leaves[0]->table_of = 1, b.leaves[0]->table = "edge"; }, "is a table of itself"},
+          {[](auto& b) { b.leaves[1]->table_of = -1; }, "is a table of nothing"},
+          {[](auto& b) { b.leaves[1]->table_of = -2; }, "is a table of nothing"},
+          {[](auto& b) { b.leaves[1]->kind = LeafKind::Param; }, bad},
+          {[](auto& b) { b.leaves[0]->kind = LeafKind::State; }, bad},
+          {[](auto& b) { b.leaves[0]->type->scalar = b.resources[0]->type->scalar = Scalar::Float; }, bad},
+          {[](auto& b) { b.leaves[1]->resource = 0; }, "the resource of another leaf"},
+          {[](auto& b) { b.resources[1]->slot = 0; }, "shares memory, but stays"}});
+}
+
+TEST_CASE("a raster is entries, or faces and tags") {
+  const std::string neither = "holds neither faces nor entries";
+  expect(sample_with_raster, {{[](auto& b) { b.steps[0]->rasters[0]->resources = {1}; }, "no tag for each face"},
+                              {[](auto& b) { b.steps[0]->rasters[0]->resources.clear(); }, "no tag for each face"},
+                              {[](auto& b) {
+                                 b.steps[0]->rasters[0]->resources = {1, 0};
+                               },
+                               neither},
+                              {[](auto& b) {
+                                 b.steps[0]->rasters[0]->resources = {1, 9};
+                               },
+                               "names resource 9"},
+                              {[](auto& b) { b.resources[1]->type->rows = 1; }, neither}});
+}
+
+TEST_CASE("a reduction keeps apart what it reads and what it writes") {
+  expect(sample_with_reduce, {{[](auto& b) { command(b).scratch_b = 2; }, "where it writes others"},
+                              {[](auto& b) { command(b).target = 3; }, "where it writes others"},
+                              {[](auto& b) { command(b).target = 17; }, "names resource 17"},
+                              {[](auto& b) { command(b).scratch_a = -1; }, "names resource -1"},
+                              {[](auto& b) { b.resources[2]->role = Role::Value; }, "no scratch memory"},
+                              {[](auto& b) { command(b).bindings[0]->resource = 1; }, "writes what it reads"},
+                              {[](auto& b) { command(b).outs = ""; }, "no expression"},
+                              {[](auto& b) { command(b).next = 1; }, "shader 1"}});
 }
 
 namespace {
@@ -189,42 +378,60 @@ BundleT sample_with_tile() {
 
 TEST_CASE("a tile is read by later subpasses of its render pass and by nothing else") {
   const std::string wanted = "'t', which lives in a render pass alone";
+  const auto copy = [](BundleT& b) {
+    auto c = std::make_unique<CommandT>();
+    c->kind = CommandKind::Copy;
+    c->label = "copy";
+    c->source = 1;
+    c->target = 0;
+    b.steps[0]->changes = {0};
+    b.steps[0]->commands.push_back(std::move(c));
+  };
+  expect(sample_with_tile,
+         {{[](auto& b) { b.steps[0]->outputs[0]->resource = 1; }, "output 'y' names " + wanted},
+          {[](auto& b) {
+             b.steps[0]->pins.push_back(std::make_unique<OutputT>(*b.steps[0]->outputs[0]));
+             b.steps[0]->pins[0]->resource = 1;
+           },
+           "pinned value 'y' names " + wanted},
+          {[](auto& b) {
+             b.steps[0]->rasters.push_back(std::make_unique<RasterResultsT>());
+             b.steps[0]->rasters[0]->resources = {1, 1};
+           },
+           wanted},
+          {[](auto& b) { command(b).bindings[0]->resource = 1; }, "command 'pass' names " + wanted},
+          {[](auto& b) { command(b, 2).inputs.clear(); }, "command 'draw' names " + wanted},
+          {[](auto& b) { command(b, 2).joins = false; }, "no subpass before it"},
+          {[](auto& b) { command(b, 1).joins = true; }, "joins a render pass of another kind"},
+          {[](auto& b) { std::swap(command(b, 1).colors, command(b, 2).colors); }, "that it writes"},
+          {[](auto& b) {
+             command(b, 2).inputs = {1, 1};
+           },
+           "input attachment that no subpass wrote"},
+          {[](auto& b) { command(b, 2).colors = {1}; }, "that it writes"},
+          {[](auto& b) {
+             command(b, 1).colors = {1, 1}, command(b, 1).clear = {0, 0};
+           },
+           "a second time"},
+          {[](auto& b) { command(b, 1).clear.clear(); }, "no clear value"},
+          {[](auto& b) { command(b, 2).leaves = {0}; }, "other leaves than the render pass"},
+          {copy, "command 'copy' names " + wanted},
+          {[](auto& b) { b.resources[2]->slot = b.resources[1]->slot; }, "memory with one of another storage"}});
   BundleT b = sample_with_tile();
-  CHECK(problem(b).empty());
-  b.steps[0]->outputs[0]->resource = 1;
-  CHECK(problem(b).find("output 'y' names " + wanted) != std::string::npos);
-  b = sample_with_tile();
-  b.steps[0]->pins.push_back(std::make_unique<OutputT>(*b.steps[0]->outputs[0]));
-  b.steps[0]->pins[0]->resource = 1;
-  CHECK(problem(b).find("pinned value 'y' names " + wanted) != std::string::npos);
-  b = sample_with_tile();
-  b.steps[0]->rasters.push_back(std::make_unique<RasterResultsT>());
-  b.steps[0]->rasters[0]->resources = {1};
-  CHECK(problem(b).find(wanted) != std::string::npos);
-  b = sample_with_tile();
-  b.steps[0]->commands[0]->bindings[0]->resource = 1;
-  CHECK(problem(b).find("command 'pass' names " + wanted) != std::string::npos);
-  b = sample_with_tile();
-  b.steps[0]->commands[2]->inputs.clear();
-  CHECK(problem(b).find("command 'draw' names " + wanted) != std::string::npos);
-  // The same reads of another render pass.
-  b = sample_with_tile();
-  b.steps[0]->commands[2]->joins = false;
-  CHECK(problem(b).find("no subpass before it") != std::string::npos);
-  b = sample_with_tile();
-  std::swap(b.steps[0]->commands[1]->colors, b.steps[0]->commands[2]->colors);
-  CHECK(problem(b).find("input attachment that no subpass wrote") != std::string::npos);
-  b = sample_with_tile();
-  auto copy = std::make_unique<CommandT>();
-  copy->kind = CommandKind::Copy;
-  copy->label = "copy";
-  copy->source = 1;
-  copy->target = 0;
-  b.steps[0]->commands.push_back(std::move(copy));
-  CHECK(problem(b).find("command 'copy' names " + wanted) != std::string::npos);
+  copy(b);
   b.resources[1]->storage = Storage::Image;
-  CHECK(problem(b).empty());
-  b = sample_with_tile();
-  b.resources[2]->slot = b.resources[1]->slot;
-  CHECK(problem(b).find("memory with one of another storage") != std::string::npos);
+  CHECK(check(b).empty());
+}
+
+TEST_CASE("an image is drawn before it is read") {
+  expect(sample_with_tile, {{[](auto& b) {
+                               b.resources[1]->storage = Storage::Image;
+                               command(b).bindings[0]->resource = 1;
+                             },
+                             "reads 't', which no command before it draws"},
+                            {[](auto& b) {
+                               b.steps[0]->commands.resize(1);
+                               b.steps[0]->outputs[0]->resource = 2;
+                             },
+                             "gives 'u', which none of its commands draws"}});
 }

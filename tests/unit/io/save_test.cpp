@@ -136,6 +136,40 @@ TEST_CASE("another reader agrees with what is written", "[io][save]") {
   }
 }
 
+TEST_CASE("a material is written and read back", "[io][save]") {
+  const TemporaryFolder folder;
+  const Mesh mesh = seam();
+  const Array picture = texture();
+  const Array numbers = Array::from_floats(std::vector<float>(12, 128 / 255.0f), 3, 2, 2);
+  MeshView view = MeshView::of(mesh);
+  view.texture = &picture;
+  view.material = {.base_color = {0.5, 0.25, 1, 1},
+                   .metallic = 0.75,
+                   .roughness = 0.125,
+                   .emissive = {0, 0.5, 0},
+                   .metallic_roughness = &numbers,
+                   .normal = &numbers};
+  for (const std::string_view name : {"a.gltf", "a.glb"}) {
+    save(folder / name, view);
+    const auto bound = [&](std::string_view part) {
+      const Result<Array> array = load_binding((folder / name) + ":material:" + std::string(part));
+      INFO(part << ": " << (array.ok() ? std::string() : array.error()));
+      REQUIRE(array.ok());
+      return array->to_doubles();
+    };
+    CHECK(bound("base_color") == std::vector<double>{0.5, 0.25, 1, 1});
+    CHECK(bound("metallic") == std::vector<double>{0.75});
+    CHECK(bound("roughness") == std::vector<double>{0.125});
+    CHECK(bound("emissive") == std::vector<double>{0, 0.5, 0});
+    CHECK(bound("base_color_texture") == picture.to_doubles());
+    CHECK(bound("normal_texture") == numbers.to_doubles());  // as stored: no curve
+    CHECK(bound("roughness_texture") == std::vector<double>(4, numbers.to_doubles()[0]));
+  }
+  view.material.roughness = 2;
+  CHECK(save_mesh(folder / "b.glb", view).error() ==
+        "cannot write '" + (folder / "b.glb") + "': the material's roughness is 2, expected 0 to 1");
+}
+
 TEST_CASE("a mesh that is not one is not written", "[io][save]") {
   const TemporaryFolder folder;
   const std::string path = folder / "a.glb";

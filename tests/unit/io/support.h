@@ -75,4 +75,20 @@ std::string quad_gltf();  // the buffer embedded as text
 std::string quad_glb();
 std::string glb_file(std::string_view json, std::string_view binary);
 
+// A file with one of everything: a skinned, morphed triangle on two joints, a camera, two lamps, two materials, one
+// picture of two pixels, and an animation that turns the knee a quarter.
+class SceneFile {
+ public:
+  SceneFile();
+  std::string glb() const { return glb_file(json_, buffer_); }
+  // With other JSON in one place. Precondition: `from` stands there.
+  std::string glb(std::string_view from, std::string_view to) const;
+
+ private:
+  int add(std::string_view type, int component, int count, const std::string& bytes);
+
+  std::string buffer_, views_, accessors_, json_;
+  int count_ = 0;
+};
+
 }  // namespace dr::io::test

@@ -13,9 +13,6 @@
 namespace dr::io::gltf {
 namespace {
 
-constexpr double kAny = std::numeric_limits<double>::max();
-constexpr double kLeast = std::numeric_limits<double>::denorm_min();  // of what must be above 0
-
 class Checker {
  public:
   explicit Checker(Json& root) : root_(root) {}
@@ -281,7 +278,7 @@ class Checker {
         const bool spot = *f.choice("type", kKinds) == "spot";
         f.numbers("color", 3, 0, kAny);
         f.number("intensity", 0, kAny);
-        f.number("range", kLeast, kAny);
+        f.number("range", kAboveZero, kAny);
         const bool has_cone = part(f, "spot", [](const Fields& s) {
           const double inner = s.number("innerConeAngle", 0, kRightAngle).value_or(0);
           const double outer = s.number("outerConeAngle", 0, kRightAngle).value_or(kRightAngle / 2);
@@ -366,18 +363,18 @@ class Checker {
     f.require(kind.c_str());
     part(f, "perspective", [](const Fields& p) {
       for (const char* key : {"yfov", "znear"}) p.require(key);
-      p.number("yfov", kLeast, 2 * kRightAngle);
-      p.number("aspectRatio", kLeast, kAny);
-      const double near = *p.number("znear", kLeast, kAny);
-      const auto far = p.number("zfar", kLeast, kAny);
+      p.number("yfov", kAboveZero, 2 * kRightAngle);
+      p.number("aspectRatio", kAboveZero, kAny);
+      const double near = *p.number("znear", kAboveZero, kAny);
+      const auto far = p.number("zfar", kAboveZero, kAny);
       if (far && *far <= near) fail(p.where().text(), ": zfar ", *far, " is not above znear ", near);
     });
     part(f, "orthographic", [](const Fields& o) {
       for (const char* key : {"xmag", "ymag", "zfar", "znear"}) o.require(key);
-      o.number("xmag", kLeast, kAny);
-      o.number("ymag", kLeast, kAny);
+      o.number("xmag", kAboveZero, kAny);
+      o.number("ymag", kAboveZero, kAny);
       const double near = *o.number("znear", 0, kAny);
-      const double far = *o.number("zfar", kLeast, kAny);
+      const double far = *o.number("zfar", kAboveZero, kAny);
       if (far <= near) fail(o.where().text(), ": zfar ", far, " is not above znear ", near);
     });
   }

@@ -37,6 +37,17 @@ void check_reference(uint64_t index, const char* of, size_t size, const Where& w
   if (index >= size) fail(where.text(), ": there is no ", of, "[", index, "], the file has ", size);
 }
 
+namespace {
+
+void check_range(double number, double low, double high, const Where& where) {
+  if (number >= low && number <= high) return;
+  if (low == kAboveZero && number <= 0) fail(where.text(), ": ", number, " is not above 0");
+  if (high == kAny) fail(where.text(), ": ", number, " is below ", low);
+  fail(where.text(), ": ", number, " is not in ", low == kAboveZero ? 0 : low, " to ", high);
+}
+
+}  // namespace
+
 Fields::Fields(Json& value, const Where& where) : value_(value), where_(where) {
   if (!value.is_object()) fail(where.text(), ": expected an object, found ", found(value));
 }
@@ -83,7 +94,7 @@ std::optional<double> Fields::number(const char* key, double low, double high) c
   const Where where = where_.at(key);
   if (!value->is_number()) fail(where.text(), ": expected a number, found ", found(*value));
   const double number = value->get<double>();
-  if (!(number >= low && number <= high)) fail(where.text(), ": ", number, " is not in ", low, " to ", high);
+  check_range(number, low, high, where);
   return number;
 }
 
@@ -98,10 +109,7 @@ void Fields::numbers(const char* key, size_t count, double low, double high) con
   for (size_t i = 0; i < value->size(); ++i) {
     const Json& item = (*value)[i];
     if (!item.is_number()) fail(where.item(i).text(), ": expected a number, found ", found(item));
-    const double number = item.get<double>();
-    if (!(number >= low && number <= high)) {
-      fail(where.item(i).text(), ": ", number, " is not in ", low, " to ", high);
-    }
+    check_range(item.get<double>(), low, high, where.item(i));
   }
 }
 

@@ -5,6 +5,7 @@
 
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <span>
 #include <string>
@@ -13,6 +14,9 @@
 #include "compiler/io/mesh/gltf/container.h"
 
 namespace dr::io::gltf {
+
+inline constexpr double kAny = std::numeric_limits<double>::max();               // as large as it likes
+inline constexpr double kAboveZero = std::numeric_limits<double>::denorm_min();  // the least of what must be above 0
 
 // Where a value stands: "meshes[0].primitives[2].attributes". A chain of places on the stack, put in words only when
 // something is wrong there, since a file has millions of places.

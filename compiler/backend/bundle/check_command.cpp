@@ -1,0 +1,233 @@
+// SPDX-License-Identifier: Apache-2.0
+// Verification of a step's commands.
+#include <algorithm>
+
+#include "compiler/backend/bundle/checker.h"
+#include "compiler/backend/bundle/touched.h"
+
+namespace dr::bundle {
+
+namespace {
+
+constexpr unsigned bit(CommandKind kind) { return 1u << static_cast<unsigned>(kind); }
+
+constexpr unsigned kDispatch = bit(CommandKind::Dispatch), kDraw = bit(CommandKind::Draw),
+                   kFill = bit(CommandKind::Fill), kCopy = bit(CommandKind::Copy), kReduce = bit(CommandKind::Reduce);
+
+}  // namespace
+
+std::vector<Touched> touched_by(const CommandT& c) {
+  std::vector<Touched> out;
+  for (const auto& b : c.bindings) {
+    if (b->access != Access::Write) out.push_back({b->resource, false});
+    if (b->access != Access::Read) out.push_back({b->resource, true});
+  }
+  for (const uint32_t color : c.colors) out.push_back({color, true});
+  for (const int read : {c.source, c.indirect})
+    if (read >= 0) out.push_back({static_cast<uint32_t>(read), false});
+  for (const int written : {c.depth, c.target, c.scratch_a, c.scratch_b})
+    if (written >= 0) out.push_back({static_cast<uint32_t>(written), true});
+  return out;
+}
+
+// What a command's kind does not use is not there: nothing that nobody looked at reaches who walks over all fields.
+bool Checker::only_own_fields(const CommandT& c, const std::string& where) {
+  const struct {
+    const char* field;
+    bool given;
+    unsigned kinds;
+  } fields[] = {
+      {"compute", c.compute != -1, kDispatch | kReduce},
+      {"next", c.next != -1, kReduce},
+      {"vertex", c.vertex != -1, kDraw},
+      {"fragment", c.fragment != -1, kDraw},
+      {"bindings", !c.bindings.empty(), kDispatch | kDraw | kReduce},
+      {"elements", !c.elements.empty(), kDispatch | kDraw | kFill},
+      {"indirect", c.indirect != -1, kDispatch},
+      {"extent", c.extent != nullptr, kDraw},
+      {"push", !c.push.empty(), kDispatch | kDraw | kReduce},
+      {"colors", !c.colors.empty(), kDraw},
+      {"clear", !c.clear.empty(), kDraw},
+      {"joins", c.joins, kDraw},
+      {"inputs", !c.inputs.empty(), kDraw},
+      {"depth", c.depth != -1, kDraw},
+      {"value", c.value != 0, kFill},
+      {"source", c.source != -1, kCopy},
+      {"target", c.target != -1, kFill | kCopy | kReduce},
+      {"outs", !c.outs.empty(), kReduce},
+      {"count", !c.count.empty(), kReduce},
+      {"scratch_a", c.scratch_a != -1, kReduce},
+      {"scratch_b", c.scratch_b != -1, kReduce},
+  };
+  for (const auto& f : fields)
+    if (f.given && (f.kinds & bit(c.kind)) == 0)
+      return fail(where + " has '" + f.field + "', which commands of its kind do not use");
+  return true;
+}
+
+bool Checker::bindings(const CommandT& c, const std::string& where) {
+  for (const auto& binding : c.bindings) {
+    if (!binding || !resource(binding->resource, where)) return fail(where + " has an empty binding");
+    if (binding->access > Access::MAX) return fail(where + " has an unknown access");
+    const ResourceT& r = *b_.resources[binding->resource];
+    if (r.storage == Storage::Depth || (r.storage != Storage::Buffer && binding->access != Access::Read))
+      return fail(where + " binds an attachment for writing");
+    if (binding->texel > 4 ||
+        (binding->texel != 0 && (r.storage != Storage::Buffer || binding->access != Access::Read)))
+      return fail(where + " binds as texels what cannot be");
+  }
+  return true;
+}
+
+bool Checker::dispatch(const CommandT& c, const std::string& where) {
+  if (!shader(c.compute, Stage::Compute, where) || !expression(c.elements, where)) return false;
+  for (const auto& binding : c.bindings)
+    if (b_.resources[binding->resource]->storage == Storage::Tile) return kept(binding->resource, where);
+  if (c.indirect < 0) return c.indirect == -1 || fail(where + " is as large as no resource says");
+  // Numbers of workgroups come from scratch memory that the command binds, so that its use is known.
+  for (const auto& binding : c.bindings)
+    if (binding->resource == static_cast<uint32_t>(c.indirect))
+      return b_.resources[binding->resource]->role == Role::Scratch || fail(where + " is as large as a value says");
+  return fail(where + " is as large as a resource says that it does not bind");
+}
+
+bool Checker::draw(const CommandT& c, const std::string& where) {
+  if (!shader(c.vertex, Stage::Vertex, where) || !shader(c.fragment, Stage::Fragment, where)) return false;
+  if (!expression(c.elements, where) || !extent(c.extent, where)) return false;
+  if (c.colors.empty() || c.colors.size() != c.clear.size())
+    return fail(where + " has no clear value for each colour attachment");
+  for (const uint32_t color : c.colors) {
+    const bool tile = color < b_.resources.size() && b_.resources[color]->storage == Storage::Tile;
+    if (!tile && !storage(color, Storage::Image, where)) return false;
+    if (std::ranges::count(c.colors, color) != 1) return fail(where + " writes an attachment a second time");
+  }
+  return c.depth == -1 || storage(c.depth, Storage::Depth, where);
+}
+
+bool Checker::copy(const CommandT& c, const std::string& where) {
+  if (!kept(c.source, where) || !storage(c.target, Storage::Buffer, where)) return false;
+  const ResourceT &from = *b_.resources[static_cast<size_t>(c.source)],
+                  &to = *b_.resources[static_cast<size_t>(c.target)];
+  if (from.storage == Storage::Depth) return fail(where + " copies a depth image");
+  if (from.role == Role::Scratch || to.role == Role::Scratch || from.type->rows != to.type->rows ||
+      from.type->cols != to.type->cols || from.extent->w != to.extent->w || from.extent->h != to.extent->h ||
+      from.extent->l != to.extent->l)
+    return fail(where + " copies between unlike resources");
+  return c.source != c.target || fail(where + " copies a resource to itself");
+}
+
+bool Checker::reduce(const CommandT& c, const std::string& where) {
+  if (!shader(c.compute, Stage::Compute, where) || !shader(c.next, Stage::Compute, where) ||
+      !storage(c.target, Storage::Buffer, where) || !storage(c.scratch_a, Storage::Buffer, where) ||
+      !storage(c.scratch_b, Storage::Buffer, where) || !expression(c.outs, where) || !expression(c.count, where))
+    return false;
+  if (c.scratch_a == c.scratch_b || c.scratch_a == c.target || c.scratch_b == c.target)
+    return fail(where + " reads partial results where it writes others");
+  for (const int scratch : {c.scratch_a, c.scratch_b})
+    if (b_.resources[static_cast<size_t>(scratch)]->role != Role::Scratch)
+      return fail(where + " has partial results in what is no scratch memory");
+  for (const auto& binding : c.bindings) {
+    const int index = static_cast<int>(binding->resource);
+    if (binding->access != Access::Read || index == c.target || index == c.scratch_a || index == c.scratch_b)
+      return fail(where + " writes what it reads");
+    if (!kept(index, where)) return false;
+  }
+  return true;
+}
+
+bool Checker::attachments(const StepT& step, size_t index, std::set<uint32_t>& written, const std::string& where) {
+  const CommandT& c = *step.commands[index];
+  for (size_t k = index; k-- > 0;) {
+    const CommandT& before = *step.commands[k];
+    const bool alike = c.kind == CommandKind::Draw && before.kind == CommandKind::Draw && c.depth < 0 &&
+                       before.depth < 0 && before.extent->w == c.extent->w && before.extent->h == c.extent->h &&
+                       before.extent->l == c.extent->l;
+    if (!alike) return fail(where + " joins a render pass of another kind");
+    if (before.steady != c.steady || before.leaves != c.leaves)
+      return fail(where + " depends on other leaves than the render pass that it joins");
+    written.insert(before.colors.begin(), before.colors.end());
+    if (!before.joins) return true;
+  }
+  return fail(where + " joins no render pass");
+}
+
+bool Checker::subpass(const StepT& step, size_t index, const std::string& where) {
+  const CommandT& c = *step.commands[index];
+  const auto is_input = [&](uint32_t resource) { return std::ranges::find(c.inputs, resource) != c.inputs.end(); };
+  for (const auto& bound : c.bindings) {
+    if (!is_input(bound->resource) && !kept(bound->resource, where)) return false;
+    if (std::ranges::find(c.colors, bound->resource) != c.colors.end())
+      return fail(where + " reads an attachment that it writes");
+  }
+  if (!c.joins) return c.inputs.empty() || fail(where + " has input attachments, but no subpass before it");
+  std::set<uint32_t> written;
+  if (!attachments(step, index, written, where)) return false;
+  for (const uint32_t input : c.inputs) {
+    const auto bound = std::ranges::count_if(c.bindings, [&](const auto& own) { return own->resource == input; });
+    if (written.count(input) == 0 || bound != 1 || std::ranges::count(c.inputs, input) != 1)
+      return fail(where + " has an input attachment that no subpass wrote");
+  }
+  for (const auto& bound : c.bindings)
+    if (written.count(bound->resource) != 0 && !is_input(bound->resource))
+      return fail(where + " samples an attachment of its render pass");
+  for (const uint32_t color : c.colors)
+    if (written.count(color) != 0) return fail(where + " writes an attachment a second time");
+  return true;
+}
+
+bool Checker::touches(const StepT& step, const CommandT& c, const std::string& where) {
+  for (const auto& [index, written] : touched_by(c)) {
+    const ResourceT& r = *b_.resources[index];
+    if (r.role == Role::StepIndex && static_cast<int64_t>(index) != step.step_index)
+      return fail(where + " counts for another step");
+    if (r.role == Role::Leaf) {
+      const auto leaf = static_cast<uint32_t>(leaf_of_[index]);
+      if (!std::ranges::binary_search(written ? step.changes : step.leaves, leaf))
+        return fail(where + (written ? " changes" : " reads") + " leaf '" + r.name + "', which its step does not name");
+    }
+    if (r.storage != Storage::Image && r.storage != Storage::Tile) continue;
+    if (written)
+      images_.insert(index);
+    else if (images_.count(index) == 0)
+      return fail(where + " reads '" + r.name + "', which no command before it draws");
+  }
+  return true;
+}
+
+bool Checker::command(const CommandT& c, const std::string& where) {
+  if (c.kind > CommandKind::MAX) return fail(where + " is of an unknown kind");
+  if (!only_own_fields(c, where) || !indices(c.leaves, b_.leaves.size(), "leaf", where) || !bindings(c, where))
+    return false;
+  for (const Line& l : c.lines)
+    if (!line(l, where)) return false;
+  if (c.ops > INT32_MAX) return fail(where + " computes too many ops");
+  if (c.push.size() > 3) return fail(where + " pushes more than three constants");
+  switch (c.kind) {
+    case CommandKind::Dispatch: return dispatch(c, where);
+    case CommandKind::Draw: return draw(c, where);
+    case CommandKind::Fill:
+      return storage(c.target, Storage::Buffer, where) && (c.elements.empty() || expression(c.elements, where));
+    case CommandKind::Copy: return copy(c, where);
+    case CommandKind::Reduce: return reduce(c, where);
+  }
+  return false;
+}
+
+bool Checker::commands(const StepT& step) {
+  images_.clear();
+  for (size_t k = 0; k < step.commands.size(); ++k) {
+    if (!step.commands[k]) return fail("a command is empty");
+    const CommandT& c = *step.commands[k];
+    if (!title(c.label, "a command")) return false;
+    const std::string where = "command '" + c.label + "'";
+    if (!command(c, where)) return false;
+    for (const uint32_t leaf : c.leaves)
+      if (!std::ranges::binary_search(step.leaves, leaf))
+        return fail(where + " depends on a leaf that its step does not name");
+    if (c.kind == CommandKind::Draw ? !subpass(step, k, where) : c.joins) return false;
+    if (!touches(step, c, where)) return false;
+  }
+  return true;
+}
+
+}  // namespace dr::bundle

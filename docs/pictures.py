@@ -1,0 +1,102 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Makes the pictures of the documentation from the programs that stand in it: those of the tutorial, by running each page's
+program, and the README's pear, of what `./dr demo` left.
+
+usage: pictures.py DRUN [DEMO_OUT_FOLDER]     DR_DEVICE chooses the device; lavapipe without it
+"""
+import os
+import re
+import struct
+import subprocess
+import sys
+import tempfile
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+docs = Path(__file__).resolve().parent
+drun = str(Path(sys.argv[1]).resolve())
+device = os.environ.get("DR_DEVICE", "lavapipe")
+
+# A page, how often its step `fit` runs, and how large its pictures are.
+PAGES = [("shape", 60, 96), ("texture", 60, 96), ("pose", 150, 128), ("shading", 80, 128)]
+
+
+def srgb(image):
+    """Linear values as the bytes of a picture; one component is grey."""
+    image = np.repeat(image[..., None], 3, axis=-1) if image.shape[-1] != 3 else image
+    x = np.clip(image, 0.0, 1.0)
+    x = np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.power(np.maximum(x, 0.0031308), 1 / 2.4) - 0.055)
+    return (x * 255.0 + 0.5).astype(np.uint8)
+
+
+def save(path, pixels):
+    """A PNG of 8-bit colours, whose bytes depend on the pixels alone."""
+    chunk = lambda kind, data: struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+    rows = b"".join(b"\0" + row.tobytes() for row in pixels)
+    header = struct.pack(">IIBBBBB", pixels.shape[1], pixels.shape[0], 8, 2, 0, 0, 0)
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(rows, 9)) + chunk(b"IEND", b""))
+
+
+def side_by_side(images, gap=6):
+    height = max(image.shape[0] for image in images)
+    white = np.full((height, gap, 3), 255, np.uint8)
+    row = []
+    for image in images:
+        below = np.full((height - image.shape[0], image.shape[1], 3), 255, np.uint8)
+        row += [np.concatenate([image, below]), white]
+    return np.concatenate(row[:-1], axis=1)
+
+
+def layers(array, components):
+    """The layers of an output, beside each other."""
+    layered = array.ndim == (4 if components == 3 else 3)
+    return side_by_side([srgb(layer) for layer in array] if layered else [srgb(array)], gap=2)
+
+
+def run(program, out, *options):
+    subprocess.run([drun, str(program), "--device", device, "--out", str(out), *options], check=True,
+                   stdout=subprocess.DEVNULL)
+
+
+def tutorial(name, steps, size):
+    text = (docs / "tutorial" / f"{name}.md").read_text(encoding="utf-8")
+    program = re.search(r"^```dr\n(.*?)^```$", text, re.M | re.S)[1]
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / f"{name}.dr"
+        file.write_text(program)
+        seen = []
+        for out, options in (("before", []), ("after", ["--step", f"fit={steps}"])):
+            run(file, Path(folder) / out, "-D", f"S={size}", *options, "--step", "look")
+            load = lambda value: np.load(Path(folder) / out / f"{value}.npy")
+            photo, drawn = load("photo"), load("drawn")
+            components = photo.shape[-1] if photo.shape[-1] == 3 else 1
+            if not seen:
+                seen.append(layers(photo, components))
+            seen.append(layers(drawn, components))
+        save(docs / "tutorial" / f"{name}.png", side_by_side(seen))
+
+
+def pear(out):
+    """Where the fit starts, the shape that it found, and the shape with its colours, in the first view."""
+    target = out / "target"
+    same = ["--bind", f"face={target}/face.npy", "--bind", f"uv={target}/uv.npy", "--bind", f"uv_face={target}/uv_face.npy",
+            "--bind", f"view={target}/view.npy", "-D", "size=200"]
+    plain = ["--symbol", "T=1", "--symbol", "U=1"]
+    colours = ["--bind", f"albedo={out}/fit/albedo.npy"]
+    images = []
+    with tempfile.TemporaryDirectory() as folder:
+        for position, more in ((target, plain), (out / "fit", plain), (out / "fit", colours)):
+            run(docs / "examples/pear/show.dr", folder, *same, *more, "--bind", f"position={position}/position.npy")
+            images.append(srgb(np.load(Path(folder) / "shaded.npy")[0]))
+    shown = (np.stack(images) != 255).any(axis=(0, 3))
+    ys, xs = (np.flatnonzero(shown.any(axis=axis)) for axis in (1, 0))
+    save(docs / "pear.png", side_by_side([image[ys[0] - 4:ys[-1] + 5, xs[0] - 4:xs[-1] + 5] for image in images], gap=24))
+
+
+for page in PAGES:
+    tutorial(*page)
+if len(sys.argv) > 2:
+    pear(Path(sys.argv[2]))

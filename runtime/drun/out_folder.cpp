@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/drun/out_folder.h"
+
+#include <fcntl.h>
+#include <sys/file.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <filesystem>
+#include <string_view>
+
+#include "runtime/drun/target.h"
+
+namespace dr::drun {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+bool is_number(std::string_view text) {
+  return !text.empty() && text.find_first_not_of("0123456789") == std::string_view::npos;
+}
+
+// "checkpoint-7".
+bool is_checkpoint(std::string_view name) {
+  constexpr std::string_view kPrefix = "checkpoint-";
+  return name.starts_with(kPrefix) && is_number(name.substr(kPrefix.size()));
+}
+
+// "img.npy.1234567.tmp", as compiler/io writes files before it names them, and what write_text() begins with.
+bool is_temporary(std::string_view name) {
+  if (name == "checkpoint.json.partial") return true;
+  if (!name.ends_with(".tmp")) return false;
+  name.remove_suffix(4);
+  const size_t dot = name.rfind('.');
+  if (dot == std::string_view::npos || !is_number(name.substr(dot + 1))) return false;
+  name = name.substr(0, dot);
+  return name.ends_with(".npy") || name.ends_with(".png");
+}
+
+}  // namespace
+
+OutFolder::~OutFolder() {
+  if (descriptor_ >= 0) close(descriptor_);  // and lets go of it
+}
+
+void OutFolder::take() {
+  if (path_.empty() || descriptor_ >= 0) return;
+  std::error_code error;
+  fs::create_directories(path_, error);
+  if (error && !fs::is_directory(path_)) throw Mistake{"cannot make the folder '" + path_ + "': " + error.message()};
+  descriptor_ = open(path_.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (descriptor_ < 0) throw Mistake{"cannot open the folder '" + path_ + "'"};
+  if (flock(descriptor_, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK)
+    throw Mistake{"another drun writes to '" + path_ + "': wait for it, or give another folder with --out"};
+}
+
+void OutFolder::sweep(const std::string& in_use) const {
+  if (path_.empty()) return;
+  std::error_code error;
+  std::vector<fs::path> left;
+  for (const auto& entry : fs::directory_iterator(path_, error)) {
+    const std::string name = entry.path().filename().string();
+    if (is_temporary(name) || (is_checkpoint(name) && name != in_use)) left.push_back(entry.path());
+  }
+  for (const fs::path& path : left) fs::remove_all(path, error);
+}
+
+void sync_to_disk(const std::string& path) {
+  const int descriptor = open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  if (descriptor < 0) return;
+  // A file system that cannot (EINVAL) is no reason to stop; a disk that failed is.
+  const bool failed = fsync(descriptor) != 0 && (errno == EIO || errno == ENOSPC || errno == EDQUOT);
+  close(descriptor);
+  if (failed) throw Mistake{"cannot write '" + path + "' to the disk"};
+}
+
+}  // namespace dr::drun

@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+// std.shadow: views of lamps, and what points read of a map of any numbers. Where a map is nearer is a decision; points
+// that a rounding could move to the other side are few and left out by the metric, which sees them jump.
+#include "tests/device/accuracy/library_table.h"
+
+namespace dr::accuracy::library {
+
+std::vector<Function> shadow_functions() {
+  const Operand d = vectors("d", -2, 2, 1e-2), middle = vectors("middle", -10, 10, 1e-2);
+  const std::string why = "a direction's three normalizations, and the products of two matrices";
+  const auto steep = [](Direction d) {
+    d.except = "length(d.xz) < 0.05 * length(d)";
+    d.except_text = "directions within 3 degrees of the vertical, around which the view turns";
+    return d;
+  };
+  const Operand lamp = vectors("lamp", -1, 1, 1e-2);
+  return {
+      {.name = "shadow.directional_view",
+       .part = {},
+       .result = "mat4",
+       .operands = {d, middle, floats("radius", 0.1, 10)},
+       .value = "shadow.directional_view(d, middle, radius)",
+       .directions = {steep(conditioned("value", 64 * u, why)), steep(conditioned("d", 256 * u, why)),
+                      steep(conditioned("middle", 256 * u, why))}},
+      {.name = "shadow.spot_view",
+       .part = {},
+       .result = "mat4",
+       .operands = {middle, d},
+       .value = "shadow.spot_view(middle, d)",
+       .directions = {steep(conditioned("value", 64 * u, why)), steep(conditioned("d", 256 * u, why)),
+                      steep(conditioned("middle", 256 * u, why))}},
+      {.name = "shadow.point_views",
+       .part = {},
+       .result = "mat4[1, 1, 6]",
+       .operands = {whole(vectors("lamp", -10, 10, 1e-2), "[1]")},
+       .value = "shadow.point_views(lamp)",
+       .directions = {relative("value", 16 * u, kFew), l2("lamp", 16 * u, kFew)},
+       .whole = true},
+      {.name = "shadow.point_view",
+       .part = {},
+       .result = "int",
+       .operands = {vectors("lamp", -10, 10, 1e-2), vectors("at", -10, 10, 1e-2)},
+       .value = "shadow.point_view(lamp, at)",
+       .directions = {equal()}},
+      {.name = "shadow.lit",
+       .part = {},
+       .result = "float",
+       .operands = {whole(floats("covered", 0, 1, 1e-3), "[16, 16, 6]"),
+                    whole(floats("depth", 0, 8, 1e-3), "[16, 16, 6]"), whole(lamp, "[1]"), vectors("at", -4, 4, 1e-2),
+                    vectors("normal_", -1, 1, 1e-2), made("normal", "vec3", "normalize(normal_)")},
+       .value = "shadow.lit(shadow.Map(covered, depth), shadow.point_views(lamp), at, normal, layer = "
+                "shadow.point_view(lamp, at))",
+       .directions = {conditioned("value", 64 * u, "the place on the map, of 16 texels, and sixteen reads"),
+                      l2("covered", 2e-6, "the design's, as a dot product")}},
+  };
+}
+
+}  // namespace dr::accuracy::library

@@ -1,0 +1,247 @@
+// SPDX-License-Identifier: Apache-2.0
+// The C++ API misused: each call answers in words, and the program is usable afterwards.
+#include <atomic>
+#include <climits>
+#include <cmath>
+#include <thread>
+
+#include "runtime/jit/jit.h"
+#include "runtime/jit/reference_program.h"
+#include "runtime/runtime.h"
+#include "tests/catch.h"
+#include "tests/device/compile.h"
+#include "tests/device/devices.h"
+
+using namespace dr;
+using io::Array;
+
+namespace {
+
+constexpr const char* kFit = R"(edition 1;
+param p : float[W] = 0.0;
+input t : float[W];
+let d = p - t;
+step fit { p <- p - 0.5 * grad(mean(d * d), p); output error = mean(d * d), q = p; }
+)";
+
+std::vector<uint8_t> fit_bundle(const std::string& profile) {
+  return test::compile_text("api_faults.dr", kFit, profile);
+}
+
+// The call fails, and says this.
+template <class T>
+void refuses(const io::Result<T>& result, const std::string& says) {
+  REQUIRE_FALSE(static_cast<bool>(result));
+  INFO("expected: " << says << "\n  found: " << result.error());
+  CHECK(result.error().find(says) != std::string::npos);
+}
+
+Array ones(int64_t width) { return Array::from_floats(std::vector<float>(static_cast<size_t>(width), 1.0f), 1); }
+
+// It fits eight ones.
+void works(runtime::Program& program) {
+  REQUIRE(program.bind("t", ones(8)));
+  REQUIRE(program.run("fit", 2));
+  const auto error = program.output("fit", "error");
+  REQUIRE(error);
+  CHECK(std::isfinite(error->to_doubles()[0]));
+}
+
+// Runs `what` with each device, and its bundle.
+template <class F>
+void everywhere(F&& what) {
+  for (auto& [name, device] : test::devices()) {
+    INFO(name);
+    what(device, fit_bundle(name));
+  }
+}
+
+}  // namespace
+
+TEST_CASE("arrays that do not agree with themselves are refused, and symbols stay free") {
+  everywhere([](runtime::Device& device, const std::vector<uint8_t>& bundle) {
+    auto program = test::must(runtime::Program::load(device, bundle));
+    Array bad = ones(8);
+    bad.bytes.resize(4);
+    refuses(program.bind("t", bad), "do not agree");
+    bad.bytes.resize(64 << 20);
+    refuses(program.bind("t", bad), "do not agree");
+    refuses(program.bind("t", Array{}), "it is empty");
+    bad = ones(8);
+    bad.components = 1'000'000;
+    refuses(program.bind("t", bad), "do not agree");
+    bad = ones(8);
+    bad.width = int64_t{1} << 62;
+    refuses(program.bind("t", bad), "do not agree");
+    bad.width = -8;
+    refuses(program.bind("t", bad), "do not agree");
+    refuses(program.bind("t", Array::from_floats(std::vector<float>(8, 1.0f), 2)), "1 components an element");
+    refuses(program.bind("t", Array::from_doubles(std::vector<double>(5, 1e300))), "cannot turn float64 into float32");
+    for (const int64_t size : {int64_t{-5}, int64_t{0}, int64_t{1} << 40})
+      refuses(program.bind_symbol("W", size), "which is not between 1 and 2^31");
+    refuses(program.bind_symbol("Q", 4), "there is no symbol 'Q'");
+    works(program);
+    refuses(program.bind("t", ones(5)), "'W' is 8 by");
+    works(program);
+    // What came in while the program had memory already.
+    bad = ones(8);
+    bad.bytes.resize(64 << 20);
+    refuses(program.bind("t", bad), "do not agree");
+    works(program);
+  });
+}
+
+TEST_CASE("what there is not is named") {
+  everywhere([](runtime::Device& device, const std::vector<uint8_t>& bundle) {
+    auto program = test::must(runtime::Program::load(device, bundle));
+    refuses(program.run("nowhere"), "there is no step 'nowhere'");
+    refuses(program.bind("zz", ones(8)), "there is no leaf 'zz'");
+    refuses(program.output("fit", "zz"), "has no output 'zz'");
+    refuses(program.run("fit"), "needs data for leaf 't'");
+    refuses(program.output("fit", "q"), "has not run yet");
+    refuses(program.timed_run("zz"), "there is no step");
+    refuses(program.checked_run("fit"), "needs data");
+    refuses(program.rasters("zz"), "there is no step");
+    refuses(program.pins("fit"), "has not run yet");
+    refuses(program.resource("zz"), "there is no resource");
+    CHECK(program.needed_leaves("zz").empty());
+    CHECK_FALSE(program.is_input("zz"));
+    CHECK(program.counters("zz").runs == 0);
+    works(program);
+  });
+}
+
+TEST_CASE("a step runs once or more often") {
+  everywhere([](runtime::Device& device, const std::vector<uint8_t>& bundle) {
+    auto program = test::must(runtime::Program::load(device, bundle));
+    REQUIRE(program.bind("t", ones(8)));
+    for (const int times : {0, -5}) refuses(program.run("fit", times), "once or more often, found");
+    refuses(program.output("fit", "q"), "has not run yet");
+    refuses(program.set_runs("fit", -1), "cannot have run -1 times");
+    // Memory is there, but no run was.
+    REQUIRE(program.command_count("fit"));
+    refuses(program.output("fit", "q"), "has not run yet");
+    works(program);
+    REQUIRE(program.set_runs("fit", INT32_MAX - 2));
+    refuses(program.run("fit", 3), "its counter ends at 2^31 - 1");
+    REQUIRE(program.run("fit", 2));
+  });
+}
+
+TEST_CASE("objects that were moved from are empty, and say so") {
+  everywhere([](runtime::Device& device, const std::vector<uint8_t>& bundle) {
+    const std::string empty = "is empty: it was moved from";
+    auto from = test::must(runtime::Program::load(device, bundle));
+    auto program = std::move(from);
+    refuses(from.run("fit"), empty);
+    refuses(from.bind("t", ones(8)), empty);
+    refuses(from.bind_symbol("W", 8), empty);
+    refuses(from.set_runs("fit", 1), empty);
+    refuses(from.output("fit", "q"), empty);
+    refuses(from.leaf("p"), empty);
+    refuses(from.resource("p"), empty);
+    refuses(from.rasters("fit"), empty);
+    refuses(from.pins("fit"), empty);
+    refuses(from.timed_run("fit"), empty);
+    refuses(from.checked_run("fit"), empty);
+    refuses(from.command_count("fit"), empty);
+    CHECK(from.steps().empty());
+    CHECK(from.leaves().empty());
+    CHECK(from.outputs("fit").empty());
+    CHECK(from.resources().empty());
+    CHECK(from.needed_leaves("fit").empty());
+    CHECK_FALSE(from.is_input("t"));
+    CHECK(from.rebuilds() == 0);
+    CHECK(from.pipelines().made == 0);
+    CHECK(from.counters("fit").runs == 0);
+    CHECK(from.memory_use().device == 0);
+    works(program);
+    from = std::move(program);
+    works(from);
+
+    runtime::Device kept = std::move(device);
+    refuses(runtime::Program::load(device, bundle), empty);
+    CHECK(device.info().name.empty());
+    CHECK(device.profile_name().empty());
+    CHECK(device.limits().subgroup_size == 0);
+    CHECK(device.validation_messages().empty());
+    CHECK_FALSE(device.validating());
+    // A program holds what it needs of its device.
+    auto last = test::must(runtime::Program::load(kept, bundle));
+    { const runtime::Device gone = std::move(kept); }
+    works(last);
+  });
+}
+
+TEST_CASE("programs of one device run on several threads, each on its own") {
+  everywhere([](runtime::Device& device, const std::vector<uint8_t>& bundle) {
+    std::atomic<int> failed = 0;
+    const auto go = [&] {
+      for (int k = 0; k < 3; ++k) {
+        auto program = runtime::Program::load(device, bundle);
+        if (!program || !program->bind("t", ones(8)) || !program->run("fit", 5) || !program->output("fit", "q"))
+          ++failed;
+      }
+    };
+    std::thread one(go), two(go), three(go);
+    one.join();
+    two.join();
+    three.join();
+    CHECK(failed == 0);
+  });
+}
+
+TEST_CASE("a rebuild that throws, or gives what is no bundle, changes nothing") {
+  everywhere([](runtime::Device& device, const std::vector<uint8_t>& bundle) {
+    for (const bool throws : {true, false}) {
+      runtime::LoadOptions options;
+      options.rebuild = [throws](const runtime::Moving&) -> io::Result<std::vector<uint8_t>> {
+        if (throws) throw 5;
+        return std::vector<uint8_t>(100, 7);
+      };
+      options.rebuild_after = 1;
+      options.rebuild_beside = false;
+      auto program = test::must(runtime::Program::load(device, bundle, options));
+      for (int k = 0; k < 12; ++k) works(program);
+    }
+  });
+}
+
+TEST_CASE("odd options and odd bundles are answered") {
+  everywhere([](runtime::Device& device, const std::vector<uint8_t>& bundle) {
+    refuses(runtime::Program::load(device, {}), "not a bundle");
+    refuses(runtime::Program::load(device, std::vector<uint8_t>(3)), "not a bundle");
+    refuses(runtime::Program::load(device, std::vector<uint8_t>(100)), "not a bundle");
+    runtime::LoadOptions options;
+    options.pipeline_folder = "/proc/nowhere";
+    options.memory_limit = -7;
+    auto program = test::must(runtime::Program::load(device, bundle, options));
+    works(program);
+    auto tables = test::must(runtime::Program::describe(bundle));
+    REQUIRE(tables.bind("t", ones(8)));
+    refuses(tables.run("fit"), "without a device");
+    refuses(tables.leaf("p"), "without a device");
+    refuses(tables.command_count("fit"), "without a device");
+    CHECK(tables.counters("fit").runs == 0);
+  });
+}
+
+TEST_CASE("the reference answers alike") {
+  auto program = test::must(jit::ReferenceProgram::load(fit_bundle("lavapipe")));
+  Array bad = ones(8);
+  bad.bytes.resize(4);
+  refuses(program.bind("t", bad), "do not agree");
+  bad.bytes.resize(64 << 20);
+  refuses(program.bind("t", bad), "do not agree");
+  refuses(program.bind("t", Array{}), "it is empty");
+  refuses(program.bind_symbol("W", -5), "not between 1 and 2^31");
+  refuses(program.run("fit", 0), "once or more often, found 0");
+  refuses(program.output("fit", "q"), "has not run yet");
+  REQUIRE(program.bind("t", ones(8)));
+  REQUIRE(program.run("fit", 2));
+  auto other = std::move(program);
+  refuses(program.run("fit"), "was moved from");
+  refuses(program.output("fit", "q"), "was moved from");
+  CHECK(program.rasters("fit").empty());
+  REQUIRE(other.run("fit"));
+}
