@@ -1,0 +1,107 @@
+/* SPDX-License-Identifier: Apache-2.0
+ * The C interface of Dressi: compile a program, bind arrays to its leaves, run its steps, read its outputs.
+ *
+ *   dressi_device* device = dressi_device_open("lavapipe", 0);
+ *   dressi_bundle* bundle = dressi_compile("fit.dr", text, device, NULL);
+ *   dressi_run* run = dressi_run_open(device, bundle, NULL);
+ *   dressi_bind(run, "position", &position);
+ *   dressi_step(run, "fit", 100);
+ *   dressi_array alpha;
+ *   dressi_output(run, "fit", "alpha", &alpha);
+ *
+ * Functions that can fail return NULL or 0; dressi_error() then says why, in one sentence or, of a program, as its
+ * diagnostics. Nothing is thrown through this interface. A run is used by one thread at a time (calls wait for each
+ * other); different runs of one device may be used by different threads. Strings that are passed in are UTF-8 and are
+ * copied. What a function returns lives until the object it was asked of is freed, or is asked again.
+ */
+#ifndef DRESSI_H
+#define DRESSI_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#if defined(__GNUC__)
+#define DRESSI_API __attribute__((visibility("default")))
+#else
+#define DRESSI_API
+#endif
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Raised when a caller built for an older number would go wrong. Functions are only ever added within a number. */
+#define DRESSI_ABI_VERSION 1
+DRESSI_API int dressi_abi_version(void);
+DRESSI_API const char* dressi_version(void);
+
+/* What went wrong in the last call of this thread that failed, and whose mistake it is. */
+typedef enum dressi_error_kind {
+  DRESSI_NO_ERROR = 0,
+  DRESSI_USER_ERROR = 1,     /* the program, the data, or a call */
+  DRESSI_DEVICE_ERROR = 2,   /* no such device, no memory, the device lost, a limit that it has */
+  DRESSI_INTERNAL_ERROR = 3, /* a mistake of Dressi */
+} dressi_error_kind;
+DRESSI_API const char* dressi_error(void);
+DRESSI_API dressi_error_kind dressi_error_kind_of_last(void);
+
+/* A dense array: `components` scalars an element, elements x fastest, then y, then layer; a matrix column by column.
+ * Row y = 0 is the top of a picture. Of arrays that come out, `data` belongs to `owner`. */
+typedef enum dressi_kind { DRESSI_FLOAT32, DRESSI_FLOAT64, DRESSI_INT32, DRESSI_UINT32, DRESSI_BOOL } dressi_kind;
+typedef struct dressi_array {
+  int32_t kind;
+  int32_t components;
+  int64_t width, height, layers;
+  void* data;
+  void* owner; /* NULL of arrays that come in */
+} dressi_array;
+/* Frees an array that came out. */
+DRESSI_API void dressi_array_free(dressi_array* array);
+
+typedef struct dressi_device dressi_device;
+typedef struct dressi_bundle dressi_bundle;
+typedef struct dressi_run dressi_run;
+
+/* The Vulkan devices of this machine as JSON: [{"name", "kind", "api_version", "driver"}]. */
+DRESSI_API const char* dressi_devices(void);
+/* `name`: part of a device's name or its number; empty or NULL: the first. "reference" is the float64 evaluator, which
+ * needs no Vulkan. */
+DRESSI_API dressi_device* dressi_device_open(const char* name, int validation);
+DRESSI_API void dressi_device_free(dressi_device* device);
+/* {"name", "kind", "api_version", "driver", "profile"} */
+DRESSI_API const char* dressi_device_info(dressi_device* device);
+
+/* Compiles the text of a program; `name` stands for its file in messages, and its folder is where imports are looked
+ * for. `options` are pairs of words that end in NULL, as of drc's command line: "profile", "lower", "raster", "pack",
+ * "scatter", "float", "ablate", "include", and "define:K" for a const K. Without "profile" the device's own is used. */
+DRESSI_API dressi_bundle* dressi_compile(const char* name, const char* text, dressi_device* device,
+                                         const char* const* options);
+/* Reads a compiled bundle. */
+DRESSI_API dressi_bundle* dressi_bundle_read(const void* bytes, size_t size);
+DRESSI_API void dressi_bundle_free(dressi_bundle* bundle);
+DRESSI_API const void* dressi_bundle_bytes(dressi_bundle* bundle, size_t* size);
+/* {"leaves": [{"name", "kind", "type", "extent", "initial"}], "steps": [{"name", "outputs": [{"name", "type", "extent"}],
+ * "leaves", "changes"}], "symbols", "profile"}; an extent has three texts, of width, height and layers. */
+DRESSI_API const char* dressi_bundle_info(dressi_bundle* bundle);
+
+/* `options`: pairs as above, "cache" and "rebuild" with "on" or "off", "memory" with bytes. The bundle may be freed
+ * while the run lives, the device may not be used for anything else then but other runs. */
+DRESSI_API dressi_run* dressi_run_open(dressi_device* device, dressi_bundle* bundle, const char* const* options);
+DRESSI_API void dressi_run_free(dressi_run* run);
+DRESSI_API int dressi_bind(dressi_run* run, const char* leaf, const dressi_array* data);
+DRESSI_API int dressi_bind_symbol(dressi_run* run, const char* symbol, int64_t value);
+DRESSI_API int dressi_step(dressi_run* run, const char* step, int times);
+/* How often the step counts as having run, its step_index in the next run. */
+DRESSI_API int dressi_set_runs(dressi_run* run, const char* step, int64_t runs);
+DRESSI_API int dressi_output(dressi_run* run, const char* step, const char* name, dressi_array* out);
+DRESSI_API int dressi_leaf(dressi_run* run, const char* name, dressi_array* out);
+/* {"runs", "commands", "ops", "bytes", "skipped_commands", "skipped_ops", "skipped_bytes"} of a step */
+DRESSI_API const char* dressi_counters(dressi_run* run, const char* step);
+/* Runs a step once and says how long each of its commands took: [{"label", "nanoseconds", "ops", "bytes", "lines"}] */
+DRESSI_API const char* dressi_timed_step(dressi_run* run, const char* step);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

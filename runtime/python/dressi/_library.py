@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The C interface (runtime/c/dressi.h) as ctypes: the library, its types, and its errors as exceptions.
+
+ctypes releases the GIL during each call, and one wheel serves every version of Python.
+"""
+from __future__ import annotations
+
+import ctypes
+import os
+import pathlib
+from typing import Any
+
+ABI_VERSION = 1
+
+
+class Error(Exception):
+    """What Dressi says no to: the message is one sentence, or the diagnostics of a program."""
+
+
+class CompileError(Error):
+    """A program that is wrong. The text has line and caret, as `drc check` prints them."""
+
+
+class BindError(Error, ValueError):
+    """Data that does not fit a leaf: its name, shape, type or device."""
+
+
+class DeviceError(Error, RuntimeError):
+    """No such device, no memory, a limit of the device, or the device was lost."""
+
+
+class InternalError(Error):
+    """A mistake of Dressi itself. The message says where what reproduces it is kept."""
+
+
+class Array(ctypes.Structure):
+    """dressi_array"""
+
+    _fields_ = [
+        ("kind", ctypes.c_int32),
+        ("components", ctypes.c_int32),
+        ("width", ctypes.c_int64),
+        ("height", ctypes.c_int64),
+        ("layers", ctypes.c_int64),
+        ("data", ctypes.c_void_p),
+        ("owner", ctypes.c_void_p),
+    ]
+
+
+_text, _handle, _array = ctypes.c_char_p, ctypes.c_void_p, ctypes.POINTER(Array)
+_pairs = ctypes.POINTER(ctypes.c_char_p)
+_functions: dict[str, tuple[Any, list[Any]]] = {
+    "dressi_abi_version": (ctypes.c_int, []),
+    "dressi_version": (_text, []),
+    "dressi_error": (_text, []),
+    "dressi_error_kind_of_last": (ctypes.c_int, []),
+    "dressi_array_free": (None, [_array]),
+    "dressi_devices": (_text, []),
+    "dressi_device_open": (_handle, [_text, ctypes.c_int]),
+    "dressi_device_free": (None, [_handle]),
+    "dressi_device_info": (_text, [_handle]),
+    "dressi_compile": (_handle, [_text, _text, _handle, _pairs]),
+    "dressi_bundle_read": (_handle, [_text, ctypes.c_size_t]),
+    "dressi_bundle_free": (None, [_handle]),
+    "dressi_bundle_bytes": (ctypes.c_void_p, [_handle, ctypes.POINTER(ctypes.c_size_t)]),
+    "dressi_bundle_info": (_text, [_handle]),
+    "dressi_run_open": (_handle, [_handle, _handle, _pairs]),
+    "dressi_run_free": (None, [_handle]),
+    "dressi_bind": (ctypes.c_int, [_handle, _text, _array]),
+    "dressi_bind_symbol": (ctypes.c_int, [_handle, _text, ctypes.c_int64]),
+    "dressi_step": (ctypes.c_int, [_handle, _text, ctypes.c_int]),
+    "dressi_set_runs": (ctypes.c_int, [_handle, _text, ctypes.c_int64]),
+    "dressi_output": (ctypes.c_int, [_handle, _text, _text, _array]),
+    "dressi_leaf": (ctypes.c_int, [_handle, _text, _array]),
+    "dressi_counters": (_text, [_handle, _text]),
+    "dressi_timed_step": (_text, [_handle, _text]),
+}
+
+
+def _load() -> ctypes.CDLL:
+    name = "libdressi.so"
+    own = pathlib.Path(__file__).parent / name
+    path = os.environ.get("DRESSI_LIBRARY") or (str(own) if own.exists() else name)
+    try:
+        library = ctypes.CDLL(path)
+    except OSError as error:
+        raise ImportError(
+            f"cannot load {path}: {error}. Install the package (pip install .), or set DRESSI_LIBRARY to {name} of a build"
+        ) from error
+    for function, (result, arguments) in _functions.items():
+        entry = getattr(library, function)
+        entry.restype, entry.argtypes = result, arguments
+    found = library.dressi_abi_version()
+    if found != ABI_VERSION:
+        raise ImportError(f"{path} has version {found} of the C interface, expected {ABI_VERSION}")
+    return library
+
+
+library = _load()
+
+# By dressi_error_kind; a user's error is of the kind that the caller names.
+_kinds = {2: DeviceError, 3: InternalError}
+
+
+def checked(result: Any, mistake: type[Error] = Error) -> Any:
+    """The result of a call; raises where it is NULL or 0."""
+    if result:
+        return result
+    text = (library.dressi_error() or b"").decode(errors="replace").rstrip()
+    raise _kinds.get(library.dressi_error_kind_of_last(), mistake)(text)
+
+
+def pairs(options: list[tuple[str, str]]) -> Any:
+    """Pairs of words as the C interface takes them."""
+    words = [word.encode() for pair in options for word in pair]
+    return (ctypes.c_char_p * (len(words) + 1))(*words, None)

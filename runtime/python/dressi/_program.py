@@ -1,0 +1,314 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Programs, devices and runs."""
+from __future__ import annotations
+
+import ctypes
+import functools
+import json
+import os
+import pathlib
+import sys
+import time
+import weakref
+from typing import TYPE_CHECKING, Any, Mapping, Sequence
+
+from . import _library as c
+from ._arrays import Type, from_dense, to_dense
+
+if TYPE_CHECKING:
+    import numpy as np
+
+_forked = False
+
+
+def _after_fork() -> None:
+    global _forked
+    _forked = True
+
+
+os.register_at_fork(after_in_child=_after_fork)
+
+
+class Device:
+    """A Vulkan device, or the float64 evaluator ("reference"), which needs none."""
+
+    def __init__(self, name: str = "", *, validation: bool = False) -> None:
+        self._handle = c.checked(c.library.dressi_device_open(str(name).encode(), validation), c.DeviceError)
+        weakref.finalize(self, c.library.dressi_device_free, self._handle).atexit = False
+        self.info: dict[str, str] = json.loads(c.library.dressi_device_info(self._handle))
+        self._process = os.getpid()
+
+    @property
+    def name(self) -> str:
+        return self.info["name"]
+
+    def __repr__(self) -> str:
+        return f"dressi.Device({self.name!r})"
+
+    def __reduce__(self) -> Any:
+        raise TypeError("a device cannot be pickled; open it again in the other process by its name")
+
+    def _check_process(self) -> None:
+        if self._process != os.getpid():
+            raise c.DeviceError(
+                f"the device '{self.name}' was opened before this process was forked; open it again here, "
+                "or start processes by spawn"
+            )
+
+
+def devices() -> list[dict[str, str]]:
+    """The Vulkan devices of this machine: name, kind, api_version, driver."""
+    return json.loads(c.checked(c.library.dressi_devices(), c.DeviceError))
+
+
+@functools.lru_cache(maxsize=None)
+def _open_by_name(name: str, process: int) -> Device:
+    return Device(name)
+
+
+def _device(device: Device | str | None) -> Device:
+    if isinstance(device, Device):
+        device._check_process()
+        return device
+    return _open_by_name(device or "", os.getpid())
+
+
+class Program:
+    """A compiled program. `compile` makes one; `bind` gives it data."""
+
+    def __init__(self, bundle: bytes, device: Device | str | None = None, _handle: int | None = None) -> None:
+        self._handle = _handle or c.checked(c.library.dressi_bundle_read(bundle, len(bundle)), c.Error)
+        weakref.finalize(self, c.library.dressi_bundle_free, self._handle).atexit = False
+        self._device = device
+        info = json.loads(c.library.dressi_bundle_info(self._handle))
+        self._leaves = info.get("leaves") or []
+        self._steps = {step["name"]: step for step in info.get("steps") or []}
+        self.leaf_types: dict[str, Type] = {leaf["name"]: Type(leaf["type"], leaf["extent"]) for leaf in self._leaves}
+        self.output_types: dict[str, dict[str, Type]] = {
+            name: {out["name"]: Type(out["type"], out["extent"]) for out in step["outputs"]}
+            for name, step in self._steps.items()
+        }
+
+    @property
+    def steps(self) -> list[str]:
+        """The names of its steps, in the order written."""
+        return list(self._steps)
+
+    @property
+    def leaves(self) -> dict[str, str]:
+        """Each leaf with its type: {"position": "vec3[V]"}."""
+        return {name: str(type_) for name, type_ in self.leaf_types.items()}
+
+    def outputs(self, step: str) -> dict[str, str]:
+        """Each output of a step with its type."""
+        return {name: str(type_) for name, type_ in self.output_types[self._step(step)].items()}
+
+    @property
+    def bundle(self) -> bytes:
+        """The bytes that `drun` and `dressi.load` take."""
+        size = ctypes.c_size_t()
+        data = c.library.dressi_bundle_bytes(self._handle, ctypes.byref(size))
+        return ctypes.string_at(data, size.value)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes the bundle, whole or not at all."""
+        target = pathlib.Path(path)
+        part = target.with_name(f"{target.name}.{os.getpid()}.tmp")
+        try:
+            part.write_bytes(self.bundle)
+            os.replace(part, target)
+        finally:
+            part.unlink(missing_ok=True)
+
+    def on(self, device: Device | str | None) -> Program:
+        """The same program for runs on another device."""
+        return Program(self.bundle, device)
+
+    def bind(self, arrays: Mapping[str, Any] | None = None, /, *, symbols: Mapping[str, int] | None = None, **more: Any) -> Run:
+        """A run with these leaves bound: `program.bind(position=v, face=f)`, or a dict for names that are no words of Python."""
+        return Run(self, _device(self._device)).bind({**(arrays or {}), **more}, symbols=symbols)
+
+    def __repr__(self) -> str:
+        return f"dressi.Program(steps={self.steps}, leaves={self.leaves})"
+
+    def __reduce__(self) -> Any:
+        device = self._device.name if isinstance(self._device, Device) else self._device
+        return Program, (self.bundle, device)
+
+    def _step(self, name: str | None) -> str:
+        if name is None:
+            if len(self._steps) == 1:
+                return next(iter(self._steps))
+            raise c.Error(f"the program has several steps, name one of {', '.join(self._steps)}")
+        if name not in self._steps:
+            raise c.Error(f"the program has no step '{name}'; there are {', '.join(self._steps)}")
+        return name
+
+
+class Run:
+    """A program with data on a device. `step` runs it, `run["leaf"]` reads a leaf, `run["leaf"] = x` binds one."""
+
+    def __init__(self, program: Program, device: Device) -> None:
+        self.program = program
+        self.device = device
+        self._handle = c.checked(c.library.dressi_run_open(device._handle, program._handle, None), c.DeviceError)
+        weakref.finalize(self, c.library.dressi_run_free, self._handle).atexit = False
+
+    def bind(self, arrays: Mapping[str, Any] | None = None, /, *, symbols: Mapping[str, int] | None = None, **more: Any) -> Run:
+        """Gives leaves their data (copied), and symbols that no leaf determines their values. Returns the run."""
+        self.device._check_process()
+        for symbol, value in (symbols or {}).items():
+            c.checked(c.library.dressi_bind_symbol(self._handle, symbol.encode(), int(value)), c.BindError)
+        for name, value in {**(arrays or {}), **more}.items():
+            dense, keep = to_dense(name, self._leaf_type(name), value)
+            c.checked(c.library.dressi_bind(self._handle, name.encode(), ctypes.byref(dense)), c.BindError)
+            del keep
+        return self
+
+    def step(
+        self, name: str | None = None, times: int = 1, *, outputs: Sequence[str] | None = None, progress: bool = False
+    ) -> dict[str, np.ndarray]:
+        """Runs a step `times` times and returns its outputs as arrays: all, or those that `outputs` names.
+
+        Ctrl-C ends it between two runs of the step; leaves then hold what those runs made. `progress` writes a line to
+        stderr now and then, with the outputs that are one number.
+        """
+        self.device._check_process()
+        name = self.program._step(name)
+        if times < 1:
+            raise c.Error(f"expected at least one run of a step, found {times}")
+        types = self.program.output_types[name]
+        for wanted in outputs or ():
+            if wanted not in types:
+                raise c.Error(f"the step '{name}' has no output '{wanted}'; there are {', '.join(types)}")
+        done, chunk, shown = 0, 1, time.monotonic()
+        while done < times:
+            start = time.monotonic()
+            count = min(chunk, times - done)
+            c.checked(c.library.dressi_step(self._handle, name.encode(), count), c.Error)
+            done += count
+            now = time.monotonic()
+            if now - start < 0.05:
+                chunk *= 2  # so that Ctrl-C is heard soon, and short steps are not held up
+            elif now - start > 0.2:
+                chunk = max(1, chunk // 2)
+            if progress and (now - shown > 0.5 or done == times):
+                shown = now
+                self._show_progress(name, done, times)
+        return {wanted: self.output(wanted, step=name) for wanted in (types if outputs is None else outputs)}
+
+    def output(self, name: str, *, step: str | None = None) -> np.ndarray:
+        """An output of the last run of a step."""
+        step = self.program._step(step)
+        types = self.program.output_types[step]
+        if name not in types:
+            raise c.Error(f"the step '{step}' has no output '{name}'; there are {', '.join(types)}")
+        dense = c.Array()
+        c.checked(c.library.dressi_output(self._handle, step.encode(), name.encode(), ctypes.byref(dense)), c.Error)
+        return from_dense(types[name], dense)
+
+    def __getitem__(self, leaf: str) -> np.ndarray:
+        type_ = self._leaf_type(leaf)
+        dense = c.Array()
+        c.checked(c.library.dressi_leaf(self._handle, leaf.encode(), ctypes.byref(dense)), c.Error)
+        return from_dense(type_, dense)
+
+    def __setitem__(self, leaf: str, value: Any) -> None:
+        self.bind({leaf: value})
+
+    def set_runs(self, step: str, runs: int) -> None:
+        """How often the step counts as having run: its `step_index` in the next run."""
+        c.checked(c.library.dressi_set_runs(self._handle, self.program._step(step).encode(), runs), c.Error)
+
+    def counters(self, step: str | None = None) -> dict[str, int]:
+        """What the runs of a step did, and what they left out."""
+        return json.loads(c.checked(c.library.dressi_counters(self._handle, self.program._step(step).encode())))
+
+    def timing(self, step: str | None = None) -> list[dict[str, Any]]:
+        """Runs a step once, and says how many nanoseconds each of its commands took on the device, with their lines."""
+        return json.loads(c.checked(c.library.dressi_timed_step(self._handle, self.program._step(step).encode())))
+
+    def __repr__(self) -> str:
+        return f"dressi.Run(steps={self.program.steps}, device={self.device.name!r})"
+
+    def __reduce__(self) -> Any:
+        raise TypeError("a run cannot be pickled: it holds memory of a device; pickle its program and its leaves")
+
+    def _leaf_type(self, name: str) -> Type:
+        types = self.program.leaf_types
+        if name not in types:
+            import difflib
+
+            nearest = difflib.get_close_matches(name, types, 1)
+            hint = f", did you mean '{nearest[0]}'?" if nearest else f"; there are {', '.join(types)}"
+            raise c.BindError(f"the program has no leaf '{name}'{hint}")
+        return types[name]
+
+    def _show_progress(self, step: str, done: int, times: int) -> None:
+        numbers = [
+            f"{name} {float(self.output(name, step=step)):.6g}"
+            for name, type_ in self.program.output_types[step].items()
+            if not type_.dims and type_.name == "float"
+        ]
+        end = "\n" if done == times else ""
+        print(f"\r{step} {done}/{times}  {'  '.join(numbers)}", end=end, file=sys.stderr, flush=True)
+
+
+def compile(
+    source: str | os.PathLike[str],
+    *,
+    device: Device | str | None = None,
+    defines: Mapping[str, Any] | None = None,
+    include: Sequence[str | os.PathLike[str]] = (),
+    profile: str | None = None,
+    lower: str = "auto",
+    raster: str = "auto",
+    scatter: str = "auto",
+    pack: str = "fused",
+    floats: str = "strict",
+    ablate: Sequence[str] = (),
+) -> Program:
+    """Compiles a program: the file `fit.dr`, or text (a str with a line break).
+
+    `device` is part of a device's name, its number, "reference" or a `Device`; the program is compiled for its profile, or
+    for `profile`. `defines` replaces consts of the program. A program that is wrong raises `CompileError`, whose text has
+    line and caret.
+    """
+    name = "<program>"
+    if isinstance(source, os.PathLike) or "\n" not in source:
+        path = pathlib.Path(source)
+        if path.suffix == ".drb":
+            return load(path, device=device)
+        name = str(path)
+        try:
+            source = path.read_text(encoding="utf-8")
+        except OSError as error:
+            raise c.CompileError(f"cannot read '{path}': {error.strerror}") from error
+    where = _device(device)
+    options = [("lower", lower), ("raster", raster), ("scatter", scatter), ("pack", pack), ("float", floats)]
+    if profile is not None:
+        options.append(("profile", profile))
+    options += [("ablate", part) for part in ablate]
+    options += [("include", os.fspath(folder)) for folder in include]
+    options += [(f"define:{key}", _define(value)) for key, value in (defines or {}).items()]
+    handle = c.library.dressi_compile(name.encode(), source.encode(), where._handle, c.pairs(options))
+    return Program(b"", device if device is not None else where, c.checked(handle, c.CompileError))
+
+
+def _define(value: Any) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def load(bundle: bytes | str | os.PathLike[str], *, device: Device | str | None = None) -> Program:
+    """A program that `drc build --emit=bundle` or `Program.save` wrote: its bytes, or its file."""
+    if not isinstance(bundle, (bytes, bytearray, memoryview)):
+        try:
+            bundle = pathlib.Path(bundle).read_bytes()
+        except OSError as error:
+            raise c.Error(f"cannot read '{bundle}': {error.strerror}") from error
+    return Program(bytes(bundle), device)
+
+
+def reference(program: Program | str | os.PathLike[str], **options: Any) -> Program:
+    """The same program on the float64 evaluator, the judge of all devices."""
+    return program.on("reference") if isinstance(program, Program) else compile(program, device="reference", **options)

@@ -1,0 +1,258 @@
+# SPDX-License-Identifier: Apache-2.0
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import dressi
+
+FIT = """edition 1;
+param offset : vec3;
+input position : vec3[V];
+input target : vec3[V];
+let moved = position + offset;
+let error = mean(dot(moved - target, moved - target));
+step fit {
+  offset <- offset - 0.1 * grad(error, offset);
+  output error;
+}
+"""
+
+SHAPES = """edition 1;
+input list : vec3[V];
+input picture : float[W, H];
+input views : vec3[W, H, N];
+input pose : mat4[N];
+input face : ivec3[F];
+input turn : mat3;
+step copy {
+  output list_ = list * 1.0;
+  output picture_ = picture + 1.0;
+  output views_ = views * 2.0;
+  output pose_ = pose * 1.0;
+  output moved = pose * vec4(1.0, 2.0, 3.0, 1.0);
+  output face_ = face + ivec3(1);
+  output turned = turn * vec3(1.0, 2.0, 3.0);
+}
+"""
+
+
+def cloud(count=50, seed=1):
+    random = np.random.default_rng(seed)
+    return random.normal(size=(count, 3)).astype(np.float32)
+
+
+def test_a_fit_in_ten_lines(device):
+    position = cloud()
+    program = dressi.compile(FIT, device=device)
+    run = program.bind(position=position, target=position + [1.0, 2.0, 3.0], offset=np.zeros(3))
+    first = run.step("fit")["error"]
+    last = run.step("fit", times=100)["error"]
+    assert first == pytest.approx(14.0, rel=1e-5)
+    assert last < 1e-6
+    np.testing.assert_allclose(run["offset"], [1, 2, 3], atol=1e-4)
+
+
+def test_arrays_have_natural_shapes(device):
+    random = np.random.default_rng(2)
+    v, w, h, n, f = 5, 4, 3, 2, 6
+    data = {
+        "list": random.normal(size=(v, 3)),
+        "picture": random.normal(size=(h, w)),
+        "views": random.normal(size=(n, h, w, 3)),
+        "pose": random.normal(size=(n, 4, 4)),
+        "face": random.integers(0, 100, size=(f, 3)),
+        "turn": random.normal(size=(3, 3)),
+    }
+    program = dressi.compile(SHAPES, device=device)
+    assert program.leaves["views"] == "vec3[W, H, N]"
+    out = program.bind(data).step("copy")
+    for name, factor, more in [("list", 1, 0), ("picture", 1, 1), ("views", 2, 0), ("pose", 1, 0), ("face", 1, 1)]:
+        np.testing.assert_allclose(out[name + "_"], data[name] * factor + more, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(out["moved"], data["pose"] @ np.array([1, 2, 3, 1.0]), rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(out["turned"], data["turn"] @ np.array([1, 2, 3.0]), rtol=1e-4, atol=1e-5)
+    assert out["face_"].dtype == np.int32
+
+
+@pytest.mark.parametrize(
+    "name, value, words",
+    [
+        ("position", np.zeros((5, 2)), ["'position' is vec3[V]", "(V, 3)", "(5, 2)"]),
+        ("position", np.zeros((0, 3)), ["(V, 3)", "(0, 3)"]),
+        ("position", np.zeros((5, 3), complex), ["float32", "complex128"]),
+        ("positon", np.zeros((5, 3)), ["no leaf 'positon'", "did you mean 'position'"]),
+        ("position", [[1, 2], [3]], ["'position' cannot be read as an array"]),
+        ("position", np.full((50, 3), "x"), ["float32"]),
+    ],
+)
+def test_wrong_data_is_told_with_what_was_expected(name, value, words):
+    program = dressi.compile(FIT, device="reference")
+    with pytest.raises(dressi.BindError) as error:
+        program.bind({name: value})
+    for word in words:
+        assert word in str(error.value)
+
+
+def test_integers_that_do_not_fit_are_told():
+    program = dressi.compile("edition 1;\ninput i : int[V];\nstep s { output o = i; }\n", device="reference")
+    with pytest.raises(dressi.BindError, match="3000000000 does not fit int32"):
+        program.bind(i=[1, 3_000_000_000])
+    with pytest.raises(dressi.BindError, match="expected scalars of type int32, found float64"):
+        program.bind(i=[0.5])
+
+
+def test_extents_agree_and_a_failed_bind_leaves_nothing(device):
+    run = dressi.compile(FIT, device=device).bind(position=cloud(5))
+    with pytest.raises(dressi.BindError):
+        run.bind(target=cloud(6))
+    run.bind(target=cloud(5), offset=np.zeros(3))
+    assert run.step()["error"] >= 0
+
+
+def test_diagnostics_keep_line_and_caret():
+    with pytest.raises(dressi.CompileError) as error:
+        dressi.compile("edition 1;\nlet x = vec3(1.0) + vec4(1.0);\n", device="reference")
+    assert "<program>:2:" in str(error.value) and "^" in str(error.value)
+    with pytest.raises(dressi.CompileError, match="cannot read 'nowhere.dr'"):
+        dressi.compile("nowhere.dr")
+
+
+def test_steps_and_outputs_that_are_not_there_are_told(device):
+    run = dressi.compile(FIT, device=device).bind(position=cloud(), target=cloud(), offset=np.zeros(3))
+    for call, words in [
+        (lambda: run.step("fti"), "no step 'fti'; there are fit"),
+        (lambda: run.step("fit", times=0), "at least one run"),
+        (lambda: run.step("fit", outputs=["los"]), "no output 'los'; there are error"),
+        (lambda: run["ofset"], "did you mean 'offset'"),
+    ]:
+        with pytest.raises(dressi.Error, match=words):
+            call()
+
+
+def test_defines_bundles_and_the_reference(device, tmp_path):
+    text = "edition 1;\nconst K : int = 2;\ninput a : float[W];\nstep s { output b = a * float(K); }\n"
+    program = dressi.compile(text, device=device, defines={"K": 5})
+    a = np.arange(4.0)
+    np.testing.assert_array_equal(program.bind(a=a).step()["b"], a * 5)
+    program.save(tmp_path / "five.drb")
+    again = dressi.load(tmp_path / "five.drb", device=device)
+    np.testing.assert_array_equal(again.bind(a=a).step()["b"], a * 5)
+    np.testing.assert_array_equal(dressi.reference(program).bind(a=a).step()["b"], a * 5)
+    copied = pickle.loads(pickle.dumps(program))
+    np.testing.assert_array_equal(copied.bind(a=a).step()["b"], a * 5)
+    with pytest.raises(TypeError, match="cannot be pickled"):
+        pickle.dumps(program.bind(a=a))
+
+
+def test_arrays_outlive_their_run(device):
+    def picture():
+        run = dressi.compile(FIT, device=device).bind(position=cloud(), target=cloud(), offset=np.ones(3))
+        return run.step()["error"], run["position"]
+
+    error, position = picture()
+    junk = [np.zeros(1000) for _ in range(100)]
+    assert len(junk) == 100 and error > 0
+    np.testing.assert_array_equal(position, cloud())
+
+
+def test_tensors_of_other_libraries_come_in_by_dlpack():
+    class Tensor:
+        def __init__(self, array):
+            self.array = array
+
+        def __dlpack__(self, **_):
+            return self.array.__dlpack__()
+
+        def __dlpack_device__(self):
+            return self.array.__dlpack_device__()
+
+    position = cloud()
+    run = dressi.compile(FIT, device="reference").bind(position=Tensor(position), target=position, offset=np.zeros(3))
+    assert run.step()["error"] == 0
+
+
+def test_non_contiguous_arrays_are_copied_right(device):
+    wide = np.random.default_rng(3).normal(size=(5, 6)).astype(np.float32)
+    program = dressi.compile("edition 1;\ninput a : float[W, H];\nstep s { output b = a + 0.0; }\n", device=device)
+    np.testing.assert_array_equal(program.bind(a=wide[::2, ::-1]).step()["b"], wide[::2, ::-1])
+    np.testing.assert_array_equal(program.bind(a=wide.T).step()["b"], wide.T)
+
+
+def test_two_threads_use_one_device(device):
+    results = {}
+
+    def fit(seed):
+        position = cloud(seed=seed)
+        run = dressi.compile(FIT, device=device).bind(position=position, target=position + seed, offset=np.zeros(3))
+        run.step("fit", times=200)
+        results[seed] = run["offset"]
+
+    threads = [threading.Thread(target=fit, args=(seed,)) for seed in (1, 2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for seed in (1, 2):
+        np.testing.assert_allclose(results[seed], np.full(3, seed), atol=1e-3)
+
+
+def test_new_arrays_every_step_do_not_pile_up():
+    resource = pytest.importorskip("resource")
+    run = dressi.compile(FIT, device="reference").bind(position=cloud(), target=cloud(), offset=np.zeros(3))
+
+    def many():
+        for seed in range(300):
+            run["target"] = cloud(seed=seed)
+            run.step()
+
+    many()
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    for _ in range(4):
+        many()
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 4096  # KiB
+
+
+def test_a_fork_is_told_about_the_device(device):
+    run = dressi.compile(FIT, device=device).bind(position=cloud(), target=cloud(), offset=np.zeros(3))
+    run.step()
+    pid = os.fork()
+    if pid == 0:
+        try:
+            run.step()
+        except dressi.DeviceError as error:
+            os._exit(0 if "forked" in str(error) else 2)
+        os._exit(1)
+    assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == 0
+
+
+def test_an_interrupt_ends_a_run_after_its_step():
+    program = """
+import signal, sys, dressi, numpy as np
+text = '''%s'''
+run = dressi.compile(text, device="reference").bind(position=np.ones((20, 3)), target=np.ones((20, 3)), offset=np.zeros(3))
+print("ready", flush=True)
+try:
+    run.step("fit", times=10**9)
+except KeyboardInterrupt:
+    print("offset", run["offset"].shape, flush=True)
+""" % FIT
+    child = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True)
+    assert child.stdout.readline() == "ready\n"
+    time.sleep(0.5)
+    child.send_signal(signal.SIGINT)
+    out, _ = child.communicate(timeout=30)
+    assert out == "offset (3,)\n" and child.returncode == 0
+
+
+def test_import_is_quick_and_needs_no_vulkan():
+    environment = {**os.environ, "VK_DRIVER_FILES": "/dev/null", "VK_ICD_FILENAMES": "/dev/null"}
+    code = "import time; t = time.perf_counter(); import dressi; print(time.perf_counter() - t, 'numpy' in __import__('sys').modules)"
+    seconds, numpy = subprocess.check_output([sys.executable, "-c", code], env=environment, text=True).split()
+    assert numpy == "False"
+    assert float(seconds) < 5  # it takes some hundredths of a second; a loaded machine may take longer
