@@ -319,8 +319,8 @@ void Parser::parse_expression_statement(Block& block) {
   const uint32_t begin = token_.begin;
   if (at_foreign_statement()) {
     const std::string word = text(token_);
-    fail(Code::E0122, span(token_), "expected a statement, found '" + word + "', which is a word of other languages").help =
-        instead_of(word);
+    fail(Code::E0122, span(token_), "expected a statement, found '" + word + "', which is a word of other languages")
+        .help = instead_of(word);
     return;
   }
   if (at(TokenKind::Name) && next_at(TokenKind::Name)) {

@@ -138,7 +138,8 @@ int main(int argc, char** argv) {
           ->add_option("--stop-after", build_options.stop_after, "Run no pass after this one, and write what it leaves")
           ->type_name("PASS")
           ->excludes(emit_option);
-  build_command->add_flag("--time-passes", build_options.time_passes, "Print to stderr where the time went, phase by phase");
+  build_command->add_flag("--time-passes", build_options.time_passes,
+                          "Print to stderr where the time went, phase by phase");
 
   const CLI::Option* report_option = build_command->add_flag(
       "--report{text}", build_options.report,

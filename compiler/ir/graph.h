@@ -27,8 +27,9 @@
 // takes the trip's number, for each earlier sweep the states that it had before that trip, and its own; it yields its
 // next ones. What the first yields before them may be a Bool that says that no trip comes after this one, so that the
 // trips are those from `begin` on that were run. There are at most as many as the bound says, if there is one. The
-// states after the last sweep are the first results, Element each; Sums and Scatters over its trips may follow. A program's loops have one sweep; the adjoint of a Fold is one of twice as many. How a later sweep comes by
-// the states of an earlier one, by storing or computing them again, is the backend's business.
+// states after the last sweep are the first results, Element each; Sums and Scatters over its trips may follow. A
+// program's loops have one sweep; the adjoint of a Fold is one of twice as many. How a later sweep comes by the states
+// of an earlier one, by storing or computing them again, is the backend's business.
 //   %r = fold %begin, %end, %x ints [64, 1, 1] dims [W, H, 1] yields [element]
 //        (%i : int, %s : float[W, H]) { ..; yield %stop, %next }
 //

@@ -128,8 +128,9 @@ void Elaborator::run_break(const dsl::Stmt& stmt) {
   }
   const Binding* binding = find_binding(kBreak);
   if (!binding || binding->frame != frames_.size() || binding->region != regions_.size()) {
-    report(Code::E0513, stmt.span, "expected 'break' in the body of a loop, found it " +
-                                       std::string(binding ? "in a function or region inside of one" : "elsewhere"));
+    report(Code::E0513, stmt.span,
+           "expected 'break' in the body of a loop, found it " +
+               std::string(binding ? "in a function or region inside of one" : "elsewhere"));
     return;
   }
   set_variable(kBreak, condition);
@@ -312,8 +313,8 @@ Value Elaborator::evaluate_fold(const Expr& expr) {
       set_variable(kFold, fit_state(packed(states), next, at));
     });
     const Value next = own->find(kFold)->value;
-    std::vector<Value> values = states.size() == 1 || next.is_error() ? std::vector<Value>(states.size(), next)
-                                                                      : parts_of(next);
+    std::vector<Value> values =
+        states.size() == 1 || next.is_error() ? std::vector<Value>(states.size(), next) : parts_of(next);
     return {own->find(kBreak)->value, std::move(values)};
   };
   return packed(emit_fold(*range, starts, expr.span, trip));

@@ -166,8 +166,8 @@ std::optional<ir::Graph> Elaborator::run(dsl::FileId root) {
                " operations, found gradients of gradients, " + std::to_string(deep->order) + " deep");
   }
   if (const auto large = too_large(b_.graph())) {
-    report(Code::E0406, large->span, "expected an image of fewer than 2^31 elements, found one of " +
-                                         large->extent.str());
+    report(Code::E0406, large->span,
+           "expected an image of fewer than 2^31 elements, found one of " + large->extent.str());
   }
   if (diagnostics_.has_errors()) return std::nullopt;
   warn_of_shared_counts();
@@ -194,10 +194,10 @@ void Elaborator::warn_of_shared_counts() {
   }
   for (const auto& [begin, user] : users) {
     if (user.second.size() < 2) continue;
-    dsl::Diagnostic& warning = diagnostics_.warning(
-        Code::E0618, user.first,
-        "expected a schedule for each step, found one that the steps '" + user.second[0] + "' and '" + user.second[1] +
-            "' share: 'step_index' starts at 0 in each of them");
+    dsl::Diagnostic& warning =
+        diagnostics_.warning(Code::E0618, user.first,
+                             "expected a schedule for each step, found one that the steps '" + user.second[0] +
+                                 "' and '" + user.second[1] + "' share: 'step_index' starts at 0 in each of them");
     warning.help = "write the schedule in the steps, or count in a 'state' that both go on with";
   }
 }

@@ -172,8 +172,7 @@ std::optional<int64_t> Elaborator::loop_bound(const Expr* promise, const Value& 
     const auto known = evaluate_known_int(*promise, "'max'");
     if (!known) return std::nullopt;
     if (*known >= 0 && *known <= INT32_MAX) return known;
-    report(Code::E0710, promise->span,
-           "expected a bound of at least 0 on the trips, found " + std::to_string(*known));
+    report(Code::E0710, promise->span, "expected a bound of at least 0 on the trips, found " + std::to_string(*known));
     return std::nullopt;
   }
   if (!begin.is<Dim>() || !end.is<Dim>()) return -1;

@@ -188,8 +188,7 @@ std::vector<ValueId> Elaborator::emit_grad(const Value& y, const Value& seed, st
 std::optional<std::vector<ValueId>> Elaborator::grad_targets(const Value& y, const Value& x, const Span& y_span,
                                                              const Span& x_span) {
   if (!y.is_numeric() || !element_type(y).is_float()) {
-    report(Code::E0608, y_span,
-           "expected a float, vector or matrix of floats to differentiate, found " + describe(y));
+    report(Code::E0608, y_span, "expected a float, vector or matrix of floats to differentiate, found " + describe(y));
     return std::nullopt;
   }
   std::vector<ValueId> targets;
@@ -243,8 +242,8 @@ Value Elaborator::grad(const Value& y, const Value& x, const std::optional<Argum
 }
 
 // How `y` changes along a direction is how the gradient's product with the direction changes with the seed: what leads
-// from a seed to the gradient is linear, and its adjoint leads from directions to changes. Nothing of the result depends
-// on the seed's value.
+// from a seed to the gradient is linear, and its adjoint leads from directions to changes. Nothing of the result
+// depends on the seed's value.
 Value Elaborator::jvp(const Value& y, const Value& x, const Value& direction, const BuiltinCall& call) {
   const auto targets = grad_targets(y, x, call.spans[0], call.spans[1]);
   if (!targets || contains_error(direction)) return Error{};
@@ -262,8 +261,9 @@ Value Elaborator::jvp(const Value& y, const Value& x, const Value& direction, co
     fits = element_type(along[k]) == target.type && both && *both == target.extent;
   }
   if (!fits) {
-    return fail(Code::E0609, call.spans[2],
-                "expected a direction of " + describe(x) + ", as what is differentiated by, found " + describe(direction));
+    return fail(
+        Code::E0609, call.spans[2],
+        "expected a direction of " + describe(x) + ", as what is differentiated by, found " + describe(direction));
   }
   const Type type = element_type(y);
   const Value seed = image(ops::broadcast(b_, ops::constant(b_, type, 1.0), extent_of(y)), {&y});

@@ -257,7 +257,8 @@ std::optional<Value> Elaborator::match_type_value(const Value& value, const Type
   if (wanted.kind == TypeValue::Kind::Struct) {
     const auto* s = value.get<StructValue>();
     const bool topologies = s && wanted.structure == &topology_type(false) && s->type == &topology_type(true);
-    if (s && (s->type == wanted.structure || topologies) && (wanted.generics.empty() || same_type(type_of(value), wanted))) {
+    if (s && (s->type == wanted.structure || topologies) &&
+        (wanted.generics.empty() || same_type(type_of(value), wanted))) {
       if (!match_generics(*s, type, how)) return std::nullopt;
       return value;
     }

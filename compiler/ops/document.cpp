@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// docs/reference/ops.md. Types come from the type rules themselves, which are asked about scalars, vectors and matrices.
+// docs/reference/ops.md. Types come from the type rules themselves, which are asked about scalars, vectors and
+// matrices.
 #include "compiler/ops/document.h"
 
 #include <array>

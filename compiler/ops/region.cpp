@@ -222,7 +222,8 @@ std::vector<OpInfo> region_ops() {
        .infer_in_graph = infer_reduce},
       {.kind = OpKind::Fold,
        .shape = Shape::Region,
-       .doc = "A region run for each number of a range with the states that it gave before; regions after it go back and forth "
+       .doc = "A region run for each number of a range with the states that it gave before; regions after it go back "
+              "and forth "
               "over its trips.",
        .infer_in_graph = infer_fold},
   };

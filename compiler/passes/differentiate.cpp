@@ -49,11 +49,11 @@ void mark_active(const Graph& graph, std::span<const OpId> list, std::vector<boo
       if (!graph.value(op.results[k]).type.is_float()) continue;
       const bool carried = op.kind == OpKind::Fold && k < ir::fold_states(op, op.regions.size() - 1) &&
                            is_active(ir::fold_params(graph, op, op.regions.size() - 1, op.regions.size() - 1)[k]);
-      const bool depends = carried || (op.regions.empty()
-                                           ? std::ranges::any_of(op.operands, is_active)
-                                           : std::ranges::any_of(ir::yielding_regions(op), [&](RegionId inner) {
-                                               return is_active(yielded(graph, op, inner)[k].value);
-                                             }));
+      const bool depends =
+          carried || (op.regions.empty() ? std::ranges::any_of(op.operands, is_active)
+                                         : std::ranges::any_of(ir::yielding_regions(op), [&](RegionId inner) {
+                                             return is_active(yielded(graph, op, inner)[k].value);
+                                           }));
       if (depends) active[op.results[k].index] = true;
     }
   }

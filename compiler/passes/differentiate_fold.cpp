@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// The adjoint of a Fold of n sweeps is a Fold of 2n: the first n are the Fold's own, without what only its other results
-// take; then come the adjoints of its sweeps, the last one's first. An adjoint sweep runs against the direction of its
-// sweep and carries the adjoints of its states. At a trip it sees the states that all sweeps had there, so it replays
-// the trip and runs the reverse sweep over it.
+// The adjoint of a Fold of n sweeps is a Fold of 2n: the first n are the Fold's own, without what only its other
+// results take; then come the adjoints of its sweeps, the last one's first. An adjoint sweep runs against the direction
+// of its sweep and carries the adjoints of its states. At a trip it sees the states that all sweeps had there, so it
+// replays the trip and runs the reverse sweep over it.
 //   %r = fold %a, %b, %x { (%i, %s) %t = mul %s, %s; yield %t }
-//     =>  %dx = fold %a, %b, %x, %dr { (%i, %s) %t = mul %s, %s; yield %t } { (%i, %s, %g) %u = smul %g, %s; ..; yield %v }
+//     =>  %dx = fold %a, %b, %x, %dr { (%i, %s) %t = mul %s, %s; yield %t } { (%i, %s, %g) %u = smul %g, %s; ..; yield
+//     %v }
 // The states that a sweep starts with have the adjoints after the last adjoint sweep. For those of a later sweep that
 // is an earlier end, and a Fold of its own. What sweeps capture and read gets its adjoint summed over the trips of the
 // very last.

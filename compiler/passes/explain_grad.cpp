@@ -52,7 +52,8 @@ std::vector<Edge> edges_of(const Graph& graph, ValueId id) {
   }
   if (op.kind == OpKind::Fold) {
     // States go round: what they start with and what sweeps capture is what each result is made of.
-    for (size_t k = 2; k < op.operands.size(); ++k) edges[k].flows = differentiable && graph.value(op.operands[k]).type.is_float();
+    for (size_t k = 2; k < op.operands.size(); ++k)
+      edges[k].flows = differentiable && graph.value(op.operands[k]).type.is_float();
     for (const ir::RegionId region : op.regions)
       for (const ValueId captured : ir::captures(graph, region)) add(captured, true);
     return edges;

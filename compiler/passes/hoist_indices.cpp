@@ -214,11 +214,11 @@ class Hoister {
   const Graph& from_;
   Builder to_;
   ValueMap map_;
-  std::vector<StepOps> steps_;          // made when there is an If to look at
-  std::vector<const StepOps*> of_if_;   // those that need the If at hand
-  std::vector<bool> dirty_;             // by OpId index, of ops inside of regions
-  std::vector<bool> hoisted_, kept_;  // by OpId index; an op of a region belongs to one root op
-  std::vector<OpId> order_;           // that move before the If at hand
+  std::vector<StepOps> steps_;         // made when there is an If to look at
+  std::vector<const StepOps*> of_if_;  // those that need the If at hand
+  std::vector<bool> dirty_;            // by OpId index, of ops inside of regions
+  std::vector<bool> hoisted_, kept_;   // by OpId index; an op of a region belongs to one root op
+  std::vector<OpId> order_;            // that move before the If at hand
 };
 
 }  // namespace

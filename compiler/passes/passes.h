@@ -16,8 +16,8 @@ namespace dr::passes {
 // (ids, order, captures, yields), then types and extents by the op table.
 std::vector<std::string> verify(const ir::Graph& graph);
 
-// What the passes leave out, by the names of docs/explain/skipping.md; `false` keeps it in the graph. Results have the same
-// bits either way, but for the signs of zeros.
+// What the passes leave out, by the names of docs/explain/skipping.md; `false` keeps it in the graph. Results have the
+// same bits either way, but for the signs of zeros.
 struct Skips {
   bool dead = true;   // ops that no step needs
   bool zero = true;   // terms of sums and of adjoints that are zero whatever the data

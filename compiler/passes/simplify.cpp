@@ -228,8 +228,8 @@ class Round {
     finish(results, shared ? emitter_.share(now) : now);
   }
 
-  // A Fold without the states and results that nobody needs. Sweeps that are left in one direction, where the one between
-  // them carries nothing, become one: its region does at each trip what theirs do.
+  // A Fold without the states and results that nobody needs. Sweeps that are left in one direction, where the one
+  // between them carries nothing, become one: its region does at each trip what theirs do.
   void rebuild_fold(const Op& op) {
     const FoldUse use = fold_use(from_, op, [&](ValueId result) { return static_cast<bool>(needed_[result.index]); });
     Attrs attrs = op.attrs;

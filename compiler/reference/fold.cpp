@@ -182,7 +182,8 @@ void FoldRun::finish() {
     if (!runner_.context_.tracing()) continue;
     const size_t bad = first_not_finite(out, components(state.type), frame_.n);
     if (bad == frame_.n) continue;
-    frame_.lanes[plan_.results[k]].origin = state.origin.valid() ? state.origin : runner_.origin_here(frame_, plan_, bad);
+    frame_.lanes[plan_.results[k]].origin =
+        state.origin.valid() ? state.origin : runner_.origin_here(frame_, plan_, bad);
   }
 }
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Frames: values over work lists, element-wise ops, indexed reads and If inside regions. Reduce is in reduce.cpp, Fold in fold.cpp.
+// Frames: values over work lists, element-wise ops, indexed reads and If inside regions. Reduce is in reduce.cpp, Fold
+// in fold.cpp.
 #include "compiler/reference/region.h"
 
 #include <algorithm>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Regions over work lists. A frame is a region being evaluated for a list of elements at once: every value of the
-// region is an array over the list. If splits the list in two; Reduce makes a list of (trip, element) pairs; Fold's list
-// gets shorter from trip to trip.
+// region is an array over the list. If splits the list in two; Reduce makes a list of (trip, element) pairs; Fold's
+// list gets shorter from trip to trip.
 #pragma once
 
 #include <span>
@@ -85,8 +85,8 @@ class RegionRunner {
   Origin first_;
 };
 
-// Evaluates an If, Reduce or Fold op of the root into its result images, which are zero where something scatters. Returns the
-// first NaN or Inf made inside, when tracing.
+// Evaluates an If, Reduce or Fold op of the root into its result images, which are zero where something scatters.
+// Returns the first NaN or Inf made inside, when tracing.
 Origin run_region_op(const Context& context, const ir::Op& op, std::span<Image* const> results,
                      std::span<Origin> origins, Workers& workers);
 

@@ -149,7 +149,8 @@ std::unique_ptr<dressi_bundle> bundle_of(std::vector<uint8_t> bytes) {
 }
 
 dr::io::Array array_of(const dressi_array& from) {
-  if (from.kind < DRESSI_FLOAT32 || from.kind > DRESSI_BOOL) fail("unknown kind of scalar " + std::to_string(from.kind));
+  if (from.kind < DRESSI_FLOAT32 || from.kind > DRESSI_BOOL)
+    fail("unknown kind of scalar " + std::to_string(from.kind));
   const auto kind = static_cast<dr::io::ElementKind>(from.kind);
   const auto scalar = static_cast<int64_t>(dr::io::scalar_size(kind));
   if (from.components < 1 || from.components > 16 || from.width < 1 || from.height < 1 || from.layers < 1)
@@ -164,7 +165,8 @@ dr::io::Array array_of(const dressi_array& from) {
   array.width = from.width;
   array.height = from.height;
   array.layers = from.layers;
-  const auto* data = reinterpret_cast<const std::byte*>(&given(static_cast<const char*>(from.data), "the data of the array"));
+  const auto* data =
+      reinterpret_cast<const std::byte*>(&given(static_cast<const char*>(from.data), "the data of the array"));
   array.bytes.assign(data, data + bytes);
   return array;
 }
@@ -299,8 +301,7 @@ dressi_run* dressi_run_open(dressi_device* device, dressi_bundle* bundle, const 
   return guarded(static_cast<dressi_run*>(nullptr), [&]() -> dressi_run* {
     given(device, "the device");
     given(bundle, "the bundle");
-    if (!device->device)
-      return new dressi_run{{}, must(dr::jit::ReferenceProgram::load(bundle->bytes)), {}};
+    if (!device->device) return new dressi_run{{}, must(dr::jit::ReferenceProgram::load(bundle->bytes)), {}};
     dr::runtime::LoadOptions load;
     bool rebuild = true;
     const auto is_on = [](const std::string& key, const std::string& value) {
@@ -316,11 +317,12 @@ dressi_run* dressi_run_open(dressi_device* device, dressi_bundle* bundle, const 
                value.find_first_not_of("0123456789") == std::string::npos)
         load.memory_limit = std::stoll(value);
       else
-        fail("unknown option '" + key + "' = '" + value + "' of a run; there are cache, rebuild (on, off) and memory (bytes)");
+        fail("unknown option '" + key + "' = '" + value +
+             "' of a run; there are cache, rebuild (on, off) and memory (bytes)");
     });
     if (rebuild) load.rebuild = dr::jit::rebuilder(bundle->bytes, bundle->options);
-    return new dressi_run{{}, must(dr::runtime::Program::load(*device->device, bundle->bytes, load), DRESSI_DEVICE_ERROR),
-                          {}};
+    return new dressi_run{
+        {}, must(dr::runtime::Program::load(*device->device, bundle->bytes, load), DRESSI_DEVICE_ERROR), {}};
   });
 }
 

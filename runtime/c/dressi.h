@@ -80,8 +80,8 @@ DRESSI_API dressi_bundle* dressi_compile(const char* name, const char* text, dre
 DRESSI_API dressi_bundle* dressi_bundle_read(const void* bytes, size_t size);
 DRESSI_API void dressi_bundle_free(dressi_bundle* bundle);
 DRESSI_API const void* dressi_bundle_bytes(dressi_bundle* bundle, size_t* size);
-/* {"leaves": [{"name", "kind", "type", "extent", "initial"}], "steps": [{"name", "outputs": [{"name", "type", "extent"}],
- * "leaves", "changes"}], "symbols", "profile"}; an extent has three texts, of width, height and layers. */
+/* {"leaves": [{"name", "kind", "type", "extent", "initial"}], "steps": [{"name", "outputs": [{"name", "type",
+ * "extent"}], "leaves", "changes"}], "symbols", "profile"}; an extent has three texts, of width, height and layers. */
 DRESSI_API const char* dressi_bundle_info(dressi_bundle* bundle);
 
 /* `options`: pairs as above, "cache" and "rebuild" with "on" or "off", "memory" with bytes. The bundle may be freed

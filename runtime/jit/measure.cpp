@@ -200,10 +200,9 @@ class Measurement {
     constexpr int kTrips = 1 << 20;
     profile_.loop_trips = 0;
     profile_.lanes_in_turn = false;
-    runtime::Program program =
-        load(wrapped("step go { p <- p + 1.0; output y = reduce(sum, i in 0.." + std::to_string(kTrips) +
-                     ") { min(p, 1.0) }; }\n"),
-             1, options);
+    runtime::Program program = load(wrapped("step go { p <- p + 1.0; output y = reduce(sum, i in 0.." +
+                                            std::to_string(kTrips) + ") { min(p, 1.0) }; }\n"),
+                                    1, options);
     must(program.run("go"));
     const double trips = must(program.output("go", "y")).to_doubles()[0];
     return trips < kTrips ? static_cast<uint32_t>(trips) : 0;

@@ -76,7 +76,8 @@ class Pipelines {
   std::vector<vk::raii::ShaderModule> shaders_;
   std::map<std::vector<uint32_t>, Layouts> layouts_;  // by the stages, and type and stages of each binding
   std::vector<vk::raii::Pipeline> pipelines_;
-  std::map<std::tuple<int, VkPipelineLayout, uint32_t, uint32_t, std::vector<int32_t>>, size_t> compute_;  // of pipelines_
+  std::map<std::tuple<int, VkPipelineLayout, uint32_t, uint32_t, std::vector<int32_t>>, size_t>
+      compute_;  // of pipelines_
   std::vector<vk::raii::DescriptorPool> pools_;
   size_t sets_left_ = 0;  // in the last pool
   std::map<vk::DescriptorType, size_t> left_;

@@ -23,7 +23,9 @@ Box box_of(const Scene& scene, int32_t face) {
     low_x = std::min(low_x, p.x), low_y = std::min(low_y, p.y);
     high_x = std::max(high_x, p.x), high_y = std::max(high_y, p.y);
   }
-  const auto held = [](double v, int n) { return static_cast<int>(std::clamp(std::floor(v), -1.0, static_cast<double>(n))); };
+  const auto held = [](double v, int n) {
+    return static_cast<int>(std::clamp(std::floor(v), -1.0, static_cast<double>(n)));
+  };
   return {std::max(held(low_x, scene.width), 0), std::max(held(low_y, scene.height), 0),
           std::min(held(high_x, scene.width), scene.width - 1), std::min(held(high_y, scene.height), scene.height - 1)};
 }
@@ -41,7 +43,8 @@ std::vector<std::vector<int32_t>> ExactArea::faces_by_pixel() const {
     const Box b = box_of(scene_, static_cast<int32_t>(f));
     for (int y = b.top; y <= b.bottom; ++y)
       for (int x = b.left; x <= b.right; ++x)
-        found[static_cast<size_t>(y) * static_cast<size_t>(scene_.width) + static_cast<size_t>(x)].push_back(static_cast<int32_t>(f));
+        found[static_cast<size_t>(y) * static_cast<size_t>(scene_.width) + static_cast<size_t>(x)].push_back(
+            static_cast<int32_t>(f));
   }
   return found;
 }
@@ -104,7 +107,8 @@ Point ExactArea::difference(std::span<const double> adjoint, size_t point, doubl
   move(point, start);
   if (around.left > around.right) return {};
   const int across = around.right - around.left + 1;
-  std::vector<std::vector<int32_t>> faces(static_cast<size_t>(across) * static_cast<size_t>(around.bottom - around.top + 1));
+  std::vector<std::vector<int32_t>> faces(static_cast<size_t>(across) *
+                                          static_cast<size_t>(around.bottom - around.top + 1));
   for (size_t f = 0; f < scene_.faces.size(); ++f) {
     Box b = box_of(scene_, static_cast<int32_t>(f));
     const auto& corners = scene_.faces[f];
@@ -139,7 +143,8 @@ ExactArea::Cut ExactArea::cut(int32_t face, int x, int y) const {
   }
   if (cross(c.corner[1] - c.corner[0], c.corner[2] - c.corner[0]) == 0) return {face, {}, {}};
   // How far inside of each of the pixel's sides.
-  const double borders[4] = {static_cast<double>(x), static_cast<double>(x) + 1, static_cast<double>(y), static_cast<double>(y) + 1};
+  const double borders[4] = {static_cast<double>(x), static_cast<double>(x) + 1, static_cast<double>(y),
+                             static_cast<double>(y) + 1};
   for (int border = 0; border < 4 && !c.corner.empty(); ++border) {
     const auto inside = [&](Point p) {
       const double d = (border < 2 ? p.x : p.y) - borders[border];
@@ -175,7 +180,8 @@ double ExactArea::strips(const std::vector<Cut>& cuts, int x, int y, std::vector
     }
   for (size_t i = 0; i < segments.size(); ++i)
     for (size_t j = 0; j < i; ++j) {
-      const Point d = segments[i].b - segments[i].a, e = segments[j].b - segments[j].a, o = segments[j].a - segments[i].a;
+      const Point d = segments[i].b - segments[i].a, e = segments[j].b - segments[j].a,
+                  o = segments[j].a - segments[i].a;
       const double slope = cross(d, e);
       if (slope == 0) continue;
       const double t = cross(o, e) / slope, u = cross(o, d) / slope;
@@ -234,7 +240,8 @@ double ExactArea::strip(const std::vector<Cut>& cuts, double from, double to, st
     total += (next - scene_.background) * (next_y - border.y) * wide;
     if (sweeps != nullptr && border.side >= 0 && next != seen) {
       const auto& face = scene_.faces[static_cast<size_t>(border.side / 3)];
-      const int32_t a = face[static_cast<size_t>(border.side % 3)], b = face[static_cast<size_t>((border.side % 3 + 1) % 3)];
+      const int32_t a = face[static_cast<size_t>(border.side % 3)],
+                    b = face[static_cast<size_t>((border.side % 3 + 1) % 3)];
       const Point p = scene_.points[static_cast<size_t>(a)], d = scene_.points[static_cast<size_t>(b)] - p;
       const double of_b = (x - p.x) / d.x, slope = d.y / d.x, gain = (seen - next) * wide;
       sweeps->push_back({a, b, {-slope * gain * (1 - of_b), gain * (1 - of_b)}, {-slope * gain * of_b, gain * of_b}});

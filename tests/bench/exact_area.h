@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The mean of what lies behind each pixel's square, in float64, and its gradient: the judge of pictures and gradients. Any
-// mesh will do: open, concave, in front of itself. Nothing is known of outlines here: each pixel takes the faces
+// The mean of what lies behind each pixel's square, in float64, and its gradient: the judge of pictures and gradients.
+// Any mesh will do: open, concave, in front of itself. Nothing is known of outlines here: each pixel takes the faces
 // that reach into it, cuts them to its square, and cuts that into strips at every corner and crossing. Within a strip
 // faces begin and end along straight lines that do not meet, so areas are products and what moves them is plain.
 #pragma once
@@ -46,7 +46,8 @@ class ExactArea {
   struct Side {
     int32_t a, b;
   };
-  // A face cut to the pixel: convex. `side` of the piece from each corner to the next: 3 * face + corner, or -1 for the pixel's own.
+  // A face cut to the pixel: convex. `side` of the piece from each corner to the next: 3 * face + corner, or -1 for the
+  // pixel's own.
   struct Cut {
     int32_t face;
     std::vector<Point> corner;

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// bench_exact_area POINTS FACES WIDTH HEIGHT OUT [--depth Z] [--color C] [--background B] [--adjoint A] [--differences COUNT]
-// Of a mesh in pixels: OUT.picture.npy, the exact mean of each pixel, and with an adjoint OUT.gradient.npy, that of
-// sum(A * picture) to each point. --differences compares COUNT points' gradients with central differences. See exact_area.h.
+// bench_exact_area POINTS FACES WIDTH HEIGHT OUT [--depth Z] [--color C] [--background B] [--adjoint A] [--differences
+// COUNT] Of a mesh in pixels: OUT.picture.npy, the exact mean of each pixel, and with an adjoint OUT.gradient.npy, that
+// of sum(A * picture) to each point. --differences compares COUNT points' gradients with central differences. See
+// exact_area.h.
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -17,7 +18,8 @@ using benchmark::must;
 
 namespace {
 
-void differences(benchmark::ExactArea& area, std::span<const double> adjoint, const std::vector<benchmark::Point>& gradient, int64_t count) {
+void differences(benchmark::ExactArea& area, std::span<const double> adjoint,
+                 const std::vector<benchmark::Point>& gradient, int64_t count) {
   // Points that move something, evenly chosen.
   std::vector<size_t> moving;
   for (size_t i = 0; i < gradient.size(); ++i)
@@ -47,16 +49,20 @@ int main(int argc, char** argv) {
     else
       words.push_back(word);
   if (words.size() != 5) {
-    std::fprintf(stderr, "usage: bench_exact_area POINTS FACES WIDTH HEIGHT OUT [--depth Z] [--color C] [--background B] "
-                         "[--adjoint A] [--differences COUNT]\n");
+    std::fprintf(stderr,
+                 "usage: bench_exact_area POINTS FACES WIDTH HEIGHT OUT [--depth Z] [--color C] [--background B] "
+                 "[--adjoint A] [--differences COUNT]\n");
     return 2;
   }
-  const auto numbers = [](const std::string& file, int components) { return must(io::load_binding(file, components)).to_doubles(); };
+  const auto numbers = [](const std::string& file, int components) {
+    return must(io::load_binding(file, components)).to_doubles();
+  };
   benchmark::Scene scene;
   const auto points = numbers(words[0], 2), faces = numbers(words[1], 3);
   for (size_t i = 0; i + 1 < points.size(); i += 2) scene.points.push_back({points[i], points[i + 1]});
   for (size_t i = 0; i + 2 < faces.size(); i += 3)
-    scene.faces.push_back({static_cast<int32_t>(faces[i]), static_cast<int32_t>(faces[i + 1]), static_cast<int32_t>(faces[i + 2])});
+    scene.faces.push_back(
+        {static_cast<int32_t>(faces[i]), static_cast<int32_t>(faces[i + 1]), static_cast<int32_t>(faces[i + 2])});
   scene.width = std::atoi(words[2].c_str()), scene.height = std::atoi(words[3].c_str());
   if (option.contains("depth")) scene.depth = numbers(option["depth"], 1);
   if (option.contains("color")) scene.color = numbers(option["color"], 1);

@@ -90,7 +90,8 @@ Results results_of(const runtime::Device& device, const std::string& file, const
   Results out;
   for (const std::string step : {"look", "fit"}) {
     must(program.run(step, 3));
-    for (const std::string& name : program.outputs(step)) out.emplace_back(name, must(program.output(step, name)).bytes);
+    for (const std::string& name : program.outputs(step))
+      out.emplace_back(name, must(program.output(step, name)).bytes);
   }
   out.emplace_back("w", must(program.leaf("w")).bytes);
   return out;

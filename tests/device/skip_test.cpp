@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is left out (docs/explain/skipping.md): for each a small program with the exact counts of what is done and avoided, with
-// it and without it; the same bits either way; and, when what it depends on changes, the work that this asks for, with
-// the bits of a program that never left anything out.
+// What is left out (docs/explain/skipping.md): for each a small program with the exact counts of what is done and
+// avoided, with it and without it; the same bits either way; and, when what it depends on changes, the work that this
+// asks for, with the bits of a program that never left anything out.
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>

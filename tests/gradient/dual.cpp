@@ -421,7 +421,8 @@ class Evaluator {
       const RegionId region = op.regions[sweep];
       for (size_t done = 0; done < trips; ++done) {
         if (sweep == 0) {
-          const bool bounded = ir::fold_bound(op) >= 0 && static_cast<double>(done) >= static_cast<double>(ir::fold_bound(op));
+          const bool bounded =
+              ir::fold_bound(op) >= 0 && static_cast<double>(done) >= static_cast<double>(ir::fold_bound(op));
           if (bounded || begin + static_cast<double>(done) >= end) {
             trips = done;
             break;

@@ -237,8 +237,8 @@ TEST_CASE("soft pictures of whatever there may be") {
     int way, layers;
     bool colors, sizes;
   };
-  const Way ways[] = {{0, 1, true, true},  {0, 5, false, false}, {1, 3, false, false},
-                      {2, 1, true, false}, {2, 8, false, false}, {3, 1, true, false}, {4, 2, true, false}};
+  const Way ways[] = {{0, 1, true, true},   {0, 5, false, false}, {1, 3, false, false}, {2, 1, true, false},
+                      {2, 8, false, false}, {3, 1, true, false},  {4, 2, true, false}};
   const auto devices = test::devices();
   const char* wanted = std::getenv("DR_STRESS_WAY");
   for (const auto& [name, device] : devices)

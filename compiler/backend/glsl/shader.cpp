@@ -492,7 +492,8 @@ void Shader::reduce_op(const Op& op) {
     const Yield yield = op.attrs.yields[k];
     names.push_back(yield == Yield::Scatter ? std::string() : unique(info.name.empty() ? "reduce" : info.name));
     if (yield == Yield::Sum) variable(info.type, names[k], zero(info.type));
-    if (yield == Yield::Min || yield == Yield::Max) variable(info.type, names[k], limit(info.type, yield == Yield::Min));
+    if (yield == Yield::Min || yield == Yield::Max)
+      variable(info.type, names[k], limit(info.type, yield == Yield::Min));
     if (yield == Yield::ArgMin) {
       variable(info.type, names[k], begin + " - 1");
       variable(ir::kFloat, names[k] + "_best", "uintBitsToFloat(0x7f800000u)");

@@ -163,9 +163,9 @@ void StepPacker::find_looped() {
   // Several that are not among these may share a shader.
   constexpr int64_t kShared = 16;
   for (OpId id : order_)
-    looped_[id.index] = may_pass_limit(trips_of(graph_, std::span(&id, 1)), profile_, kShared) ||
-                        std::ranges::any_of(uses_[id.index].at_element,
-                                            [&](ValueId v) { return looped_[graph_.value(v).op.index]; });
+    looped_[id.index] =
+        may_pass_limit(trips_of(graph_, std::span(&id, 1)), profile_, kShared) ||
+        std::ranges::any_of(uses_[id.index].at_element, [&](ValueId v) { return looped_[graph_.value(v).op.index]; });
 }
 
 void StepPacker::find_users() {

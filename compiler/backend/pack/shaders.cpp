@@ -166,10 +166,10 @@ void StepPacker::store_before(ValueId v, const Extent& domain) {
   spilled_[v.index] = true;
 }
 
-// Where `targets` take a shader that is too large, parts of it are stored by passes before: walks its ops, and where one
-// takes too much, the operand is cut off without which least is left. What several ops use may take half only: values of
-// a forward sweep are computed again beside each part of the backward sweep, which should have room for as much. Ops that
-// are too large by themselves stay.
+// Where `targets` take a shader that is too large, parts of it are stored by passes before: walks its ops, and where
+// one takes too much, the operand is cut off without which least is left. What several ops use may take half only:
+// values of a forward sweep are computed again beside each part of the backward sweep, which should have room for as
+// much. Ops that are too large by themselves stay.
 void StepPacker::cut(const Extent& domain, const std::vector<ValueId>& targets, int level) {
   elsewhere_.clear();
   begin_cone(level);

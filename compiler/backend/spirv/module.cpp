@@ -42,10 +42,10 @@ struct Reader {
       return;
     }
     const bool head = in.opcode == kFunction || in.opcode == kFunctionParameter;
-    Stream& to = function == nullptr         ? module.globals
-                 : head                      ? function->head
-                 : in.opcode == kVariable    ? function->variables
-                                             : function->body;
+    Stream& to = function == nullptr      ? module.globals
+                 : head                   ? function->head
+                 : in.opcode == kVariable ? function->variables
+                                          : function->body;
     to.add({in.words, in.num_words}, kinds);
   }
 };

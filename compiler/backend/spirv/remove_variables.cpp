@@ -16,9 +16,9 @@ bool is_pure(const Instruction& in) {
   const uint16_t op = in.opcode();
   const auto within = [op](uint16_t first, uint16_t last) { return first <= op && op <= last; };
   if (op == kExtInst) return in.words[4] != 35 && in.words[4] != 51;  // Modf and Frexp store
-  return op == 1 ||                                                  // OpUndef
-         op == kLoad || op == 65 || op == 66 || op == 68 ||          // places in memory, the length of an array
-         within(77, 87) || op == 95 || op == 98 || op == 100 ||      // parts of values; what images hold
+  return op == 1 ||                                                   // OpUndef
+         op == kLoad || op == 65 || op == 66 || op == 68 ||           // places in memory, the length of an array
+         within(77, 87) || op == 95 || op == 98 || op == 100 ||       // parts of values; what images hold
          within(103, 104) || within(109, 152) || within(154, 191) || within(194, 205) || op == kPhi;
 }
 
@@ -41,12 +41,12 @@ class Cleaner {
   static constexpr uint32_t kNone = ~0u;
   struct Variable {
     bool has_initial = false;
-    bool whole = true;       // it is loaded and stored, and nothing else
+    bool whole = true;  // it is loaded and stored, and nothing else
     uint32_t stores = 0;
-    uint32_t stored = 0;     // what the last store on the way stored; 0: nothing yet
-    uint32_t block = kNone;  // where
-    size_t store = 0;        // its place
-    std::vector<size_t> all; // places of the stores that stay
+    uint32_t stored = 0;      // what the last store on the way stored; 0: nothing yet
+    uint32_t block = kNone;   // where
+    size_t store = 0;         // its place
+    std::vector<size_t> all;  // places of the stores that stay
   };
 
   Variable* whole_variable(uint32_t pointer) {
@@ -78,7 +78,8 @@ class Cleaner {
       if (op == kLabel) block = block_of_.at(in.words[1]);
       if (op != kBranch && op != kBranchConditional && op != kSwitch) return;
       for (size_t k = 1; k < in.words.size(); ++k)
-        if (const auto to = in.kinds[k] == Word::Id ? block_of_.find(in.words[k]) : block_of_.end(); to != block_of_.end())
+        if (const auto to = in.kinds[k] == Word::Id ? block_of_.find(in.words[k]) : block_of_.end();
+            to != block_of_.end())
           blocks_[to->second].before.push_back(block);
     });
   }

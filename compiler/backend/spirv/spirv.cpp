@@ -126,8 +126,8 @@ std::variant<std::vector<uint32_t>, std::string> assemble(const GlslShader& shad
                                              const char* message) {
     if (level <= SPV_MSG_ERROR) problems += std::string(message) + "\n";
   };
-  // Drivers optimize. What is done here makes modules smaller and takes linear time: calls and variables go. SPIRV-Tools'
-  // passes for it take quadratic time, and so does SwiftShader where it is left to do it.
+  // Drivers optimize. What is done here makes modules smaller and takes linear time: calls and variables go.
+  // SPIRV-Tools' passes for it take quadratic time, and so does SwiftShader where it is left to do it.
   std::optional<spirv::Module> parsed = spirv::parse(module, problems);
   if (!parsed) return "glslang's words are no module: " + problems;
   spirv::inline_calls(*parsed);

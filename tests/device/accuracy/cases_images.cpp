@@ -196,7 +196,10 @@ std::vector<Case> regions() {
     return make_fold(
         b, ops::constant(b, kInt, 0.0), ops::emit(b, OpKind::Min, {xs[0], ops::constant(b, kInt, 8.0)}),
         extent_of(b, xs[0]), {xs[1]},
-        [&](ValueId, const Values& states) { return Trip{{}, {ops::mul(b, states[0], xs[2])}}; }, 8)[0];
+        [&](ValueId, const Values& states) {
+          return Trip{{}, {ops::mul(b, states[0], xs[2])}};
+        },
+        8)[0];
   };
   powers.bound = 8;
   powers.why = "eight products one after another";

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// std.hardsoftras, std.coverage, std.raster and std.nvdiffrast: what they make of given fragments, and whole pictures of an
-// icosphere. std.tiles, whose results are integers.
+// std.hardsoftras, std.coverage, std.raster and std.nvdiffrast: what they make of given fragments, and whole pictures
+// of an icosphere. std.tiles, whose results are integers.
 #include "tests/device/accuracy/library_table.h"
 
 namespace dr::accuracy::library {
@@ -181,7 +181,8 @@ std::vector<Function> pictures() {
         "hardsoftras.blend(soft, fn(s) { hardsoftras.interpolate(s, paint) }, vec3(0.1, 0.2, 0.3))",
         {over("value", kFrame, "1.0 + 0.0 * y.x", "1", kDesign), to_clip, to_paint});
   }
-  add("coverage.silhouette", "", "float", across, "coverage.silhouette($clip, $face, across, 64, 64, nearest = 4)", {one, to_clip});
+  add("coverage.silhouette", "", "float", across, "coverage.silhouette($clip, $face, across, 64, 64, nearest = 4)",
+      {one, to_clip});
   const std::string hit = "  let hit = raster.rasterize($clip, $face, 64, 64);\n";
   add("raster.rasterize", "weight", "vec3", hit, "hit.weight",
       {over("value", 8 * u, kappa("hit.corner"), kappa_text, "the design's, with the coordinates' own rounding"),

@@ -14,9 +14,10 @@ using namespace dr::backend;
 namespace {
 
 std::vector<uint32_t> words_of(const std::string& functions, const std::string& main, bool native = false) {
-  const std::string source = "#version 440\nlayout(local_size_x = 64) in;\nlayout(set = 0, binding = 0, std430) buffer "
-                             "Data { float d[]; } data;\n" +
-                             functions + "void main() {\n  int index = int(gl_GlobalInvocationID.x);\n" + main + "}\n";
+  const std::string source =
+      "#version 440\nlayout(local_size_x = 64) in;\nlayout(set = 0, binding = 0, std430) buffer "
+      "Data { float d[]; } data;\n" +
+      functions + "void main() {\n  int index = int(gl_GlobalInvocationID.x);\n" + main + "}\n";
   auto result = assemble({{"test"}, bundle::Stage::Compute, source, native}, ShaderCache({}));
   INFO(source);
   if (const auto* problem = std::get_if<std::string>(&result)) FAIL(*problem);
@@ -55,20 +56,22 @@ TEST_CASE("branches, loops and choices inside of functions and around calls give
       "void put(int place, float x) { if (place >= 0) data.d[place] = x; }\n"
       "void swap(inout float x, inout float y) { float t = x; x = y; y = t; }\n"
       "float never(float x) { return x; }\n";
-  const auto n = counts(words_of(
-      functions,
-      "  if (index >= 7) return;\n  float x = data.d[index], y = 3.0;\n  swap(x, y);\n"
-      "  for (int k = 0; k < 4; ++k) {\n    if (both(x, y) || pick(y) > sum(x, k)) { y = pick(x) + y; } else { put(k, y); }\n"
-      "    if (sum(y, k) > 100.0) break;\n    x = k > 2 ? sum(x, k) : x;\n  }\n  put(index, x + y);\n"));
+  const auto n = counts(
+      words_of(functions,
+               "  if (index >= 7) return;\n  float x = data.d[index], y = 3.0;\n  swap(x, y);\n"
+               "  for (int k = 0; k < 4; ++k) {\n    if (both(x, y) || pick(y) > sum(x, k)) { y = pick(x) + y; } else "
+               "{ put(k, y); }\n"
+               "    if (sum(y, k) > 100.0) break;\n    x = k > 2 ? sum(x, k) : x;\n  }\n  put(index, x + y);\n"));
   CHECK(n.at(spirv::kFunction) == 1);
   CHECK(n.count(spirv::kFunctionCall) == 0);
   CHECK(n.at(spirv::kLoopMerge) >= 5);
 }
 
 TEST_CASE("a function that leaves before its end stays, and so do the calls of it") {
-  const auto n = counts(words_of("float early(float x) { if (x < 0.0) return 1.0; return x; }\n"
-                                 "float twice(float x) { return early(x) + early(x + 1.0); }\n",
-                                 "  data.d[index] = twice(data.d[index]);\n"));
+  const auto n =
+      counts(words_of("float early(float x) { if (x < 0.0) return 1.0; return x; }\n"
+                      "float twice(float x) { return early(x) + early(x + 1.0); }\n",
+                      "  data.d[index] = twice(data.d[index]);\n"));
   CHECK(n.at(spirv::kFunction) == 2);
   CHECK(n.at(spirv::kFunctionCall) == 2);
 }
@@ -96,9 +99,10 @@ TEST_CASE("what nothing needs is not there") {
 }
 
 TEST_CASE("a variable that branches change is kept, one that is set once and before is not") {
-  const auto n = counts(words_of("", "  float once = data.d[index];\n  float r = 0.0;\n"
-                                     "  if (once > 1.0) { r = once * 2.0; } else if (once < 0.0) { r = once; }\n"
-                                     "  for (int i = 0; i < 3; ++i) { data.d[i] = once; }\n  data.d[index] = r;\n"));
+  const auto n = counts(words_of("",
+                                 "  float once = data.d[index];\n  float r = 0.0;\n"
+                                 "  if (once > 1.0) { r = once * 2.0; } else if (once < 0.0) { r = once; }\n"
+                                 "  for (int i = 0; i < 3; ++i) { data.d[i] = once; }\n  data.d[index] = r;\n"));
   size_t locals = n.at(spirv::kVariable) - 2;
   CHECK(locals == 2);  // r and i
 }
