@@ -129,4 +129,6 @@ def from_dense(type_: Type, dense: c.Array) -> np.ndarray:
     array = np.frombuffer(buffer, kind)
     extent = (dense.layers, dense.height, dense.width)[3 - len(type_.dims) :]
     array = array.reshape(extent + type_.element_shape)
+    if type_.scalar != "float32" and dense.kind == _KINDS.index("float64"):
+        array = array.astype(type_.scalar)  # the evaluator computes integers in float64
     return np.swapaxes(array, -1, -2) if type_.is_matrix else array
