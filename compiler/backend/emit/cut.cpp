@@ -33,12 +33,13 @@ Generator::Cut Generator::cut(Shader& s, const Pass& pass, const std::vector<ir:
   const int64_t lanes = trips.even ? 1 : std::max<int64_t>(profile_.subgroup_size, 1);
   cut.part = static_cast<uint32_t>(std::max<int64_t>(int64_t{cut.most} / lanes - overhead(trips, each), 1));
   s.cut_loops();
+  const std::string number = std::to_string(bundle_->resources.size());  // a pass may have several such shaders
   // The words of an element are known when its code is.
-  cut.state = add_scratch(pass.name + "_loops", "1");
+  cut.state = add_scratch(pass.name + "_loops_" + number, "1");
   bundle_->resources[cut.state]->room = (cut.trips - ir::Dim(cut.most)).str();
   bundle_->resources[cut.state]->extent->w = element_count(pass.domain).str();
   if (cut.watched) {
-    cut.watch = add_scratch(pass.name + "_unfinished", "1");
+    cut.watch = add_scratch(pass.name + "_unfinished_" + number, "1");
     bundle_->resources[cut.watch]->role = bundle::Role::Watch;
   }
   return cut;
