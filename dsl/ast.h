@@ -86,6 +86,7 @@ struct Expr {
     Lambda,     // fn
     If,         // a = condition, then_block, else_block (always present for an expression); is_const: `const if`
     Reduce,     // reduce(name = sum|min|max|argmin, loop_var in a..b, max = c) body=then_block
+    Fold,       // fold(loop_var in a..b, args, max = c) body=then_block; args have names: what the loop carries
     Tuple,      // items, 0 or 2+ of them
     Array,      // items
     Raster,     // args as of a call; raster_fns
@@ -112,7 +113,7 @@ struct Expr {
     FnDecl fn;
     std::vector<FnDecl> raster_fns;  // setup, corner, depth, keep, tag, cull
   };
-  std::unique_ptr<Inner> inner;  // of Lambda, If, Reduce, Raster, BlockExpr
+  std::unique_ptr<Inner> inner;  // of Lambda, If, Reduce, Fold, Raster, BlockExpr
 };
 
 // A pattern on the left of `let`: a name, or a tuple of names (`_` discards).
@@ -131,11 +132,13 @@ struct Stmt {
   enum class Kind : uint8_t {
     Let,       // pattern, type?, a
     Var,       // pattern (one name), type?, a
-    Assign,    // target = a            target: a name, or a field/index path rooted in a `var`
+    Assign,    // target = a            target: a name, or a field/index path rooted in a `var`; target op= a
     Update,    // target <- a           target: name of a param or state
     Expr,      // a ;
-    For,       // loop_var in a..b body        compile-time
+    For,       // loop_var in a..b, max = c body
+    If,        // `if a { } else { }` as a statement
     ConstIf,   // `const if a { } else { }` as a statement
+    Break,     // `break;` or `break if a;`
     Minimize,  // a over targets with b
     Output,    // outputs
     Return,    // a (only as the last statement of a function)
@@ -146,7 +149,8 @@ struct Stmt {
   Pattern pattern;
   TypePtr type;
   ExprPtr target;
-  ExprPtr a, b;
+  ExprPtr a, b, c;
+  std::string_view op;  // Assign: of `+=` the "+", else empty
   Name loop_var;
   Block body;
   std::optional<Block> else_body;

@@ -197,6 +197,13 @@ List expr_list(const Expr& expr) {
       list.add(block_list(expr.inner->then_block));
       return list;
     }
+    case Expr::Kind::Fold: {
+      List list{"fold", expr.inner->loop_var.text, expr_list(expr.a), expr_list(expr.b)};
+      add_args(list, expr.args);
+      if (expr.c) list.add({"max", expr_list(expr.c)});
+      list.add(block_list(expr.inner->then_block));
+      return list;
+    }
     case Expr::Kind::Tuple:
     case Expr::Kind::Array: {
       List list = List::of(expr.kind == Expr::Kind::Tuple ? "tuple" : "array");
@@ -233,13 +240,23 @@ List stmt_list(const Stmt& stmt) {
       list.add(expr_list(stmt.a));
       return list;
     }
-    case Stmt::Kind::Assign: return {"=", expr_list(stmt.target), expr_list(stmt.a)};
+    case Stmt::Kind::Assign: return {std::string(stmt.op) + "=", expr_list(stmt.target), expr_list(stmt.a)};
     case Stmt::Kind::Update: return {"<-", expr_list(stmt.target), expr_list(stmt.a)};
     case Stmt::Kind::Expr: return {"expr", expr_list(stmt.a)};
-    case Stmt::Kind::For:
-      return {"for", stmt.loop_var.text, expr_list(stmt.a), expr_list(stmt.b), block_list(stmt.body)};
+    case Stmt::Kind::For: {
+      List list{"for", stmt.loop_var.text, expr_list(stmt.a), expr_list(stmt.b)};
+      if (stmt.c) list.add({"max", expr_list(stmt.c)});
+      list.add(block_list(stmt.body));
+      return list;
+    }
+    case Stmt::Kind::Break: {
+      List list = List::of("break");
+      if (stmt.a) list.add(expr_list(stmt.a));
+      return list;
+    }
+    case Stmt::Kind::If:
     case Stmt::Kind::ConstIf: {
-      List list{"const-if", expr_list(stmt.a), block_list(stmt.body)};
+      List list{stmt.kind == Stmt::Kind::If ? "if" : "const-if", expr_list(stmt.a), block_list(stmt.body)};
       if (stmt.else_body) list.add(block_list(*stmt.else_body));
       return list;
     }

@@ -209,6 +209,10 @@ class TreeBuilder {
     if (at(TokenKind::For)) {
       for (int i = 0; i < 3; ++i) add_token(sequence);  // for k in
       add_range(sequence);
+      if (at(TokenKind::Comma)) {
+        add_token(sequence, false);
+        add(sequence, argument());
+      }
       add(sequence, block(Place::Code));
     } else if (at(TokenKind::Minimize)) {
       add_token(sequence);
@@ -228,8 +232,19 @@ class TreeBuilder {
       add_token(sequence);
       add_token(sequence, false);
       add(sequence, expression());
+    } else if (at_word("break") && (next().kind == TokenKind::If || next().kind == TokenKind::Semicolon)) {
+      add_token(sequence);
+      if (at(TokenKind::If)) {
+        add_token(sequence);
+        add(sequence, expression());
+      }
     } else {
       add(sequence, expression());
+      if (at_compound_assignment()) {
+        add_token(sequence);
+        add_token(sequence, false);
+        return add(sequence, expression());
+      }
       add_value(sequence);
     }
   }
@@ -346,10 +361,10 @@ class TreeBuilder {
   LayoutPtr chain(int level) {
     if (level > kHighestPrecedence) return unary();
     LayoutPtr first = chain(level + 1);
-    if (failed_ || precedence(tokens_[position_].kind) != level) return first;
+    if (failed_ || !at_operator(level)) return first;
     LayoutPtr node = make(LayoutNode::Kind::Chain);
     add(*node, std::move(first));
-    while (!failed_ && precedence(tokens_[position_].kind) == level) {
+    while (!failed_ && at_operator(level)) {
       LayoutPart& left = node->parts.back();
       const bool breaks = tokens_[position_].newline_before;
       left.separator = take();
@@ -361,6 +376,15 @@ class TreeBuilder {
       node->parts.push_back(std::move(right));
     }
     return node;
+  }
+
+  // The operator of `+=` ends what it changes.
+  bool at_operator(int level) const {
+    return precedence(tokens_[position_].kind) == level && !at_compound_assignment();
+  }
+  bool at_compound_assignment() const {
+    return next().kind == TokenKind::Assign && next().begin == tokens_[position_].end &&
+           precedence(tokens_[position_].kind) > 0;
   }
 
   LayoutPtr unary() {
@@ -379,12 +403,21 @@ class TreeBuilder {
         add_token(sequence, false);
       } else if (at(TokenKind::LeftBracket)) {
         add(sequence, list(TokenKind::RightBracket, &TreeBuilder::expression), false);
+      } else if (at_fold()) {
+        add(sequence, list(TokenKind::RightParen, &TreeBuilder::reduce_item), false);
+        add(sequence, block(Place::Code));
       } else if (at(TokenKind::LeftParen)) {
         add(sequence, list(TokenKind::RightParen, &TreeBuilder::argument), false);
       } else {
         return;
       }
     }
+  }
+
+  // `(k in` behind the word `fold`
+  bool at_fold() const {
+    return at(TokenKind::LeftParen) && position_ > 0 && tokens_[position_ - 1].text == "fold" &&
+           next().kind == TokenKind::Name && position_ + 2 < tokens_.size() && tokens_[position_ + 2].text == "in";
   }
 
   // `0 .5` is a field of 0, if a senseless one; without the blank it is a number.

@@ -224,7 +224,8 @@ bool Parser::starts_statement() const {
     case TokenKind::Return:
     case TokenKind::Minimize: return true;
     case TokenKind::Const: return next_at(TokenKind::If);
-    case TokenKind::Name: return at_word("output") && next_at(TokenKind::Name);
+    case TokenKind::Name:
+      return (at_word("output") && next_at(TokenKind::Name)) || (at_word("break") && next_at(TokenKind::If));
     default: return false;
   }
 }

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The parser's part for expressions: precedence climbing over prefix and postfix operators. `height_` is
 // kept beside it, so that a chain of a million additions is an error and not a tree of that height.
+#include <algorithm>
+#include <cctype>
 #include <utility>
 
 #include "dsl/parser_impl.h"
@@ -70,6 +72,7 @@ ExprPtr Parser::node(Expr::Kind kind) const {
     case Expr::Kind::Lambda:
     case Expr::Kind::If:
     case Expr::Kind::Reduce:
+    case Expr::Kind::Fold:
     case Expr::Kind::Raster:
     case Expr::Kind::BlockExpr: expr->inner = std::make_unique<Expr::Inner>(); break;
     default: break;
@@ -156,6 +159,8 @@ ExprPtr Parser::parse_postfix_rest(ExprPtr expr) {
       index->b = parse_expr();
       expect_close(TokenKind::RightBracket, open, {"the index"});
       expr = std::move(index);
+    } else if (at_fold(*expr)) {
+      expr = parse_fold(begin);
     } else if (at(TokenKind::LeftParen)) {
       ExprPtr call = node(Expr::Kind::Call);
       call->a = std::move(expr);
@@ -405,6 +410,53 @@ ExprPtr Parser::parse_reduce() {
     expect_close(TokenKind::RightParen, open, {"the range"});
   }
   expr->inner->then_block = parse_block(BlockKind::Other, {"the range"});
+  expr->span = span_from(begin);
+  grow();
+  return expr;
+}
+
+// `fold` is a word only where `(k in` follows: elsewhere it is a name like any other.
+bool Parser::at_fold(const Expr& callee) const {
+  if (callee.kind != Expr::Kind::NameRef || callee.name != "fold" || !at(TokenKind::LeftParen)) return false;
+  if (!next_at(TokenKind::Name)) return false;
+  return after_next_is("in");
+}
+
+// Whether the token behind the next one is this.
+bool Parser::after_next_is(std::string_view wanted) const {
+  std::string_view rest = sources_.text(file_).substr(next_.end);
+  rest.remove_prefix(std::min(rest.find_first_not_of(" \t\r\n"), rest.size()));
+  if (!rest.starts_with(wanted)) return false;
+  const auto is_word = [](char c) { return std::isalnum(static_cast<unsigned char>(c)) != 0 || c == '_'; };
+  return !is_word(wanted.back()) || rest.size() == wanted.size() || !is_word(rest[wanted.size()]);
+}
+
+ExprPtr Parser::parse_fold(uint32_t begin) {
+  ExprPtr expr = node(Expr::Kind::Fold);
+  const Token open = token_;
+  advance();
+  {
+    const Nest nest(*this);
+    const BraceScope braces(*this, true);
+    expr->inner->loop_var = take_name_token();
+    advance();  // in
+    expr->a = parse_expr();
+    expect(TokenKind::DotDot, {"the start of the range"});
+    expr->b = parse_expr();
+    while (take(TokenKind::Comma)) {
+      std::optional<Name> name = expect_name("the name of a carried value or 'max'", {"", ","});
+      if (!name) return error_expr();
+      expect(TokenKind::Assign, {"", name->text});
+      ExprPtr value = parse_expr();
+      if (name->text == "max") {
+        expr->c = std::move(value);
+      } else {
+        expr->args.push_back({*std::move(name), std::move(value)});
+      }
+    }
+    expect_close(TokenKind::RightParen, open, {"the range and the carried values"});
+  }
+  expr->inner->then_block = parse_block(BlockKind::Other, {"the carried values"});
   expr->span = span_from(begin);
   grow();
   return expr;

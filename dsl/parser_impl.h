@@ -147,7 +147,9 @@ class Parser {
   StmtPtr parse_minimize();
   StmtPtr parse_output();
   StmtPtr parse_return();
-  void parse_const_if_statement(Block& block);
+  StmtPtr parse_break();
+  void parse_if_statement(Block& block, bool is_const);
+  bool at_foreign_statement() const;
   void parse_expression_statement(Block& block);
   void finish_expression_statement(Block& block, ExprPtr expr, uint32_t begin);
   void check_returns(const Block& block, BlockKind kind);
@@ -169,6 +171,9 @@ class Parser {
   ExprPtr parse_array();
   ExprPtr parse_if(bool is_const, bool needs_else);
   ExprPtr parse_reduce();
+  bool after_next_is(std::string_view text) const;
+  bool at_fold(const Expr& callee) const;
+  ExprPtr parse_fold(uint32_t begin);
   ExprPtr parse_lambda();
   ExprPtr parse_raster();
   void parse_raster_fn(std::vector<FnDecl>& fns);

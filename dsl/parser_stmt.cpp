@@ -9,29 +9,29 @@ namespace dr::dsl {
 namespace {
 
 // Whether any branch of an `if` chain ends in a value. In a chain that is still being read, an `else if`
-// is a block with an `if` as its value.
+// is a block with an `if` of the same kind as its value.
 bool gives_value(const Expr& expr) {
   const Expr* at = &expr;
   while (true) {
     if (at->inner->then_block.value) return true;
     if (!at->inner->else_block || !at->inner->else_block->value) return false;
     const Expr* next = at->inner->else_block->value.get();
-    if (next->kind != Expr::Kind::If || !next->is_const) return true;
+    if (next->kind != Expr::Kind::If || next->is_const != expr.is_const) return true;
     at = next;
   }
 }
 
-// `const if` as a statement, from the expression it was read as.
-StmtPtr const_if_statement(ExprPtr expr) {
+// An `if` as a statement, from the expression it was read as.
+StmtPtr if_statement(ExprPtr expr) {
   auto stmt = std::make_unique<Stmt>();
-  stmt->kind = Stmt::Kind::ConstIf;
+  stmt->kind = expr->is_const ? Stmt::Kind::ConstIf : Stmt::Kind::If;
   stmt->span = expr->span;
   stmt->a = std::move(expr->a);
   stmt->body = std::move(expr->inner->then_block);
   if (expr->inner->else_block) {
     stmt->else_body = std::move(*expr->inner->else_block);
     if (stmt->else_body->value) {
-      stmt->else_body->statements.push_back(const_if_statement(std::move(stmt->else_body->value)));
+      stmt->else_body->statements.push_back(if_statement(std::move(stmt->else_body->value)));
     }
   }
   return stmt;
@@ -63,6 +63,27 @@ bool is_arithmetic(TokenKind kind) {
 const std::vector<std::string>& statement_words() {
   static const std::vector<std::string> kWords = {"let", "var", "for", "minimize", "output", "return", "const"};
   return kWords;
+}
+
+// What to write instead of a word that starts a statement in another language; null where it is none.
+const char* instead_of(std::string_view word) {
+  static constexpr std::pair<std::string_view, const char*> kWords[] = {
+      {"while", "write 'for k in 0..N { ...; break if !condition; }', where N is the most trips that there can be"},
+      {"loop", "write 'for k in 0..N { ...; break if condition; }', where N is the most trips that there can be"},
+      {"do", "write 'for k in 0..N { ...; break if !condition; }', where N is the most trips that there can be"},
+      {"switch", "write 'if a { } else if b { } else { }'"},
+      {"match", "write 'if a { } else if b { } else { }'"},
+      {"elif", "write 'else if'"},
+      {"continue", "write what is left out as the block of an 'if'"},
+      {"def", "write 'fn f(x) { ... }' outside of functions"},
+      {"function", "write 'fn f(x) { ... }' outside of functions"},
+      {"float", "write 'let' or 'var' and the name"},
+      {"int", "write 'let' or 'var' and the name"},
+      {"bool", "write 'let' or 'var' and the name"},
+      {"auto", "write 'let' or 'var' and the name"}};
+  for (const auto& [known, help] : kWords)
+    if (known == word) return help;
+  return nullptr;
 }
 
 std::unique_ptr<Stmt> make_stmt(Stmt::Kind kind) {
@@ -114,9 +135,12 @@ void Parser::parse_statement(Block& block) {
     case TokenKind::For: stmt = parse_for(); break;
     case TokenKind::Minimize: stmt = parse_minimize(); break;
     case TokenKind::Return: stmt = parse_return(); break;
-    case TokenKind::Const: parse_const_if_statement(block); break;
+    case TokenKind::Const: parse_if_statement(block, true); break;
+    case TokenKind::If: parse_if_statement(block, false); break;
     case TokenKind::Name:
-      if (at_word("output") && next_at(TokenKind::Name)) {
+      if (at_word("break") && (next_at(TokenKind::If) || next_at(TokenKind::Semicolon))) {
+        stmt = parse_break();
+      } else if (at_word("output") && next_at(TokenKind::Name)) {
         stmt = parse_output();
       } else {
         parse_expression_statement(block);
@@ -193,8 +217,23 @@ StmtPtr Parser::parse_for() {
   stmt->a = parse_condition();
   expect(TokenKind::DotDot, {"the start of the range"});
   stmt->b = parse_condition();
+  if (take(TokenKind::Comma)) {
+    expect_word("max", {"", ","});
+    expect(TokenKind::Assign, {"", "max"});
+    stmt->c = parse_condition();
+  }
   stmt->body = parse_block(BlockKind::Other, {"the range"});
   stmt->span = span_from(begin);
+  return stmt;
+}
+
+StmtPtr Parser::parse_break() {
+  StmtPtr stmt = make_stmt(Stmt::Kind::Break);
+  const uint32_t begin = token_.begin;
+  advance();
+  if (take(TokenKind::If)) stmt->a = parse_expr();
+  stmt->span = span_from(begin);
+  expect_semicolon({stmt->a ? "the condition of" : "", "break"});
   return stmt;
 }
 
@@ -240,33 +279,50 @@ StmtPtr Parser::parse_return() {
   return stmt;
 }
 
-// `const if` is a statement where its branches have no values; where they have, it is an expression.
-void Parser::parse_const_if_statement(Block& block) {
+// An `if` is a statement where its branches have no values; where they have, it is an expression.
+void Parser::parse_if_statement(Block& block, bool is_const) {
   const Token first = token_;
-  advance();
+  if (is_const) advance();
   if (!at(TokenKind::If)) {
     fail_expected(Code::E0101, "'if'", {"", "const"}).help = "write 'let' in a block";
     return;
   }
   const HeightScope height(*this);
-  ExprPtr expr = parse_if(true, false);
+  ExprPtr expr = parse_if(is_const, false);
   expr->span.begin = first.begin;
   if (broken()) return;
   if (!gives_value(*expr)) {
     take(TokenKind::Semicolon);
-    block.statements.push_back(const_if_statement(std::move(expr)));
+    block.statements.push_back(if_statement(std::move(expr)));
     return;
   }
   if (!expr->inner->else_block) {
-    fail(Code::E0111, expr->span, "expected 'else' after an 'if' that gives a value, found " + found());
+    Diagnostic& diagnostic =
+        fail(Code::E0111, expr->span, "expected 'else' after an 'if' that gives a value, found " + found());
+    if (!is_const) diagnostic.help = "assign its value with let, or write '=' and ';' in it to change a var";
     return;
   }
   expr = parse_binary_rest(parse_postfix_rest(std::move(expr)), 1);
   finish_expression_statement(block, std::move(expr), first.begin);
 }
 
+// A name before something that no expression goes on with.
+bool Parser::at_foreign_statement() const {
+  if (!at(TokenKind::Name) || instead_of(lexer_.text(token_)) == nullptr) return false;
+  if (next_at(TokenKind::Name) || next_at(TokenKind::LeftBrace)) return true;
+  if (at_word("continue")) return next_at(TokenKind::Semicolon) || next_at(TokenKind::If);
+  return (at_word("while") || at_word("switch") || at_word("elif")) &&
+         (next_at(TokenKind::LeftParen) || next_at(TokenKind::Not) || next_at(TokenKind::True));
+}
+
 void Parser::parse_expression_statement(Block& block) {
   const uint32_t begin = token_.begin;
+  if (at_foreign_statement()) {
+    const std::string word = text(token_);
+    fail(Code::E0122, span(token_), "expected a statement, found '" + word + "', which is a word of other languages").help =
+        instead_of(word);
+    return;
+  }
   if (at(TokenKind::Name) && next_at(TokenKind::Name)) {
     // Two names in a row mean nothing; a misspelt keyword does.
     if (const auto nearest = nearest_name(lexer_.text(token_), statement_words())) {
@@ -299,14 +355,18 @@ void Parser::parse_expression_statement(Block& block) {
     block.statements.push_back(std::move(stmt));
     return;
   }
-  if (is_arithmetic(token_.kind) && next_is_adjacent(TokenKind::Assign)) {
+  const TokenKind twice = token_.kind;
+  if ((twice == TokenKind::Plus || twice == TokenKind::Minus) && next_is_adjacent(twice) &&
+      left->kind == Expr::Kind::NameRef && after_next_is(";")) {
     const std::string op = text(token_);
-    Diagnostic& diagnostic =
-        fail(Code::E0120, Span{file_, token_.begin, next_.end}, "expected '=' or an operator, found '" + op + "='");
-    if (left->kind == Expr::Kind::NameRef && left->name.size() <= 40) {
-      diagnostic.help = "write '" + left->name + " = " + left->name + " " + op + " ...'";
-    }
+    fail(Code::E0120, Span{file_, token_.begin, next_.end}, "expected '=' or an operator, found '" + op + op + "'")
+        .help = "write '" + left->name.substr(0, 40) + " " + op + "= 1'";
     return;
+  }
+  std::string_view op;  // of `+=` and its like
+  if (is_arithmetic(token_.kind) && next_is_adjacent(TokenKind::Assign)) {
+    op = token_text(token_.kind);
+    advance();
   }
   if (!at(TokenKind::Assign)) left = parse_binary_rest(std::move(left), 1);
   if (broken()) return;
@@ -317,6 +377,7 @@ void Parser::parse_expression_statement(Block& block) {
     }
     advance();
     StmtPtr stmt = make_stmt(Stmt::Kind::Assign);
+    stmt->op = op;
     stmt->target = std::move(left);
     stmt->a = parse_expr();
     stmt->span = span_from(begin);

@@ -2,6 +2,7 @@
 // drc: options in, library calls, exit code out.
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <cerrno>
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
@@ -40,15 +41,22 @@ void add_diagnostics(CLI::App& command, std::string& format) {
 // An internal error aborts with its message on stderr; scripts see it as an exit code.
 void on_abort(int) { std::_Exit(kInternalError); }
 
-// The allocator aborts without a word where nobody says what to do. Before main() there is nobody to catch.
-bool catches = false;
-void on_no_memory() {
-  if (catches) throw std::bad_alloc();
-  std::fputs("error: this machine has not enough memory to start\n", stderr);
+// Where mimalloc finds no memory it would abort without a word, before main() too.
+void on_allocator_error(int error, void*) {
+  if (error != ENOMEM) return;
+  std::fputs("error: this machine has not enough memory for the program and its data\n", stderr);
   std::_Exit(kUserError);
 }
-[[gnu::constructor(101)]] void set_on_no_memory() { std::set_new_handler(on_no_memory); }
 
+}  // namespace
+
+// mimalloc's, where it is linked.
+extern "C" [[gnu::weak]] void mi_register_error(void (*handler)(int, void*), void* argument);
+
+namespace {
+[[gnu::constructor(101)]] void listen_to_allocator() {
+  if (mi_register_error != nullptr) mi_register_error(on_allocator_error, nullptr);
+}
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -269,7 +277,6 @@ int main(int argc, char** argv) {
     return kBadUsage;
   }
   if (as_json) collect_messages();
-  catches = true;
   try {
     int code = kOk;
     if (check_command->parsed()) code = check(check_options);

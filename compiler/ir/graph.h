@@ -12,15 +12,25 @@
 // *Regions* are structured and run once per element of the op's domain (attrs.dims). Inside one, every
 // value is taken at the current element: captured values broadcast to the domain, results of inner ops
 // have the domain's extent or a smaller one that broadcasts to it. Only element-wise ops, Gather from values
-// defined in the root region, and further If/Reduce ops stand in a region.
-// A region ends in `yields`. If and Reduce say for each result how the yields combine (Yield):
-//   Element   one yielded value: If takes the branch's; not allowed in Reduce
+// defined in the root region, and further If/Reduce/Fold ops stand in a region.
+// A region ends in `yields`. If, Reduce and Fold say for each result how the yields combine (Yield):
+//   Element   one yielded value: If takes the branch's, Fold the last trip's; not allowed in Reduce
 //   Sum, Min, Max, ArgMin   one yielded value: Reduce folds it over the trips (0, +inf, -inf, begin-1 when empty)
 //   Scatter   two yielded values (index, value), or one that is itself an accumulation: the result is an image of the
 //             extent in attrs.dims[3 + 3k ..] (k = running number of Scatter results) that sums the values at the
 //             indices. Every element of the domain adds its term, and every trip. The branches of an If choose their
 //             form each for itself; one with nothing to add scatters zero to an index out of range. Inside an outer
 //             region such a result may only be yielded on as a Scatter; its ValueInfo::accumulation is set.
+//
+// A Fold is a loop that carries values. It has one or more *sweeps* over one sequence of trips, a region each: the
+// first runs through the trips forwards, the second backwards, and so on in turn. A sweep carries *states*: its region
+// takes the trip's number, for each earlier sweep the states that it had before that trip, and its own; it yields its
+// next ones. What the first yields before them may be a Bool that says that no trip comes after this one, so that the
+// trips are those from `begin` on that were run. There are at most as many as the bound says, if there is one. The
+// states after the last sweep are the first results, Element each; Sums and Scatters over its trips may follow. A program's loops have one sweep; the adjoint of a Fold is one of twice as many. How a later sweep comes by
+// the states of an earlier one, by storing or computing them again, is the backend's business.
+//   %r = fold %begin, %end, %x ints [64, 1, 1] dims [W, H, 1] yields [element]
+//        (%i : int, %s : float[W, H]) { ..; yield %stop, %next }
 //
 // Floats are IEEE numbers; NaN and Inf propagate. An indexed read out of range is 0, a scatter out of range is
 // dropped. Integer division by zero is 0, shifts use the low five bits, conversions saturate: there is no
@@ -72,7 +82,7 @@ struct Attrs {
   std::vector<int64_t> ints = {};
   std::vector<double> floats = {};
   std::vector<Dim> dims = {};
-  std::vector<Yield> yields = {};  // If, Reduce: one per result
+  std::vector<Yield> yields = {};  // If, Reduce, Fold: one per result
   std::string text = {};
   friend bool operator==(const Attrs&, const Attrs&) = default;
 };
@@ -99,7 +109,7 @@ struct Op {
 
 struct Region {
   OpId parent;                  // invalid for the root
-  std::vector<ValueId> params;  // Reduce: {i}. Raster: see ops/raster.cpp
+  std::vector<ValueId> params;  // Reduce: {i}. Fold: see above. Raster: see ops/raster.cpp
   std::vector<OpId> ops;
   std::vector<ValueId> yields;
 };

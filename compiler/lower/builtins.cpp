@@ -123,6 +123,7 @@ struct BuiltinTable {
         {"detach", 1, 1, &E::builtin_barrier, OpKind::Detach},
         {"pin", 1, 1, &E::builtin_barrier, OpKind::Pin},
         {"grad", 2, 2, &E::builtin_grad, OpKind::Grad, {"seed"}},
+        {"jvp", 3, 3, &E::builtin_jvp, OpKind::Grad},
         {"array", 2, 2, &E::builtin_array},
         {"topology", 1, 2, &E::builtin_topology},
     };
@@ -313,9 +314,7 @@ Value Elaborator::builtin_select(BuiltinCall& call) {
       if (element_type(sides[0]) == element_type(sides[1])) return sides[*known ? 0 : 1];
     }
   }
-  Expr place;
-  place.span = call.span;
-  return select_branches(c, call.args[1], call.args[2], place);
+  return select_branches(c, call.args[1], call.args[2], call.span);
 }
 
 // One argument: over the image; two: of both.

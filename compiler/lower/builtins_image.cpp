@@ -237,6 +237,11 @@ Value Elaborator::builtin_grad(BuiltinCall& call) {
   return grad(call.args[0], call.args[1], seed, call.spans[0], call.spans[1]);
 }
 
+Value Elaborator::builtin_jvp(BuiltinCall& call) {
+  if (refuse_in_region("'jvp'", call.span)) return Error{};
+  return jvp(call.args[0], call.args[1], call.args[2], call);
+}
+
 // ---- arrays ----
 
 Value Elaborator::builtin_array(BuiltinCall& call) {

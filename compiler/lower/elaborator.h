@@ -182,6 +182,7 @@ class Elaborator {
   void declare_leaf(ModuleInfo& root, const dsl::LeafDecl& decl);
   std::vector<double> initial_value(const dsl::LeafDecl& decl, const Type& type, bool& ok);
   void run_program(ModuleInfo& root);
+  void warn_of_shared_counts();
   void apply_defines(ModuleInfo& root);
 
   // Modules and names (modules.cpp).
@@ -328,6 +329,7 @@ class Elaborator {
   Value assigned_components(const Value& current, std::span<const int> indices, const Value& value,
                             const dsl::Stmt& stmt);
   Value fit_assignment(const Value& current, const Value& value, const dsl::Stmt& stmt);
+  const Binding* assignable(const Expr& place);
   void run_for(const dsl::Stmt& stmt);
   void run_const_if(const dsl::Stmt& stmt);
   std::optional<bool> known_condition(const Expr& expr);
@@ -335,13 +337,42 @@ class Elaborator {
   // Regions (regions.cpp).
   using LeafPair = std::function<Value(const Value&, const Value&)>;
   Value evaluate_if(const Expr& expr);
-  Value emit_if(const Value& condition, const Expr& expr);
-  Value select_branches(const Value& condition, const Value& a, const Value& b, const Expr& expr);
-  Value merge_branches(const Value& a, const Value& b, const Expr& expr, const LeafPair& leaf);
-  std::optional<Type> branch_type(const Value& a, const Value& b, const Expr& expr);
+  using Branch = std::function<Value()>;
+  Value emit_if(const Value& condition, const Span& span, const Branch& then, const Branch& otherwise);
+  Value select_branches(const Value& condition, const Value& a, const Value& b, const Span& span);
+  Value merge_branches(const Value& a, const Value& b, const Span& span, const LeafPair& leaf);
+  std::optional<Type> branch_type(const Value& a, const Value& b, const Span& span);
   bool is_cheap(const dsl::Block& block) const;
   Value evaluate_reduce(const Expr& expr);
-  bool reduce_range(const Value& value, const Expr& expr);
+  bool loop_range(const Value& value, const Expr& expr, std::string_view loop);
+  std::optional<int64_t> loop_bound(const Expr* promise, const Value& begin, const Value& end);
+
+  // Loops that carry values, and statements that change them (loops.cpp).
+  struct Range {
+    Value begin, end;
+    int64_t bound = -1;
+    std::string_view loop;  // "'for'"
+    Span span;
+  };
+  // What a loop carries: the states of a trip and its number in, whether it is the last one and the next states out.
+  using Trip = std::function<std::pair<Value, std::vector<Value>>(const Value& i, const std::vector<Value>& states)>;
+  std::optional<Range> evaluate_range(const Expr& begin, const Expr& end, const Expr* max, std::string_view loop,
+                                      const Span& span);
+  std::vector<Value> emit_fold(const Range& range, const std::vector<Value>& starts, const Span& span,
+                               const Trip& trip);
+  Value fit_state(const Value& state, const Value& next, const Span& span);
+  Value evaluate_fold(const Expr& expr);
+  void run_loop(const dsl::Stmt& stmt);
+  void run_if(const dsl::Stmt& stmt);
+  void run_break(const dsl::Stmt& stmt);
+  bool is_unrolled(const dsl::Stmt& stmt, const Value& begin, const Value& end) const;
+  // Statements of a loop's body, those behind a break only where it is not taken.
+  void run_breakable(std::span<const dsl::StmtPtr> statements, const std::function<void()>& rest);
+  // Changes of variables by one of two blocks.
+  void run_branches(const Value& condition, const Span& span, const std::set<std::string>& assigned,
+                    const std::function<void()>& then, const std::function<void()>& otherwise);
+  std::vector<std::string> variables_of(const std::set<std::string>& names) const;
+  void set_variable(std::string_view name, Value value);
 
   // Raster (raster.cpp).
   struct RasterCall;
@@ -368,6 +399,10 @@ class Elaborator {
   Value instantiate(const OptimizerValue& optimizer, uint32_t leaf, const Value& x, const Value& g,
                     const dsl::Stmt& stmt);
   std::vector<ValueId> emit_grad(const Value& y, const Value& seed, std::span<const ValueId> targets);
+  // What `x` is made of, where `y` can be differentiated by it.
+  std::optional<std::vector<ValueId>> grad_targets(const Value& y, const Value& x, const Span& y_span,
+                                                   const Span& x_span);
+  Value jvp(const Value& y, const Value& x, const Value& direction, const BuiltinCall& call);
 
   // Built-in functions (builtins.cpp, builtins_vector.cpp, builtins_image.cpp).
   static const Builtin* find_builtin(std::string_view name);
@@ -440,8 +475,10 @@ class Elaborator {
   Value builtin_coord(BuiltinCall& call);
   Value builtin_barrier(BuiltinCall& call);
   Value builtin_grad(BuiltinCall& call);
+  Value builtin_jvp(BuiltinCall& call);
   Value builtin_array(BuiltinCall& call);
   Value builtin_topology(BuiltinCall& call);  // topology.cpp
+  static const StructType& topology_type(bool with_vertices);
   const ir::Leaf* topology_faces(const BuiltinCall& call);
   Value topology_table(const std::string& faces, const topology::Table& table, const Dim& face_count,
                        const Dim& vertices);
@@ -471,6 +508,8 @@ class Elaborator {
   OptimizerFrame* optimizer_ = nullptr;
   std::set<const dsl::FnDecl*> open_vjps_;  // functions whose @vjp is being elaborated: in it they are plain
   int64_t cotangents_ = 0;
+  Span let_;                                       // the top-level `let` that is being elaborated
+  std::vector<std::pair<ir::OpId, Span>> counts_;  // uses of `step_index` there
 
   bool parsed_ = true;  // all files
   size_t depth_ = 0;

@@ -36,6 +36,7 @@ Value Elaborator::evaluate_any(const Expr& expr) {
     case Expr::Kind::Lambda: return evaluate_lambda(expr);
     case Expr::Kind::If: return evaluate_if(expr);
     case Expr::Kind::Reduce: return evaluate_reduce(expr);
+    case Expr::Kind::Fold: return evaluate_fold(expr);
     case Expr::Kind::Tuple: {
       TupleValue tuple;
       size_t parts = 0;
@@ -218,7 +219,7 @@ Value Elaborator::index_value(const Value& base, const Value& index, const Expr&
     const Value place = convert_scalar(index, Scalar::Int);
     const Value here = apply(OpKind::LessEqual, {place, Dim(i)});
     if (here.is_error()) return Error{};
-    result = select_branches(here, item(i), result, expr);
+    result = select_branches(here, item(i), result, expr.span);
   }
   return result;
 }

@@ -170,7 +170,36 @@ std::optional<ir::Graph> Elaborator::run(dsl::FileId root) {
                                          large->extent.str());
   }
   if (diagnostics_.has_errors()) return std::nullopt;
+  warn_of_shared_counts();
   return std::move(b_).finish();
+}
+
+// `step_index` counts the runs of the step that runs. Where two steps that change something use one schedule, it starts
+// again in the second: the program may mean that, and rarely does.
+void Elaborator::warn_of_shared_counts() {
+  if (counts_.empty()) return;
+  std::map<uint32_t, std::pair<Span, std::vector<std::string>>> users;  // by the start of the let
+  for (const ir::Step& step : b_.graph().steps) {
+    if (step.updates.empty()) continue;
+    std::vector<ValueId> roots;
+    for (const ir::Output& output : step.outputs) roots.push_back(output.value);
+    for (const ir::Update& update : step.updates) roots.push_back(update.value);
+    const std::vector<bool> live = ir::live_ops(b_.graph(), roots);
+    for (const auto& [op, let] : counts_) {
+      if (b_.graph().op(op).parent != b_.graph().root() || !live[op.index]) continue;
+      auto& [span, names] = users[let.begin];
+      span = let;
+      if (std::ranges::find(names, step.name) == names.end()) names.push_back(step.name);
+    }
+  }
+  for (const auto& [begin, user] : users) {
+    if (user.second.size() < 2) continue;
+    dsl::Diagnostic& warning = diagnostics_.warning(
+        Code::E0618, user.first,
+        "expected a schedule for each step, found one that the steps '" + user.second[0] + "' and '" + user.second[1] +
+            "' share: 'step_index' starts at 0 in each of them");
+    warning.help = "write the schedule in the steps, or count in a 'state' that both go on with";
+  }
 }
 
 void Elaborator::apply_defines(ModuleInfo& root) {
@@ -338,7 +367,11 @@ void Elaborator::run_program(ModuleInfo& root) {
         }
         break;
       }
-      case dsl::Item::Kind::Statement: run_statement(*item.statement); break;
+      case dsl::Item::Kind::Statement: {
+        const Switched<Span> let(let_, item.statement->span);
+        run_statement(*item.statement);
+        break;
+      }
       case dsl::Item::Kind::Step: run_step(*item.step); break;
       case dsl::Item::Kind::Fn:
       case dsl::Item::Kind::Struct:

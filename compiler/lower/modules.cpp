@@ -267,7 +267,11 @@ Value Elaborator::name_value(const std::string& name, const Span& span) {
     return item_value(module, name, found->second, span);
   }
   if (name == "seed") return seed_value(span);
-  if (name == "step_index") return Image{ops::emit(b_, OpKind::StepIndex, {})};
+  if (name == "step_index") {
+    const ValueId count = ops::emit(b_, OpKind::StepIndex, {});
+    if (!step_ && let_.valid()) counts_.emplace_back(b_.value(count).op, let_);
+    return Image{count};
+  }
   if (const Builtin* builtin = find_builtin(name)) return BuiltinValue{builtin, {}};
   if (const auto type = Type::parse(name)) {
     TypeValue value;

@@ -29,9 +29,11 @@ Value Elaborator::evaluate_if(const Expr& expr) {
   if (is_cheap(expr.inner->then_block) && is_cheap(*expr.inner->else_block)) {
     const Value a = evaluate_block(expr.inner->then_block);
     const Value b = evaluate_block(*expr.inner->else_block);
-    return select_branches(condition, a, b, expr);
+    return select_branches(condition, a, b, expr.span);
   }
-  return emit_if(condition, expr);
+  return emit_if(
+      condition, expr.span, [&] { return evaluate_block(expr.inner->then_block); },
+      [&] { return evaluate_block(*expr.inner->else_block); });
 }
 
 namespace {
@@ -54,21 +56,21 @@ bool Elaborator::is_cheap(const dsl::Block& block) const {
 }
 
 // The type that both sides have or can be taken as.
-std::optional<Type> Elaborator::branch_type(const Value& a, const Value& b, const Expr& expr) {
+std::optional<Type> Elaborator::branch_type(const Value& a, const Value& b, const Span& span) {
   const Type type_a = element_type(a), type_b = element_type(b);
   if (type_a == type_b) return type_a;
   if (a.is<Dim>() && type_b.is_scalar() && !type_b.is_bool()) return type_b;
   if (b.is<Dim>() && type_a.is_scalar() && !type_a.is_bool()) return type_a;
-  report(Code::E0314, expr.span,
+  report(Code::E0314, span,
          "expected branches of one type, found " + describe_element(a) + " and " + describe_element(b));
   return std::nullopt;
 }
 
 // Walks two values of one structure; what both sides have in common stays as it is.
-Value Elaborator::merge_branches(const Value& a, const Value& b, const Expr& expr, const LeafPair& leaf) {
+Value Elaborator::merge_branches(const Value& a, const Value& b, const Span& span, const LeafPair& leaf) {
   if (contains_error(a) || contains_error(b)) return Error{};
   if (a.is<Nothing>() || b.is<Nothing>())
-    return fail(Code::E0321, expr.span, "expected a value from both branches, found none from one");
+    return fail(Code::E0321, span, "expected a value from both branches, found none from one");
   if (same_value(a, b)) return a;
   if (a.is_numeric() && b.is_numeric()) return leaf(a, b);
   const auto* s = a.get<StructValue>();
@@ -77,21 +79,21 @@ Value Elaborator::merge_branches(const Value& a, const Value& b, const Expr& exp
   if (!alike) {
     const std::string help =
         a.is<FunctionValue>() || b.is<FunctionValue>() ? "choose between functions with 'const if'" : "";
-    return fail(Code::E0314, expr.span,
+    return fail(Code::E0314, span,
                 "expected branches of one type, found " + describe_element(a) + " and " + describe_element(b), {},
                 help);
   }
   std::vector<Value> parts;
   for (size_t i = 0; i < parts_of(a).size(); ++i) {
-    parts.push_back(merge_branches(parts_of(a)[i], parts_of(b)[i], expr, leaf));
+    parts.push_back(merge_branches(parts_of(a)[i], parts_of(b)[i], span, leaf));
     if (parts.back().is_error()) return Error{};
   }
   return with_parts(a, std::move(parts));
 }
 
-Value Elaborator::select_branches(const Value& condition, const Value& a, const Value& b, const Expr& expr) {
-  return merge_branches(a, b, expr, [&](const Value& x, const Value& y) -> Value {
-    const auto type = branch_type(x, y, expr);
+Value Elaborator::select_branches(const Value& condition, const Value& a, const Value& b, const Span& span) {
+  return merge_branches(a, b, span, [&](const Value& x, const Value& y) -> Value {
+    const auto type = branch_type(x, y, span);
     if (!type) return Error{};
     Value then_value = x, else_value = y;
     convert_known_int(then_value, type->scalar);
@@ -104,22 +106,22 @@ Value Elaborator::select_branches(const Value& condition, const Value& a, const 
   });
 }
 
-Value Elaborator::emit_if(const Value& condition, const Expr& expr) {
+Value Elaborator::emit_if(const Value& condition, const Span& span, const Branch& then, const Branch& otherwise) {
   const ValueId condition_id = materialize(condition);
-  regions_.push_back({"'if'", expr.span, frames_.size(), {}});
+  regions_.push_back({"'if'", span, frames_.size(), {}});
   // The else region is built while the then region is still open: a literal of either may take its type from the other.
   const ir::RegionId then_region = b_.begin_region({});
-  const Value a = evaluate_block(expr.inner->then_block);
+  const Value a = then();
   const ir::RegionId else_region = b_.begin_region({});
-  const Value b = evaluate_block(*expr.inner->else_block);
+  const Value b = otherwise();
 
   struct Pair {
     Value a, b;
     Type type;
   };
   std::vector<Pair> pairs;
-  const Value merged = merge_branches(a, b, expr, [&](const Value& x, const Value& y) -> Value {
-    const auto type = branch_type(x, y, expr);
+  const Value merged = merge_branches(a, b, span, [&](const Value& x, const Value& y) -> Value {
+    const auto type = branch_type(x, y, span);
     if (!type) return Error{};
     pairs.push_back({x, y, *type});
     return Nothing{};
@@ -140,7 +142,7 @@ Value Elaborator::emit_if(const Value& condition, const Expr& expr) {
   if (merged.is_error() || diagnostics_.has_errors()) return Error{};
 
   const ir::RegionId regions[] = {then_region, else_region};
-  const auto domain = region_domain(b_.value(condition_id).extent, regions, expr.span);
+  const auto domain = region_domain(b_.value(condition_id).extent, regions, span);
   if (!domain) return Error{};
   ir::Attrs attrs;
   attrs.dims = {domain->w, domain->h, domain->l};
@@ -148,7 +150,7 @@ Value Elaborator::emit_if(const Value& condition, const Expr& expr) {
   const std::vector<ValueId> results =
       ops::emit_multi(b_, OpKind::If, {condition_id}, std::move(attrs), {then_region, else_region});
   size_t next = 0;
-  return merge_branches(a, b, expr, [&](const Value&, const Value&) -> Value {
+  return merge_branches(a, b, span, [&](const Value&, const Value&) -> Value {
     const Pair& pair = pairs[next];
     return image(results[next++], {&condition, &pair.a, &pair.b});
   });
@@ -157,29 +159,35 @@ Value Elaborator::emit_if(const Value& condition, const Expr& expr) {
 // ---- reduce ----
 
 // An end of the range.
-bool Elaborator::reduce_range(const Value& value, const Expr& expr) {
+bool Elaborator::loop_range(const Value& value, const Expr& expr, std::string_view loop) {
   if (value.is_error()) return false;
   if (value.is_numeric() && element_type(value) == ir::kInt) return true;
-  report(Code::E0710, expr.span, "expected an int as the range of 'reduce', found " + describe(value));
+  report(Code::E0710, expr.span, "expected an int as the range of " + std::string(loop) + ", found " + describe(value));
   return false;
+}
+
+// The most trips that there are: what the program promises, or what is known; -1: any number. Nothing after an error.
+std::optional<int64_t> Elaborator::loop_bound(const Expr* promise, const Value& begin, const Value& end) {
+  if (promise) {
+    const auto known = evaluate_known_int(*promise, "'max'");
+    if (!known) return std::nullopt;
+    if (*known >= 0 && *known <= INT32_MAX) return known;
+    report(Code::E0710, promise->span,
+           "expected a bound of at least 0 on the trips, found " + std::to_string(*known));
+    return std::nullopt;
+  }
+  if (!begin.is<Dim>() || !end.is<Dim>()) return -1;
+  const Dim trips = end.as<Dim>() - begin.as<Dim>();
+  return trips.is_constant() ? std::max<int64_t>(trips.constant(), 0) : -1;
 }
 
 Value Elaborator::evaluate_reduce(const Expr& expr) {
   const Value begin = evaluate(*expr.a);
   const Value end = evaluate(*expr.b);
-  if (!reduce_range(begin, *expr.a) || !reduce_range(end, *expr.b)) return Error{};
-  int64_t bound = -1;
-  if (expr.c) {
-    const auto known = evaluate_known_int(*expr.c, "'max'");
-    if (!known) return Error{};
-    if (*known < 0 || *known > INT32_MAX)
-      return fail(Code::E0710, expr.c->span,
-                  "expected a bound of at least 0 on the trips, found " + std::to_string(*known));
-    bound = *known;
-  } else if (begin.is<Dim>() && end.is<Dim>()) {
-    const Dim trips = end.as<Dim>() - begin.as<Dim>();
-    if (trips.is_constant()) bound = std::max<int64_t>(trips.constant(), 0);
-  }
+  if (!loop_range(begin, *expr.a, "'reduce'") || !loop_range(end, *expr.b, "'reduce'")) return Error{};
+  const auto known_bound = loop_bound(expr.c.get(), begin, end);
+  if (!known_bound) return Error{};
+  const int64_t bound = *known_bound;
   ir::Yield yield = ir::Yield::Sum;
   if (expr.name == "min") yield = ir::Yield::Min;
   if (expr.name == "max") yield = ir::Yield::Max;

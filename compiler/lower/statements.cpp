@@ -41,6 +41,8 @@ void Elaborator::run_statement(const dsl::Stmt& stmt) {
       }
       break;
     case dsl::Stmt::Kind::For: run_for(stmt); break;
+    case dsl::Stmt::Kind::If: run_if(stmt); break;
+    case dsl::Stmt::Kind::Break: run_break(stmt); break;
     case dsl::Stmt::Kind::ConstIf: run_const_if(stmt); break;
     case dsl::Stmt::Kind::Minimize:
       if (in_step("'minimize'", stmt.span)) run_minimize(stmt);
@@ -92,26 +94,37 @@ void Elaborator::run_assign(const dsl::Stmt& stmt) {
   for (; at->kind == Expr::Kind::Field || at->kind == Expr::Kind::Index; at = at->a.get()) path.push_back(at);
   std::reverse(path.begin(), path.end());
   Value value = evaluate(*stmt.a);
+  const Binding* binding = assignable(*at);
+  if (!binding || binding->value.is_error()) return;
+  if (!stmt.op.empty() && !contains_error(value)) value = binary(stmt.op, evaluate(*stmt.target), value, stmt.span);
+  const Value before = binding->value;
+  Value after = contains_error(value) ? Value(Error{}) : assigned(before, path, value, stmt);
+  if (path.empty()) set_name(after, at->name);
+  set_variable(at->name, std::move(after));
+}
 
+// The binding of a name that may be assigned here; null where that has been refused.
+const Binding* Elaborator::assignable(const Expr& place) {
+  const Expr* at = &place;
   const Binding* binding = find_binding(at->name);
   if (!binding) {
     const auto item = scope_->module->items.find(at->name);
     if (item == scope_->module->items.end()) {
       report(Code::E0201, at->span, "expected the name of a variable, found '" + at->name + "'", {},
              suggestion(at->name, visible_names()));
-      return;
+      return nullptr;
     }
     const bool leaf = item->second.kind == ModuleItem::Kind::Leaf;
     report(Code::E0507, at->span,
            "expected a 'var' before '=', found " + std::string(leaf ? "the leaf '" : "'") + at->name + "'",
            {{item->second.span, "'" + at->name + "' is declared here"}},
            leaf ? "write '<-' to give a leaf its next value" : "");
-    return;
+    return nullptr;
   }
   if (!binding->is_var) {
     report(Code::E0507, at->span, "expected a 'var' before '=', found '" + at->name + "', which does not change",
            {{binding->span, "'" + at->name + "' is declared here"}}, "declare it with 'var'");
-    return;
+    return nullptr;
   }
   if (binding->frame != frames_.size() || binding->region != regions_.size()) {
     const bool region = binding->region != regions_.size();
@@ -119,16 +132,16 @@ void Elaborator::run_assign(const dsl::Stmt& stmt) {
            "expected an assignment to a variable of this " + std::string(region ? "region" : "function") + ", found '" +
                at->name + "' from outside",
            {{binding->span, "'" + at->name + "' is declared here"}}, region ? "make it the value of the region" : "");
-    return;
+    return nullptr;
   }
-  if (binding->value.is_error()) return;
-  const Value before = binding->value;
-  Value after = contains_error(value) ? Value(Error{}) : assigned(before, path, value, stmt);
-  if (path.empty()) set_name(after, at->name);
-  // Evaluation may have added names to the scope: find the place again.
+  return binding;
+}
+
+// Evaluation may have added names to the scope since the variable was found.
+void Elaborator::set_variable(std::string_view name, Value value) {
   for (Scope* scope = scope_; scope; scope = scope->parent) {
-    if (Binding* place = scope->find(at->name)) {
-      place->value = std::move(after);
+    if (Binding* place = scope->find(name)) {
+      place->value = std::move(value);
       return;
     }
   }
@@ -226,6 +239,7 @@ Value Elaborator::fit_assignment(const Value& current, const Value& value, const
 // ---- compile-time control flow ----
 
 void Elaborator::run_for(const dsl::Stmt& stmt) {
+  if (!is_unrolled(stmt, evaluate(*stmt.a), evaluate(*stmt.b))) return run_loop(stmt);
   const auto begin = evaluate_known_int(*stmt.a, "the range of 'for'");
   const auto end = evaluate_known_int(*stmt.b, "the range of 'for'");
   if (!begin || !end) return;
@@ -234,7 +248,7 @@ void Elaborator::run_for(const dsl::Stmt& stmt) {
     report(Code::E0502, stmt.b->span,
            "expected at most " + std::to_string(kMaxTrips) + " trips of 'for', found a range from " +
                std::to_string(*begin) + " to " + std::to_string(*end),
-           {}, "use 'reduce' for a loop that is not unrolled");
+           {}, "add ', max = " + std::to_string(trips) + "' for a loop at run time");
     return;
   }
   const size_t errors = diagnostics_.error_count();
@@ -268,11 +282,12 @@ std::optional<bool> Elaborator::known_condition(const Expr& expr) {
 void Elaborator::run_const_if(const dsl::Stmt& stmt) {
   const auto condition = known_condition(*stmt.a);
   if (!condition) return;
-  if (*condition) {
-    evaluate_block(stmt.body);
-  } else if (stmt.else_body) {
-    evaluate_block(*stmt.else_body);
-  }
+  const dsl::Block* block = *condition ? &stmt.body : stmt.else_body ? &*stmt.else_body : nullptr;
+  if (!block) return;
+  const Switched<Scope*> inside(scope_, new_scope(scope_));
+  run_breakable(block->statements, [&] {
+    if (block->value) evaluate(*block->value);
+  });
 }
 
 }  // namespace dr::lower

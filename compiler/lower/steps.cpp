@@ -185,11 +185,12 @@ std::vector<ValueId> Elaborator::emit_grad(const Value& y, const Value& seed, st
   return ops::emit_multi(b_, OpKind::Grad, std::move(operands));
 }
 
-Value Elaborator::grad(const Value& y, const Value& x, const std::optional<Argument>& seed, const Span& y_span,
-                       const Span& x_span) {
+std::optional<std::vector<ValueId>> Elaborator::grad_targets(const Value& y, const Value& x, const Span& y_span,
+                                                             const Span& x_span) {
   if (!y.is_numeric() || !element_type(y).is_float()) {
-    return fail(Code::E0608, y_span,
-                "expected a float, vector or matrix of floats to differentiate, found " + describe(y));
+    report(Code::E0608, y_span,
+           "expected a float, vector or matrix of floats to differentiate, found " + describe(y));
+    return std::nullopt;
   }
   std::vector<ValueId> targets;
   bool ok = true;
@@ -213,10 +214,18 @@ Value Elaborator::grad(const Value& y, const Value& x, const std::optional<Argum
       targets.push_back(target->id);
     }
   });
-  if (!ok) return Error{};
-  if (targets.empty())
-    return fail(Code::E0607, x_span,
-                "expected a leaf or a value computed from leaves to differentiate by, found " + describe(x));
+  if (ok && targets.empty()) {
+    ok = false;
+    report(Code::E0607, x_span,
+           "expected a leaf or a value computed from leaves to differentiate by, found " + describe(x));
+  }
+  return ok ? std::optional(std::move(targets)) : std::nullopt;
+}
+
+Value Elaborator::grad(const Value& y, const Value& x, const std::optional<Argument>& seed, const Span& y_span,
+                       const Span& x_span) {
+  const auto targets = grad_targets(y, x, y_span, x_span);
+  if (!targets) return Error{};
   const Type type = element_type(y);
   Value start = Constant{type, std::vector<double>(static_cast<size_t>(type.components()), 1.0)};
   if (seed) {
@@ -228,9 +237,52 @@ Value Elaborator::grad(const Value& y, const Value& x, const std::optional<Argum
                   "expected a seed of " + describe(y) + ", as what is differentiated, found " + describe(seed->value));
     }
   }
-  const std::vector<ValueId> results = emit_grad(y, start, targets);
+  const std::vector<ValueId> results = emit_grad(y, start, *targets);
   size_t next = 0;
   return map_leaves(x, [&](const Value& leaf) -> Value { return image(results[next++], {&y, &leaf}); });
+}
+
+// How `y` changes along a direction is how the gradient's product with the direction changes with the seed: what leads
+// from a seed to the gradient is linear, and its adjoint leads from directions to changes. Nothing of the result depends
+// on the seed's value.
+Value Elaborator::jvp(const Value& y, const Value& x, const Value& direction, const BuiltinCall& call) {
+  const auto targets = grad_targets(y, x, call.spans[0], call.spans[1]);
+  if (!targets || contains_error(direction)) return Error{};
+  std::vector<Value> along;
+  for_each_leaf(direction, [&](const Value& leaf) { along.push_back(leaf); });
+  bool fits = along.size() == targets->size();
+  for (size_t k = 0; fits && k < along.size(); ++k) {
+    const ir::ValueInfo& target = b_.value((*targets)[k]);
+    if (!along[k].is_numeric()) {
+      fits = false;
+      continue;
+    }
+    if (target.type.is_scalar()) convert_known_int(along[k], Scalar::Float);
+    const auto both = ir::broadcast(extent_of(along[k]), target.extent);
+    fits = element_type(along[k]) == target.type && both && *both == target.extent;
+  }
+  if (!fits) {
+    return fail(Code::E0609, call.spans[2],
+                "expected a direction of " + describe(x) + ", as what is differentiated by, found " + describe(direction));
+  }
+  const Type type = element_type(y);
+  const Value seed = image(ops::broadcast(b_, ops::constant(b_, type, 1.0), extent_of(y)), {&y});
+  const std::vector<ValueId> gradients = emit_grad(y, seed, *targets);
+  ValueId sum;
+  for (size_t k = 0; k < gradients.size(); ++k) {
+    const Type part = element_type(along[k]);
+    const ValueId d = materialize(along[k]);
+    for (int c = 0; c < (part.is_matrix() ? part.cols : 1); ++c) {
+      const ValueId a = part.is_matrix() ? ops::extract(b_, gradients[k], c) : gradients[k];
+      const ValueId b = part.is_matrix() ? ops::extract(b_, d, c) : d;
+      ir::Attrs all;
+      all.ints = {1, 1, 1};
+      const ValueId product = part.is_scalar() ? ops::mul(b_, a, b) : ops::emit(b_, OpKind::Dot, {a, b});
+      const ValueId term = ops::emit(b_, OpKind::ReduceSum, {product}, std::move(all));
+      sum = sum.valid() ? ops::add(b_, sum, term) : term;
+    }
+  }
+  return image(emit_grad(Image{sum}, make_float(1), std::vector<ValueId>{seed.as<Image>().id})[0], {&y});
 }
 
 // ---- optimizers ----

@@ -53,6 +53,18 @@ Value Elaborator::topology_table(const std::string& faces, const topology::Table
 }
 
 // topology(face), topology(face, V): a struct with a field for each table; those of vertices need their number.
+const StructType& Elaborator::topology_type(bool with_vertices) {
+  static const auto make = [](bool all) {
+    StructType type{"topology", {}, nullptr, nullptr};
+    for (const topology::Table& table : topology::tables()) {
+      if (all || !table.of_vertices()) type.fields.emplace_back(table.name);
+    }
+    return type;
+  };
+  static const StructType kEdges = make(false), kAll = make(true);
+  return with_vertices ? kAll : kEdges;
+}
+
 Value Elaborator::builtin_topology(BuiltinCall& call) {
   if (refuse_in_region("'topology'", call.span)) return Error{};
   const ir::Leaf* leaf = topology_faces(call);
@@ -77,15 +89,7 @@ Value Elaborator::builtin_topology(BuiltinCall& call) {
                   {{b_.graph().leaves[*made].span, "the first is here"}});
     }
   }
-  static const auto type_with = [](bool with_vertices) {
-    StructType type{"Topology", {}, nullptr, nullptr};
-    for (const topology::Table& table : topology::tables()) {
-      if (with_vertices || !table.of_vertices()) type.fields.emplace_back(table.name);
-    }
-    return type;
-  };
-  static const StructType kEdges = type_with(false), kAll = type_with(true);
-  StructValue result{vertices ? &kAll : &kEdges, {}, {}};
+  StructValue result{&topology_type(vertices != nullptr), {}, {}};
   for (const topology::Table& table : topology::tables()) {
     if (!vertices && table.of_vertices()) continue;
     result.fields.push_back(topology_table(faces, table, face_count, vertices ? *vertices : Dim(1)));

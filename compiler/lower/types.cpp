@@ -43,6 +43,11 @@ std::optional<Value> Elaborator::type_name(const dsl::TypeExpr& type) {
       value.kind = TypeValue::Kind::Array;
       return value;
     }
+    if (first.text == "topology") {
+      value.kind = TypeValue::Kind::Struct;
+      value.structure = &topology_type(false);
+      return value;
+    }
   }
   if (!declared) {
     std::vector<std::string> known = {"bool",  "int",   "uint",  "float", "vec2",  "vec3",  "vec4",
@@ -251,7 +256,8 @@ std::optional<Value> Elaborator::match_type_value(const Value& value, const Type
   if (wanted.kind == TypeValue::Kind::Element) return match_element(value, wanted.element, type, how);
   if (wanted.kind == TypeValue::Kind::Struct) {
     const auto* s = value.get<StructValue>();
-    if (s && s->type == wanted.structure && (wanted.generics.empty() || same_type(type_of(value), wanted))) {
+    const bool topologies = s && wanted.structure == &topology_type(false) && s->type == &topology_type(true);
+    if (s && (s->type == wanted.structure || topologies) && (wanted.generics.empty() || same_type(type_of(value), wanted))) {
       if (!match_generics(*s, type, how)) return std::nullopt;
       return value;
     }

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The structured constructs: what their results are, given what their regions yield. Their adjoints are the business of
 // compiler/passes/differentiate*.cpp.
+#include <algorithm>
+
 #include "compiler/ops/families.h"
 #include "compiler/ops/rules.h"
 
@@ -20,10 +22,11 @@ struct Yielded {
   ResultType value;                 // an accumulation where a Scatter has no index
 };
 
-std::variant<std::vector<Yielded>, std::string> yielded(const Graph& graph, const Attrs& attrs, RegionId region) {
+// What a region yields from its yield `at` on.
+std::variant<std::vector<Yielded>, std::string> yielded(const Graph& graph, const Attrs& attrs, RegionId region,
+                                                        size_t at) {
   const auto& values = graph.region(region).yields;
   std::vector<Yielded> result;
-  size_t at = 0;
   const auto next = [&]() -> std::optional<ResultType> {
     if (at == values.size()) return std::nullopt;
     const ir::ValueInfo& value = graph.value(values[at++]);
@@ -89,8 +92,8 @@ std::variant<Type, std::string> combined(Yield how, Type type) {
   DR_ICE("no such yield");
 }
 
-// The common part of If and Reduce: all regions yield the same types for the results.
-InferResult infer_yields(const GraphInferInput& in) {
+// The common part: all regions that yield for the results yield the same types for them, from their yield `at` on.
+InferResult infer_yields(const GraphInferInput& in, std::span<const RegionId> regions, size_t at = 0) {
   size_t scatters = 0;
   for (const Yield how : in.attrs.yields) scatters += how == Yield::Scatter ? 1 : 0;
   if (in.attrs.yields.empty()) return "an op without results";
@@ -101,8 +104,8 @@ InferResult infer_yields(const GraphInferInput& in) {
   }
 
   std::vector<ResultType> results(in.attrs.yields.size());
-  for (size_t r = 0; r < in.regions.size(); ++r) {
-    auto yields = yielded(in.graph, in.attrs, in.regions[r]);
+  for (size_t r = 0; r < regions.size(); ++r) {
+    auto yields = yielded(in.graph, in.attrs, regions[r], at);
     if (auto* wrong = std::get_if<std::string>(&yields)) return std::move(*wrong);
     size_t scatter = 0;
     for (size_t k = 0; k < results.size(); ++k) {
@@ -129,7 +132,7 @@ InferResult infer_if(const GraphInferInput& in) {
   for (const Yield how : in.attrs.yields) {
     if (how != Yield::Element && how != Yield::Scatter) return "an if yields elements and scatters";
   }
-  return infer_yields(in);
+  return infer_yields(in, in.regions);
 }
 
 InferResult infer_reduce(const GraphInferInput& in) {
@@ -144,7 +147,65 @@ InferResult infer_reduce(const GraphInferInput& in) {
   for (const Yield how : in.attrs.yields) {
     if (how == Yield::Element) return "a reduce combines what its trips yield";
   }
-  return infer_yields(in);
+  return infer_yields(in, in.regions);
+}
+
+// The states of one sweep: of one type at its start, in every region that has them, and as it yields them.
+std::string expect_states(const GraphInferInput& in, size_t sweep, size_t first, const Extent& domain) {
+  const auto count = static_cast<size_t>(in.attrs.ints[2 + sweep]);
+  const auto& yields = in.graph.region(in.regions[sweep]).yields;
+  const size_t skip = sweep == 0 && in.attrs.ints[1] != 0 ? 1 : 0;
+  const bool last = sweep + 1 == in.regions.size();
+  if (yields.size() < skip + count) return "a region yields too little";
+  if (!last && yields.size() > skip + count) return "a region yields too much";
+  if (skip != 0 && in.graph.value(yields[0]).type != ir::kBool)
+    return "what ends a fold is bool, not " + in.graph.value(yields[0]).type.str();
+  if (last && in.attrs.yields.size() < count) return "an op without results for its states";
+  for (size_t k = 0; k < count; ++k) {
+    const Type type = in.operand_types[2 + first + k].type;
+    const auto expect = [&](const ir::ValueInfo& info) -> std::string {
+      if (info.type != type) return "a state differs: " + type.str() + " and " + info.type.str();
+      return expect_stretches({.type = info.type, .extent = info.extent}, domain);
+    };
+    for (size_t r = sweep; r < in.regions.size(); ++r) {
+      const ir::ValueId param = in.graph.region(in.regions[r]).params[1 + first + k];
+      if (std::string wrong = expect(in.graph.value(param)); !wrong.empty()) return wrong;
+    }
+    if (std::string wrong = expect(in.graph.value(yields[skip + k])); !wrong.empty()) return wrong;
+    if (last && in.attrs.yields[k] != Yield::Element)
+      return "the states after the last sweep are the first results, element each";
+  }
+  for (size_t k = count; last && k < in.attrs.yields.size(); ++k)
+    if (in.attrs.yields[k] != Yield::Sum && in.attrs.yields[k] != Yield::Scatter)
+      return "results of a fold that are no states are sums and scatters";
+  return "";
+}
+
+InferResult infer_fold(const GraphInferInput& in) {
+  const size_t sweeps = in.regions.size();
+  if (sweeps == 0) return "expected at least one region";
+  if (std::string wrong = expect_ints(in.attrs, 2 + sweeps); !wrong.empty()) return wrong;
+  if (in.attrs.ints[0] < -1) return "a bound on the trips is a number of them, or -1";
+  if (in.attrs.ints[1] != 0 && in.attrs.ints[1] != 1) return "a fold stops by a condition, 1, or does not, 0";
+  size_t states = 0;
+  for (size_t k = 0; k < sweeps; ++k) {
+    const int64_t count = in.attrs.ints[2 + k];
+    if (count < 0 || count > 1 << 20) return "a sweep has a number of states";
+    states += static_cast<size_t>(count);
+    if (in.graph.region(in.regions[k]).params.size() != 1 + states)
+      return "a region has as parameters the trip and the states of its sweep and of those before it";
+    if (in.graph.value(in.graph.region(in.regions[k]).params[0]).type != ir::kInt) return "a trip is an int";
+  }
+  if (in.operands.size() != 2 + states) return "expected two bounds and what each state starts with";
+  for (size_t k = 0; k < 2; ++k)
+    if (in.operand_types[k].type != ir::kInt) return "a bound is int, not " + in.operand_types[k].type.str();
+  if (in.attrs.dims.size() < 3) return "expected at least 3 dims, found " + std::to_string(in.attrs.dims.size());
+  size_t first = 0;
+  for (size_t k = 0; k < sweeps; ++k) {
+    if (std::string wrong = expect_states(in, k, first, extent_of(in.attrs)); !wrong.empty()) return wrong;
+    first += static_cast<size_t>(in.attrs.ints[2 + k]);
+  }
+  return infer_yields(in, in.regions.last(1), sweeps == 1 && in.attrs.ints[1] != 0 ? 1 : 0);
 }
 
 }  // namespace
@@ -159,6 +220,11 @@ std::vector<OpInfo> region_ops() {
        .shape = Shape::Region,
        .doc = "A region run for each number of a range, its results combined.",
        .infer_in_graph = infer_reduce},
+      {.kind = OpKind::Fold,
+       .shape = Shape::Region,
+       .doc = "A region run for each number of a range with the states that it gave before; regions after it go back and forth "
+              "over its trips.",
+       .infer_in_graph = infer_fold},
   };
 }
 

@@ -34,6 +34,8 @@ using ir::yielded;
 
 namespace {
 
+void mark_states(const Graph& graph, const Op& op, std::vector<bool>& active);
+
 // Marks, in order, what depends on values already marked. A region op's result depends on what its regions yield for
 // it.
 void mark_active(const Graph& graph, std::span<const OpId> list, std::vector<bool>& active) {
@@ -41,19 +43,43 @@ void mark_active(const Graph& graph, std::span<const OpId> list, std::vector<boo
   for (const OpId id : list) {
     const Op& op = graph.op(id);
     if (!ops::info(op.kind).differentiable) continue;
+    if (op.kind == OpKind::Fold) mark_states(graph, op, active);
     for (const RegionId inner : op.regions) mark_active(graph, graph.region(inner).ops, active);
     for (size_t k = 0; k < op.results.size(); ++k) {
       if (!graph.value(op.results[k]).type.is_float()) continue;
-      const bool depends = op.regions.empty() ? std::ranges::any_of(op.operands, is_active)
-                                              : std::ranges::any_of(op.regions, [&](RegionId inner) {
-                                                  return is_active(yielded(graph, op, inner)[k].value);
-                                                });
+      const bool carried = op.kind == OpKind::Fold && k < ir::fold_states(op, op.regions.size() - 1) &&
+                           is_active(ir::fold_params(graph, op, op.regions.size() - 1, op.regions.size() - 1)[k]);
+      const bool depends = carried || (op.regions.empty()
+                                           ? std::ranges::any_of(op.operands, is_active)
+                                           : std::ranges::any_of(ir::yielding_regions(op), [&](RegionId inner) {
+                                               return is_active(yielded(graph, op, inner)[k].value);
+                                             }));
       if (depends) active[op.results[k].index] = true;
     }
   }
 }
 
+// The states of a Fold that are active at some trip. Marks grow, so walking the sweeps again until none comes does it.
+void mark_states(const Graph& graph, const Op& op, std::vector<bool>& active) {
+  const size_t sweeps = ir::fold_sweeps(op);
+  for (bool grows = true; grows;) {
+    grows = false;
+    for (size_t sweep = 0; sweep < sweeps; ++sweep) {
+      const std::span<const ValueId> starts = ir::fold_starts(op, sweep), next = ir::fold_next(graph, op, sweep);
+      mark_active(graph, graph.region(op.regions[sweep]).ops, active);
+      for (size_t k = 0; k < starts.size(); ++k) {
+        const ValueId own = ir::fold_params(graph, op, sweep, sweep)[k];
+        if (active[own.index] || !graph.value(own).type.is_float()) continue;
+        if (!active[starts[k].index] && !active[next[k].index]) continue;
+        for (size_t in = sweep; in < sweeps; ++in) active[ir::fold_params(graph, op, in, sweep)[k].index] = true;
+        grows = true;
+      }
+    }
+  }
+}
+
 bool is_zero(const Graph& graph, ValueId id) {
+  if (!graph.value(id).op.valid()) return false;  // a region's parameter
   const Op& op = graph.op(graph.value(id).op);
   return op.kind == OpKind::Const && std::ranges::all_of(op.attrs.floats, [](double x) { return x == 0; });
 }
@@ -151,6 +177,8 @@ void Sweep::run(Frame& frame, std::span<const OpId> list) {
       differentiate_if(*this, frame, id);
     } else if (op.kind == OpKind::Reduce) {
       differentiate_reduce(*this, frame, id);
+    } else if (op.kind == OpKind::Fold) {
+      differentiate_fold(*this, frame, id);
     } else if (op.kind == OpKind::Gather && !frame.root) {
       differentiate_gather(*this, frame, op);
     } else if (op.kind == OpKind::Vjp) {

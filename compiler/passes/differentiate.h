@@ -46,9 +46,10 @@ struct Sweep {
   void run(Frame& frame, std::span<const ir::OpId> ops);
 };
 
-// The adjoint of an If or Reduce op, from the adjoints of its results in `frame`.
+// The adjoint of an If, Reduce or Fold op, from the adjoints of its results in `frame`.
 void differentiate_if(Sweep& sweep, Frame& frame, ir::OpId id);
 void differentiate_reduce(Sweep& sweep, Frame& frame, ir::OpId id);
+void differentiate_fold(Sweep& sweep, Frame& frame, ir::OpId id);
 
 // The adjoint of a Vjp op: the adjoints it names, with the adjoint of its result in place of the cotangent.
 void differentiate_vjp(Sweep& sweep, Frame& frame, const ir::Op& op);

@@ -24,10 +24,14 @@ std::vector<ResultAdjoint> result_adjoints(Sweep& sweep, const Frame& frame, con
   std::vector<ResultAdjoint> adjoints(op.results.size());
   for (size_t k = 0; k < op.results.size(); ++k) {
     const ValueId result = op.results[k];
-    const bool goes_on = std::ranges::any_of(op.regions, [&](RegionId region) {
+    const bool goes_on = std::ranges::any_of(ir::yielding_regions(op), [&](RegionId region) {
       return static_cast<bool>(sweep.active[yielded(sweep.source, op, region)[k].value.index]);
     });
-    if (!goes_on) continue;  // the result is a target itself
+    // A state may be what it starts with.
+    const size_t last = op.regions.size() - 1;
+    const bool carried = op.kind == ir::OpKind::Fold && k < ir::fold_states(op, last) &&
+                         sweep.active[ir::fold_params(sweep.source, op, last, last)[k].index];
+    if (!goes_on && !carried) continue;  // the result is a target itself
     if (const auto images = frame.accumulated.find(result); images != frame.accumulated.end()) {
       adjoints[k].images = images->second;
     }

@@ -50,6 +50,13 @@ std::vector<Edge> edges_of(const Graph& graph, ValueId id) {
     }
     return edges;
   }
+  if (op.kind == OpKind::Fold) {
+    // States go round: what they start with and what sweeps capture is what each result is made of.
+    for (size_t k = 2; k < op.operands.size(); ++k) edges[k].flows = differentiable && graph.value(op.operands[k]).type.is_float();
+    for (const ir::RegionId region : op.regions)
+      for (const ValueId captured : ir::captures(graph, region)) add(captured, true);
+    return edges;
+  }
   for (const ir::RegionId region : op.regions) {
     const Yielded yield = yielded(graph, op, region)[info.result_index];
     if (yield.index.valid()) add(yield.index, false);
@@ -84,7 +91,8 @@ std::string reason_of(const Graph& graph, const Op& op) {
     case OpKind::Trunc:
     case OpKind::Sign: return name + " is constant between its jumps, its derivative is zero";
     case OpKind::Gather: return "the index of a read is an integer and has no derivative";
-    case OpKind::Reduce: return "the range of 'reduce' is made of integers, which have no derivative";
+    case OpKind::Reduce:
+    case OpKind::Fold: return "the range of " + name + " is made of integers, which have no derivative";
     case OpKind::If:
     case OpKind::Select: return "the condition of '" + std::string(ir::op_name(op.kind)) + "' has no derivative";
     default: break;

@@ -20,6 +20,7 @@
 #include "compiler/ir/yields.h"
 #include "compiler/ops/op.h"
 #include "compiler/passes/copy_steps.h"
+#include "compiler/passes/fold_use.h"
 #include "compiler/passes/passes.h"
 
 namespace dr::passes {
@@ -72,9 +73,14 @@ class Round {
     for (auto it = ops.rbegin(); it != ops.rend(); ++it) {
       const Op& op = from_.op(*it);
       const size_t count = needed_results(op);
-      if (count < (combines_yields(op.kind) ? op.results.size() : 1) || selects(op)) is_unfinished_ = true;
+      const bool by_result = combines_yields(op.kind) && op.kind != OpKind::Fold;
+      if (count < (by_result ? op.results.size() : 1) || selects(op)) is_unfinished_ = true;
       if (count == 0) dead_ += ops_in(*it);
       if (count == 0) continue;
+      if (op.kind == OpKind::Fold) {
+        find_needed_of_fold(op);
+        continue;
+      }
       for (ValueId operand : op.operands) need(operand);
       if (op.kind == OpKind::Grad) {
         for (size_t k = 2; k < op.operands.size(); ++k) target_[op.operands[k].index] = true;
@@ -92,6 +98,20 @@ class Round {
         }
         find_needed(inner);
       }
+    }
+  }
+
+  // A state is needed where a result that it becomes is, or where what is needed is made of it.
+  void find_needed_of_fold(const Op& op) {
+    const FoldUse use = fold_use(from_, op, [&](ValueId result) { return static_cast<bool>(needed_[result.index]); });
+    if (use.drops(op)) is_unfinished_ = true;
+    need(op.operands[0]);
+    need(op.operands[1]);
+    for (size_t sweep = 0; sweep < fold_sweeps(op); ++sweep) {
+      for (size_t k = 0; k < use.states[sweep].size(); ++k)
+        if (use.states[sweep][k]) need(fold_starts(op, sweep)[k]);
+      for (ValueId yield : use.yields[sweep]) need(yield);
+      find_needed(op.regions[sweep]);
     }
   }
 
@@ -162,15 +182,17 @@ class Round {
     finish(op.results, to_.add(op.kind, mapped(op.operands), types, op.attrs, {}, op.span));
   }
 
-  void finish(const std::vector<ValueId>& results, OpId now) {
+  // The results from number `first` on.
+  void finish(const std::vector<ValueId>& results, OpId now, size_t first = 0) {
     for (size_t k = 0; k < results.size(); ++k) {
-      enter(results[k], to_.graph().op(now).results[k], true);
+      enter(results[k], to_.graph().op(now).results[first + k], true);
       if (target_[results[k].index]) emitter_.set_opaque(map_[results[k]]);
     }
   }
 
   // If, Reduce, Raster, without the results that nobody needs; Raster's come as a whole.
   void rebuild_structured(const Op& op) {
+    if (op.kind == OpKind::Fold) return rebuild_fold(op);
     std::vector<bool> kept(op.results.size(), true);
     Attrs attrs = op.attrs;
     if (combines_yields(op.kind)) {
@@ -204,6 +226,85 @@ class Round {
     }
     const OpId now = to_.add(op.kind, mapped(op.operands), types, std::move(attrs), std::move(regions), op.span);
     finish(results, shared ? emitter_.share(now) : now);
+  }
+
+  // A Fold without the states and results that nobody needs. Sweeps that are left in one direction, where the one between
+  // them carries nothing, become one: its region does at each trip what theirs do.
+  void rebuild_fold(const Op& op) {
+    const FoldUse use = fold_use(from_, op, [&](ValueId result) { return static_cast<bool>(needed_[result.index]); });
+    Attrs attrs = op.attrs;
+    attrs.ints.resize(2);
+    std::vector<ValueId> operands{map_[op.operands[0]], map_[op.operands[1]]};
+    std::vector<RegionId> regions;
+    std::vector<size_t> before;
+    for (const std::vector<size_t>& group : use.groups) {
+      attrs.ints.push_back(0);
+      for (const size_t sweep : group) {
+        const std::span<const ValueId> starts = fold_starts(op, sweep);
+        for (size_t k = 0; k < starts.size(); ++k)
+          if (use.states[sweep][k]) operands.push_back(map_[starts[k]]);
+        attrs.ints.back() += std::ranges::count(use.states[sweep], true);
+      }
+      before.insert(before.end(), group.begin(), group.end());
+      regions.push_back(rebuild_sweeps(op, group, before, use));
+    }
+    // The states of sweeps that have joined the last one are results that nobody had.
+    std::vector<ResultType> types;
+    for (const size_t sweep : std::span(use.groups.back()).first(use.groups.back().size() - 1)) {
+      for (size_t k = 0; k < use.states[sweep].size(); ++k)
+        if (use.states[sweep][k]) types.push_back({from_.value(fold_starts(op, sweep)[k]).type, domain_of(op)});
+    }
+    const size_t joined = types.size();
+    attrs.yields.assign(joined, Yield::Element);
+    attrs.dims.resize(3);
+    std::vector<ValueId> results;
+    bool shared = true;
+    size_t scatters = 0;
+    for (size_t k = 0; k < op.results.size(); ++k) {
+      const bool scatter = op.attrs.yields[k] == Yield::Scatter;
+      const auto extent = op.attrs.dims.begin() + static_cast<std::ptrdiff_t>(3 + 3 * scatters);
+      if (scatter) ++scatters;
+      if (!use.results[k]) continue;
+      const ValueInfo& old = from_.value(op.results[k]);
+      attrs.yields.push_back(op.attrs.yields[k]);
+      if (scatter) attrs.dims.insert(attrs.dims.end(), extent, extent + 3);
+      types.push_back({old.type, old.extent, scatter && !emitter_.in_root()});
+      results.push_back(op.results[k]);
+      if (target_[op.results[k].index]) shared = false;
+    }
+    const OpId now = to_.add(op.kind, std::move(operands), types, std::move(attrs), std::move(regions), op.span);
+    finish(results, shared ? emitter_.share(now) : now, joined);
+  }
+
+  // The region of sweeps that are one now; `before` are all sweeps up to them that are left.
+  RegionId rebuild_sweeps(const Op& op, const std::vector<size_t>& group, const std::vector<size_t>& before,
+                          const FoldUse& use) {
+    std::vector<ResultType> types;
+    const ValueInfo& trip = from_.value(from_.region(op.regions[group[0]]).params[0]);
+    types.push_back({trip.type, trip.extent});
+    for (const size_t of : before) {
+      const std::span<const ValueId> states = fold_params(from_, op, group.back(), of);
+      for (size_t k = 0; k < states.size(); ++k)
+        if (use.states[of][k]) types.push_back({from_.value(states[k]).type, from_.value(states[k]).extent});
+    }
+    const RegionId now = to_.begin_region(types);
+    emitter_.open_scope();
+    std::vector<ValueId> yields;
+    for (const size_t sweep : group) {
+      enter(from_.region(op.regions[sweep]).params[0], to_.graph().region(now).params[0], true);
+      size_t at = 1;
+      for (const size_t of : before) {
+        if (of > sweep) break;
+        const std::span<const ValueId> states = fold_params(from_, op, sweep, of);
+        for (size_t k = 0; k < states.size(); ++k)
+          if (use.states[of][k]) enter(states[k], to_.graph().region(now).params[at++], true);
+      }
+      for (OpId inner : from_.region(op.regions[sweep]).ops) rebuild(inner);
+      for (ValueId yield : use.yields[sweep]) append_yield(yield, yields);
+    }
+    emitter_.close_scope();
+    to_.end_region(std::move(yields));
+    return now;
   }
 
   RegionId rebuild_region(const Op& op, RegionId old, const std::vector<bool>& kept) {

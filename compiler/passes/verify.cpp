@@ -19,6 +19,7 @@ namespace {
 constexpr size_t kAnyNumber = SIZE_MAX;
 
 size_t region_count(OpKind kind) {
+  if (kind == OpKind::Fold) return kAnyNumber;
   if (kind == OpKind::If) return 2;
   if (kind == OpKind::Reduce) return 1;
   if (kind == OpKind::Raster) return 3;
@@ -185,7 +186,12 @@ class Verifier {
   bool check_counts(OpId id, const Op& op) {
     bool ok = expect_count(id, "regions", op.regions.size(), region_count(op.kind));
     size_t params = 0, operands = kAnyNumber, results = kAnyNumber;
-    if (combines_yields(op.kind)) {
+    if (op.kind == OpKind::Fold) {
+      if (!check_sweeps(id, op)) return false;
+      operands = op.operands.size();
+      params = kAnyNumber;
+      results = op.attrs.yields.size();
+    } else if (combines_yields(op.kind)) {
       const auto scatters =
           static_cast<size_t>(std::count(op.attrs.yields.begin(), op.attrs.yields.end(), Yield::Scatter));
       ok &= expect_count(id, "dims", op.attrs.dims.size(), 3 + 3 * scatters);
@@ -240,6 +246,29 @@ class Verifier {
     return ok;
   }
 
+  // Of a Fold: what the helpers in ir/yields.h rely on.
+  bool check_sweeps(OpId id, const Op& op) {
+    const auto scatters =
+        static_cast<size_t>(std::count(op.attrs.yields.begin(), op.attrs.yields.end(), Yield::Scatter));
+    bool ok = expect_count(id, "ints", op.attrs.ints.size(), 2 + op.regions.size()) &&
+              expect_count(id, "dims", op.attrs.dims.size(), 3 + 3 * scatters);
+    size_t states = 0;
+    for (size_t k = 0; ok && k < op.regions.size(); ++k) {
+      const int64_t count = op.attrs.ints[2 + k];
+      if (count < 0 || count > 1 << 20 || op.regions[k].index >= graph_.region_count()) {
+        report(id, "a fold's sweeps have a region and a number of states each");
+        return false;
+      }
+      states += static_cast<size_t>(count);
+      ok = expect_count(id, "parameters of a region", graph_.region(op.regions[k]).params.size(), 1 + states);
+    }
+    if (ok && (op.regions.empty() || op.attrs.yields.empty())) {
+      report(id, "a fold has at least one sweep and one result");
+      return false;
+    }
+    return ok && expect_count(id, "operands", op.operands.size(), 2 + states);
+  }
+
   void check_yields(OpId id, RegionId region_id) {
     const Op& op = graph_.op(id);
     const std::vector<ValueId>& yields = graph_.region(region_id).yields;
@@ -247,7 +276,15 @@ class Verifier {
     for (ValueId yield : yields) ok &= check_use(id, yield);
     if (!ok) return;
     size_t wanted = 0;
-    if (combines_yields(op.kind)) {
+    const bool first = op.kind == OpKind::Fold && region_id == op.regions[0];
+    if (first && fold_stops(op)) wanted = 1;
+    if (op.kind == OpKind::Fold && region_id != op.regions.back()) {
+      const auto sweep = static_cast<size_t>(std::ranges::find(op.regions, region_id) - op.regions.begin());
+      wanted += fold_states(op, sweep);
+      for (ValueId yield : yields) {
+        if (graph_.value(yield).accumulation) report(id, "accumulation " + number(yield) + " is yielded as a state");
+      }
+    } else if (combines_yields(op.kind)) {
       // An accumulation stands alone for a scatter, otherwise an index and a value do.
       for (Yield how : op.attrs.yields) {
         const bool accumulation = wanted < yields.size() && graph_.value(yields[wanted]).accumulation;

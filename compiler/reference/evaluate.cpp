@@ -100,7 +100,8 @@ class Evaluation {
       case OpKind::Grad: DR_ICE("the reference evaluator got a graph with Grad ops");
       case OpKind::Raster: return raster(op, results);
       case OpKind::If:
-      case OpKind::Reduce: {
+      case OpKind::Reduce:
+      case OpKind::Fold: {
         for (size_t k = 0; k < results.size(); ++k) {
           if (op.attrs.yields[k] == ir::Yield::Scatter)
             std::fill(results[k]->data.begin(), results[k]->data.end(), 0.0);

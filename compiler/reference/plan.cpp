@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <map>
 
+#include "compiler/ir/yields.h"
+
 namespace dr::reference {
 namespace {
 
@@ -112,9 +114,30 @@ class Planner {
       // A sink that nobody yields on has no place to go to, and stays empty.
       if (const auto found = accumulations.find(op.results[k]); found != accumulations.end()) sinks[k] = found->second;
     }
-    for (RegionId inner : op.regions)
-      plan.regions.push_back(Planner(graph_, inner, this).region(op.attrs.yields, sinks));
+    for (RegionId inner : op.regions) {
+      if (op.kind == ir::OpKind::Fold) {
+        plan.regions.push_back(sweep(op, inner, sinks));
+      } else {
+        plan.regions.push_back(Planner(graph_, inner, this).region(op.attrs.yields, sinks));
+      }
+    }
     plan_.ops.push_back(std::move(plan));
+  }
+
+  // Of a Fold: the stop and the states are elements; what the last sweep yields else is as the op says.
+  Plan sweep(const Op& op, RegionId region, const std::vector<Sinks>& sinks) {
+    std::vector<Yield> yields;
+    std::vector<Sinks> places;
+    if (region == op.regions.front() && ir::fold_stops(op)) yields.push_back(Yield::Element);
+    places.resize(yields.size());
+    if (region == op.regions.back()) {
+      yields.insert(yields.end(), op.attrs.yields.begin(), op.attrs.yields.end());
+      places.insert(places.end(), sinks.begin(), sinks.end());
+    } else {
+      yields.resize(graph_.region(region).yields.size(), Yield::Element);
+      places.resize(yields.size());
+    }
+    return Planner(graph_, region, this).region(yields, places);
   }
 
   void find_last_uses() {

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Frames: values over work lists, element-wise ops, indexed reads and If inside regions. Reduce is in reduce.cpp.
+// Frames: values over work lists, element-wise ops, indexed reads and If inside regions. Reduce is in reduce.cpp, Fold in fold.cpp.
 #include "compiler/reference/region.h"
 
 #include <algorithm>
 #include <cmath>
 
+#include "compiler/reference/fold.h"
 #include "compiler/reference/reduce.h"
 
 namespace dr::reference {
@@ -146,6 +147,7 @@ void RegionRunner::run_op(Frame& frame, const OpPlan& op) {
   switch (op.op->kind) {
     case OpKind::If: run_if(frame, op); return;
     case OpKind::Reduce: run_reduce(frame, op); return;
+    case OpKind::Fold: run_fold(frame, op); return;
     case OpKind::Gather: run_gather(frame, op); break;
     case OpKind::Const:
     case OpKind::Coord:
@@ -269,6 +271,7 @@ void RegionRunner::run_if(Frame& frame, const OpPlan& op) {
 }
 
 void RegionRunner::run_reduce(Frame& frame, const OpPlan& op) { ReduceRun(*this, frame, op).run(); }
+void RegionRunner::run_fold(Frame& frame, const OpPlan& op) { FoldRun(*this, frame, op).run(); }
 
 // --- finding what is not finite ---
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Regions over work lists. A frame is a region being evaluated for a list of elements at once: every value of the
-// region is an array over the list. If splits the list in two; Reduce makes a list of (trip, element) pairs.
+// region is an array over the list. If splits the list in two; Reduce makes a list of (trip, element) pairs; Fold's list
+// gets shorter from trip to trip.
 #pragma once
 
 #include <span>
@@ -60,6 +61,7 @@ class RegionRunner {
 
  private:
   friend class ReduceRun;
+  friend class FoldRun;
   const Places& places(Frame& frame);
   void fetch_root(Frame& frame, uint32_t slot, const Image& image);
   void fetch_parent(Frame& frame, uint32_t slot);
@@ -70,6 +72,7 @@ class RegionRunner {
   void run_if(Frame& frame, const OpPlan& op);
   void run_branch(Frame& frame, const OpPlan& op, const Plan& branch, const std::vector<uint32_t>* list);
   void run_reduce(Frame& frame, const OpPlan& op);
+  void run_fold(Frame& frame, const OpPlan& op);
   void scatter(Frame& frame, const YieldPlan& yield);
   void trace(Frame& frame, const OpPlan& op);
   Origin origin_here(Frame& frame, const OpPlan& plan, size_t i);
@@ -82,7 +85,7 @@ class RegionRunner {
   Origin first_;
 };
 
-// Evaluates an If or Reduce op of the root into its result images, which are zero where something scatters. Returns the
+// Evaluates an If, Reduce or Fold op of the root into its result images, which are zero where something scatters. Returns the
 // first NaN or Inf made inside, when tracing.
 Origin run_region_op(const Context& context, const ir::Op& op, std::span<Image* const> results,
                      std::span<Origin> origins, Workers& workers);

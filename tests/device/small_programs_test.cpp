@@ -93,6 +93,38 @@ const Case kCases[] = {
       let total = mean(y * y);
       step go { output total, gradient = grad(total, w), y; })",
      {"go"}},
+    {"loops that carry, with their gradients: states stored, and computed again from checkpoints",
+     R"(
+      param w : vec2[V] = vec2(0.5, -0.25);
+      input a : float[W, H];
+      fn stored(w: vec2[V], x: float) -> vec2 {
+        var s = vec2(x, 0.25);
+        var n = 0;
+        for k in 0..V + 20, max = 24 {
+          s = vec2(sin(s.y + 0.3 * w.at((k + n) % 4).x), 0.7 * s.x + w.at(k).y);
+          if s.x > 0.2 { n += 1; s.y *= 0.9; }
+          break if s.y < -0.3;
+        }
+        s * float(n + 1)
+      }
+      fn long(w: vec2[V], x: float, n: int) -> float {
+        fold(k in 3..n, s = vec3(x, 1.0, 0.0)) {
+          let t = 0.95 * s + 0.05 * vec3(sin(s.y), cos(3.0 * s.x), w.at(k % 4).y * s.x);
+          break if t.y < -0.5;
+          t
+        }.y
+      }
+      fn nested(w: vec2[V], x: float) -> float {
+        reduce(sum, i in 0..4) {
+          fold(k in 0..i, s = x) { s * 0.5 + if s > 0.2 { fold(j in 0..k, t = s) { t * w.at(j).x } } else { w.at(i).y } }
+        }
+      }
+      let y = stored(w, a);
+      let z = long(w, a, 40 + int(900.0 * abs(a)));
+      let total = mean(dot(y, y)) + mean(z) + mean(nested(w, a));
+      let g = grad(mean(dot(y, y)), w);
+      step go { output total, gradient = grad(total, w), y, z, second = grad(sum(dot(g, g)), w); })",
+     {"go"}},
     {"many outputs, layers and shifts",
      R"(
       input a : float[W, H];

@@ -50,6 +50,25 @@ std::vector<ValueId> make_reduce(Builder& b, ValueId begin, ValueId end, const E
   return ops::emit_multi(b, OpKind::Reduce, {begin, end}, std::move(attrs), {region});
 }
 
+std::vector<ValueId> make_fold(Builder& b, ValueId begin, ValueId end, const Extent& domain,
+                               const std::vector<ValueId>& starts, const FoldBody& body, int64_t bound) {
+  std::vector<ir::ResultType> params{{.type = ir::kInt, .extent = {}}};
+  std::vector<ValueId> operands{begin, end};
+  for (const ValueId start : starts) {
+    params.push_back({.type = b.value(start).type, .extent = domain});
+    operands.push_back(start);
+  }
+  const RegionId region = b.begin_region(params);
+  const std::vector<ValueId> given = b.graph().region(region).params;
+  const Trip trip = body(given[0], {given.begin() + 1, given.end()});
+  std::vector<ValueId> yields = trip.next;
+  if (trip.stop.valid()) yields.insert(yields.begin(), trip.stop);
+  b.end_region(std::move(yields));
+  ir::Attrs attrs = region_attrs(domain, std::vector(starts.size(), Yield::Element), {});
+  attrs.ints = {bound, trip.stop.valid() ? 1 : 0, static_cast<int64_t>(starts.size())};
+  return ops::emit_multi(b, OpKind::Fold, std::move(operands), std::move(attrs), {region});
+}
+
 namespace {
 
 // The columns of a matrix; anything else is its own column.

@@ -50,6 +50,15 @@ std::vector<ValueId> make_reduce(Builder& b, ValueId begin, ValueId end, const E
                                  std::vector<Yield> yields, const TripBody& body,
                                  const std::vector<Extent>& images = {});
 
+// A Fold of one sweep. The body gives the next states, and what ends the loop or an invalid id.
+struct Trip {
+  ValueId stop;
+  std::vector<ValueId> next;
+};
+using FoldBody = std::function<Trip(ValueId i, const std::vector<ValueId>& states)>;
+std::vector<ValueId> make_fold(Builder& b, ValueId begin, ValueId end, const Extent& domain,
+                               const std::vector<ValueId>& starts, const FoldBody& body, int64_t bound = -1);
+
 // Sum of all elements and components: float, extent 1.
 ValueId total(Builder& b, ValueId x);
 // Inner product of two values of one type, over all elements: float, extent 1.

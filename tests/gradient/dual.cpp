@@ -7,6 +7,8 @@
 #include <optional>
 #include <stdexcept>
 
+#include "compiler/ir/yields.h"
+
 namespace dr::gradient_test {
 
 using ir::Graph;
@@ -169,7 +171,7 @@ class Evaluator {
   }
 
   void root_op(const Op& op) {
-    if (op.kind == OpKind::If || op.kind == OpKind::Reduce) return region_op(op);
+    if (ir::combines_yields(op.kind)) return region_op(op);
     DualImage& result = images_[op.results[0].index];
     const auto operand = [&](size_t k) -> const DualImage& { return images_[op.operands[k].index]; };
     switch (op.kind) {
@@ -359,9 +361,14 @@ class Evaluator {
 
   // What the region yields for each result of its op.
   std::vector<Bound> run_region(const Op& op, RegionId region, Environment& environment, Place here) {
+    run_ops(region, environment, here);
+    return take_yields(op, region, environment, here);
+  }
+
+  void run_ops(RegionId region, Environment& environment, Place here) {
     for (const OpId id : graph_.region(region).ops) {
       const Op& inner = graph_.op(id);
-      if (inner.kind == OpKind::If || inner.kind == OpKind::Reduce) {
+      if (ir::combines_yields(inner.kind)) {
         std::vector<Bound> results = inner_op(inner, environment, here);
         for (size_t k = 0; k < results.size(); ++k) environment[inner.results[k]] = std::move(results[k]);
       } else if (inner.kind == OpKind::Gather) {
@@ -378,9 +385,12 @@ class Evaluator {
         environment[inner.results[0]].element = std::move(element);
       }
     }
+  }
+
+  std::vector<Bound> take_yields(const Op& op, RegionId region, const Environment& environment, Place here) {
     std::vector<Bound> results;
     const std::vector<ValueId>& yields = graph_.region(region).yields;
-    size_t next = 0;
+    size_t next = op.kind == OpKind::Fold && ir::fold_sweeps(op) == 1 && ir::fold_stops(op) ? 1 : 0;
     for (const Yield how : op.attrs.yields) {
       if (how != Yield::Scatter) {
         results.push_back({lookup(yields[next++], environment, here), {}});
@@ -394,7 +404,61 @@ class Evaluator {
     return results;
   }
 
+  // All states of all trips are kept.
+  std::vector<Bound> fold_op(const Op& op, Environment& environment, Place here) {
+    const double begin = lookup(op.operands[0], environment, here)[0].value;
+    const double end = lookup(op.operands[1], environment, here)[0].value;
+    const size_t sweeps = ir::fold_sweeps(op);
+    std::vector<std::vector<std::vector<Element>>> kept(sweeps);  // by sweep, trip, state
+    std::vector<Bound> results(op.results.size());
+    for (size_t k = 0; k < results.size(); ++k)
+      results[k].element.assign(static_cast<size_t>(graph_.value(op.results[k]).type.components()), {0, 0});
+    size_t trips = SIZE_MAX;
+    for (size_t sweep = 0; sweep < sweeps; ++sweep) {
+      std::vector<Element> now;
+      for (const ValueId start : ir::fold_starts(op, sweep)) now.push_back(lookup(start, environment, here));
+      kept[sweep].resize(sweep == 0 ? 0 : trips);
+      const RegionId region = op.regions[sweep];
+      for (size_t done = 0; done < trips; ++done) {
+        if (sweep == 0) {
+          const bool bounded = ir::fold_bound(op) >= 0 && static_cast<double>(done) >= static_cast<double>(ir::fold_bound(op));
+          if (bounded || begin + static_cast<double>(done) >= end) {
+            trips = done;
+            break;
+          }
+          kept[0].emplace_back();
+        }
+        const size_t trip = sweep % 2 == 0 ? done : trips - 1 - done;
+        kept[sweep][trip] = now;
+        environment[graph_.region(region).params[0]].element = {{begin + static_cast<double>(trip), 0}};
+        for (size_t of = 0; of <= sweep; ++of) {
+          const std::span<const ValueId> params = ir::fold_params(graph_, op, sweep, of);
+          for (size_t k = 0; k < params.size(); ++k) environment[params[k]].element = kept[of][trip][k];
+        }
+        run_ops(region, environment, here);
+        const std::span<const ValueId> next = ir::fold_next(graph_, op, sweep);
+        std::vector<Element> after;
+        for (const ValueId v : next) after.push_back(lookup(v, environment, here));
+        now = std::move(after);
+        if (sweep + 1 == sweeps) {
+          const std::vector<Bound> yields = take_yields(op, region, environment, here);
+          for (size_t k = now.size(); k < results.size(); ++k) {
+            if (op.attrs.yields[k] == Yield::Sum) add_to(results[k].element, yields[k].element);
+            results[k].scattered.insert(results[k].scattered.end(), yields[k].scattered.begin(),
+                                        yields[k].scattered.end());
+          }
+        }
+        const ValueId stop = ir::fold_stop(graph_, op);
+        if (sweep == 0 && stop.valid() && lookup(stop, environment, here)[0].value != 0) trips = done + 1;
+      }
+      if (sweep + 1 == sweeps)
+        for (size_t k = 0; k < now.size(); ++k) results[k].element = now[k];
+    }
+    return results;
+  }
+
   std::vector<Bound> inner_op(const Op& op, Environment& environment, Place here) {
+    if (op.kind == OpKind::Fold) return fold_op(op, environment, here);
     if (op.kind == OpKind::If) {
       const bool condition = lookup(op.operands[0], environment, here)[0].value != 0;
       return run_region(op, op.regions[condition ? 0 : 1], environment, here);

@@ -188,7 +188,26 @@ class Generator {
   std::vector<ValueId> region(const std::vector<ValueId>& values, const std::vector<ValueId>& trips,
                               const Extent& domain, int depth) {
     std::vector<ValueId> results;
-    if (random_.chance(0.5)) {
+    if (random_.chance(0.3)) {
+      const Type first = any_type(), second = any_type();
+      // Few trips: gradients of gradients go through all pairs of them.
+      ValueId end = integer(1 + random_.integer(4));
+      if (random_.chance(0.4)) end = op(OpKind::Mod, {ops::coord(b_, 0, domain), integer(4)});
+      const bool stops = random_.chance(0.5);
+      const std::vector<ValueId> starts{as(values[0], first), as(values[1], second)};
+      results = make_fold(
+          b_, integer(random_.integer(2)), end, domain, starts,
+          [&](ValueId i, const std::vector<ValueId>& states) {
+            std::vector<ValueId> inner = trips, here = values;
+            inner.push_back(i);
+            here.insert(here.end(), states.begin(), states.end());
+            const ValueId a = body(here, inner, domain, first, depth), c = body(here, inner, domain, second, depth);
+            Trip trip{{}, {op(OpKind::Tanh, {ops::add(b_, a, scaled(states[0], 0.5))}), op(OpKind::Sin, {c})}};
+            if (stops) trip.stop = op(OpKind::Less, {number(0.75), as(states[1], kFloat)});
+            return trip;
+          },
+          4);
+    } else if (random_.chance(0.5)) {
       const Type first = any_type(), second = any_type();
       const ValueId condition = op(OpKind::Less, {as(values[0], kFloat), as(values[1], kFloat)});
       const auto branch = [&] {

@@ -88,7 +88,7 @@ std::optional<std::vector<ScatterLeaf>> scatter_leaves(const Graph& graph, Value
 int contributions(const Graph& graph, ValueId result) {
   const Op& op = graph.op(graph.value(result).op);
   if (op.regions.empty()) return 1;
-  if (op.kind == OpKind::Reduce) return -1;
+  if (ir::is_loop(op.kind)) return -1;
   int most = 0;
   for (const RegionId region : op.regions) {
     const ir::Yielded yield = ir::yielded(graph, op, region)[graph.value(result).result_index];

@@ -38,6 +38,7 @@ enum Opcode : uint32_t {
   kVariable = 59,
   kAccessChain = 65,
   kInBoundsAccessChain = 66,
+  kBitcast = 124,
   kDecorate = 71,
   kMemberDecorate = 72,
   kLoopMerge = 246,
@@ -81,6 +82,9 @@ class Reflector {
     if (entries_ != 1) throw Unfit{"has not one entry point"};
     for (const uint32_t merge : merges_)
       if (targets_.count(merge) == 0) throw Unfit{"has a loop without an end"};
+    // SPIRV-Tools lets it pass; the driver's compilers do not.
+    for (const uint32_t cast : casts_)
+      if (pointers_.count(cast) != 0) throw Unfit{"makes a number of a pointer"};
     for (const Words& v : variables_) variable(v);
     for (const Words& chain : chains_) access_chain(chain);
     group();
@@ -150,9 +154,14 @@ class Reflector {
       case kVariable:
         variables_.push_back(i);
         variable_of_[word(i, 2)] = i;
+        pointers_.insert(word(i, 2));
         break;
       case kAccessChain:
-      case kInBoundsAccessChain: chains_.push_back(i); break;
+      case kInBoundsAccessChain:
+        chains_.push_back(i);
+        pointers_.insert(word(i, 2));
+        break;
+      case kBitcast: casts_.push_back(word(i, 3)); break;
       case kDecorate: decorations_[word(i, 1)][word(i, 2)] = i.size() > 3 ? i[3] : 0; break;
       case kMemberDecorate: members_[{word(i, 1), word(i, 2)}][word(i, 3)] = i.size() > 4 ? i[4] : 0; break;
       case kLoopMerge: merges_.push_back(word(i, 1)); break;
@@ -256,7 +265,7 @@ class Reflector {
 
   void port(uint32_t id, uint32_t pointee, std::vector<ReflectedPort>& to) const {
     const auto location = decoration(id, kLocation);
-    if (!location) return;  // built in
+    if (!location) return built_in(id, pointee);
     const Words* t = &type(pointee);
     ReflectedPort out{*location, Scalar::Float, 1};
     if (opcode_of(*t) == kTypeVector) {
@@ -265,6 +274,32 @@ class Reflector {
     }
     out.scalar = scalar_of(*t);
     to.push_back(out);
+  }
+
+  // Validators leave some of their types unchecked.
+  void built_in(uint32_t id, uint32_t pointee) const {
+    const Words* t = &type(pointee);
+    if (opcode_of(*t) == kTypeStruct) return;  // gl_PerVertex
+    struct BuiltIn {
+      uint32_t number, components;
+      bool whole;
+    };
+    // Position, Layer, FragCoord, FragDepth; numbers of workgroups and invocations; of subgroups; VertexIndex,
+    // ViewIndex.
+    constexpr BuiltIn kKnown[] = {{0, 4, false},   {9, 1, true},    {15, 4, false},  {22, 1, false},  {24, 3, true},
+                                  {26, 3, true},   {27, 3, true},   {28, 3, true},   {29, 1, true},   {36, 1, true},
+                                  {41, 1, true},   {42, 1, true},   {4416, 4, true}, {4417, 4, true}, {4418, 4, true},
+                                  {4419, 4, true}, {4420, 4, true}, {4440, 1, true}};
+    const auto number = decoration(id, kBuiltIn);
+    const auto* known = std::ranges::find(kKnown, number.value_or(UINT32_MAX), &BuiltIn::number);
+    if (known == std::end(kKnown)) throw Unfit{"has a built-in variable that no bundle has"};
+    uint32_t components = 1;
+    if (opcode_of(*t) == kTypeVector) {
+      components = word(*t, 3);
+      t = &type(word(*t, 2));
+    }
+    if (components != known->components || (scalar_of(*t) != Scalar::Float) != known->whole)
+      throw Unfit{"has a built-in variable of another type"};
   }
 
   ReflectedResource resource(uint32_t id, ReflectedResource::Kind kind) const {
@@ -390,7 +425,8 @@ class Reflector {
   std::map<uint32_t, std::map<uint32_t, uint32_t>> decorations_;
   std::map<std::pair<uint32_t, uint32_t>, std::map<uint32_t, uint32_t>> members_;
   std::vector<uint32_t> merges_;
-  std::set<uint32_t> targets_;
+  std::set<uint32_t> targets_, pointers_;
+  std::vector<uint32_t> casts_;  // of what
 };
 
 }  // namespace

@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "compiler/backend/analysis/uses.h"
+#include "compiler/ir/yields.h"
 
 namespace dr::backend {
 
@@ -116,7 +117,7 @@ struct Model {
     for (ir::RegionId region : op.regions) {
       double inside = 0;
       for (ir::OpId id : graph.region(region).ops) inside += arithmetic(graph.op(id));
-      own += op.kind == OpKind::Reduce ? kUnknownTrips * inside : inside;
+      own += ir::is_loop(op.kind) ? kUnknownTrips * inside : inside;
     }
     return own;
   }

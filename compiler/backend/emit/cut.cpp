@@ -24,11 +24,12 @@ Generator::Cut Generator::cut(Shader& s, const Pass& pass, const std::vector<ir:
   const Trips trips = trips_of(graph_, ops);
   const bool long_ones = may_pass_limit(trips, profile_, each), unknown = trips.unknown > 0 && profile_.loop_trips > 0;
   if (!long_ones && !unknown) return cut;
+  cut.most = profile_.loop_trips;
+  cut.trips = (trips.most + ir::Dim(each > 1 ? 2 : 0)) * ir::Dim(each);
+  if (trips.folds > 0) return cut;
   cut.cuts = true;
   cut.watched = unknown || trips.promised > 0;
   cut.element = element;
-  cut.most = profile_.loop_trips;
-  cut.trips = (trips.most + ir::Dim(each > 1 ? 2 : 0)) * ir::Dim(each);
   // Lanes that go different ways take their trips one after the other, as the driver counts.
   const int64_t lanes = trips.even ? 1 : std::max<int64_t>(profile_.subgroup_size, 1);
   cut.part = static_cast<uint32_t>(std::max<int64_t>(int64_t{cut.most} / lanes - overhead(trips, each), 1));
@@ -70,8 +71,14 @@ void Generator::end_cut(Shader& s, const Cut& cut) {
   s.body().line("}");
 }
 
+bool Generator::runs_of_elements(const Pass& pass) const {
+  const Trips trips = trips_of(graph_, pass.ops);
+  constexpr int64_t kRun = 32;
+  return profile_.lanes_in_turn && (trips.folds == 0 || !may_pass_limit(trips, profile_, kRun));
+}
+
 void Generator::set_trips(bundle::CommandT& command, const Cut& cut) {
-  if (!cut.cuts) return;
+  if (cut.most == 0) return;
   command.trips = cut.trips.str();
   command.most_trips = cut.most;
   command.part_trips = cut.part;

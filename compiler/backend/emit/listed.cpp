@@ -7,6 +7,7 @@
 
 #include "compiler/backend/cost/cost.h"
 #include "compiler/backend/emit/generator.h"
+#include "compiler/ir/yields.h"
 
 namespace dr::backend {
 
@@ -31,7 +32,7 @@ int region_cost(const ir::Graph& graph, ir::RegionId region) {
     const ir::Op& op = graph.op(id);
     cost += op.regions.empty() ? op_cost(op.kind) : 0;
     for (const ir::RegionId inner : op.regions)
-      cost += region_cost(graph, inner) * (op.kind == OpKind::Reduce ? kLoopTrips : 1);
+      cost += region_cost(graph, inner) * (ir::is_loop(op.kind) ? kLoopTrips : 1);
   }
   return cost;
 }

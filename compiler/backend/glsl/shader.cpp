@@ -358,6 +358,7 @@ void Shader::op(const Op& op) {
     }
     case OpKind::If: if_op(op); return;
     case OpKind::Reduce: reduce_op(op); return;
+    case OpKind::Fold: fold_op(op); return;
     case OpKind::ScatterAdd:
     case OpKind::ScatterMax: {
       const auto it = accumulators_.find(op.results[0]);

@@ -125,6 +125,16 @@ class Shader {
   void reduce_op(const ir::Op& op);
   // A statement that takes effect outside of the shader.
   void effect(const std::string& statement) { body_.line(cut_ ? cut_->once(statement) : statement); }
+  // shader_fold.cpp
+  struct FoldLoops;
+  void fold_op(const ir::Op& op);
+  std::string fold_head(const FoldLoops& loops, const std::string& count) const;
+  void fold_storing(FoldLoops& loops, const std::vector<std::string>& results);
+  void fold_parameters(const FoldLoops& loops, size_t sweep, const std::string& trip);
+  void fold_trip(const FoldLoops& loops, size_t sweep, const std::string& trip,
+                 const std::vector<std::string>& results);
+  void fold_advance(const FoldLoops& loops, size_t sweep);
+  void fold_from_checkpoints(FoldLoops& loops, int64_t slots, const std::vector<std::string>& results);
   void yields(const ir::Op& op, ir::RegionId region, const std::vector<std::string>& names, const std::string& trip);
   void forward_accumulators(const ir::Op& op, ir::RegionId region);
   std::string result(ir::ValueId value, const std::string& expression);

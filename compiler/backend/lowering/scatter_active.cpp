@@ -58,7 +58,7 @@ class ActiveElements {
   // Where result `k` of a region op gets nothing but zeros.
   Zeros scattered(const Op& op, uint32_t k) const {
     Zeros zeros;
-    for (const ir::RegionId region : op.regions) zeros = both(zeros, scattered(op, region, k));
+    for (const ir::RegionId region : ir::yielding_regions(op)) zeros = both(zeros, scattered(op, region, k));
     return zeros;
   }
   Zeros scattered(const Op& op, ir::RegionId region, uint32_t k) const {

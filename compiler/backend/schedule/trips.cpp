@@ -217,7 +217,7 @@ Trips trips_of(const Graph& graph, std::span<const ir::OpId> ops) {
   const auto alike = [&](ValueId v) { return graph.value(v).extent.is_unit(); };
   for (const ir::OpId id : ops) {
     const Op& op = graph.op(id);
-    if (op.kind != OpKind::If && op.kind != OpKind::Reduce) continue;
+    if (op.kind != OpKind::If && op.kind != OpKind::Reduce && op.kind != OpKind::Fold) continue;
     Trips inside;
     for (const ir::RegionId region : op.regions) {
       const Trips one = trips_of(graph, graph.region(region).ops);
@@ -225,16 +225,22 @@ Trips trips_of(const Graph& graph, std::span<const ir::OpId> ops) {
       inside.loops += one.loops;
       inside.unknown += one.unknown;
       inside.promised += one.promised;
+      inside.folds += one.folds;
       inside.even = inside.even && one.even;
     }
     if (op.kind == OpKind::If) {
       inside.even = inside.loops == 0 || (inside.even && alike(op.operands[0]));
     } else {
       Bound most = Finder(graph).difference(op.operands[1], op.operands[0]);
-      const bool has_max = op.attrs.ints[0] >= 0;
+      const bool fold = op.kind == OpKind::Fold, has_max = op.attrs.ints[0] >= 0;
+      // A fold's sweeps each take its trips, and what is not stored for a later one takes some again.
+      constexpr int64_t kAgain = 8;
+      const auto sweeps = static_cast<int64_t>(op.regions.size());
+      inside.folds += fold ? 1 : 0;
       if (!most) ++(has_max ? inside.promised : inside.unknown);
       if (has_max) most = either(most ? Bound(most_of(*most)) : Bound(), Dim(op.attrs.ints[0]), true);
       inside.most = Dim(1) + (most ? most_of(*most) : Dim(1)) * (Dim(1) + inside.most);
+      if (fold) inside.most = inside.most * Dim(sweeps > 1 ? sweeps + kAgain : 1);
       inside.even = inside.even && alike(op.operands[0]) && alike(op.operands[1]);
       ++inside.loops;
     }
@@ -242,6 +248,7 @@ Trips trips_of(const Graph& graph, std::span<const ir::OpId> ops) {
     all.loops += inside.loops;
     all.unknown += inside.unknown;
     all.promised += inside.promised;
+    all.folds += inside.folds;
     all.even = all.even && inside.even;
   }
   return all;

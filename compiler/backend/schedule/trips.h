@@ -17,6 +17,7 @@ struct Trips {
   // Of one invocation, at most: one for each time that a loop's body runs, and one for each time that a loop ends.
   ir::Dim most = 0;
   int loops = 0;  // in the text
+  int folds = 0;  // among these, in part: loops that cannot stop and go on later
   int unknown = 0;   // their range depends on data and nothing bounds it: `most` is without their trips
   int promised = 0;  // their range depends on data, and what bounds it is the program's `max`
   bool even = true;  // all invocations take the same trips

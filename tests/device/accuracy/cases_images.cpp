@@ -189,6 +189,20 @@ std::vector<Case> regions() {
       })[0];
     };
   };
+  // Powers: each trip rounds once, and hands its error on.
+  Case powers = plain(OpKind::Fold, {trips, floats(0.5, 2), floats(0.5, 2)});
+  powers.domain = "up to eight trips";
+  powers.build = [](Builder& b, const Values& xs) {
+    return make_fold(
+        b, ops::constant(b, kInt, 0.0), ops::emit(b, OpKind::Min, {xs[0], ops::constant(b, kInt, 8.0)}),
+        extent_of(b, xs[0]), {xs[1]},
+        [&](ValueId, const Values& states) { return Trip{{}, {ops::mul(b, states[0], xs[2])}}; }, 8)[0];
+  };
+  powers.bound = 8;
+  powers.why = "eight products one after another";
+  powers.derivatives = {{1, 8, "eight products one after another"}, {2, 24, "sums of eight products of as many"}};
+  all.push_back(powers);
+
   for (const auto& [yield, name] : std::vector<std::pair<Yield, std::string>>{
            {Yield::Sum, "sum"}, {Yield::Min, "min"}, {Yield::Max, "max"}, {Yield::ArgMin, "argmin"}}) {
     const bool index = yield == Yield::ArgMin;

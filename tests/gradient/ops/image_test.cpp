@@ -228,6 +228,19 @@ std::map<OpKind, std::function<ValueId(Problem&)>> subjects() {
                          });
          return ops::add(p.b, results[0], ops::mul(p.b, results[1], results[2]));
        }},
+      {OpKind::Fold,
+       [body](Problem& p) {
+         const ValueId x = spread(p, "x", kFloat, kRow);
+         const std::vector<ValueId> results =
+             make_fold(p.b, ops::constant(p.b, kInt, 0.0), ops::constant(p.b, kInt, 4.0), kRow, {x, x},
+                       [&](ValueId i, const std::vector<ValueId>& states) {
+                         const ValueId read = ops::emit(p.b, OpKind::Gather, {x, i});
+                         const ValueId next = ops::add(p.b, ops::mul(p.b, states[0], states[1]), body(p, x, i));
+                         return Trip{ops::emit(p.b, OpKind::Less, {ops::constant(p.b, kFloat, 9.0), next}),
+                                     {next, ops::mul(p.b, states[1], read)}};
+                       });
+         return ops::add(p.b, results[0], ops::mul(p.b, results[1], results[1]));
+       }},
   };
 }
 

@@ -313,6 +313,36 @@ TEST_CASE("reduce") {
         "'the region has one parameter, int'");
 }
 
+TEST_CASE("fold") {
+  Regions r;
+  const ValueId zero = r.number(kInt, 0), n = r.along({W, 1, 1}), x = r.number(vec(3)), y = r.number(kFloat),
+                yes = r.number(kBool);
+  const std::vector<ResultType> both{image(kInt), image(vec(3)), image(kFloat)};
+  const auto body = [&](const std::vector<ValueId>& yields) { return r.region(yields, both); };
+  const std::vector<Dim> domain{W, H, 1};
+  const std::vector<Yield> states{Yield::Element, Yield::Element};
+  const std::vector<ValueId> operands{zero, n, x, y};
+  CHECK(r.infer(OpKind::Fold, operands, {body({x, y})}, domain, states, {-1, 0, 2}) == "vec3[W, H], float[W, H]");
+  CHECK(r.infer(OpKind::Fold, operands, {body({yes, x, y, y})}, domain, {Yield::Element, Yield::Element, Yield::Sum},
+                {8, 1, 2}) == "vec3[W, H], float[W, H], float[W, H]");
+  const RegionId back = r.region({y, n, y}, {image(kInt), image(vec(3)), image(kFloat), image(kFloat)});
+  CHECK(r.infer(OpKind::Fold, {zero, n, x, y, y}, {body({x, y}), back}, {W, H, 1, V, 1, 1},
+                {Yield::Element, Yield::Scatter}, {-1, 0, 2, 1}) == "float[W, H], float[V]");
+  CHECK(r.infer(OpKind::Fold, operands, {body({x, x})}, domain, states, {-1, 0, 2}) ==
+        "'a state differs: float and vec3'");
+  CHECK(r.infer(OpKind::Fold, operands, {body({y, x, y})}, domain, states, {-1, 1, 2}) ==
+        "'what ends a fold is bool, not float'");
+  CHECK(r.infer(OpKind::Fold, operands, {body({x})}, domain, states, {-1, 0, 2}) == "'a region yields too little'");
+  CHECK(r.infer(OpKind::Fold, {zero, n, x}, {body({x, y})}, domain, states, {-1, 0, 2}) ==
+        "'expected two bounds and what each state starts with'");
+  CHECK(r.infer(OpKind::Fold, operands, {body({x, y})}, domain, {Yield::Element, Yield::Sum}, {-1, 0, 2}) ==
+        "'the states after the last sweep are the first results, element each'");
+  CHECK(r.infer(OpKind::Fold, operands, {body({x, y, y})}, domain, {Yield::Element, Yield::Element, Yield::Min},
+                {-1, 0, 2}) == "'results of a fold that are no states are sums and scatters'");
+  CHECK(r.infer(OpKind::Fold, operands, {r.region({x, y}, {image(kInt)})}, domain, states, {-1, 0, 2}) ==
+        "'a region has as parameters the trip and the states of its sweep and of those before it'");
+}
+
 TEST_CASE("an accumulation is passed on") {
   Regions r;
   const ValueId zero = r.number(kInt, 0), y = r.number(kFloat), yes = r.number(kBool);

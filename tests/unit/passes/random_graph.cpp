@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/unit/passes/random_graph.h"
 
+#include <array>
 #include <random>
 
 #include "compiler/ops/emit.h"
@@ -272,9 +273,51 @@ class Generator {
     return ops::emit_multi(b_, OpKind::Reduce, {begin, end}, std::move(a), {region});
   }
 
+  // A Fold of one sweep, with states and whatever else it may give.
+  void make_fold(Scope& outer) {
+    const Extent domain = sub_domain(outer);
+    Scope scope = inner_scope(outer, domain);
+    std::vector<ValueId> operands{ops::constant(b_, kInt, pick(0, 1)), ops::constant(b_, kInt, pick(0, 3))};
+    if (!scope.ints.empty() && chance(50))
+      operands[1] = op(OpKind::BitAnd, {scope.ints[0], ops::constant(b_, kInt, 3.0)});
+    Plan p;
+    std::vector<ResultType> params{{kInt, domain}};
+    for (int i = pick(1, 3); i > 0; --i) {
+      const Type type = std::array{kFloat, kInt, kVec3}[pick_index(3)];
+      operands.push_back(any(scope, type));
+      params.push_back({type, domain});
+      p.types.push_back(type);
+      p.yields.push_back(Yield::Element);
+    }
+    const auto states = static_cast<int64_t>(p.types.size());
+    for (int i = pick(0, 2); i > 0; --i) {
+      const bool scatter = chance(50);
+      p.yields.push_back(scatter ? Yield::Scatter : Yield::Sum);
+      p.types.push_back(kFloat);
+      if (scatter) p.images.push_back(any_extent(root_.domain));
+    }
+    const RegionId region = b_.begin_region(params);
+    const std::vector<ValueId> given = b_.graph().region(region).params;
+    for (const ValueId id : given) file(scope, id);
+    std::vector<ValueId> yields = body(scope, p);
+    for (size_t k = 0; k < static_cast<size_t>(states); ++k) yields[k] = tame(yields[k]);
+    const bool stops = chance(50);
+    if (stops) yields.insert(yields.begin(), boolean(scope));
+    b_.end_region(std::move(yields));
+    Attrs a = attrs(domain, p);
+    a.ints = {chance(50) ? -1 : pick(0, 4), stops ? 1 : 0, states};
+    const std::vector<ValueId> results = ops::emit_multi(b_, OpKind::Fold, std::move(operands), std::move(a), {region});
+    for (size_t k = 0; k < results.size(); ++k) {
+      if (p.yields[k] == Yield::Scatter && !outer.root) continue;  // may only be yielded on
+      file(outer, tame(results[k]));
+    }
+  }
+
   void step(Scope& scope) {
     const int choice = pick(1, 100);
-    if (choice <= 12 && scope.depth < 3) {
+    if (choice <= 4 && scope.depth < 3) {
+      make_fold(scope);
+    } else if (choice <= 14 && scope.depth < 3) {
       const bool reduce = chance(40);
       const Plan p = plan(reduce);
       const std::vector<ValueId> results = reduce ? make_reduce(scope, p) : make_if(scope, p);

@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "compiler/backend/glsl/fold_memory.h"
+
+#include <algorithm>
+
+#include "compiler/ir/yields.h"
+
+namespace dr::backend::glsl {
+
+namespace {
+
+// Words of an invocation. Devices keep arrays in memory, for as many invocations as may be under way: half a kilobyte
+// for each lane of a large GPU is a hundred megabytes.
+constexpr int64_t kWords = 512;
+// Where there is no choice.
+constexpr int64_t kMostWords = 16384;
+// With fewer checkpoints a trip is computed again so often that memory is cheaper: 3 times for 1,000 trips with 16.
+constexpr int64_t kLeastSlots = 16, kMostSlots = 128;
+
+// Of the states that a later sweep may ask for.
+int64_t words_of(const ir::Graph& graph, const ir::Op& op) {
+  int64_t words = 0;
+  for (size_t s = 0; s + 1 < ir::fold_sweeps(op); ++s)
+    for (const ir::ValueId start : ir::fold_starts(op, s)) words += graph.value(start).type.components();
+  return words;
+}
+
+}  // namespace
+
+std::optional<std::string> folds_over_limit(const ir::Graph& graph) {
+  std::string text;
+  for (uint32_t k = 0; k < graph.op_count(); ++k) {
+    const ir::Op& op = graph.op(ir::OpId{k});
+    if (op.kind != ir::OpKind::Fold || ir::fold_sweeps(op) < 3) continue;
+    const int64_t words = words_of(graph, op), bound = ir::fold_bound(op);
+    if (words == 0 || (bound >= 0 && bound <= kMostWords / words)) continue;
+    const std::string& name = graph.value(graph.region(op.regions[0]).params.back()).name;
+    text += (text.empty() ? "" : "\n") + std::string("a gradient of a gradient stores what the loop") +
+            (name.empty() ? "" : " over '" + name + "'") + " carries: promise at most " +
+            std::to_string(kMostWords / words) + " trips with 'max'" +
+            (bound < 0 ? "" : ", not " + std::to_string(bound));
+  }
+  return text.empty() ? std::nullopt : std::optional(text);
+}
+
+FoldMemory fold_memory(const ir::Graph& graph, const ir::Op& op) {
+  const size_t sweeps = ir::fold_sweeps(op);
+  if (sweeps == 1) return {};
+  const int64_t words = words_of(graph, op);
+  if (words == 0) return {.how = FoldMemory::How::All, .slots = 0};
+  const int64_t slots = std::clamp(kWords / words, kLeastSlots, kMostSlots), bound = ir::fold_bound(op);
+  // More sweeps than two have no checkpoints, see folds_over_limit().
+  if (sweeps > 2 || (bound >= 0 && bound <= std::max(slots, kWords / words)))
+    return {.how = FoldMemory::How::All, .slots = bound};
+  return {.how = FoldMemory::How::Checkpoints, .slots = slots};
+}
+
+}  // namespace dr::backend::glsl

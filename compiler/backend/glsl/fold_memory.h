@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+// How a Fold's later sweeps come by the states of the earlier ones, and what that takes.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+
+#include "compiler/ir/graph.h"
+
+namespace dr::backend::glsl {
+
+struct FoldMemory {
+  enum class How : uint8_t {
+    Nothing,      // one sweep
+    All,          // the states before every trip
+    Checkpoints,  // those before some; the others are computed again
+  };
+  How how = How::Nothing;
+  int64_t slots = 0;  // that each state's array has
+};
+
+FoldMemory fold_memory(const ir::Graph& graph, const ir::Op& op);
+
+// What is wrong with the loops of a graph, one sentence a line: where all states have to be stored they must have room.
+std::optional<std::string> folds_over_limit(const ir::Graph& graph);
+
+}  // namespace dr::backend::glsl

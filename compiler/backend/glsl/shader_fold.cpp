@@ -1,0 +1,219 @@
+// SPDX-License-Identifier: Apache-2.0
+// Fold as loops of a shader: one for each sweep. What a later sweep sees of the states before a trip is stored in an
+// array of the invocation where all trips have room there. Where they have not, and two sweeps are all, the states
+// before some trips are stored, and those between are computed again from the nearest.
+#include <algorithm>
+
+#include "compiler/backend/glsl/fold_memory.h"
+#include "compiler/backend/glsl/shader.h"
+#include "compiler/backend/analysis/uses.h"
+#include "compiler/ir/yields.h"
+
+namespace dr::backend::glsl {
+
+using ir::Op;
+using ir::RegionId;
+using ir::Type;
+using ir::ValueId;
+using ir::Yield;
+
+namespace {
+
+bool reads(const ir::Graph& graph, RegionId region, ValueId value) {
+  const auto has = [&](const std::vector<ValueId>& values) { return std::ranges::find(values, value) != values.end(); };
+  if (has(graph.region(region).yields)) return true;
+  return std::ranges::any_of(graph.region(region).ops, [&](ir::OpId id) {
+    const Op& op = graph.op(id);
+    return has(op.operands) ||
+           std::ranges::any_of(op.regions, [&](RegionId inner) { return reads(graph, inner, value); });
+  });
+}
+
+}  // namespace
+
+struct Shader::FoldLoops {
+  const Op& op;
+  std::string begin, end;
+  std::string trips;                            // how many were run
+  std::vector<std::vector<std::string>> now;    // variables: by sweep, by state
+  std::vector<std::vector<std::string>> kept;   // arrays, by sweep, by state; empty: nobody asks
+  size_t sweeps() const { return op.regions.size(); }
+};
+
+void Shader::fold_op(const Op& op) {
+  FoldLoops loops{op, use(op.operands[0]), use(op.operands[1]), unique("trips"), {}, {}};
+  // What sweeps read at their own element is loaded once.
+  for (const ValueId v : uses_of(graph_, op).at_element)
+    if (!is_defined(v) && step_.stored.count(v) != 0) use(v);
+  for (size_t s = 0; s < loops.sweeps(); ++s) {
+    std::vector<std::string>& names = loops.now.emplace_back();
+    for (const ValueId start : ir::fold_starts(op, s)) {
+      const std::string from = use(start);
+      names.push_back(unique("state"));
+      body_.line(graph_.value(start).type.str() + " " + names.back() + " = " + from + ";");
+    }
+  }
+  std::vector<std::string> results = loops.now.back();
+  for (size_t k = results.size(); k < op.results.size(); ++k) {
+    const ir::ValueInfo& info = graph_.value(op.results[k]);
+    const bool scatter = op.attrs.yields[k] == Yield::Scatter;
+    results.push_back(scatter ? std::string() : unique(info.name.empty() ? "fold" : info.name));
+    if (!scatter) body_.line(info.type.str() + " " + results.back() + " = " + zero(info.type) + ";");
+  }
+  forward_accumulators(op, op.regions.back());
+
+  const FoldMemory memory = fold_memory(graph_, op);
+  if (memory.how == FoldMemory::How::Checkpoints) {
+    fold_from_checkpoints(loops, memory.slots, results);
+  } else {
+    fold_storing(loops, results);
+  }
+  for (size_t k = 0; k < results.size(); ++k)
+    if (!results[k].empty()) define(op.results[k], results[k]);
+}
+
+// The head of a loop over the trips from the first on, that counts them in `count`.
+std::string Shader::fold_head(const FoldLoops& loops, const std::string& count) const {
+  const int64_t bound = ir::fold_bound(loops.op);
+  return "for (; " + loops.begin + " + " + count + " < " + loops.end +
+         (bound < 0 ? "" : " && " + count + " < " + std::to_string(bound)) + "; ) {";
+}
+
+void Shader::fold_storing(FoldLoops& loops, const std::vector<std::string>& results) {
+  const Op& op = loops.op;
+  const size_t last = loops.sweeps() - 1;
+  for (size_t s = 0; s < last; ++s) {
+    std::vector<std::string>& arrays = loops.kept.emplace_back(loops.now[s].size());
+    for (size_t k = 0; k < arrays.size(); ++k) {
+      bool wanted = false;
+      for (size_t later = s + 1; later <= last; ++later)
+        wanted = wanted || reads(graph_, op.regions[later], ir::fold_params(graph_, op, later, s)[k]);
+      if (!wanted) continue;
+      arrays[k] = unique("kept");
+      body_.line(graph_.value(ir::fold_starts(op, s)[k]).type.str() + " " + arrays[k] + "[" +
+                 std::to_string(std::max<int64_t>(1, ir::fold_bound(op))) + "];");
+    }
+  }
+  body_.line("int " + loops.trips + " = 0;");
+  for (size_t s = 0; s <= last; ++s) {
+    const std::string trip = s == 0 ? loops.trips : unique("trip");
+    if (s == 0) {
+      body_.line(fold_head(loops, trip));
+    } else if (s % 2 == 1) {
+      body_.line("for (int " + trip + " = " + loops.trips + " - 1; " + trip + " >= 0; --" + trip + ") {");
+    } else {
+      body_.line("for (int " + trip + " = 0; " + trip + " < " + loops.trips + "; ++" + trip + ") {");
+    }
+    push_scope();
+    fold_trip(loops, s, trip, results);
+    pop_scope();
+    body_.line("}");
+  }
+}
+
+// The parameters of a sweep's region at a trip: its number, what is kept of earlier sweeps, and the states now.
+void Shader::fold_parameters(const FoldLoops& loops, size_t sweep, const std::string& trip) {
+  const Op& op = loops.op;
+  const ValueId number = graph_.region(op.regions[sweep]).params[0];
+  define(number, unique("i"));
+  body_.line("int " + use(number) + " = " + loops.begin + " + " + trip + ";");
+  for (size_t of = 0; of <= sweep; ++of) {
+    const std::span<const ValueId> params = ir::fold_params(graph_, op, sweep, of);
+    for (size_t k = 0; k < params.size(); ++k) {
+      const std::string array = of < loops.kept.size() ? loops.kept[of][k] : "";
+      if (of < sweep && array.empty()) continue;
+      const ir::ValueInfo& info = graph_.value(params[k]);
+      const std::string name = unique(info.name.empty() ? "state" : info.name);
+      body_.line(info.type.str() + " " + name + " = " + (of < sweep ? array + "[" + trip + "]" : loops.now[of][k]) + ";");
+      if (of == sweep && !array.empty()) body_.line(array + "[" + trip + "] = " + name + ";");
+      define(params[k], name);
+    }
+  }
+}
+
+// One trip of a sweep, in a scope of its own; the first counts it.
+void Shader::fold_trip(const FoldLoops& loops, size_t sweep, const std::string& trip,
+                       const std::vector<std::string>& results) {
+  fold_parameters(loops, sweep, trip);
+  if (sweep + 1 == loops.sweeps()) {
+    yields(loops.op, loops.op.regions[sweep], results, {});
+  } else {
+    fold_advance(loops, sweep);
+  }
+  if (sweep != 0) return;
+  const ValueId stop = ir::fold_stop(graph_, loops.op);
+  const std::string stops = stop.valid() ? use(stop) : "";
+  body_.line("++" + trip + ";");
+  if (stop.valid()) body_.line("if (" + stops + ") break;");
+}
+
+// Computes a sweep's next states from its parameters.
+void Shader::fold_advance(const FoldLoops& loops, size_t sweep) {
+  element_ops(graph_.region(loops.op.regions[sweep]).ops);
+  const std::span<const ValueId> next = ir::fold_next(graph_, loops.op, sweep);
+  std::vector<std::string> values;
+  for (const ValueId v : next) values.push_back(use(v));
+  for (size_t k = 0; k < values.size(); ++k) body_.line(loops.now[sweep][k] + " = " + values[k] + ";");
+}
+
+// The second sweep goes from each trip to the checkpoint before it and forwards again, leaving checkpoints closer and
+// closer to the trip: half of those that are free at equal distances, and so on.
+void Shader::fold_from_checkpoints(FoldLoops& loops, int64_t slots, const std::vector<std::string>& results) {
+  const Op& op = loops.op;
+  const std::string count = std::to_string(slots), top = unique("top"), places = unique("place"),
+                    trip = unique("trip"), at = unique("at"), next = unique("next"), free = unique("free");
+  body_.line("int " + loops.trips + " = 0;");
+  std::vector<std::string> starts, arrays;
+  for (size_t k = 0; k < loops.now[0].size(); ++k) {
+    const std::string type = graph_.value(ir::fold_starts(op, 0)[k]).type.str();
+    arrays.push_back(unique("kept"));
+    body_.line(type + " " + arrays[k] + "[" + count + "];");
+    body_.line(arrays[k] + "[0] = " + loops.now[0][k] + ";");
+  }
+  if (ir::fold_stops(op)) {
+    body_.line(fold_head(loops, loops.trips));
+    push_scope();
+    fold_trip(loops, 0, loops.trips, results);
+    pop_scope();
+    body_.line("}");
+  } else {
+    const std::string all = "max(" + loops.end + " - " + loops.begin + ", 0)";
+    const int64_t bound = ir::fold_bound(op);
+    body_.line(loops.trips + " = " + (bound < 0 ? all : "min(" + all + ", " + std::to_string(bound) + ")") + ";");
+  }
+  body_.line("int " + places + "[" + count + "];");
+  body_.line(places + "[0] = 0;");
+  body_.line("int " + top + " = 0;");
+  body_.line("for (int " + trip + " = " + loops.trips + " - 1; " + trip + " >= 0; --" + trip + ") {");
+  for (size_t k = 0; k < arrays.size(); ++k) body_.line(loops.now[0][k] + " = " + arrays[k] + "[" + top + "];");
+  body_.line("int " + at + " = " + places + "[" + top + "];");
+  const auto choose_next = [&] {
+    body_.line(free + " = " + count + " - 1 - " + top + ";");
+    body_.line(next + " = " + at + " + (" + free + " >= " + trip + " - " + at + " ? 1 : (" + trip + " - " + at + " + (" +
+               free + " + 1) / 2) / ((" + free + " + 1) / 2 + 1));");
+  };
+  body_.line("int " + free + ", " + next + ";");
+  choose_next();
+  body_.line("for (; " + at + " < " + trip + "; ) {");
+  push_scope();
+  fold_parameters(loops, 0, at);
+  fold_advance(loops, 0);
+  pop_scope();
+  body_.line("++" + at + ";");
+  body_.line("if (" + top + " < " + count + " - 1 && " + at + " >= " + next + " && " + at + " < " + trip + ") {");
+  body_.line("++" + top + ";");
+  body_.line(places + "[" + top + "] = " + at + ";");
+  for (size_t k = 0; k < arrays.size(); ++k) body_.line(arrays[k] + "[" + top + "] = " + loops.now[0][k] + ";");
+  choose_next();
+  body_.line("}");
+  body_.line("}");
+  push_scope();
+  const std::span<const ValueId> before = ir::fold_params(graph_, op, 1, 0);
+  for (size_t k = 0; k < before.size(); ++k) define(before[k], loops.now[0][k]);
+  fold_trip(loops, 1, trip, results);
+  pop_scope();
+  body_.line("if (" + top + " > 0 && " + places + "[" + top + "] == " + trip + ") --" + top + ";");
+  body_.line("}");
+}
+
+}  // namespace dr::backend::glsl
