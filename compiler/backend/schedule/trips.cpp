@@ -239,9 +239,11 @@ Trips trips_of(const Graph& graph, std::span<const ir::OpId> ops) {
       // Each sweep is a loop of as many trips as the first. Without a bound, states may be computed again and again.
       const Dim sweeps(static_cast<int64_t>(ir::fold_sweeps(op)));
       Bound most = Finder(graph).difference(op.operands[1], op.operands[0]);
+      const bool has_max = ir::fold_bound(op) >= 0;
+      if (!most) ++(has_max ? inside.promised : inside.unknown);
+      if (most && !has_max && ir::fold_sweeps(op) > 1) ++inside.unknown;
       if (most) most = most_of(*most);
-      if (ir::fold_bound(op) >= 0) most = either(most, Dim(ir::fold_bound(op)), true);
-      if (!most || (ir::fold_bound(op) < 0 && ir::fold_sweeps(op) > 1)) ++inside.unknown;
+      if (has_max) most = either(most, Dim(ir::fold_bound(op)), true);
       inside.most = sweeps + (most ? *most : Dim(1)) * (sweeps + inside.most);
       inside.even = inside.even && alike(op.operands[0]) && alike(op.operands[1]) && !ir::fold_stops(op);
       inside.loops += static_cast<int>(ir::fold_sweeps(op));
