@@ -26,8 +26,8 @@ Generator::Cut Generator::cut(Shader& s, const Pass& pass, const std::vector<ir:
   if (!long_ones && !unknown) return cut;
   cut.most = profile_.loop_trips;
   cut.trips = (trips.most + ir::Dim(each > 1 ? 2 : 0)) * ir::Dim(each);
-  // What carries values cannot go on later: the runtime says so where its trips are too many. Where data decides on them,
-  // the shader tells whether the driver has ended a loop.
+  // What carries values cannot go on later: the runtime says so where its trips are too many. Where data decides on
+  // them, the shader tells whether the driver has ended a loop.
   if (trips.folds > 0 && !unknown && trips.promised == 0) return cut;
   cut.cuts = true;
   cut.watched = unknown || trips.promised > 0 || trips.folds > 0;
