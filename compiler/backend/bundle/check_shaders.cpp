@@ -14,7 +14,7 @@ namespace dr::bundle {
 
 namespace {
 
-using Kind = ReflectedResource::Kind;
+using ResourceKind = ReflectedResource::Kind;
 
 // Of the SPIR-V specification, those that drc's shaders declare, and what of the device each needs.
 const bool ShaderLimits::*const kAlways = nullptr;
@@ -132,17 +132,17 @@ class ShaderChecker {
       const std::string where = "binding " + std::to_string(use.binding);
       if (use.set != 0 || use.binding >= slots.size()) return fail(where + " is not there");
       const Slot& slot = slots[use.binding];
-      const Kind kind = slot.input                                  ? Kind::Input
-                        : slot.texel != 0                           ? Kind::Texels
-                        : slot.resource->storage == Storage::Buffer ? Kind::Buffer
-                                                                    : Kind::Image;
+      const Kind kind = slot.input                                  ? ResourceKind::Input
+                        : slot.texel != 0                           ? ResourceKind::Texels
+                        : slot.resource->storage == Storage::Buffer ? ResourceKind::Buffer
+                                                                    : ResourceKind::Image;
       if (use.kind != kind) return fail(where + " is of another kind");
-      if (kind == Kind::Buffer) {
+      if (kind == ResourceKind::Buffer) {
         if (slot.read_only && !use.read_only) return fail(where + " is read, and the shader may write it");
         continue;
       }
       if (use.scalar != stored(slot.resource->type->scalar)) return fail(where + " holds numbers of another kind");
-      if (kind == Kind::Input && use.input != *slot.input) return fail(where + " is another input attachment");
+      if (kind == ResourceKind::Input && use.input != *slot.input) return fail(where + " is another input attachment");
     }
     return true;
   }
@@ -167,7 +167,7 @@ class ShaderChecker {
     const Reflection &vertex = of(c.vertex), &fragment = of(c.fragment);
     // Input attachments are the fragment shader's alone.
     for (const ReflectedResource& use : vertex.resources)
-      if (use.kind == Kind::Input) return fail("a vertex shader reads an input attachment");
+      if (use.kind == ResourceKind::Input) return fail("a vertex shader reads an input attachment");
     if (!resources(vertex, slots(c)) || !resources(fragment, slots(c))) return false;
     if (!vertex.inputs.empty()) return fail("the vertex shader reads attributes");
     for (const ReflectedPort& input : fragment.inputs) {

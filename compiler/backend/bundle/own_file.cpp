@@ -33,7 +33,7 @@ std::optional<std::string> read_own_file(const fs::path& path) {
   if (status.st_uid != geteuid() || (status.st_mode & (S_IWGRP | S_IWOTH)) != 0) return std::nullopt;
   std::string content(static_cast<size_t>(status.st_size), '\0');
   for (size_t at = 0; at < content.size();) {
-    const ssize_t n = read(file.descriptor, content.data() + at, content.size() - at);
+    const ssize_t n = ::read(file.descriptor, content.data() + at, content.size() - at);
     if (n <= 0) return std::nullopt;
     at += static_cast<size_t>(n);
   }
@@ -53,7 +53,7 @@ bool write_own_file(const fs::path& path, std::initializer_list<std::string_view
     if (file.descriptor < 0) return false;
     for (std::string_view part : parts)
       while (written && !part.empty()) {
-        const ssize_t n = write(file.descriptor, part.data(), part.size());
+        const ssize_t n = ::write(file.descriptor, part.data(), part.size());
         written = n > 0;
         if (written) part.remove_prefix(static_cast<size_t>(n));
       }
