@@ -227,7 +227,6 @@ TEST_CASE("names are names, and there once") {
   expect(sample,
          {{[](auto& b) { b.symbols.push_back("V"); }, twice},
           {[](auto& b) { b.steps.push_back(std::make_unique<StepT>(*b.steps[0])); }, twice},
-          {[](auto& b) { b.resources.push_back(std::make_unique<ResourceT>(*b.resources[0])); }, twice},
           {[](auto& b) {
              b.resources.push_back(std::make_unique<ResourceT>(*b.resources[0]));
              b.resources[1]->name = "other";
