@@ -132,7 +132,7 @@ class ShaderChecker {
       const std::string where = "binding " + std::to_string(use.binding);
       if (use.set != 0 || use.binding >= slots.size()) return fail(where + " is not there");
       const Slot& slot = slots[use.binding];
-      const Kind kind = slot.input                                  ? ResourceKind::Input
+      const ResourceKind kind = slot.input                                  ? ResourceKind::Input
                         : slot.texel != 0                           ? ResourceKind::Texels
                         : slot.resource->storage == Storage::Buffer ? ResourceKind::Buffer
                                                                     : ResourceKind::Image;
