@@ -11,6 +11,8 @@ if(CMAKE_UNITY_BUILD)
   file(CONFIGURE OUTPUT ${PROJECT_BINARY_DIR}/precompiled.cpp CONTENT "")
   add_library(dr_precompiled OBJECT ${PROJECT_BINARY_DIR}/precompiled.cpp)
   target_link_libraries(dr_precompiled PRIVATE dr_include dr_test_options Catch2::Catch2)
+  # As the executables that use it.
+  set_target_properties(dr_precompiled PROPERTIES POSITION_INDEPENDENT_CODE OFF)
   target_precompile_headers(dr_precompiled PRIVATE ${PROJECT_SOURCE_DIR}/tests/catch.h
     <algorithm> <charconv> <cmath> <filesystem> <fstream> <functional> <map> <optional> <random> <ranges> <set> <span> <sstream>
     <string> <string_view> <variant> <vector>)
@@ -45,7 +47,8 @@ function(dr_add_test name)
     target_precompile_headers(${name} REUSE_FROM dr_precompiled)
   endif()
   add_dependencies(tests ${name})
-  set_target_properties(${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/bin/tests)
+  set_target_properties(${name} PROPERTIES
+    RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/bin/tests POSITION_INDEPENDENT_CODE OFF)
   add_test(NAME ${test_LABEL}/${name} COMMAND ${name} WORKING_DIRECTORY ${PROJECT_BINARY_DIR})
   # Software devices compile shaders at their first draw, which two tests at a time on a cold machine make slow.
   set(timeout 300)

@@ -24,8 +24,8 @@ bool is_number(std::string_view text) {
 
 // "checkpoint-7".
 bool is_checkpoint(std::string_view name) {
-  constexpr std::string_view kPrefix = "checkpoint-";
-  return name.starts_with(kPrefix) && is_number(name.substr(kPrefix.size()));
+  constexpr std::string_view kFolder = "checkpoint-";
+  return name.starts_with(kFolder) && is_number(name.substr(kFolder.size()));
 }
 
 // "img.npy.1234567.tmp", as compiler/io writes files before it names them, and what write_text() begins with.
