@@ -35,6 +35,7 @@ Generator::Cut Generator::cut(Shader& s, const Pass& pass, const std::vector<ir:
   // Lanes that go different ways take their trips one after the other, as the driver counts.
   const int64_t lanes = trips.even ? 1 : std::max<int64_t>(profile_.subgroup_size, 1);
   cut.part = static_cast<uint32_t>(std::max<int64_t>(int64_t{cut.most} / lanes - overhead(trips, each), 1));
+  if (trips.folds > 0) cut.part = 0;  // the runtime refuses it where its trips are too many
   s.cut_loops();
   const std::string number = std::to_string(bundle_->resources.size());  // a pass may have several such shaders
   // The words of an element are known when its code is.

@@ -7,8 +7,10 @@ namespace dr::accuracy {
 
 namespace {
 
+using gradient_test::make_fold;
 using gradient_test::make_if;
 using gradient_test::make_reduce;
+using gradient_test::Trip;
 using ir::Yield;
 
 constexpr Type kVec3 = ir::vec(3);
