@@ -8,10 +8,10 @@ namespace dr::accuracy::library {
 std::vector<Function> shadow_functions() {
   const Operand d = vectors("d", -2, 2, 1e-2), middle = vectors("middle", -10, 10, 1e-2);
   const std::string why = "a direction's three normalizations, and the products of two matrices";
-  const auto steep = [](Direction d) {
-    d.except = "length(d.xz) < 0.05 * length(d)";
-    d.except_text = "directions within 3 degrees of the vertical, around which the view turns";
-    return d;
+  const auto steep = [](Direction by) {
+    by.except = "length(d.xz) < 0.05 * length(d)";
+    by.except_text = "directions within 3 degrees of the vertical, around which the view turns";
+    return by;
   };
   const Operand lamp = vectors("lamp", -1, 1, 1e-2);
   return {
