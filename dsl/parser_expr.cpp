@@ -425,7 +425,9 @@ bool Parser::at_fold(const Expr& callee) const {
 // Whether the token behind the next one is this.
 bool Parser::after_next_is(std::string_view wanted) const {
   std::string_view rest = sources_.text(file_).substr(next_.end);
-  rest.remove_prefix(std::min(rest.find_first_not_of(" \t\r\n"), rest.size()));
+  const auto skip = [&](size_t count) { rest.remove_prefix(std::min(count, rest.size())); };
+  for (skip(rest.find_first_not_of(" \t\r\n")); rest.starts_with("//"); skip(rest.find_first_not_of(" \t\r\n")))
+    skip(rest.find('\n'));
   if (!rest.starts_with(wanted)) return false;
   const auto is_word = [](char c) { return std::isalnum(static_cast<unsigned char>(c)) != 0 || c == '_'; };
   return !is_word(wanted.back()) || rest.size() == wanted.size() || !is_word(rest[wanted.size()]);
