@@ -133,9 +133,9 @@ class ShaderChecker {
       if (use.set != 0 || use.binding >= slots.size()) return fail(where + " is not there");
       const Slot& slot = slots[use.binding];
       const ResourceKind kind = slot.input                                  ? ResourceKind::Input
-                        : slot.texel != 0                           ? ResourceKind::Texels
-                        : slot.resource->storage == Storage::Buffer ? ResourceKind::Buffer
-                                                                    : ResourceKind::Image;
+                                : slot.texel != 0                           ? ResourceKind::Texels
+                                : slot.resource->storage == Storage::Buffer ? ResourceKind::Buffer
+                                                                            : ResourceKind::Image;
       if (use.kind != kind) return fail(where + " is of another kind");
       if (kind == ResourceKind::Buffer) {
         if (slot.read_only && !use.read_only) return fail(where + " is read, and the shader may write it");
