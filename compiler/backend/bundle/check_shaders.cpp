@@ -17,7 +17,7 @@ namespace {
 using ResourceKind = ReflectedResource::Kind;
 
 // Of the SPIR-V specification, those that drc's shaders declare, and what of the device each needs.
-const bool ShaderLimits::*const kAlways = nullptr;
+constexpr const bool ShaderLimits::*kAlways = nullptr;
 struct Capability {
   uint32_t number;
   const bool ShaderLimits::*needs;
