@@ -21,8 +21,6 @@ endif()
 # dr_add_test(NAME LABEL unit SOURCES a.cpp ... LINK dr_dsl ...) makes a Catch2 executable of that name and one ctest
 # entry, LABEL/NAME. The sources see the tree as DR_SOURCE_DIR and the build folder as DR_BUILD_DIR.
 # A test that exits with 77 counts as skipped.
-# The target `tests` is all that ctest runs, but what is for sanitizers alone.
-add_custom_target(tests)
 function(dr_add_test name)
   cmake_parse_arguments(PARSE_ARGV 1 test "" "LABEL" "SOURCES;LINK")
   if(test_UNPARSED_ARGUMENTS OR NOT test_SOURCES OR NOT test_LABEL MATCHES "^(unit|golden|gradient|device|stress|fuzz)$")
@@ -46,7 +44,6 @@ function(dr_add_test name)
   if(TARGET dr_precompiled)
     target_precompile_headers(${name} REUSE_FROM dr_precompiled)
   endif()
-  add_dependencies(tests ${name})
   set_target_properties(${name} PROPERTIES
     RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/bin/tests POSITION_INDEPENDENT_CODE OFF)
   add_test(NAME ${test_LABEL}/${name} COMMAND ${name} WORKING_DIRECTORY ${PROJECT_BINARY_DIR})
