@@ -83,6 +83,7 @@ std::vector<Function> material_functions();  // material, lamps of light
 std::vector<Function> environment_functions();
 std::vector<Function> shadow_functions();
 std::vector<Function> picture_functions();  // hardsoftras, raster, nvdiffrast
+std::vector<Function> filter_functions();   // image
 
 // One function and direction on one device.
 struct Row {

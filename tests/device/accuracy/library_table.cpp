@@ -6,7 +6,7 @@ namespace dr::accuracy::library {
 std::vector<Function> functions() {
   std::vector<Function> all;
   for (auto&& part : {point_functions(), material_functions(), environment_functions(), shadow_functions(),
-                      number_functions(), image_functions(), mesh_functions(), picture_functions()})
+                      number_functions(), image_functions(), mesh_functions(), picture_functions(), filter_functions()})
     all.insert(all.end(), part.begin(), part.end());
   return all;
 }

@@ -17,6 +17,7 @@ import std.camera;
 import std.coverage;
 import std.environment;
 import std.hardsoftras;
+import std.image;
 import std.light;
 import std.loss;
 import std.material;
