@@ -86,7 +86,7 @@ std::vector<Function> hair_functions();
 std::vector<Function> rig_functions();
 std::vector<Function> strand_functions();
 std::vector<Function> picture_functions();  // hardsoftras, raster, nvdiffrast
-std::vector<Function> filter_functions();   // image
+std::vector<Function> filter_functions();   // image, solve
 
 // One function and direction on one device.
 struct Row {

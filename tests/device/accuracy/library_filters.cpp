@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// std.image.
+// std.image and std.solve.
 #include "tests/device/accuracy/library_table.h"
 
 namespace dr::accuracy::library {
@@ -66,8 +66,56 @@ std::vector<Function> filters() {
   return all;
 }
 
+// Systems and residuals of nine numbers.
+std::vector<Function> solvers() {
+  const Operand a = whole(floats("a", -1, 1, 1e-3), "[9, 9]"), b = whole(floats("b", -1, 1, 1e-3), "[9]"),
+                x = whole(floats("x", -1, 1, 1e-3), "[9]");
+  const std::string matrix =
+      "  let i = coord(9, 9);\n"
+      "  let m = reduce(sum, k in 0..9) { a.at(ivec2(k, i.x)) * a.at(ivec2(k, i.y)) } + (if i.x == i.y { 4.0 } else { "
+      "0.0 });\n";
+  // A residual that is nearly linear, and whose tangent has that matrix's condition.
+  const std::string residual =
+      "  let p = coord(9, 2);\n"
+      "  let r = fn(v) { if p.y == 0 { 2.0 * v.at(p.x) - b.at(p.x) } else { reduce(sum, k in 0..9) { 0.3 * "
+      "a.at(ivec2(k, p.x)) * sin(v.at(k)) } } };\n";
+  const std::string domain = "symmetric matrices of 9 x 9 with a condition below 10";
+  const std::string why = "sums of nine terms, times the condition";
+  std::vector<Function> all;
+  const auto add = [&](const std::string& name, const std::string& result, const std::string& value, Operands operands,
+                       Directions directions, const std::string& before) {
+    all.push_back({.name = "solve." + name,
+                   .part = {},
+                   .result = result,
+                   .operands = std::move(operands),
+                   .value = value,
+                   .directions = std::move(directions),
+                   .before = before,
+                   .domain = domain,
+                   .whole = true});
+  };
+  const Direction value = l2("value", 1e-6, why), to_a = l2("a", 4e-6, why), to_b = l2("b", 4e-6, why);
+  add("cholesky", "float[9]", "solve.cholesky(m, b)", {a, b}, {value, to_a, to_b}, matrix);
+  add("conjugate_gradients", "float[9]",
+      "solve.conjugate_gradients(fn(v) { reduce(sum, k in 0..9) { m.at(ivec2(coord(9).x, k)) * v.at(k) } }, b, 0.0 * "
+      "b, 4)",
+      {a, b}, {value, to_a, to_b}, matrix);
+  add("products", "float[9, 9]", "solve.products(j)", {whole(vectors("j", -1, 1, 1e-3), "[12, 30, 9]")},
+      {l2("value", 1e-6, "the design's, as a dot product"), l2("j", 1e-6, "the design's, as a dot product")}, {});
+  add("damped", "float[9, 9]", "solve.damped(a, d)", {a, whole(floats("d", 0, 4, 1e-6), "[1]")},
+      {relative("value", 2 * u, kFew), l2("a", 2 * u, kFew)}, {});
+  add("squares", "float[1]", "solve.squares(a)", {a}, {relative("value", 1e-6, kDesign), l2("a", 2 * u, kFew)}, {});
+  add("normal_equations", "float[9]", "solve.normal_equations(r, x).1", {a, b, x}, {value}, residual);
+  add("gauss_newton", "float[9]", "solve.gauss_newton(r, x)", {a, b, x}, {l2("value", 4e-6, why)}, residual);
+  return all;
+}
+
 }  // namespace
 
-std::vector<Function> filter_functions() { return filters(); }
+std::vector<Function> filter_functions() {
+  std::vector<Function> all = filters(), more = solvers();
+  all.insert(all.end(), more.begin(), more.end());
+  return all;
+}
 
 }  // namespace dr::accuracy::library

@@ -32,6 +32,8 @@ std::vector<Elsewhere> elsewhere() {
        "`raster.rasterize` and `coverage.silhouette`, which have rows; a golden test holds their shadows to closed "
        "forms"},
       {"random.directions", "numbers known when a program is compiled; `combined` reads them"},
+      {"solve.levenberg_marquardt",
+       "`gauss_newton` of four dampings and the best of them; a golden test fits what is known"},
       {"tiles.touched", "decisions: which tiles a box reaches"},
       {"texture.inverse_uv",
        "integers: which texel a pixel is given to is decided by rounding where it lies between two"},

@@ -30,6 +30,7 @@ import std.raster;
 import std.rig;
 import std.shading;
 import std.shadow;
+import std.solve;
 import std.strands;
 import std.texture;
 import std.tiles;
