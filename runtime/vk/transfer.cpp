@@ -25,7 +25,8 @@ void Transfer::need_staging(vk::DeviceSize bytes) {
   const uint32_t type = device_->memory_type(need.memoryTypeBits, visible, vk::MemoryPropertyFlagBits::eHostCached);
   staging_memory_ = Block(*device_, need.size, type, memory_.tally());
   staging_.buffer.bindMemory(*staging_memory_.memory(), 0);
-  staging_data_ = staging_memory_.memory().mapMemory(0, VK_WHOLE_SIZE);
+  staging_data_ = staging_memory_.host();
+  if (staging_data_ == nullptr) staging_data_ = staging_memory_.memory().mapMemory(0, VK_WHOLE_SIZE);
   staging_.bytes = bytes;
 }
 
