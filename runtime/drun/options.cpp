@@ -141,6 +141,9 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
       "--check-finite", options.check_finite,
       "run command by command and stop after the run that stores the first NaN or Inf: names pass, element and "
       "lines (--pack naive: of one op). Slow");
+  app.add_flag(
+      "--strict-finite", options.strict_finite,
+      "stop, with exit code 1, where a printed output or, at the end, a param holds a NaN or Inf (default: warn)");
   app.add_flag("--unchecked", options.unchecked,
                "take bound data as it is: with NaN, Inf, and indices of elements that are not there");
   const CLI::Option* counters =

@@ -15,6 +15,19 @@ namespace dr::drun {
 
 using io::Array;
 
+namespace {
+
+std::vector<std::string> mesh_parts(const std::string& file, const std::string& what) {
+  std::vector<std::string> parts;
+  std::stringstream text(what);
+  for (std::string part; std::getline(text, part, ':');) parts.push_back(part);
+  if (parts.size() < 2 || parts.size() > 5)
+    throw Mistake{"--mesh " + file + ": expected POSITION:FACE[:UV[:UV_FACE[:TEXTURE]]], found '" + what + "'"};
+  return parts;
+}
+
+}  // namespace
+
 std::string number_text(double value) {
   char text[32];
   return {text, std::to_chars(text, text + sizeof text, static_cast<float>(value)).ptr};
@@ -31,7 +44,6 @@ void Results::write_outputs(const std::string& folder, const std::set<std::strin
   for (const std::string& step : ran)
     for (const std::string& name : names_.outputs(step)) {
       const Array a = must(target_.output(step, name));
-      if (a.scalar_count() == 1) continue;
       const std::string stem = uses[name] > 1 ? step + "." + name : name;
       must(io::save_array((out / (stem + ".npy")).string(), a));
       const bool picture = a.height > 1 && (a.components == 1 || a.components >= 3) && a.components <= 4 &&
@@ -60,16 +72,28 @@ std::vector<std::pair<std::string, Array>> Results::leaves(const std::set<std::s
 Array Results::named(const std::string& name, const std::set<std::string>& ran) const {
   for (const std::string& step : ran)
     for (const std::string& output : names_.outputs(step))
-      if (output == name) return must(target_.output(step, name));
+      if (output == name || step + "." + output == name) return must(target_.output(step, output));
   return must(target_.leaf(name));
 }
 
+void Results::check_mesh(const std::string& file, const std::string& what, const std::set<std::string>& steps) const {
+  const std::vector<std::string> parts = mesh_parts(file, what);
+  if (const std::string& ending = file.substr(std::min(file.rfind('.'), file.size()));
+      ending != ".obj" && ending != ".gltf" && ending != ".glb")
+    throw Mistake{"--mesh " + file + ": expected a name that ends in .obj, .gltf or .glb"};
+  std::set<std::string> known;
+  std::string all;
+  for (const auto& leaf : names_.leaves()) known.insert(leaf.name);
+  for (const std::string& step : steps)
+    for (const std::string& output : names_.outputs(step)) known.insert({output, step + "." + output});
+  for (const std::string& name : known) all += (all.empty() ? "" : ", ") + name;
+  for (const std::string& part : parts)
+    if (!known.contains(part))
+      throw Mistake{"--mesh " + file + ": there is no leaf or output '" + part + "'; there are " + all};
+}
+
 void Results::write_mesh(const std::string& file, const std::string& what, const std::set<std::string>& ran) const {
-  std::vector<std::string> parts;
-  std::stringstream text(what);
-  for (std::string part; std::getline(text, part, ':');) parts.push_back(part);
-  if (parts.size() < 2 || parts.size() > 5)
-    throw Mistake{"--mesh " + file + ": expected POSITION:FACE[:UV[:UV_FACE[:TEXTURE]]], found '" + what + "'"};
+  const std::vector<std::string> parts = mesh_parts(file, what);
   std::vector<Array> arrays;
   for (const std::string& part : parts) arrays.push_back(named(part, ran));
   auto expect = [&](size_t k, int components, io::ElementKind kind, const char* type) {
