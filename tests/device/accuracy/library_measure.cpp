@@ -242,7 +242,7 @@ class Group {
     for (const auto& raster : must(program_.rasters(step)))
       for (auto& ranks = frozen.rasters.emplace_back(); const io::Array& a : raster)
         ranks.push_back(image_of(a, ir::kInt));
-    // A face that a device sees at a place that it chose is none of the place that the judge would choose.
+    // A face is seen at the place that the device chose.
     for (const auto& [value, name] : ir::pin_names(judge_graph_))
       for (const auto& [pinned, pin] : must(program_.pins(step)))
         if (pinned == name) frozen.pins[name] = image_of(pin, judge_graph_.value(value).type);

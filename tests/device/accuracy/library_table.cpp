@@ -6,13 +6,18 @@ namespace dr::accuracy::library {
 std::vector<Function> functions() {
   std::vector<Function> all;
   for (auto&& part : {point_functions(), material_functions(), environment_functions(), shadow_functions(),
-                      number_functions(), image_functions(), mesh_functions(), picture_functions()})
+                      hair_functions(), rig_functions(), strand_functions(), number_functions(), image_functions(),
+                      mesh_functions(), picture_functions()})
     all.insert(all.end(), part.begin(), part.end());
   return all;
 }
 
 std::vector<Elsewhere> elsewhere() {
   return {
+      {"hair.shade", "scatter_far times the lamp's colour"},
+      {"strands.segments", "integers"},
+      {"strands.strand_of", "integers"},
+      {"strands.interpolate", "the row of strands.blend draws with it"},
       {"mesh.neighbours", "integers of `topology`"},
       {"mesh.beyond", "integers of `topology`"},
       {"mesh.icosphere_cell", "a part of icosphere_face"},
