@@ -19,10 +19,10 @@ bool hands_on(OpKind kind) {
   return kind == OpKind::Compose || kind == OpKind::Splat || kind == OpKind::Extract || kind == OpKind::Broadcast;
 }
 
-std::optional<Dim> sum(const std::optional<Dim>& a, const std::optional<Dim>& b) {
+std::optional<Dim> dims_sum(const std::optional<Dim>& a, const std::optional<Dim>& b) {
   return a && b ? std::optional(*a + *b) : std::nullopt;
 }
-std::optional<Dim> difference(const std::optional<Dim>& a, const std::optional<Dim>& b) {
+std::optional<Dim> dims_difference(const std::optional<Dim>& a, const std::optional<Dim>& b) {
   return a && b ? std::optional(*a - *b) : std::nullopt;
 }
 std::optional<int64_t> number_of(const std::optional<Dim>& dim) {
@@ -60,10 +60,10 @@ Preimage::Range Preimage::range(ValueId v, int c) {
     if (part < 0) return {};
   const Range a = range(parts[0].first, parts[0].second);
   if (hands_on(op->kind)) return a;
-  if (op->kind == OpKind::Neg) return {difference(Dim(0), a.most), difference(Dim(0), a.least)};
+  if (op->kind == OpKind::Neg) return {dims_difference(Dim(0), a.most), dims_difference(Dim(0), a.least)};
   const Range b = range(parts[1].first, parts[1].second);
-  if (op->kind == OpKind::Add) return {sum(a.least, b.least), sum(a.most, b.most)};
-  if (op->kind == OpKind::Sub) return {difference(a.least, b.most), difference(a.most, b.least)};
+  if (op->kind == OpKind::Add) return {dims_sum(a.least, b.least), dims_sum(a.most, b.most)};
+  if (op->kind == OpKind::Sub) return {dims_difference(a.least, b.most), dims_difference(a.most, b.least)};
   for (const bool swapped : {false, true}) {
     const Range &x = swapped ? b : a, &factor = swapped ? a : b;
     const auto k = number_of(factor.least);
@@ -149,7 +149,8 @@ bool Preimage::wraps_once(const Op& op, int c, Variable variable) {
   const auto parts = places_.parts(op, c);
   const Range divisor = range(parts[1].first, parts[1].second);
   const Trips& trips = variables_[static_cast<size_t>(variable)];
-  const auto left = number_of(difference(difference(divisor.least, Dim(1)), difference(trips.last, trips.first)));
+  const auto left =
+      number_of(dims_difference(dims_difference(divisor.least, Dim(1)), dims_difference(trips.last, trips.first)));
   return divisor.least == divisor.most && left && *left >= 0 && shifts(parts[0].first, parts[0].second, variable);
 }
 
@@ -203,8 +204,8 @@ Interval Preimage::moved(Interval interval, ValueId v, int c, bool back) {
   const bool single = interval.is_single();
   interval.first = apply(kind, interval.first, by);
   interval.last = single ? interval.first : apply(kind, interval.last, by);
-  interval.below = back ? difference(interval.below, size.least) : sum(interval.below, size.most);
-  interval.above = back ? difference(interval.above, size.most) : sum(interval.above, size.least);
+  interval.below = back ? dims_difference(interval.below, size.least) : dims_sum(interval.below, size.most);
+  interval.above = back ? dims_difference(interval.above, size.most) : dims_sum(interval.above, size.least);
   return interval;
 }
 
@@ -212,8 +213,8 @@ Interval Preimage::mirrored(const Interval& interval) {
   Interval out = interval;
   out.first = ops::neg(to_, interval.last);
   out.last = interval.is_single() ? out.first : ops::neg(to_, interval.first);
-  out.below = difference(Dim(0), interval.above);
-  out.above = difference(Dim(0), interval.below);
+  out.below = dims_difference(Dim(0), interval.above);
+  out.above = dims_difference(Dim(0), interval.below);
   std::swap(out.opens_below, out.opens_above);
   return out;
 }
@@ -222,7 +223,7 @@ Interval Preimage::mirrored(const Interval& interval) {
 bool Preimage::holds(const Part& v, const Part& limit, bool below) {
   if (limit.second < 0) return true;
   const Range of = range(v.first, v.second), size = range(limit.first, limit.second);
-  const auto room = number_of(below ? difference(of.least, size.most) : difference(size.least, of.most));
+  const auto room = number_of(below ? dims_difference(of.least, size.most) : dims_difference(size.least, of.most));
   return !room || *room < 0;
 }
 
@@ -240,10 +241,10 @@ Interval Preimage::held(Interval interval, const Part& v, const Part& limit_part
   const Dim wide = Dim(interval.width - 1);
   if (below) {
     interval.opens_below = true;
-    interval.below = sum(size.most, wide);
+    interval.below = dims_sum(size.most, wide);
   } else {
     interval.opens_above = true;
-    interval.above = difference(size.least, wide);
+    interval.above = dims_difference(size.least, wide);
   }
   return interval;
 }
@@ -292,12 +293,12 @@ Interval Preimage::positive(Interval interval, int64_t least) {
 
 int64_t Preimage::bound(const Interval& interval, Variable variable) const {
   const Trips& trips = variables_[static_cast<size_t>(variable)];
-  const auto all = number_of(sum(difference(trips.last, trips.first), Dim(1)));
+  const auto all = number_of(dims_sum(dims_difference(trips.last, trips.first), Dim(1)));
   int64_t bound = interval.width;
   // One that is open at both ends holds no more than what is open at one and at the other.
   int64_t open = 0;
   const auto add = [&](bool opens, const std::optional<Dim>& from, const std::optional<Dim>& to) {
-    const auto trips_there = number_of(sum(difference(to, from), Dim(1)));
+    const auto trips_there = number_of(dims_sum(dims_difference(to, from), Dim(1)));
     if (opens) open = trips_there && open >= 0 ? open + std::max<int64_t>(*trips_there, 0) : -1;
   };
   add(interval.opens_below, trips.first, interval.below);
