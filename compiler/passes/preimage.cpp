@@ -13,7 +13,7 @@ using namespace ir;
 namespace {
 
 // Beyond every place, and far enough from the ends of int to move from there.
-constexpr int64_t kFar = int64_t{1} << 30;
+constexpr int64_t kBeyond = int64_t{1} << 30;
 
 bool hands_on(OpKind kind) {
   return kind == OpKind::Compose || kind == OpKind::Splat || kind == OpKind::Extract || kind == OpKind::Broadcast;
@@ -236,7 +236,7 @@ Interval Preimage::held(Interval interval, const Part& v, const Part& limit_part
   const ValueId inner = below ? interval.last : interval.first;
   const ValueId reached = below ? apply(OpKind::LessEqual, end, limit) : apply(OpKind::LessEqual, limit, end);
   const ValueId inside = below ? apply(OpKind::LessEqual, limit, inner) : apply(OpKind::LessEqual, inner, limit);
-  end = ops::select(to_, reached, number(below ? -kFar : kFar), end);
+  end = ops::select(to_, reached, number(below ? -kBeyond : kBeyond), end);
   interval.when = both(interval.when, inside);
   const Dim wide = Dim(interval.width - 1);
   if (below) {
@@ -268,7 +268,7 @@ Interval Preimage::scaled(Interval interval, int64_t factor) {
 
 Interval Preimage::divided(Interval interval, int64_t factor) {
   if (factor == 1) return interval;
-  const ValueId by = number(factor), far = number(kFar / factor), more = number(factor - 1);
+  const ValueId by = number(factor), far = number(kBeyond / factor), more = number(factor - 1);
   const auto times = [&](ValueId x) {
     return apply(OpKind::Mul, apply(OpKind::Min, apply(OpKind::Max, x, ops::neg(to_, far)), far), by);
   };
@@ -276,7 +276,7 @@ Interval Preimage::divided(Interval interval, int64_t factor) {
   // Towards zero: what comes to 0 lies on both sides of it.
   interval.first = ops::select(to_, apply(OpKind::LessEqual, first, number(0)), apply(OpKind::Sub, first, more), first);
   interval.last = ops::select(to_, apply(OpKind::LessEqual, number(0), last), apply(OpKind::Add, last, more), last);
-  interval.width = std::min(kFar, interval.width * factor + factor - 1);
+  interval.width = std::min(kBeyond, interval.width * factor + factor - 1);
   interval.below = interval.above = std::nullopt;
   return interval;
 }
