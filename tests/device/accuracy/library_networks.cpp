@@ -131,6 +131,8 @@ std::vector<Function> lenses() {
       "  let view = camera.perspective(45.0, 1.5, 0.5, 20.0) * camera.look_at(vec3(1.0, 2.0, 4.0));\n";
   const Operands lens = {vectors("p", -0.7, 0.7, 1e-3, "vec2"), vectors("radial", -0.1, 0.1, 1e-3),
                          vectors("tangential", -0.02, 0.02, 1e-4, "vec2"), vectors("divisor", -0.1, 0.1, 1e-3)};
+  Operands behind = {vectors("p_", -0.5, 0.5, 1e-3, "vec2"), lens[1], lens[2], lens[3],
+                     made("p", "vec2", "camera.distort(p_, radial, tangential, divisor)")};
   const std::string of_length = "length(g)", text = "|adjoint|";
   std::vector<Function> all;
   for (const char* way : {"distort", "undistort"}) {
@@ -143,7 +145,7 @@ std::vector<Function> lenses() {
     all.push_back({.name = std::string("camera.") + way,
                    .part = {},
                    .result = "vec2",
-                   .operands = lens,
+                   .operands = back ? behind : lens,
                    .value = std::string("camera.") + way + "(p, radial, tangential, divisor)",
                    .directions = directions,
                    .domain = "a lens that bends by less than a third"});
