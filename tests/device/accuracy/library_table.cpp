@@ -5,9 +5,10 @@ namespace dr::accuracy::library {
 
 std::vector<Function> functions() {
   std::vector<Function> all;
-  for (auto&& part : {point_functions(), material_functions(), environment_functions(), shadow_functions(),
-                      hair_functions(), rig_functions(), strand_functions(), skin_functions(), number_functions(),
-                      image_functions(), mesh_functions(), picture_functions(), filter_functions(), network_functions()})
+  for (auto&& part :
+       {point_functions(), material_functions(), environment_functions(), shadow_functions(), hair_functions(),
+        rig_functions(), strand_functions(), skin_functions(), number_functions(), image_functions(), mesh_functions(),
+        picture_functions(), filter_functions(), network_functions()})
     all.insert(all.end(), part.begin(), part.end());
   return all;
 }
