@@ -19,10 +19,10 @@ namespace {
 
 // The list that a dispatch runs for, if it does: a scratch buffer. Its words are as
 // compiler/backend/emit/element_lists.h has them, 3 one more than the elements on it. A dispatch that walks a list in a
-// loop takes no size from it.
+// loop takes no size from it. Lists of faces have words of their own (face_lists.h).
 std::optional<uint32_t> list_of(const bundle::BundleT& bundle, const Primitive& p) {
   for (const Access& a : p.accesses)
-    if (a.use == Use::IndirectRead) return a.resource;
+    if (a.use == Use::IndirectRead && !bundle.resources[a.resource]->name.ends_with("_lists")) return a.resource;
   for (const Access& a : p.accesses)
     if (a.use == Use::ComputeRead && bundle.resources[a.resource]->name.ends_with("_active")) return a.resource;
   return std::nullopt;
