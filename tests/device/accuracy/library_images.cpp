@@ -108,8 +108,15 @@ std::vector<Function> textures() {
        {floats("level", -1, 4, 1e-6)});
   Direction anisotropic = conditioned("value", 64 * u, "like trilinear, several times");
   Direction to_places = conditioned("uv", 64 * u, "like trilinear");
-  Direction to_dx = conditioned("dx", 256 * u, "the logarithm of a quotient of roots");
-  Direction to_dy = conditioned("dy", 256 * u, "the logarithm of a quotient of roots");
+  // Slopes of reads on both sides of the middle cancel; where the axis points is ill-conditioned for near circles.
+  const auto to_axis = [&](const std::string& of) {
+    return over(of, 16 * u,
+                "dot(abs(g), max(image) - min(image)) * (1.0 + dot(abs(uv) + 1.0, vec2(16.0, 8.0))) * bent * bent",
+                "contrast, times 1 + |uv| + the texture's size, in texels, times |adjoint|, over the square of how far "
+                "the footprint is from a circle",
+                "the coordinates' own rounding");
+  };
+  Direction to_dx = to_axis("dx"), to_dy = to_axis("dy");
   for (Direction* d : {&anisotropic, &to_places, &to_dx, &to_dy}) {
     d->except = "abs(fract(ratio + 0.4999) - 0.5) < 1e-3";
     d->except_text = "where the number of reads changes";
@@ -122,7 +129,10 @@ std::vector<Function> textures() {
                  .value = "texture.anisotropic(texture.pyramid(image, 3), uv, dx, dy)",
                  .directions = {anisotropic, to_image, to_places, to_dx, to_dy},
                  .before = "  let (along, wide) = texture.footprint(dx, dy);\n"
-                           "  let ratio = clamp(max(length(along), 1.0) / max(wide, 1.0), 1.0, 8.0);\n"});
+                           "  let ratio = clamp(max(length(along), 1.0) / max(wide, 1.0), 1.0, 8.0);\n"
+                           "  let (r, s) = (vec2(dx.x, dy.x), vec2(dx.y, dy.y));\n"
+                           "  let round = length(vec2(0.5 * (dot(r, r) - dot(s, s)), dot(r, s)));\n"
+                           "  let bent = 1.0 + dot(along, along) / max(round, 1e-12);\n"});
   all.push_back({.name = "texture.footprint",
                  .part = "axis",
                  .result = "vec2",
@@ -135,20 +145,6 @@ std::vector<Function> textures() {
                  .operands = axes,
                  .value = "texture.footprint(dx, dy).1",
                  .directions = all_conditioned(32 * u, 64 * u, {"dx", "dy"})});
-  const Operands edges = {vectors("e", -1, 1, 1e-3), vectors("o", -1, 1, 1e-3), vectors("e_uv", -1, 1, 1e-3, "vec2"),
-                          vectors("o_uv", -1, 1, 1e-3, "vec2")};
-  all.push_back({.name = "texture.mapped_normal",
-                 .part = {},
-                 .result = "vec3",
-                 .operands = join({{vectors("texel", 0, 1, 1e-3)}, unit("n"), unit("t")}),
-                 .value = "texture.mapped_normal(texel, n, t, -1.0, 0.7)",
-                 .directions = all_conditioned(16 * u, 32 * u, {"texel", "n", "t"})});
-  all.push_back({.name = "texture.face_tangent",
-                 .part = {},
-                 .result = "vec4",
-                 .operands = join({unit("n"), edges}),
-                 .value = "texture.face_tangent(n, e, o, e_uv, o_uv)",
-                 .directions = all_conditioned(32 * u, 64 * u, {"n", "e", "o", "e_uv", "o_uv"})});
   all.push_back(
       {.name = "texture.between",
        .part = {},

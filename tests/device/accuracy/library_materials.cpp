@@ -151,6 +151,11 @@ const std::string kMaterial = "  let m = material.Material(base = base, metallic
 const std::string kLit = kMaterial + "  let lamp = light.Light(l, vec3(3.0, 2.0, 1.0));\n";
 
 std::vector<Function> lit_surfaces() {
+  const auto framed = [](Direction d) {
+    d.except = "dot(n, n) * dot(t, t) == 0.0";
+    d.except_text = "normals and tangents of length 0";
+    return d;
+  };
   const Operands paint = {vectors("base", 1e-3, 1), floats("metallic", 0, 1, 1e-3), floats("roughness", 0, 1, 1e-3)};
   const Operands table = {made("table", "vec3", "material.energies()", "[64, 64]")};
   const Directions directions =
@@ -184,7 +189,21 @@ std::vector<Function> lit_surfaces() {
        .operands =
            join({unit("n"), unit("t"), unit("v"), {floats("strength", 0, 1, 1e-3), floats("roughness", 0, 1, 1e-3)}}),
        .value = "material.bent_normal(n, t, strength, roughness, v)",
-       .directions = all_conditioned(64 * u, 128 * u, {"n", "t", "v", "strength", "roughness"})},
+       .directions = all_conditioned(64 * u, 256 * u, {"n", "t", "v", "strength", "roughness"},
+                                     "three normalizations, each of the one before")},
+      {.name = "material.mapped_normal",
+       .part = {},
+       .result = "vec3",
+       .operands = join({{vectors("texel", 0, 1, 1e-3)}, unit("n"), unit("t")}),
+       .value = "material.mapped_normal(texel, n, vec4(t, -1.0), 0.7)",
+       .directions = {framed(conditioned("value", 16 * u)), framed(conditioned("texel", 32 * u)),
+                      framed(conditioned("n", 32 * u)), framed(conditioned("t", 32 * u))}},
+      {.name = "material.tangent_of",
+       .part = {},
+       .result = "vec4",
+       .operands = join({unit("n"), {vectors("along", -2, 2, 1e-3), vectors("across", -2, 2, 1e-3)}}),
+       .value = "material.tangent_of(n, along, across)",
+       .directions = all_conditioned(32 * u, 64 * u, {"n", "along"})},
       {.name = "material.shade_anisotropic",
        .part = {},
        .result = "vec3",
