@@ -36,7 +36,7 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
   const size_t index = step_index(name);
   StepState& step = prepared_step(index);
   if (device->timestamp_bits == 0) throw Failure{"the device's queue takes no times"};
-  const std::vector<bool> dirty = options.cache ? step.list->dirty(versions) : step.list->everything();
+  const std::vector<bool> dirty = must_run(step);
   const Variant& variant = recorded(step, dirty);
   const std::vector<const Primitive*> chosen = step.chosen(dirty);
   const bundle::StepT& table = *bundle.steps[index];
