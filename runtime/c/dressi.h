@@ -98,10 +98,10 @@ DRESSI_API int dressi_set_runs(dressi_run* run, const char* step, int64_t runs);
 DRESSI_API int dressi_output(dressi_run* run, const char* step, const char* name, dressi_array* out);
 DRESSI_API int dressi_leaf(dressi_run* run, const char* name, dressi_array* out);
 /* The same without a copy where the device is the host's processor: `data` is the memory that the device computes in.
- * They give 1 for such a view, 2 for a copy, 0 where they fail. dressi_array_free gives either back; memory of a view lives
- * until then, also when its run is freed. What is written to a leaf counts in the next run, and while a view of it is
- * held nothing that depends on it is skipped, nor anything while one of an output is, which the next run of any step
- * overwrites. */
+ * They give 1 for such a view, 2 for a copy, 0 where they fail. dressi_array_free gives either back; memory of a view
+ * lives until then, also when its run is freed. What is written to a leaf counts in the next run, and while a view of
+ * it is held nothing that depends on it is skipped, nor anything while one of an output is, which the next run of any
+ * step overwrites. */
 DRESSI_API int dressi_leaf_view(dressi_run* run, const char* name, dressi_array* out);
 DRESSI_API int dressi_output_view(dressi_run* run, const char* step, const char* name, dressi_array* out);
 /* {"runs", "commands", "ops", "bytes", "skipped_commands", "skipped_ops", "skipped_bytes"} of a step */

@@ -95,24 +95,26 @@ def _finder(device: str, defines: tuple[tuple[str, int], ...], _shapes: Any, wid
 
 
 def rasterize(device: str, layers: Layers, above: np.ndarray | None = None) -> tuple[list[np.ndarray], Back, np.ndarray]:
-    """(rast, rast_db), the way back to pos, and the depths."""
+    """(rast, rast_db), the way back to pos, and the depths. `above`: only what lies behind it is seen."""
     n, pos = len(layers.ranges), layers.stack[:, None]
-    common = (("RANGES", int(layers.is_range)), ("STRIDE", layers.stride))
-    defines = (*common, ("PEEL", int(above is not None)))
+    defines = (("RANGES", int(layers.is_range)), ("STRIDE", layers.stride), ("PEEL", int(above is not None)))
     run = _finder(device, defines, (pos.shape, layers.tri.shape, n), layers.width, layers.height)
-    run.bind(pos=pos, tri=layers.tri)
-    if layers.is_range:
-        run["range"] = layers.ranges[:, None, None]
+    run.bind(pos=pos, tri=layers.tri, range=layers.ranges[:, None, None])
     if above is not None:
         run["above"] = above
-    face = run.step("find")["face_"]
-    weigh = _function("rasterize", device, common, "weigh", ("pos", "tri", "face"), ("rast", "rast_db", "depth"))
-    (rast, rast_db, depth), call = weigh.forward({"pos": pos, "tri": layers.tri, "face": face})
+    return weigh(device, layers, run.step("find")["face_"])
+
+
+def weigh(device: str, layers: Layers, face: np.ndarray) -> tuple[list[np.ndarray], Back, np.ndarray]:
+    """What `rasterize` gives where pixels see these faces (-1 is none)."""
+    defines = (("STRIDE", layers.stride),)
+    inside = _function("rasterize", device, defines, "weigh", ("pos", "tri", "face"), ("rast", "rast_db", "depth"))
+    (rast, rast_db, depth), call = inside.forward({"pos": layers.stack[:, None], "tri": layers.tri, "face": face})
     shape = layers.pos.shape
 
     def back(seeds: Sequence[Any]) -> dict[str, np.ndarray]:
         given = {name: _seed(s) for name, s in zip(("rast", "rast_db"), seeds) if s is not None}
-        return {"pos": weigh.backward(call, given)["pos"].reshape(shape)}
+        return {"pos": inside.backward(call, given)["pos"].reshape(shape)}
 
     return [rast, rast_db], back, depth
 
