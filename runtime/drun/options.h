@@ -29,6 +29,7 @@ struct Options {
   bool resume = false;             // from the checkpoint in `out`
   bool timing = false;             // times of the commands of each step's last run
   bool check_finite = false;       // stop at the first NaN or Inf that a run stores
+  int check_runs = 0;              // of each step that are compared with the reference
   bool unchecked = false;          // bound data may hold NaN and Inf
   std::string counters;            // what was done and left out: empty, text or json
   bool cache = true;

@@ -324,6 +324,8 @@ class Evaluator {
             if (n) n->tangent = strong(x.tangent, n->tangent);
           } else if (operands.size() == 1 && op.kind == OpKind::Neg) {
             n = Number{wrap(-component(0, c).value), 0};
+          } else if (operands.size() == 1 && op.kind == OpKind::Abs) {
+            n = Number{wrap(std::abs(component(0, c).value)), 0};
           } else if (operands.size() == 2) {
             n = binary(op.kind, operand_type, component(0, c), component(1, c));
           }

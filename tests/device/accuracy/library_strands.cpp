@@ -6,7 +6,7 @@ namespace dr::accuracy::library {
 
 namespace {
 
-constexpr double kFrame = 1e-4;
+constexpr double kPicture = 1e-4;
 constexpr const char* kPoints = "[96]";
 
 Operands waving() {
@@ -25,10 +25,10 @@ const std::string kHits =
 }  // namespace
 
 std::vector<Function> strand_functions() {
-  const Direction one = over("value", kFrame, "1.0 + 0.0 * y", "1", kDesign);
-  const Directions drawn = {one, l2("clip", kFrame, kDesign), l2("wide", kFrame, kDesign)};
-  Directions colored = {over("value", kFrame, "1.0 + 0.0 * y.x", "1", kDesign), l2("clip", kFrame, kDesign),
-                        l2("wide", kFrame, kDesign), l2("paint", kFrame, kDesign)};
+  const Direction one = over("value", kPicture, "1.0 + 0.0 * y", "1", kDesign);
+  const Directions drawn = {one, l2("clip", kPicture, kDesign), l2("wide", kPicture, kDesign)};
+  Directions colored = {over("value", kPicture, "1.0 + 0.0 * y.x", "1", kDesign), l2("clip", kPicture, kDesign),
+                        l2("wide", kPicture, kDesign), l2("paint", kPicture, kDesign)};
   // Two sides that run along each other, 1e-3 to 2 pixels apart.
   const Operands ribbon = {vectors("a", -1, 1, 1e-3, "vec2"),
                            vectors("way_", -2, 2, 1e-3, "vec2"),
