@@ -86,9 +86,10 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
   app.add_option("--step", steps,
                  "NAME[=TIMES]: step to run; several run one after another (default: the only one, once)");
   const CLI::Option* out = app.add_option("--out,-o", options.out, "folder for outputs, params and the log");
-  app.add_option("--mesh", meshes,
-                 "FILE=POSITION:FACE[:UV[:UV_FACE[:TEXTURE]]]: write leaves or outputs as a .obj, .gltf or .glb file "
-                 "after the run");
+  app.add_option(
+      "--mesh", meshes,
+      "FILE=POSITION:FACE[:UV[:UV_FACE[:TEXTURE]]][:PART=NAME ...]: write leaves or outputs as a .obj, .gltf "
+      "or .glb file after the run, with parts of a material");
   app.add_option("--dump-raster", options.dump_raster,
                  "folder for the faces, tags and pinned values of every run, for drc eval --freeze");
   app.add_option("--device,-d", options.device,

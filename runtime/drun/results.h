@@ -20,9 +20,7 @@ class Results {
   // Params and states that have a value; what was bound as input is the user's already. Without a value is a leaf that
   // no step which ran needs.
   std::vector<std::pair<std::string, io::Array>> leaves(const std::set<std::string>& ran) const;
-  // Throws where `what`, or the file's ending, is none that write_mesh() could write after these steps.
-  void check_mesh(const std::string& file, const std::string& what, const std::set<std::string>& steps) const;
-  // `what` is POSITION:FACE[:UV[:UV_FACE]], each a leaf or an output, as NAME or STEP.NAME.
+  // `what` is POSITION:FACE[:UV[:UV_FACE[:TEXTURE]]][:PART=NAME ...], each name an output or a leaf.
   void write_mesh(const std::string& file, const std::string& what, const std::set<std::string>& ran) const;
 
  private:

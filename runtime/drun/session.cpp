@@ -44,9 +44,6 @@ void Session::process() {
   if (options_.check_runs > 0 && options_.check_finite)
     throw Mistake{"--check-finite and --check-against-reference look at runs in two ways: give one of them"};
   choose_steps();
-  std::set<std::string> chosen;
-  for (const auto& [step, times] : steps_) chosen.insert(step);
-  for (const auto& [file, what] : options_.meshes) Results(target_, names_).check_mesh(file, what, chosen);
   bind();
   if (options_.resume) resume();
   at_.steps = steps_;
