@@ -357,7 +357,7 @@ void Session::write_results() {
     save_checkpoint(options_.out, at_);
     has_saved_ = true;
     for (const auto& [leaf, data] : at_.leaves)
-      if (const auto place = io::first_not_finite(data))
+      if (const auto place = ran_.empty() ? std::nullopt : io::first_not_finite(data))
         tell_not_finite("", leaf, "'" + leaf + "' ends with " + io::describe(*place));
   }
   for (const auto& [file, what] : options_.meshes) results.write_mesh(file, what, ran_);
