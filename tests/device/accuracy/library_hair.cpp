@@ -9,7 +9,7 @@ namespace {
 // The design's for a whole fibre: a product of the terms whose rows are above it.
 constexpr double kFiber = 1e-4;
 
-const char* const kExponent = "an exponent of up to 87, and what it is off by";
+const char* const kHeldExponent = "an exponent of up to 87, and what it is off by";
 const char* const kDifference = "a root and quotients of 20 roundings";
 
 // (sin, cos) of an inclination, to 0.2 degrees from the fibre.
@@ -19,7 +19,7 @@ Operands inclined(const std::string& name) {
 
 // Where exp underflows, so does a slope that is much larger.
 Directions all_but_faint(std::initializer_list<const char*> operands) {
-  Directions all = all_conditioned(64 * u, 128 * u, operands, kExponent);
+  Directions all = all_conditioned(64 * u, 128 * u, operands, kHeldExponent);
   for (Direction& d : all) {
     d.except = "y < 1e-30";
     d.except_text = "the value is below 1e-30";
