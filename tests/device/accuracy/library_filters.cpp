@@ -8,7 +8,7 @@ namespace {
 
 constexpr double kGradient = 1e-6;  // the design's, as a dot product
 
-std::vector<Function> filters() {
+std::vector<Function> picture_filters() {
   const Operand image = whole(vectors("photo", 0, 1, 1e-3), "[24, 18]"),
                 a = whole(vectors("a", 0, 1, 1e-3), "[24, 18]"), b = whole(vectors("b", 0, 1, 1e-3), "[24, 18]");
   const Operand kernel = whole(floats("kernel", -1, 1, 1e-3), "[4, 3]");
@@ -113,7 +113,7 @@ std::vector<Function> solvers() {
 }  // namespace
 
 std::vector<Function> filter_functions() {
-  std::vector<Function> all = filters(), more = solvers();
+  std::vector<Function> all = picture_filters(), more = solvers();
   all.insert(all.end(), more.begin(), more.end());
   return all;
 }
