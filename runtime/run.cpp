@@ -104,9 +104,13 @@ int Program::State::run(const std::string& name, int times) {
     }
     if (!known) ++step.counters.recorded;
     const Variant& variant = recorded(step, dirty);
-    on_device->queue.submit(variant.commands);
-    count_run(index, dirty, variant.run, variant.skipped);
-    ++done;
+    // What no run of the step changes is clean from the second run on.
+    const int together =
+        options.reuse_commands && (done > 0 || !options.cache) ? Queue::worth_together(variant.pace) : 1;
+    const int now = std::min(together, times - done);
+    on_device->queue.submit(variant.commands, now, &variant.pace);
+    for (int k = 0; k < now; ++k) count_run(index, dirty, variant.run, variant.skipped);
+    done += now;
   }
   on_device->queue.finish();
   require_whole_loops(index);

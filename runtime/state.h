@@ -22,6 +22,7 @@ namespace dr::runtime {
 struct Variant {
   vk::raii::CommandBuffer commands{nullptr};
   Work run, skipped;
+  mutable Pace pace;
 };
 
 struct StepState {

@@ -101,7 +101,9 @@ int run_program(const Options& options) {
                               .store_all = options.check_finite};
     if (options.rebuild) load.rebuild = jit::rebuilder(bundle, options.compile);
     runtime::Program program = must(runtime::Program::load(device, bundle, load));
-    Session(options, target_of(program), program, bundle, skips).process();
+    const jit::Floor floor =
+        jit::floor_of(options.compile.profile.empty() ? device.profile_name() : options.compile.profile);
+    Session(options, target_of(program), program, bundle, skips, floor).process();
     if (const auto messages = device.validation_messages(); !messages.empty()) {
       for (const std::string& m : messages) std::fprintf(stderr, "validation: %s\n", m.c_str());
       return 1;

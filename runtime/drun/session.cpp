@@ -249,7 +249,7 @@ void Session::timed_run(const std::string& step) {
   counters_.steps[step].lists = lists_of(times);
   for (const runtime::CommandTime& t : times) counters_.steps[step].fragments += t.fragments;
   if (!options_.timing) return;
-  std::fputs(timing_table(step, times).c_str(), stdout);
+  std::fputs(timing_table(step, times, floor_).c_str(), stdout);
   if (const std::vector<Batch>& batches = batches_[step]; !batches.empty()) {
     std::vector<double> paces;
     Batch all{0, 0};

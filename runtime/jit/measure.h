@@ -12,4 +12,10 @@ namespace dr::jit {
 // The profile as JSON, as drc's --profile takes it.
 io::Result<std::string> measure_profile(const runtime::Device& device);
 
+// The least that a command of a device can take, as its profile has it: 0 where that says nothing.
+struct Floor {
+  double command_ns = 0, bytes_per_ns = 0;
+};
+Floor floor_of(const std::string& profile);
+
 }  // namespace dr::jit
