@@ -47,7 +47,30 @@ void Program::State::make_ready(size_t index) {
   if (rebuilder) step.moving.emplace(table.leaves);
 }
 
-const Variant& Program::State::recorded(StepState& step, const std::vector<bool>& dirty) {
+vk::raii::CommandBuffer Program::State::record(const StepState& step, const std::vector<bool>& dirty, int times) {
+  auto commands = on_device->queue.command_buffer();
+  commands.begin(vk::CommandBufferBeginInfo(vk::CommandBufferUsageFlagBits::eSimultaneousUse));
+  for (int k = 0; k < times; ++k) {
+    Queue::everything_before(commands);
+    on_device->commands.record(commands, step.chosen(dirty));
+  }
+  commands.end();
+  return commands;
+}
+
+int Program::State::submit(const StepState& step, const std::vector<bool>& dirty, Variant& variant, int most) {
+  constexpr int kSeveral = Variant::kSeveral;
+  const int times = std::min(Queue::worth_together(variant.pace), most);
+  if (times < kSeveral) {
+    on_device->queue.submit(variant.commands, times, &variant.pace);
+    return times;
+  }
+  if (!*variant.several) variant.several = record(step, dirty, kSeveral);
+  on_device->queue.submit(variant.several, times / kSeveral, &variant.pace, kSeveral);
+  return times - times % kSeveral;
+}
+
+Variant& Program::State::recorded(StepState& step, const std::vector<bool>& dirty) {
   if (const auto it = step.variants.find(dirty); it != step.variants.end()) return it->second;
   // Few sets occur: everything at first, the steady part later, and what follows from leaves that the host binds anew.
   constexpr size_t kMaxVariants = 16;
@@ -60,11 +83,7 @@ const Variant& Program::State::recorded(StepState& step, const std::vector<bool>
     Work& work = dirty[step.list->group_of(p.first)] ? variant.run : variant.skipped;
     work += {1, p.ops, p.bytes};
   }
-  variant.commands = on_device->queue.command_buffer();
-  variant.commands.begin(vk::CommandBufferBeginInfo(vk::CommandBufferUsageFlagBits::eSimultaneousUse));
-  Queue::everything_before(variant.commands);
-  on_device->commands.record(variant.commands, step.chosen(dirty));
-  variant.commands.end();
+  variant.commands = record(step, dirty, 1);
   return step.variants.emplace(dirty, std::move(variant)).first->second;
 }
 
@@ -103,12 +122,10 @@ int Program::State::run(const std::string& name, int times) {
       known = false;
     }
     if (!known) ++step.counters.recorded;
-    const Variant& variant = recorded(step, dirty);
+    Variant& variant = recorded(step, dirty);
     // What no run of the step changes is clean from the second run on.
-    const int together =
-        options.reuse_commands && (done > 0 || !options.cache) ? Queue::worth_together(variant.pace) : 1;
-    const int now = std::min(together, times - done);
-    on_device->queue.submit(variant.commands, now, &variant.pace);
+    const bool alike = options.reuse_commands && (done > 0 || !options.cache);
+    const int now = submit(step, dirty, variant, alike ? times - done : 1);
     for (int k = 0; k < now; ++k) count_run(index, dirty, variant.run, variant.skipped);
     done += now;
   }

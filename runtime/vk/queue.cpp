@@ -22,14 +22,14 @@ vk::raii::CommandBuffer Queue::command_buffer() const {
   return std::move(vk::raii::CommandBuffers(device_->device, one).front());
 }
 
-void Queue::submit(const vk::raii::CommandBuffer& commands, int times, Pace* pace) {
+void Queue::submit(const vk::raii::CommandBuffer& commands, int times, Pace* pace, int runs) {
   Flight& flight = flights_[next_];
   wait(flight, false);
   const std::vector<vk::CommandBuffer> handles(static_cast<size_t>(times), *commands);
   vk::SubmitInfo submit;
   submit.setCommandBuffers(handles);
   flight.begin = Clock::now();
-  flight.times = times;
+  flight.runs = times * runs;
   flight.pace = pace;
   device_->queue.submit(submit, *flight.fence);
   flight.busy = true;
@@ -53,7 +53,7 @@ void Queue::wait(Flight& flight, bool soon) {
   vk::Result result = vk::Result::eNotReady;
   // To be woken up takes longer than a short run does.
   if (soon && is_gpu() && flight.pace != nullptr && flight.pace->run < kShort) {
-    const auto end = flight.begin + 2 * flight.times * flight.pace->run;
+    const auto end = flight.begin + 2 * flight.runs * flight.pace->run;
     while (result == vk::Result::eNotReady && Clock::now() < end) result = device.getFenceStatus(*flight.fence);
   }
   if (result == vk::Result::eNotReady)
@@ -65,7 +65,7 @@ void Queue::wait(Flight& flight, bool soon) {
   if (result != vk::Result::eSuccess) throw Failure{"the device did not finish within ten minutes"};
   const auto begin = std::max(flight.begin, end_);
   end_ = Clock::now();
-  if (flight.pace != nullptr) flight.pace->run = (end_ - begin) / flight.times;
+  if (flight.pace != nullptr) flight.pace->run = (end_ - begin) / flight.runs;
 }
 
 void Queue::once(const std::function<void(const vk::raii::CommandBuffer&)>& record) {

@@ -10,7 +10,7 @@
 
 namespace dr::runtime {
 
-// How long commands take the device, as the queue last saw it.
+// How long a run takes the device, as the queue last saw it.
 struct Pace {
   std::chrono::nanoseconds run = std::chrono::nanoseconds::max();
 };
@@ -20,10 +20,10 @@ class Queue {
   explicit Queue(std::shared_ptr<DeviceState> device);
   vk::raii::CommandBuffer command_buffer() const;
   // Submissions run one after the other, and a few may be under way: beyond that, submit() waits for the oldest.
-  // What a submission uses must live until finish(). `times`: the commands run so often, one after the other; `pace` is
-  // brought up to date when they are done.
-  void submit(const vk::raii::CommandBuffer& commands, int times = 1, Pace* pace = nullptr);
-  // How often commands of this pace are worth submitting at once. A GPU does nothing for some seven microseconds
+  // What a submission uses must live until finish(). `times`: the commands run so often, one after the other, and are
+  // `runs` runs each; `pace` is brought up to date when they are done.
+  void submit(const vk::raii::CommandBuffer& commands, int times = 1, Pace* pace = nullptr, int runs = 1);
+  // How many runs of this pace are worth submitting at once. A GPU does nothing for some seven microseconds
   // between submissions. Long runs go alone, so that no submission takes long.
   static int worth_together(const Pace& pace);
   // Returns when all that was submitted is done. Fails after ten minutes without an end.
@@ -40,7 +40,7 @@ class Queue {
     vk::raii::Fence fence{nullptr};
     bool busy = false;
     std::chrono::steady_clock::time_point begin;
-    int times = 1;
+    int runs = 1;
     Pace* pace = nullptr;
   };
   // `soon`: whoever waits has nothing else to do.

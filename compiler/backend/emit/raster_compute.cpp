@@ -23,8 +23,16 @@ struct Bins {
   // Invocations that share the faces of a list.
   int middle_invocations, large_invocations;
 };
-constexpr Bins kGpu{16, 4096, 1 << 17, 1 << 16};
 constexpr Bins kCpu{64, 4096, 1 << 13, 1 << 12};
+
+// Those of a GPU, which starts few workgroups faster than many, and has work for more in large pictures.
+Bins gpu_bins(const Dim& pixels) {
+  constexpr int64_t kLeast = 1 << 15, kUnknown = 1 << 17, kMost = 1 << 19;
+  const auto count = pixels.evaluate({});
+  const int64_t invocations = count ? std::clamp(*count / 4, kLeast, kMost) : kUnknown;
+  const auto middle = static_cast<int>(std::bit_floor(static_cast<uint64_t>(invocations)));
+  return {8, 4096, middle, middle / 2};
+}
 constexpr int kLargeTeam = 1024;  // invocations that share a large face at least
 
 struct Walk {
@@ -182,7 +190,7 @@ void Generator::raster_compute(const Pass& pass, const ir::Op& op) {
   const Dim faces = parts.faces * parts.l;
   const bool wide = wide_atomics();
   const bool binned = profile_.subgroup_size > 1;
-  const Bins& bins = profile_.subgroup_size >= kWideSubgroup ? kGpu : kCpu;
+  const Bins bins = profile_.subgroup_size >= kWideSubgroup ? gpu_bins(pixels) : kCpu;
   const bool stay = resource(op.results[0]).entries;
   const uint32_t keys =
       stay ? resource_index(op.results[0])
