@@ -213,6 +213,7 @@ struct ImportDecl {
 struct Item {
   enum class Kind : uint8_t { Const, Fn, Struct, Optimizer, Leaf, Statement, Step };
   Kind kind = Kind::Statement;
+  bool is_private = false;  // Const, Fn, Struct, Optimizer: for files of its folder alone
   std::unique_ptr<ConstDecl> constant;
   std::unique_ptr<FnDecl> fn;
   std::unique_ptr<StructDecl> structure;

@@ -34,7 +34,8 @@ class Documenter {
   void for_each(std::string_view title, Item::Kind kind, Add add) {
     bool first = true;
     for (const Item& item : module_.items) {
-      if (item.kind != kind) continue;
+      // What `@vjp` declares is called by gradients alone.
+      if (item.kind != kind || item.is_private || (item.fn && item.fn->vjp_of)) continue;
       if (first) out_ += "\n## " + std::string(title) + "\n";
       first = false;
       add(item);

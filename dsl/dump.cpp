@@ -383,7 +383,7 @@ std::string dump(const Module& module) {
     out += ")\n";
   }
   for (const Item& item : module.items) {
-    print(out, item_list(item), 0);
+    print(out, item.is_private ? List{"private", item_list(item)} : item_list(item), 0);
     out += '\n';
   }
   return out;

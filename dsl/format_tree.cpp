@@ -148,6 +148,7 @@ class TreeBuilder {
   LayoutPtr statement_node(Place place, LayoutPart& part) {
     LayoutPtr node = make(LayoutNode::Kind::Sequence);
     LayoutNode& sequence = *node;
+    if (place == Place::File && at_word("private")) add_token(sequence);
     const bool at_fn = at(TokenKind::Fn) && next().kind == TokenKind::Name;
     if (place == Place::Raster || (place == Place::Optimizer && at_word("update"))) {
       add_token(sequence);

@@ -201,6 +201,7 @@ bool Parser::starts_item() const {
     case TokenKind::At:
     case TokenKind::Fn: return next_at(TokenKind::Name);
     case TokenKind::Name:
+      if (at_private()) return true;
       if (!next_at(TokenKind::Name)) return false;
       return at_word("struct") || at_word("optimizer") || at_word("param") || at_word("input") || at_word("state") ||
              at_word("step") || at_word("import");

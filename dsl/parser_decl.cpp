@@ -14,7 +14,7 @@ constexpr int kAdditivePrecedence = 9;
 
 const std::vector<std::string>& item_words() {
   static const std::vector<std::string> kWords = {"const", "fn",  "struct", "optimizer", "param",  "input",
-                                                  "state", "let", "step",   "import",    "edition"};
+                                                  "state", "let", "step",   "import",    "edition", "private"};
   return kWords;
 }
 
@@ -83,6 +83,15 @@ void Parser::fail_item() {
 void Parser::parse_item(Module& module) {
   std::string doc = lexer_.doc(token_);
   Item item;
+  if (at_private()) {
+    const Span word = span(token_);
+    advance();
+    item.is_private = true;
+    if (!at(TokenKind::Const) && !at(TokenKind::Fn) && !at_word("struct") && !at_word("optimizer")) {
+      report(Code::E0123, word,
+             "expected 'private' before 'const', 'fn', 'struct' or 'optimizer', found it before " + found());
+    }
+  }
   if (at(TokenKind::Const)) {
     item.kind = Item::Kind::Const;
     item.constant = parse_const(std::move(doc));

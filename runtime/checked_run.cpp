@@ -9,7 +9,7 @@ namespace dr::runtime {
 std::optional<NotFinite> Program::State::checked_run(const std::string& name) {
   const size_t index = step_index(name);
   StepState& step = prepared_step(index);
-  const std::vector<bool> dirty = options.cache ? step.list->dirty(versions) : step.list->everything();
+  const std::vector<bool> dirty = must_run(step);
   const Variant& variant = recorded(step, dirty);
   const std::vector<const Primitive*> chosen = step.chosen(dirty);
 

@@ -60,6 +60,18 @@ std::vector<io::Array> parts_of_entries(const io::Array& entries, size_t ranks) 
 
 }  // namespace
 
+io::Array HostArray::copied() const {
+  io::Array out;
+  out.kind = kind;
+  out.components = components;
+  out.width = width;
+  out.height = height;
+  out.layers = layers;
+  const auto* from = static_cast<const std::byte*>(data);
+  out.bytes.assign(from, from + static_cast<size_t>(out.scalar_count()) * io::scalar_size(kind));
+  return out;
+}
+
 Work& Work::operator+=(const Work& other) {
   commands += other.commands;
   ops += other.ops;
@@ -93,6 +105,7 @@ std::unique_ptr<Program::State> Program::State::load(std::shared_ptr<DeviceState
   state->bundle = std::move(std::get<bundle::BundleT>(bundle));
   state->pending.resize(state->bundle.leaves.size());
   state->versions.assign(state->bundle.leaves.size(), 1);
+  state->views.resize(state->bundle.leaves.size() + 1);
   state->options = options;
   if (options.store_all)
     for (const auto& r : state->bundle.resources)
@@ -180,6 +193,13 @@ Result<void> Program::bind(const std::string& leaf, const io::Array& data) {
   return guarded([&] { state().bind(leaf, data); });
 }
 
+Result<void> Program::bind(const std::string& leaf, const HostArray& data) {
+  return guarded([&] {
+    if (state().write(state().leaf_index(leaf), data)) return;
+    state().bind(leaf, data.copied());
+  });
+}
+
 Result<void> Program::bind_symbol(const std::string& symbol, int64_t value) {
   return guarded([&] {
     const std::vector<std::string>& all = state().bundle.symbols;
@@ -198,7 +218,7 @@ Result<void> Program::run(const std::string& step, int times) {
   return guarded([&] {
     if (times < 1) throw Failure{"a step runs once or more often, found " + std::to_string(times)};
     for (int done = 0; done < times;) {
-      if (state().rebuilder && state().rebuilder->ready()) {
+      if (state().rebuilder && state().rebuilder->ready() && !state().has_views()) {
         auto next = state().rebuilder->take();
         next->take_over(*state_);
         state_ = std::move(next);
@@ -294,6 +314,29 @@ Result<io::Array> Program::leaf(const std::string& name) {
     const auto index = s.leaf_index(name);
     s.prepare_leaf(index);
     return s.on_device->transfer.download(s.bundle.leaves[index]->resource);
+  });
+}
+
+Result<std::optional<HostArray>> Program::leaf_view(const std::string& name) {
+  return guarded([&]() -> std::optional<HostArray> {
+    State& s = state();
+    const auto index = s.leaf_index(name);
+    s.prepare_leaf(index);
+    return s.view(s.bundle.leaves[index]->resource, index);
+  });
+}
+
+Result<std::optional<HostArray>> Program::output_view(const std::string& step, const std::string& name) {
+  return guarded([&]() -> std::optional<HostArray> {
+    State& s = state();
+    const size_t index = s.step_index(step);
+    for (const auto& o : s.bundle.steps[index]->outputs) {
+      if (o->name != name) continue;
+      if (s.kept.contains(index)) return std::nullopt;
+      s.require_run(step);
+      return s.view(o->resource, s.bundle.leaves.size());
+    }
+    throw Failure{"step '" + step + "' has no output '" + name + "'"};
   });
 }
 

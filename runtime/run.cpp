@@ -24,6 +24,7 @@ std::vector<const Primitive*> StepState::chosen(const std::vector<bool>& dirty) 
 StepState& Program::State::prepared_step(size_t index) {
   OnDevice& o = objects();
   make_tables();
+  count_written();
   StepState& step = o.steps[index];
   if (step.list) return step;
   const bundle::StepT& table = *bundle.steps[index];
@@ -54,6 +55,7 @@ vk::raii::CommandBuffer Program::State::record(const StepState& step, const std:
     Queue::everything_before(commands);
     on_device->commands.record(commands, step.chosen(dirty));
   }
+  Queue::before_the_host(commands);
   commands.end();
   return commands;
 }
@@ -68,6 +70,20 @@ int Program::State::submit(const StepState& step, const std::vector<bool>& dirty
   if (!*variant.several) variant.several = record(step, dirty, kSeveral);
   on_device->queue.submit(variant.several, times / kSeveral, &variant.pace, kSeveral);
   return times - times % kSeveral;
+}
+
+// The host may have written to what it has views of, also just before it gave the last one back.
+void Program::State::count_written() {
+  run_whole = views.back().lent;
+  for (size_t k = 0; k < views.size(); ++k) {
+    if (!views[k].lent) continue;
+    if (k < versions.size()) ++versions[k];
+    views[k].lent = !views[k].held.expired();
+  }
+}
+
+const std::vector<bool>& Program::State::must_run(StepState& step) const {
+  return options.cache && !run_whole ? step.list->dirty(versions) : step.list->everything();
 }
 
 Variant& Program::State::recorded(StepState& step, const std::vector<bool>& dirty) {
@@ -114,7 +130,7 @@ int Program::State::run(const std::string& name, int times) {
                   std::to_string(times) + " times more, as its counter ends at 2^31 - 1"};
   int done = 0;
   while (done < times && !(rebuilder && rebuilder->ready())) {
-    const std::vector<bool>& dirty = options.cache ? step.list->dirty(versions) : step.list->everything();
+    const std::vector<bool>& dirty = must_run(step);
     bool known = step.variants.count(dirty) != 0;
     if (known && !options.reuse_commands) {
       on_device->queue.finish();

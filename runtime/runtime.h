@@ -155,6 +155,16 @@ struct NotFinite {
   std::vector<std::string> lines;  // of the program: "fit.dr:3"
 };
 
+// An array in memory that is somebody else's, laid out as an io::Array.
+struct HostArray {
+  io::ElementKind kind = io::ElementKind::Float32;
+  int components = 1;
+  int64_t width = 1, height = 1, layers = 1;
+  void* data = nullptr;
+  std::shared_ptr<void> held = {};  // of a view: says that it is in use
+  io::Array copied() const;
+};
+
 class Program {
  public:
   // The bundle's bytes, as drc wrote them.
@@ -204,6 +214,14 @@ class Program {
   std::vector<std::string> outputs(const std::string& step) const;
   // The leaf's content.
   Result<io::Array> leaf(const std::string& name);
+  // The memory itself that a leaf, or an output of the step's last run, has on a device that is the host's processor;
+  // nothing where a copy is needed. The program must outlive it. What is written to a leaf counts in the next run:
+  // while a view of it is held nothing that depends on the leaf is skipped, nor anything while one of an output is.
+  // Another run overwrites an output.
+  Result<std::optional<HostArray>> leaf_view(const std::string& name);
+  Result<std::optional<HostArray>> output_view(const std::string& step, const std::string& name);
+  // As bind(), without a copy in between where the leaf has memory already that the host sees.
+  Result<void> bind(const std::string& leaf, const HostArray& data);
   // The discrete decisions of the step's last run: for each raster its faces and tags, rank by rank. They are there
   // until another step runs.
   Result<std::vector<std::vector<io::Array>>> rasters(const std::string& step);

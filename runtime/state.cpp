@@ -3,6 +3,7 @@
 #include "runtime/state.h"
 
 #include <algorithm>
+#include <cstring>
 #include <utility>
 
 #include "runtime/topology.h"
@@ -99,6 +100,42 @@ void Program::State::assign(size_t index, const io::Array& data) {
     on_device->transfer.upload(leaf.resource, *converted);
   else
     pending[index] = std::move(converted).value();
+}
+
+bool Program::State::write(size_t index, const HostArray& data) {
+  const bundle::LeafT& leaf = *bundle.leaves[index];
+  if (!has_memory(leaf.resource) || leaf.table_of >= 0 || has_tables(index)) return false;
+  std::byte* to = on_device->memory.buffer(leaf.resource).host;
+  if (to == nullptr || data.kind != kind_of(*leaf.type) || data.kind == io::ElementKind::Bool ||
+      data.components != components_of(*leaf.type))
+    return false;
+  const Size size = sizes.size_of(*leaf.extent, leaf.name);
+  if (data.width != size.w || data.height != size.h || data.layers != size.l) return false;
+  on_device->queue.finish();
+  // From a view of the same leaf there is nothing to copy.
+  std::memmove(to, data.data, static_cast<size_t>(size.count() * data.components) * 4);
+  ++versions[index];
+  return true;
+}
+
+std::optional<HostArray> Program::State::view(size_t resource, size_t holder) {
+  const bundle::ResourceT& r = *bundle.resources[resource];
+  if (r.storage != bundle::Storage::Buffer || r.role == bundle::Role::Scratch) return std::nullopt;
+  std::byte* data = on_device->memory.buffer(resource).host;
+  // A bool takes a word there. Tables follow their leaf when it is bound.
+  const bool is_leaf = holder < bundle.leaves.size();
+  if (data == nullptr || kind_of(*r.type) == io::ElementKind::Bool || (is_leaf && has_tables(holder)))
+    return std::nullopt;
+  on_device->queue.finish();
+  const Size size = sizes.size_of(*r.extent, r.name);
+  HostArray out{kind_of(*r.type), components_of(*r.type), size.w, size.h, size.l, data, views[holder].held.lock()};
+  if (!out.held) views[holder].held = out.held = std::make_shared<char>();
+  views[holder].lent = true;
+  return out;
+}
+
+bool Program::State::has_views() const {
+  return std::ranges::any_of(views, [](const Views& view) { return !view.held.expired(); });
 }
 
 bool Program::State::has_tables(size_t leaf) const {

@@ -61,6 +61,12 @@ struct OnDevice {
   std::vector<StepState> steps;
 };
 
+// Views of the program's memory that the host holds.
+struct Views {
+  std::weak_ptr<void> held;
+  bool lent = false;  // since the last run but one began
+};
+
 struct Program::State {
   std::shared_ptr<DeviceState> device;  // none: tables only
   bundle::BundleT bundle;
@@ -70,6 +76,8 @@ struct Program::State {
   std::map<size_t, io::Array> waiting_faces;      // some of whose tables have sizes that are not known yet
   size_t symbols_of_tables = 0;                   // how many symbols had values when tables were made
   std::vector<uint64_t> versions;                 // by leaf: counts its changes
+  std::vector<Views> views;                       // by leaf, and of outputs
+  bool run_whole = false;                         // outputs may have been written to
   LoadOptions options;
   std::shared_ptr<Tally> tally = std::make_shared<Tally>();
   std::optional<OnDevice> on_device;
@@ -89,6 +97,11 @@ struct Program::State {
   size_t step_index(const std::string& name) const;
   void bind(const std::string& name, const io::Array& data);
   void prepare_leaf(size_t leaf);
+  // Whether the data went right into the leaf's memory: it has some, the host sees it, and the data is as there.
+  bool write(size_t leaf, const HostArray& data);
+  // Of a resource whose memory the host sees; nothing where a copy is needed. `holder` is its place in `views`.
+  std::optional<HostArray> view(size_t resource, size_t holder);
+  bool has_views() const;
   // Memory and contents for a step: what only other steps need may stay unbound.
   void prepare(const bundle::StepT& step);
   // Memory without contents, pipelines and commands for a step, whose symbols have values.
@@ -101,6 +114,9 @@ struct Program::State {
 
   // run.cpp: steps
   StepState& prepared_step(size_t index);
+  void count_written();
+  // By group of the step's commands.
+  const std::vector<bool>& must_run(StepState& step) const;
   Variant& recorded(StepState& step, const std::vector<bool>& dirty);
   vk::raii::CommandBuffer record(const StepState& step, const std::vector<bool>& dirty, int times);
   // Submits as many runs as are worth it, `most` at most; says how many.

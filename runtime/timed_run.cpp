@@ -19,10 +19,10 @@ namespace {
 
 // The list that a dispatch runs for, if it does: a scratch buffer. Its words are as
 // compiler/backend/emit/element_lists.h has them, 3 one more than the elements on it. A dispatch that walks a list in a
-// loop takes no size from it.
+// loop takes no size from it. Lists of faces have words of their own (face_lists.h).
 std::optional<uint32_t> list_of(const bundle::BundleT& bundle, const Primitive& p) {
   for (const Access& a : p.accesses)
-    if (a.use == Use::IndirectRead) return a.resource;
+    if (a.use == Use::IndirectRead && !bundle.resources[a.resource]->name.ends_with("_lists")) return a.resource;
   for (const Access& a : p.accesses)
     if (const std::string& name = bundle.resources[a.resource]->name;
         a.use == Use::ComputeRead && (name.ends_with("_active") || name.ends_with("_heavy")))
@@ -38,7 +38,7 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
   const size_t index = step_index(name);
   StepState& step = prepared_step(index);
   if (device->timestamp_bits == 0) throw Failure{"the device's queue takes no times"};
-  const std::vector<bool> dirty = options.cache ? step.list->dirty(versions) : step.list->everything();
+  const std::vector<bool> dirty = must_run(step);
   const Variant& variant = recorded(step, dirty);
   const std::vector<const Primitive*> chosen = step.chosen(dirty);
   const bundle::StepT& table = *bundle.steps[index];

@@ -2,6 +2,7 @@
 #include "compiler/driver/driver.h"
 
 #include <algorithm>
+#include <sstream>
 
 #include "compiler/backend/pipeline.h"
 #include "compiler/backend/skips.h"
@@ -18,6 +19,19 @@ std::string lines(const std::vector<std::string>& violations) {
   std::string out;
   for (const std::string& violation : violations) out += (out.empty() ? "" : "\n") + violation;
   return out;
+}
+
+std::vector<std::string> parts_of(const std::string& text, char at) {
+  std::vector<std::string> out;
+  std::stringstream stream(text);
+  for (std::string part; std::getline(stream, part, at);) out.push_back(part);
+  return out;
+}
+
+std::optional<passes::Adjoint> adjoint_of(const std::string& words) {
+  const std::vector<std::string> parts = parts_of(words, ':');
+  if (parts.size() != 3) return std::nullopt;
+  return passes::Adjoint{parts[0], parts_of(parts[1], ','), parts_of(parts[2], ',')};
 }
 
 }  // namespace
@@ -103,6 +117,14 @@ const ir::Graph* Compilation::lowered() {
   }
   lowered_ = lower::lower(sources_, file_, lowering, diagnostics_);
   if (!lowered_) return nullptr;
+  for (const std::string& words : options_.adjoints) {
+    const auto adjoint = adjoint_of(words);
+    if (!adjoint)
+      return fail({Error::Kind::User, "expected STEP:LEAF,...:OUTPUT,... for an adjoint, found '" + words + "'"});
+    auto more = passes::add_adjoint(*lowered_, *adjoint);
+    if (auto* problem = std::get_if<std::string>(&more)) return fail({Error::Kind::User, std::move(*problem)});
+    lowered_ = std::get<ir::Graph>(std::move(more));
+  }
   if (!hooks_.verify_each) return &*lowered_;
   if (const auto violations = passes::verify(*lowered_); !violations.empty())
     keeping_reproducer(*lowered_, [&]() -> int { DR_ICE("lowering gave an unsound graph\n" + lines(violations)); });

@@ -19,7 +19,8 @@ struct Options {
   bool shader_cache = true;              // keep assembled shaders on disk
   std::vector<std::string> include_dirs;
   std::map<std::string, std::string, std::less<>> defines;
-  bool plain_gradients = false;  // differentiate functions that have a @vjp by their own text
+  std::vector<std::string> adjoints;  // STEP:LEAF,...:OUTPUT,...: steps to be added (passes::add_adjoint)
+  bool plain_gradients = false;       // differentiate functions that have a @vjp by their own text
   friend bool operator==(const Options&, const Options&) = default;
 };
 

@@ -11,6 +11,7 @@
 #include "compiler/io/file/failure.h"
 #include "compiler/io/file/file.h"
 #include "compiler/io/mesh/bind.h"
+#include "compiler/io/mesh/strands.h"
 #include "compiler/io/picture/image.h"
 
 namespace dr::io {
@@ -62,6 +63,7 @@ Array load(std::string_view text, int expected_components) {
   if (extension == ".obj" || extension == ".gltf" || extension == ".glb") {
     return bind_mesh(source.path, source.selectors, expected_components);
   }
+  if (extension == ".tfx" || extension == ".hair") return bind_strands(source.path, source.selectors);
   if (extension == ".npy") {
     if (!source.selectors.empty()) fail("a .npy file has no selectors, found ", in_quotes(source.selectors.front()));
     return parse_npy(read_file(source.path), expected_components);
@@ -76,11 +78,12 @@ Array load(std::string_view text, int expected_components) {
     const auto bytes = read_file(source.path);
     return parse_literal({reinterpret_cast<const char*>(bytes.data()), bytes.size()}, expected_components);
   }
-  constexpr std::string_view kExtensions[] = {".obj",  ".gltf", ".glb", ".png", ".jpg",
-                                              ".jpeg", ".hdr",  ".npy", ".csv", ".json"};
+  constexpr std::string_view kExtensions[] = {".obj", ".gltf", ".glb",  ".png", ".jpg", ".jpeg",
+                                              ".hdr", ".tfx",  ".hair", ".npy", ".csv", ".json"};
   fail(extension.empty() ? std::string("there is no extension") : cat("unknown extension ", in_quotes(extension)),
        did_you_mean(extension, kExtensions),
-       ", expected a .obj, .gltf, .glb, .png, .jpg, .hdr, .npy, .csv or .json file or a number or list after '='");
+       ", expected a .obj, .gltf, .glb, .tfx, .hair, .png, .jpg, .hdr, .npy, .csv or .json file or a number or list "
+       "after '='");
 }
 
 void check_expected(const Array& array, int expected_components) {

@@ -129,13 +129,15 @@ void Elaborator::collect_items(ModuleInfo& module) {
                  {.kind = ModuleItem::Kind::Const,
                   .state = ModuleItem::State::Waiting,
                   .span = item.constant->name.span,
-                  .constant = item.constant.get()});
+                  .constant = item.constant.get(),
+                  .is_private = item.is_private});
         break;
       case dsl::Item::Kind::Fn:
         add_item(module, item.fn->name,
                  {.kind = ModuleItem::Kind::Fn,
                   .span = item.fn->name.span,
-                  .value = FunctionValue{.decl = item.fn.get(), .scope = &module.scope}});
+                  .value = FunctionValue{.decl = item.fn.get(), .scope = &module.scope},
+                  .is_private = item.is_private});
         break;
       case dsl::Item::Kind::Struct: {
         StructType& type = module.structs.emplace_back();
@@ -153,14 +155,18 @@ void Elaborator::collect_items(ModuleInfo& module) {
         value.kind = TypeValue::Kind::Struct;
         value.structure = &type;
         add_item(module, item.structure->name,
-                 {.kind = ModuleItem::Kind::Struct, .span = item.structure->name.span, .value = value});
+                 {.kind = ModuleItem::Kind::Struct,
+                  .span = item.structure->name.span,
+                  .value = value,
+                  .is_private = item.is_private});
         break;
       }
       case dsl::Item::Kind::Optimizer:
         add_item(module, item.optimizer->name,
                  {.kind = ModuleItem::Kind::Optimizer,
                   .span = item.optimizer->name.span,
-                  .value = OptimizerValue{item.optimizer.get(), &module.scope, false}});
+                  .value = OptimizerValue{item.optimizer.get(), &module.scope, false},
+                  .is_private = item.is_private});
         break;
       case dsl::Item::Kind::Leaf:
         if (root_only(item.leaf->span, "the leaf '" + item.leaf->name.text + "'")) break;
@@ -312,16 +318,38 @@ Value Elaborator::seed_value(const Span& span) {
   return seed_;
 }
 
+namespace {
+
+// The folder of a module's file, for library modules inside the library.
+std::string folder_of(const ModuleInfo& module) {
+  if (module.folder.empty()) return module.path.substr(0, module.path.rfind('/') + 1);
+  std::error_code error;
+  return std::filesystem::weakly_canonical(module.folder, error).string() + "/";
+}
+
+std::string name_of(const ModuleInfo& module) {
+  const std::string file = module.path.substr(module.path.find_last_of("/:") + 1);
+  return file.substr(0, file.rfind(".dr"));
+}
+
+}  // namespace
+
 Value Elaborator::module_field(ModuleInfo& module, const std::string& name, const Span& span) {
+  const bool inside = folder_of(*scope_->module).starts_with(folder_of(module));
   const auto found = module.items.find(name);
   if (found == module.items.end() || found->second.kind == ModuleItem::Kind::Import) {
-    const std::vector<std::string> known =
-        names_of(module.items, [](const ModuleItem& item) { return item.kind != ModuleItem::Kind::Import; });
-    const std::string module_name = module.path.substr(module.path.find_last_of("/:") + 1);
-    return fail(
-        Code::E0205, span,
-        "expected a name of the module '" + module_name.substr(0, module_name.rfind(".dr")) + "', found '" + name + "'",
-        {}, suggestion(name, known));
+    const std::vector<std::string> known = names_of(module.items, [&](const ModuleItem& item) {
+      return item.kind != ModuleItem::Kind::Import && (inside || !item.is_private);
+    });
+    return fail(Code::E0205, span,
+                "expected a name of the module '" + name_of(module) + "', found '" + name + "'", {},
+                suggestion(name, known));
+  }
+  if (found->second.is_private && !inside) {
+    return fail(Code::E0211, span,
+                "expected a name that the module '" + name_of(module) + "' offers to all, found '" + name +
+                    "', which is private to its folder",
+                {{found->second.span, "'" + name + "' is declared here"}});
   }
   return item_value(module, name, found->second, span);
 }

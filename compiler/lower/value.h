@@ -195,6 +195,7 @@ struct ModuleItem {
   Value value = {};
   const dsl::ConstDecl* constant = nullptr;
   std::optional<uint32_t> leaf = {};
+  bool is_private = false;  // for files of the module's folder alone
 };
 
 // The names at the top level of a module, found by std::string_view too.

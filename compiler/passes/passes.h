@@ -6,6 +6,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <variant>
 #include <vector>
 
 #include "compiler/ir/graph.h"
@@ -39,6 +40,16 @@ ir::Graph simplify(const ir::Graph& graph, const Skips& skips = {});
 ir::Graph group_sums(const ir::Graph& graph, const Skips& skips = {});
 // Move what scatters of a region compute their indices of to the root region, where no step changes it.
 ir::Graph hoist_indices(const ir::Graph& graph, const Skips& skips = {});
+
+// What a host needs to take gradients from a step's outputs on to leaves.
+struct Adjoint {
+  std::string step;
+  std::vector<std::string> leaves, outputs;
+  friend bool operator==(const Adjoint&, const Adjoint&) = default;
+};
+// A graph as lowered with one step more, `STEP.adjoint`: its outputs, of the names of the leaves, are the gradients of
+// the sum over the step's outputs, each times an input `STEP.adjoint.OUTPUT` of its type and extent. Or what is wrong.
+std::variant<ir::Graph, std::string> add_adjoint(const ir::Graph& graph, const Adjoint& adjoint);
 
 struct Pass {
   std::string_view name;

@@ -36,7 +36,8 @@ struct dressi_bundle {
 
 struct dressi_run {
   std::mutex mutex;
-  std::variant<dr::runtime::Program, dr::jit::ReferenceProgram> program;
+  // Shared with views of its memory.
+  std::variant<std::shared_ptr<dr::runtime::Program>, std::shared_ptr<dr::jit::ReferenceProgram>> program;
   std::string text;  // of the last answer
 };
 
@@ -148,7 +149,7 @@ std::unique_ptr<dressi_bundle> bundle_of(std::vector<uint8_t> bytes) {
   return bundle;
 }
 
-dr::io::Array array_of(const dressi_array& from) {
+dr::runtime::HostArray array_of(const dressi_array& from) {
   if (from.kind < DRESSI_FLOAT32 || from.kind > DRESSI_BOOL)
     fail("unknown kind of scalar " + std::to_string(from.kind));
   const auto kind = static_cast<dr::io::ElementKind>(from.kind);
@@ -159,28 +160,45 @@ dr::io::Array array_of(const dressi_array& from) {
   int64_t bytes = scalar * from.components;
   for (const int64_t n : {from.width, from.height, from.layers})
     if (__builtin_mul_overflow(bytes, n, &bytes) || bytes > dr::io::kMaxArrayBytes) fail("the array is too large");
-  dr::io::Array array;
-  array.kind = kind;
-  array.components = from.components;
-  array.width = from.width;
-  array.height = from.height;
-  array.layers = from.layers;
-  const auto* data =
-      reinterpret_cast<const std::byte*>(&given(static_cast<const char*>(from.data), "the data of the array"));
-  array.bytes.assign(data, data + bytes);
-  return array;
+  given(static_cast<const char*>(from.data), "the data of the array");
+  return {kind, from.components, from.width, from.height, from.layers, from.data};
 }
 
-void give(dr::io::Array array, dressi_array& out) {
-  auto owner = std::make_unique<dr::io::Array>(std::move(array));
-  out.kind = static_cast<int32_t>(owner->kind);
-  out.components = owner->components;
-  out.width = owner->width;
-  out.height = owner->height;
-  out.layers = owner->layers;
-  out.data = owner->bytes.data();
+// What an array that came out belongs to.
+struct Owner {
+  dr::io::Array copy;
+  std::shared_ptr<void> view, program;  // destroyed from the last on
+};
+
+template <typename From>
+void describe(const From& from, void* data, std::unique_ptr<Owner> owner, dressi_array& out) {
+  out.kind = static_cast<int32_t>(from.kind);
+  out.components = from.components;
+  out.width = from.width;
+  out.height = from.height;
+  out.layers = from.layers;
+  out.data = data;
   out.owner = owner.release();
 }
+
+int give(dr::io::Array array, dressi_array& out) {
+  auto owner = std::make_unique<Owner>();
+  owner->copy = std::move(array);
+  const dr::io::Array& from = owner->copy;
+  void* const data = owner->copy.bytes.data();
+  describe(from, data, std::move(owner), out);
+  return 1;
+}
+
+int give_view(const dr::runtime::HostArray& array, std::shared_ptr<void> program, dressi_array& out) {
+  auto owner = std::make_unique<Owner>();
+  owner->view = array.held;
+  owner->program = std::move(program);
+  describe(array, array.data, std::move(owner), out);
+  return 1;
+}
+
+constexpr int kCopy = 2;
 
 // Calls `use` with the program of the run, alone with it.
 template <typename T, typename Use>
@@ -188,7 +206,7 @@ T with_program(T failed, dressi_run* run, const Use& use) {
   return guarded(failed, [&]() -> T {
     dressi_run& here = given(run, "the run");
     const std::lock_guard lock(here.mutex);
-    return std::visit([&](auto& program) { return use(program, here); }, here.program);
+    return std::visit([&](auto& program) { return use(*program, here); }, here.program);
   });
 }
 
@@ -201,7 +219,7 @@ dressi_error_kind dressi_error_kind_of_last(void) { return last_kind; }
 
 void dressi_array_free(dressi_array* array) {
   if (array == nullptr) return;
-  delete static_cast<dr::io::Array*>(array->owner);
+  delete static_cast<Owner*>(array->owner);
   array->owner = array->data = nullptr;
 }
 
@@ -260,11 +278,14 @@ dressi_bundle* dressi_compile(const char* name, const char* text, dressi_device*
         chosen.ablate.push_back(value);
       else if (key == "include")
         chosen.include_dirs.push_back(value);
+      else if (key == "adjoint")
+        chosen.adjoints.push_back(value);
       else if (key.starts_with("define:"))
         chosen.defines[key.substr(7)] = value;
       else
         fail("unknown option '" + key +
-             "' of compiling; there are profile, lower, raster, pack, scatter, float, ablate, include and define:NAME");
+             "' of compiling; there are profile, lower, raster, pack, scatter, float, ablate, adjoint, include and "
+             "define:NAME");
     });
     if (chosen.profile.empty() && device != nullptr && device->device) chosen.profile = device->device->profile_name();
     if (chosen.profile.empty()) chosen.profile = "lavapipe";  // what runs on the evaluator is the graph alone
@@ -301,7 +322,9 @@ dressi_run* dressi_run_open(dressi_device* device, dressi_bundle* bundle, const 
   return guarded(static_cast<dressi_run*>(nullptr), [&]() -> dressi_run* {
     given(device, "the device");
     given(bundle, "the bundle");
-    if (!device->device) return new dressi_run{{}, must(dr::jit::ReferenceProgram::load(bundle->bytes)), {}};
+    if (!device->device)
+      return new dressi_run{
+          {}, std::make_shared<dr::jit::ReferenceProgram>(must(dr::jit::ReferenceProgram::load(bundle->bytes))), {}};
     dr::runtime::LoadOptions load;
     bool rebuild = true;
     const auto is_on = [](const std::string& key, const std::string& value) {
@@ -321,8 +344,8 @@ dressi_run* dressi_run_open(dressi_device* device, dressi_bundle* bundle, const 
              "' of a run; there are cache, rebuild (on, off) and memory (bytes)");
     });
     if (rebuild) load.rebuild = dr::jit::rebuilder(bundle->bytes, bundle->options);
-    return new dressi_run{
-        {}, must(dr::runtime::Program::load(*device->device, bundle->bytes, load), DRESSI_DEVICE_ERROR), {}};
+    auto program = must(dr::runtime::Program::load(*device->device, bundle->bytes, load), DRESSI_DEVICE_ERROR);
+    return new dressi_run{{}, std::make_shared<dr::runtime::Program>(std::move(program)), {}};
   });
 }
 
@@ -330,7 +353,11 @@ void dressi_run_free(dressi_run* run) { delete run; }
 
 int dressi_bind(dressi_run* run, const char* leaf, const dressi_array* data) {
   return with_program(0, run, [&](auto& program, dressi_run&) {
-    must(program.bind(word(leaf, "the leaf"), array_of(given(data, "the array"))));
+    const dr::runtime::HostArray array = array_of(given(data, "the array"));
+    if constexpr (std::is_same_v<decltype(program), dr::runtime::Program&>)
+      must(program.bind(word(leaf, "the leaf"), array));
+    else
+      must(program.bind(word(leaf, "the leaf"), array.copied()));
     return 1;
   });
 }
@@ -359,27 +386,52 @@ int dressi_set_runs(dressi_run* run, const char* step, int64_t runs) {
 
 int dressi_output(dressi_run* run, const char* step, const char* name, dressi_array* out) {
   return with_program(0, run, [&](auto& program, dressi_run&) {
-    give(must(program.output(word(step, "the step"), word(name, "the output"))), given(out, "the array"));
-    return 1;
+    return give(must(program.output(word(step, "the step"), word(name, "the output"))), given(out, "the array"));
   });
 }
 
 int dressi_leaf(dressi_run* run, const char* name, dressi_array* out) {
   return with_program(0, run, [&](auto& program, dressi_run&) {
-    give(must(program.leaf(word(name, "the leaf"))), given(out, "the array"));
-    return 1;
+    return give(must(program.leaf(word(name, "the leaf"))), given(out, "the array"));
   });
 }
 
 namespace {
 
+std::shared_ptr<dr::runtime::Program> device_program(dressi_run& run) {
+  auto* program = std::get_if<std::shared_ptr<dr::runtime::Program>>(&run.program);
+  return program == nullptr ? nullptr : *program;
+}
+
 dr::runtime::Program& on_device(dressi_run& run) {
-  auto* program = std::get_if<dr::runtime::Program>(&run.program);
-  if (program == nullptr) fail("the evaluator does not count or time commands");
+  const auto program = device_program(run);
+  if (!program) fail("the evaluator does not count or time commands");
   return *program;
 }
 
 }  // namespace
+
+int dressi_leaf_view(dressi_run* run, const char* name, dressi_array* out) {
+  return with_program(0, run, [&](auto& program, dressi_run& here) {
+    const std::string leaf = word(name, "the leaf");
+    dressi_array& array = given(out, "the array");
+    if (const auto shared = device_program(here))
+      if (const auto view = must(shared->leaf_view(leaf))) return give_view(*view, shared, array);
+    give(must(program.leaf(leaf)), array);
+    return kCopy;
+  });
+}
+
+int dressi_output_view(dressi_run* run, const char* step, const char* name, dressi_array* out) {
+  return with_program(0, run, [&](auto& program, dressi_run& here) {
+    const std::string of = word(step, "the step"), output = word(name, "the output");
+    dressi_array& array = given(out, "the array");
+    if (const auto shared = device_program(here))
+      if (const auto view = must(shared->output_view(of, output))) return give_view(*view, shared, array);
+    give(must(program.output(of, output)), array);
+    return kCopy;
+  });
+}
 
 const char* dressi_counters(dressi_run* run, const char* step) {
   return with_program(static_cast<const char*>(nullptr), run, [&](auto&, dressi_run& here) {

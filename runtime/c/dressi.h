@@ -73,7 +73,9 @@ DRESSI_API const char* dressi_device_info(dressi_device* device);
 
 /* Compiles the text of a program; `name` stands for its file in messages, and its folder is where imports are looked
  * for. `options` are pairs of words that end in NULL, as of drc's command line: "profile", "lower", "raster", "pack",
- * "scatter", "float", "ablate", "include", and "define:K" for a const K. Without "profile" the device's own is used. */
+ * "scatter", "float", "ablate", "include", and "define:K" for a const K. Without "profile" the device's own is used.
+ * "adjoint" with STEP:LEAF,...:OUTPUT,... adds a step STEP.adjoint: its outputs, named as the leaves, are the gradients
+ * of the sum over the outputs, each times an input STEP.adjoint.OUTPUT of its type and extent. */
 DRESSI_API dressi_bundle* dressi_compile(const char* name, const char* text, dressi_device* device,
                                          const char* const* options);
 /* Reads a compiled bundle. */
@@ -95,6 +97,13 @@ DRESSI_API int dressi_step(dressi_run* run, const char* step, int times);
 DRESSI_API int dressi_set_runs(dressi_run* run, const char* step, int64_t runs);
 DRESSI_API int dressi_output(dressi_run* run, const char* step, const char* name, dressi_array* out);
 DRESSI_API int dressi_leaf(dressi_run* run, const char* name, dressi_array* out);
+/* The same without a copy where the device is the host's processor: `data` is the memory that the device computes in.
+ * They give 1 for such a view, 2 for a copy, 0 where they fail. dressi_array_free gives either back; memory of a view
+ * lives until then, also when its run is freed. What is written to a leaf counts in the next run, and while a view of
+ * it is held nothing that depends on it is skipped, nor anything while one of an output is, which the next run of any
+ * step overwrites. */
+DRESSI_API int dressi_leaf_view(dressi_run* run, const char* name, dressi_array* out);
+DRESSI_API int dressi_output_view(dressi_run* run, const char* step, const char* name, dressi_array* out);
 /* {"runs", "commands", "ops", "bytes", "skipped_commands", "skipped_ops", "skipped_bytes"} of a step */
 DRESSI_API const char* dressi_counters(dressi_run* run, const char* step);
 /* Runs a step once and says how long each of its commands took: [{"label", "nanoseconds", "ops", "bytes", "lines"}] */

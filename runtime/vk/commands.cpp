@@ -113,7 +113,8 @@ int64_t Commands::parts_of(const bundle::CommandT& c) const {
   if (trips && c.part_trips == 0)
     throw Failure{"the loops of pass '" + c.label + "' may take " + std::to_string(*trips) +
                   " trips in an invocation, the device lets them have " + std::to_string(c.most_trips) +
-                  ", and a 'fold' among them cannot be taken in parts: promise fewer trips with 'max'"};
+                  ", and they cannot be taken in parts, as a 'fold' or a function of a 'raster' is among them: promise "
+                  "fewer trips with 'max'"};
   if (trips && c.watch >= 0) *trips += c.most_trips;  // for loops that are not among them
   if (!trips || *trips > kMaxParts * c.part_trips)
     throw Failure{"the loops of pass '" + c.label + "' may take " + (trips ? std::to_string(*trips) : "over 2^63") +

@@ -117,6 +117,12 @@ bool matches(const DeviceInfo& info, size_t number, const std::string& wanted) {
 
 }  // namespace
 
+bool DeviceState::is_host_memory(uint32_t type) const {
+  const auto direct = vk::MemoryPropertyFlagBits::eHostVisible | vk::MemoryPropertyFlagBits::eHostCoherent;
+  return properties.deviceType == vk::PhysicalDeviceType::eCpu &&
+         (memory.memoryTypes[type].propertyFlags & direct) == direct;
+}
+
 uint32_t DeviceState::memory_type(uint32_t allowed, vk::MemoryPropertyFlags wanted,
                                   vk::MemoryPropertyFlags preferred) const {
   for (const vk::MemoryPropertyFlags flags : {wanted | preferred, wanted})

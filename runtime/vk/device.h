@@ -36,6 +36,8 @@ struct DeviceState {
   std::mutex messages_lock;
   std::vector<std::string> messages;  // of the validation layer
 
+  // Whether memory of this kind is the host's own, as that of devices that are its processor: it may stay mapped.
+  bool is_host_memory(uint32_t type) const;
   uint32_t memory_type(uint32_t allowed, vk::MemoryPropertyFlags wanted, vk::MemoryPropertyFlags preferred) const;
   // Whether one that is allowed is given out only when it must be, for attachments that need not leave the chip.
   bool has_lazy_memory(uint32_t allowed) const;

@@ -201,6 +201,7 @@ void Memory::bind(uint32_t k, const Slot& slot) {
   const vk::DeviceMemory memory = *blocks_[slot.block].memory();
   if (r.storage == Storage::Buffer) {
     buffers_[k].buffer.bindMemory(memory, slot.offset);
+    if (std::byte* host = blocks_[slot.block].host()) buffers_[k].host = host + slot.offset;
     return;
   }
   images_[k].image.bindMemory(memory, slot.offset);
@@ -252,6 +253,7 @@ void Tally::add(int64_t bytes) {
 
 Block::Block(const DeviceState& device, vk::DeviceSize bytes, uint32_t type, std::shared_ptr<Tally> tally)
     : memory_(device.device, vk::MemoryAllocateInfo(bytes, type)), bytes_(bytes), tally_(std::move(tally)) {
+  if (device.is_host_memory(type)) host_ = static_cast<std::byte*>(memory_.mapMemory(0, VK_WHOLE_SIZE));
   tally_->add(static_cast<int64_t>(bytes));
 }
 
@@ -259,6 +261,7 @@ Block& Block::operator=(Block&& other) noexcept {
   release();
   memory_ = std::move(other.memory_);
   bytes_ = other.bytes_;
+  host_ = other.host_;
   tally_ = std::move(other.tally_);
   return *this;
 }

@@ -30,17 +30,21 @@ class Block {
   ~Block() { release(); }
   const vk::raii::DeviceMemory& memory() const { return memory_; }
   vk::DeviceSize bytes() const { return tally_ ? bytes_ : 0; }
+  // Where the host sees it; null where that takes a copy.
+  std::byte* host() const { return host_; }
 
  private:
   void release();
   vk::raii::DeviceMemory memory_{nullptr};
   vk::DeviceSize bytes_ = 0;
+  std::byte* host_ = nullptr;
   std::shared_ptr<Tally> tally_;  // none: nothing is allocated
 };
 
 struct BufferObject {
   vk::raii::Buffer buffer{nullptr};
   vk::DeviceSize bytes = 0;
+  std::byte* host = nullptr;  // where the host sees its content; null where that takes a copy
 };
 
 struct ImageObject {

@@ -73,6 +73,7 @@ void Queue::once(const std::function<void(const vk::raii::CommandBuffer&)>& reco
   commands.begin(vk::CommandBufferBeginInfo(vk::CommandBufferUsageFlagBits::eOneTimeSubmit));
   everything_before(commands);
   record(commands);
+  before_the_host(commands);
   commands.end();
   submit(commands);
   finish();
@@ -84,6 +85,14 @@ void Queue::everything_before(const vk::raii::CommandBuffer& commands) {
   const vk::MemoryBarrier barrier(vk::AccessFlagBits::eMemoryWrite,
                                   vk::AccessFlagBits::eMemoryRead | vk::AccessFlagBits::eMemoryWrite);
   commands.pipelineBarrier(stages, stages, {}, barrier, {}, {});
+}
+
+void Queue::before_the_host(const vk::raii::CommandBuffer& commands) {
+  const auto stages = vk::PipelineStageFlagBits::eComputeShader | vk::PipelineStageFlagBits::eAllGraphics |
+                      vk::PipelineStageFlagBits::eTransfer;
+  const vk::MemoryBarrier barrier(vk::AccessFlagBits::eMemoryWrite,
+                                  vk::AccessFlagBits::eHostRead | vk::AccessFlagBits::eHostWrite);
+  commands.pipelineBarrier(stages, vk::PipelineStageFlagBits::eHost, {}, barrier, {}, {});
 }
 
 }  // namespace dr::runtime

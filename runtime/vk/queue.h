@@ -32,6 +32,8 @@ class Queue {
   void once(const std::function<void(const vk::raii::CommandBuffer&)>& record);
   // Makes what earlier submissions and the host wrote visible to what follows.
   static void everything_before(const vk::raii::CommandBuffer& commands);
+  // Makes what these commands wrote visible to the host.
+  static void before_the_host(const vk::raii::CommandBuffer& commands);
 
  private:
   std::shared_ptr<DeviceState> device_;

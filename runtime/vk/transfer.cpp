@@ -25,7 +25,8 @@ void Transfer::need_staging(vk::DeviceSize bytes) {
   const uint32_t type = device_->memory_type(need.memoryTypeBits, visible, vk::MemoryPropertyFlagBits::eHostCached);
   staging_memory_ = Block(*device_, need.size, type, memory_.tally());
   staging_.buffer.bindMemory(*staging_memory_.memory(), 0);
-  staging_data_ = staging_memory_.memory().mapMemory(0, VK_WHOLE_SIZE);
+  staging_data_ = staging_memory_.host();
+  if (staging_data_ == nullptr) staging_data_ = staging_memory_.memory().mapMemory(0, VK_WHOLE_SIZE);
   staging_.bytes = bytes;
 }
 
@@ -38,13 +39,20 @@ void Transfer::upload(uint32_t resource, const io::Array& array) {
   const vk::DeviceSize bytes = memory_.buffer(resource).bytes;
   if (static_cast<vk::DeviceSize>(array.scalar_count()) * 4 != bytes)
     throw Failure{"the data of '" + bundle_.resources[resource]->name + "' has another size than its buffer"};
-  need_staging(bytes);
+  std::byte* to = memory_.buffer(resource).host;
+  if (to == nullptr) {
+    need_staging(bytes);
+    to = static_cast<std::byte*>(staging_data_);
+  } else {
+    queue_.finish();
+  }
   if (array.kind == io::ElementKind::Bool) {
-    auto* words = static_cast<uint32_t*>(staging_data_);
+    auto* words = reinterpret_cast<uint32_t*>(to);
     for (size_t i = 0; i < array.bytes.size(); ++i) words[i] = array.bytes[i] != std::byte{0} ? 1 : 0;
   } else {
-    std::memcpy(staging_data_, array.bytes.data(), array.bytes.size());
+    std::memcpy(to, array.bytes.data(), array.bytes.size());
   }
+  if (memory_.buffer(resource).host != nullptr) return;
   queue_.once([&](const vk::raii::CommandBuffer& c) {
     c.copyBuffer(*staging_.buffer, *memory_.buffer(resource).buffer, vk::BufferCopy(0, 0, bytes));
   });
@@ -70,6 +78,16 @@ void copy_image(const vk::raii::CommandBuffer& c, const ImageObject& image, vk::
   c.pipelineBarrier(vk::PipelineStageFlagBits::eTransfer, shaders_stages, {}, {}, {}, barrier);
 }
 
+void Transfer::copy_to_staging(uint32_t resource, vk::DeviceSize bytes) {
+  need_staging(bytes);
+  queue_.once([&](const vk::raii::CommandBuffer& c) {
+    if (bundle_.resources[resource]->storage == Storage::Image)
+      copy_image(c, memory_.image(resource), *staging_.buffer);
+    else
+      c.copyBuffer(*memory_.buffer(resource).buffer, *staging_.buffer, vk::BufferCopy(0, 0, bytes));
+  });
+}
+
 io::Array Transfer::download(uint32_t resource) {
   const bundle::ResourceT& r = *bundle_.resources[resource];
   if (r.storage == Storage::Depth) throw Failure{"'" + r.name + "' is a depth image"};
@@ -79,17 +97,14 @@ io::Array Transfer::download(uint32_t resource) {
   const bool image = r.storage == Storage::Image;
   const int stored = image && n == 3 ? 4 : n;
   const auto bytes = static_cast<vk::DeviceSize>(size.count() * stored * 4);
-  need_staging(bytes);
-  queue_.once([&](const vk::raii::CommandBuffer& c) {
-    if (image)
-      copy_image(c, memory_.image(resource), *staging_.buffer);
-    else
-      c.copyBuffer(*memory_.buffer(resource).buffer, *staging_.buffer, vk::BufferCopy(0, 0, bytes));
-    c.pipelineBarrier(vk::PipelineStageFlagBits::eTransfer, vk::PipelineStageFlagBits::eHost, {},
-                      vk::MemoryBarrier(vk::AccessFlagBits::eTransferWrite, vk::AccessFlagBits::eHostRead), {}, {});
-  });
+  const std::byte* host = image ? nullptr : memory_.buffer(resource).host;
+  if (host == nullptr)
+    copy_to_staging(resource, bytes);
+  else
+    queue_.finish();
   io::Array out = io::Array::zeros(kind_of(*r.type), n, size.w, size.h, size.l);
-  const auto* words = static_cast<const uint32_t*>(staging_data_);
+  const auto* words =
+      reinterpret_cast<const uint32_t*>(host != nullptr ? host : static_cast<std::byte*>(staging_data_));
   const size_t width = io::scalar_size(out.kind);
   if (width == 4 && stored == n) {
     std::memcpy(out.bytes.data(), words, bytes);

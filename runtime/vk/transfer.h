@@ -27,6 +27,7 @@ class Transfer {
  private:
   // Host-visible memory of at least that size, mapped.
   void need_staging(vk::DeviceSize bytes);
+  void copy_to_staging(uint32_t resource, vk::DeviceSize bytes);
 
   std::shared_ptr<DeviceState> device_;
   const bundle::BundleT& bundle_;

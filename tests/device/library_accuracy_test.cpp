@@ -21,7 +21,7 @@ namespace library = accuracy::library;
 
 namespace {
 
-// The functions and optimizers of a module, up to where its inner part begins.
+// The functions and optimizers that a module offers to all, up to where its inner part begins.
 std::set<std::string> declared(const std::filesystem::path& path) {
   std::ifstream file(path);
   std::stringstream text;
@@ -34,6 +34,7 @@ std::set<std::string> declared(const std::filesystem::path& path) {
   const size_t end = whole.find("// ---- Inside");
   std::set<std::string> names;
   for (const dsl::Item& item : module.items) {
+    if (item.is_private) continue;
     if (item.kind == dsl::Item::Kind::Fn && item.fn->span.begin < end && !item.fn->vjp_of)
       names.insert(path.stem().string() + "." + item.fn->name.text);
     if (item.kind == dsl::Item::Kind::Optimizer) names.insert(path.stem().string() + "." + item.optimizer->name.text);

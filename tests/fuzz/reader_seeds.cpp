@@ -25,6 +25,10 @@ int main(int argc, char** argv) {
       {"float.npy", npy_file("<f4", "(2, 3)", f32({1, 2, 3, 4, 5, 6}))},
       {"whole.npy", npy_file("<i8", "(1,)", u32({1, 0}))},
       {"a.csv", "x,y\n1,2.5\n-3,4e5\n"},
+      {"four.tfx", tfx_file(4, 2, 3)},
+      {"three.tfx", tfx_file(3, 2, 3)},
+      {"a.hair", hair_file(31)},
+      {"b.hair", hair_file(2)},
       {"a.json", "[[1, 2.5, -3e4], [4, 5, 6]]"},
       {"truth.json", "[true, false]"}};
   std::filesystem::create_directories(argv[1]);

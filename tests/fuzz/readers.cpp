@@ -9,6 +9,7 @@
 #include "compiler/io/file/failure.h"
 #include "compiler/io/mesh/gltf/document.h"
 #include "compiler/io/mesh/mesh_readers.h"
+#include "compiler/io/mesh/strands.h"
 #include "compiler/io/picture/image.h"
 #include "tests/fuzz/repair.h"
 
@@ -34,6 +35,19 @@ void require(bool holds) {
   for (const int32_t index : mesh.indices) require(index >= 0 && index < mesh.vertex_count());
   for (const int32_t index : mesh.uv_indices) require(index >= 0 && static_cast<size_t>(index) < mesh.uv.size() / 2);
   for (const Mesh::Morph& morph : mesh.morphs) require(morph.positions.size() % 3 == 0);
+}
+
+[[maybe_unused]] void check(const Strands& strands) {
+  size_t vertices = 0;
+  for (const int32_t count : strands.vertices) {
+    require(count >= 2);
+    vertices += static_cast<size_t>(count);
+  }
+  require(strands.positions.size() == 3 * vertices);
+  for (const auto* values :
+       {&strands.positions, &strands.widths, &strands.opacities, &strands.colors, &strands.root_uv}) {
+    for (const float value : *values) require(std::isfinite(value));
+  }
 }
 
 [[maybe_unused]] void check(const Scene& scene) {
@@ -67,8 +81,10 @@ void read([[maybe_unused]] std::span<const uint8_t> bytes) {
   check(parse_npy(bytes, 0));
 #elif DR_READER == 6
   check(parse_csv(as_text(bytes), 0));
-#else
+#elif DR_READER == 7
   check(parse_literal(as_text(bytes), 0));
+#else
+  check(as_text(bytes).starts_with("HAIR") ? parse_hair(bytes) : parse_tfx(bytes));
 #endif
 }
 

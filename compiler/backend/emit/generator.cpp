@@ -299,7 +299,7 @@ void linear_index(Shader& s, const std::string& elements) {
   s.body().line(
       "int index = int((gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x) * gl_WorkGroupSize.x + "
       "gl_LocalInvocationID.x);");
-  s.body().line("if (index >= " + elements + ") return;");
+  if (!elements.empty()) s.body().line("if (index >= " + elements + ") return;");
 }
 
 void place_from_index(Shader& s, const Extent& e, const std::string& index) {

@@ -4,6 +4,7 @@
 
 #include <map>
 #include <memory>
+#include <optional>
 #include <set>
 #include <string>
 #include <unordered_map>
@@ -17,6 +18,8 @@
 #include "compiler/backend/schedule/trips.h"
 
 namespace dr::backend {
+
+struct WalkTrips;
 
 struct EmitOptions {
   const SourceLines& lines;  // of the graph's ops
@@ -139,6 +142,10 @@ class Generator {
   void raster_pass(const Pass& pass);
   void raster_hardware(const Pass& pass, const ir::Op& op);
   void raster_compute(const Pass& pass, const ir::Op& op);
+  // Loops of closures that no part of which can be left to a later dispatch: the run fails where they may take too many
+  // trips, or, watched, where the driver ends one.
+  uint32_t watch_loops(glsl::Shader& shader, const Pass& pass);
+  void set_walk_trips(bundle::CommandT& command, const WalkTrips& trips, std::optional<uint32_t> watch) const;
 
   // Where the float profile is `native`, so is the shader, but for those that must agree with each other on a decision.
   glsl::Shader shader() const { return shader(native_floats_); }
@@ -211,7 +218,7 @@ inline constexpr uint32_t kWideSubgroup = 16;
 // How many elements of a list have room for what they add (Pass::keeps_terms): few add something to a sum whose
 // elements are listed, and those beyond are computed again.
 ir::Dim room_for_terms(const ir::Extent& domain);
-// Opens a compute shader's main: computes `index`, returns past `elements`.
+// Opens a compute shader's main: computes `index`, returns past `elements` if it says some.
 void linear_index(glsl::Shader& shader, const std::string& elements);
 // Computes `at`, an element's place.
 void place_from_index(glsl::Shader& shader, const ir::Extent& extent, const std::string& index = "index");

@@ -3,9 +3,9 @@
 // face on one of two lists, whose faces are walked by a subgroup or more and by a thousand invocations or more. Each
 // pixel keeps its least entries with atomic minima, so that the order of the faces does not matter.
 #include <algorithm>
-#include <bit>
 #include <functional>
 
+#include "compiler/backend/emit/face_lists.h"
 #include "compiler/backend/emit/raster_closures.h"
 
 namespace dr::backend {
@@ -17,24 +17,6 @@ using ir::ValueId;
 
 namespace {
 
-struct Bins {
-  // Faces by the pixels of their boxes: up to the first for one invocation, up to the second for subgroups.
-  int small_box, middle_box;
-  // Invocations that share the faces of a list.
-  int middle_invocations, large_invocations;
-};
-constexpr Bins kCpu{64, 4096, 1 << 13, 1 << 12};
-
-// Those of a GPU, which starts few workgroups faster than many, and has work for more in large pictures.
-Bins gpu_bins(const Dim& pixels) {
-  constexpr int64_t kLeast = 1 << 15, kUnknown = 1 << 17, kMost = 1 << 19;
-  const auto count = pixels.evaluate({});
-  const int64_t invocations = count ? std::clamp(*count / 4, kLeast, kMost) : kUnknown;
-  const auto middle = static_cast<int>(std::bit_floor(static_cast<uint64_t>(invocations)));
-  return {8, 4096, middle, middle / 2};
-}
-constexpr int kLargeTeam = 1024;  // invocations that share a large face at least
-
 struct Walk {
   const ir::Graph& graph;
   const Pass& pass;
@@ -42,10 +24,11 @@ struct Walk {
   RasterParts parts;
   bool wide;           // 64-bit entries
   uint32_t keys, ids;  // wide: both the slots
-  uint32_t lists;      // [0], [1]: how many faces; the middle ones from [2]; the large ones behind them
-  uint32_t subgroup_size;
-  Bins bins;
+  const FaceLists& lists;
+  uint32_t list_words;
   bool lanes_in_turn;
+  // The loops of closures are watched; see Generator::Cut.
+  bool watched;
 
   std::string box(Shader& s, RasterClosures& closures, bool guarded) const {
     std::string area = "int across = last.x - first.x, area = across * (last.y - first.y);";
@@ -102,9 +85,9 @@ struct Walk {
     s.body().line("else if (" + key_words + ".d[slot] == key) atomicMin(" + id_words + ".d[slot], uint(face));");
   }
 
-  // Each invocation a face and layer; `binned`: where its box is not small, it goes on a list.
+  // Each invocation a face and layer; where its box is not small, it goes on a list.
   // `set_up` computes what the face takes, if that is not stored yet, and `store` stores it for those who walk lists.
-  void faces(Shader& s, bool binned, const std::function<void()>& set_up, const std::function<void()>& store) const {
+  void faces(Shader& s, const std::function<void()>& set_up, const std::function<void()>& store) const {
     const std::string count = dim_expression(parts.faces);
     RasterClosures closures(s, graph, pass, op);
     s.body().line("int face = index % " + count + ";");
@@ -112,20 +95,16 @@ struct Walk {
     set_up();
     closures.set_up();
     const std::string area = box(s, closures, true);
-    if (binned) {
-      const std::string list = s.bind_words(lists, "lists", bundle::Access::ReadWrite);
+    if (lists.used()) {
       s.body().line(area);
-      s.body().line("if (area > " + std::to_string(bins.small_box) + ") {");
+      s.body().line("if (area > " + std::to_string(lists.small_box()) + ") {");
       s.body().line("if (pc.a == 0 && pc.b == 0) {");
       store();
-      s.body().line("if (area <= " + std::to_string(bins.middle_box) + ") " + list + ".d[2u + atomicAdd(" + list +
-                    ".d[0], 1u)] = uint(index);");
-      s.body().line("else " + list + ".d[uint(2 + " + dim_expression(parts.faces * parts.l) + ") + atomicAdd(" + list +
-                    ".d[1], 1u)] = uint(index);");
+      s.body().line(lists.append(s, s.bind_words(list_words, "lists", bundle::Access::ReadWrite)));
       s.body().line("}");
-      if (bins.small_box > 0) s.body().line("return;");
+      if (lists.small_box() > 0) s.body().line("return;");
       s.body().line("}");
-      if (bins.small_box == 0) return;
+      if (lists.small_box() == 0) return;
     }
     closures.load_fields("at");
     s.body().line("for (at.y = first.y; at.y < last.y; ++at.y)");
@@ -136,37 +115,20 @@ struct Walk {
     s.body().line("}");
   }
 
-  // Lanes that share the faces of a list and the pixels of each: first those of the middle ones, in teams of a
-  // subgroup, then those of the large ones. Where there are fewer faces than teams, several teams share a face.
-  // `set_up` computes what is not stored of a face.
+  // Lanes that share the faces of a list and the pixels of each. `set_up` computes what is not stored of a face.
   void listed(Shader& s, const std::function<void()>& set_up) const {
-    const std::string count = dim_expression(parts.faces), lanes = std::to_string(subgroup_size);
-    const std::string list = s.read_words(lists, "lists");
-    const std::string middle = std::to_string(bins.middle_invocations);
-    s.body().line("bool large = index >= " + middle + ";");
-    s.body().line("if (large) index -= " + middle + ";");
-    s.body().line("int count = int(" + list + "(large ? 1 : 0)), size = large ? " + std::to_string(kLargeTeam) + " : " +
-                  lanes + ", teams = (large ? " + std::to_string(bins.large_invocations) + " : " + middle +
-                  ") / size;");
-    s.body().line("int together = max(teams / max(count, 1), 1);");
-    s.body().line("teams /= together;");
-    s.body().line("int lanes = size * together, team = index / lanes, lane = index % lanes;");
-    s.body().line("if (team >= teams) return;");
-    s.body().line("int begin = large ? 2 + " + dim_expression(parts.faces * parts.l) + " : 2;");
-    s.body().line("for (int item = team; item < count; item += teams) {");
-    s.push_scope();
+    const std::string count = dim_expression(parts.faces);
+    lists.open_items(s, s.read_words(list_words, "lists"));
     RasterClosures closures(s, graph, pass, op);
-    s.body().line("int entry_index = int(" + list + "(begin + item));");
     s.body().line("int face = entry_index % " + count + ";");
     s.body().line("ivec3 at = ivec3(face, 0, entry_index / " + count + ");");
     set_up();
     closures.set_up();
     s.body().line(box(s, closures, false));
     closures.load_fields("at");
-    // Floats divide faster, and exactly: a half is more than they are off by for numbers of 2^17.
-    s.body().line("int down = int((float(lanes) + 0.5) / float(across)), right = lanes - down * across;");
-    s.body().line("int y = int((float(lane) + 0.5) / float(across)), x = lane - y * across;");
-    s.body().line("for (int i = lane; i < area; i += lanes, x += right, y += down) {");
+    s.body().line("int down = quotient(stride, across), right = stride - down * across;");
+    s.body().line("int y = quotient(lane, across), x = lane - y * across, i = lane;");
+    s.body().line("for (; i < area; i += stride, x += right, y += down) {");
     s.push_scope();
     s.body().line("if (x >= across) {");
     s.body().line("x -= across;");
@@ -176,12 +138,43 @@ struct Walk {
     pixel(s, closures);
     s.pop_scope();
     s.body().line("}");
+    if (watched) s.body().line("if (i < area) unfinished = true;");
     s.pop_scope();
     s.body().line("}");
+    if (watched) s.body().line("if (item < count) unfinished = true;");
   }
 };
 
+// What one pixel takes of what closures and captured values loop over, and a face that is set up once more.
+WalkTrips walk_trips(const ir::Graph& graph, const Pass& pass, const ir::Op& op, const Pass* setup, bool wide) {
+  const Trips closures = trips_of_regions(graph, op);
+  const Trips captured = trips_of(graph, {pass.ops.begin(), pass.ops.end() - 1});
+  WalkTrips trips;
+  const auto ranks = static_cast<int64_t>(raster_parts(op).count);
+  trips.pixel = closures.most + captured.most + Dim(wide ? ranks + 1 : 0);
+  trips.face = setup == nullptr ? Dim(0) : trips_of(graph, setup->ops).most;
+  trips.watched = closures.unknown + closures.promised + captured.unknown + captured.promised > 0;
+  return trips;
+}
+
 }  // namespace
+
+uint32_t Generator::watch_loops(Shader& s, const Pass& pass) {
+  const uint32_t watch = add_scratch(pass.name + "_unfinished_" + std::to_string(bundle_->resources.size()), "1");
+  bundle_->resources[watch]->role = bundle::Role::Watch;
+  const std::string word = s.bind_words(watch, "unfinished_loops", bundle::Access::ReadWrite);
+  s.body().line("if (unfinished) " + word + ".d[0] = 1u;");
+  return watch;
+}
+
+void Generator::set_walk_trips(bundle::CommandT& c, const WalkTrips& trips, std::optional<uint32_t> watch) const {
+  if (profile_.loop_trips == 0) return;
+  const Dim most = trips.pixel + trips.face + Dim(16);
+  if (most.is_constant() && most.constant() <= profile_.loop_trips && !watch) return;
+  c.trips = most.str();
+  c.most_trips = profile_.loop_trips;
+  if (watch) c.watch = static_cast<int>(*watch);
+}
 
 void Generator::raster_compute(const Pass& pass, const ir::Op& op) {
   const RasterParts parts = raster_parts(op);
@@ -189,24 +182,23 @@ void Generator::raster_compute(const Pass& pass, const ir::Op& op) {
   const Dim slots = pixels * Dim(static_cast<int64_t>(parts.count));
   const Dim faces = parts.faces * parts.l;
   const bool wide = wide_atomics();
-  const bool binned = profile_.subgroup_size > 1;
-  const Bins bins = profile_.subgroup_size >= kWideSubgroup ? gpu_bins(pixels) : kCpu;
   const bool stay = resource(op.results[0]).entries;
   const uint32_t keys =
       stay ? resource_index(op.results[0])
            : add_scratch(pass.name + (wide ? "_slots" : "_keys"), (wide ? slots * Dim(2) : slots).str());
   const uint32_t ids = wide ? keys : add_scratch(pass.name + "_faces", slots.str());
-  const uint32_t lists = binned ? add_scratch(pass.name + "_lists", (faces * Dim(2) + Dim(2)).str()) : keys;
   fill("clear " + pass.name, keys, 0xffffffffu);
   if (!wide) fill("clear " + pass.name + " faces", ids, 0xffffffffu);
-  if (binned) fill("clear " + pass.name + " lists", lists, 0, "2");
-
-  // A power of two, so that teams share the invocations evenly whatever the profile says.
-  const uint32_t lanes = std::bit_floor(std::min(profile_.subgroup_size, 128u));
-  const Walk walk{graph_, pass, op, parts, wide, keys, ids, lists, lanes, bins, profile_.lanes_in_turn};
+  const Pass* const setup = pass.set_up_by < 0 ? nullptr : &step_->passes[static_cast<size_t>(pass.set_up_by)];
+  const WalkTrips trips = walk_trips(graph_, pass, op, pass.sets_up_again ? setup : nullptr, wide);
+  const FaceLists lists(profile_, faces, parts.w * parts.h, trips);
+  const bool watched = profile_.loop_trips > 0 && trips.watched;
+  const uint32_t list_words = lists.used() ? add_scratch(pass.name + "_lists", lists.words().str()) : keys;
+  if (lists.used())
+    fill("clear " + pass.name + " lists", list_words, lists.clear_value(), std::to_string(lists.cleared()));
+  const Walk walk{graph_, pass, op, parts, wide, keys, ids, lists, list_words, profile_.lanes_in_turn, watched};
   // Without wide words a rank takes two runs; see Walk::pixel.
   std::vector<size_t> first_run;
-  const Pass* const setup = pass.set_up_by < 0 ? nullptr : &step_->passes[static_cast<size_t>(pass.set_up_by)];
   const auto compute = [&](Shader& s) {
     if (setup == nullptr) return;
     s.element_ops(setup->ops);
@@ -220,19 +212,24 @@ void Generator::raster_compute(const Pass& pass, const ir::Op& op) {
     Shader s = strict_shader();
     if (wide) wide_extensions(s);
     s.prelude(kIsNan);
-    linear_index(s, dim_expression(elements));
+    const bool in_rows = listed && lists.bounded();
+    linear_index(s, in_rows ? std::string() : dim_expression(elements));
+    if (watched) s.cut_loops();
     if (listed)
       walk.listed(s, [&] {
         if (pass.sets_up_again) s.element_ops(setup->ops);
       });
     else
       walk.faces(
-          s, binned, [&] { compute(s); }, [&] { store_listed(s); });
-    dispatch(pass, suffix, s, elements.str());
+          s, [&] { compute(s); }, [&] { store_listed(s); });
+    const std::optional<uint32_t> watch = watched ? std::optional(watch_loops(s, pass)) : std::nullopt;
+    bundle::CommandT& c = dispatch(pass, suffix, s, elements.str());
+    if (in_rows) c.indirect = static_cast<int>(list_words);
+    set_walk_trips(c, trips, watch);
     first_run.push_back(out_->commands.size() - 1);
   };
   run(false, "_faces", faces);
-  if (binned) run(true, "_listed_faces", Dim(bins.middle_invocations + bins.large_invocations));
+  if (lists.used()) run(true, "_listed_faces", lists.invocations());
   if (!wide)
     for (int rank_run = 1; rank_run < 2 * static_cast<int>(parts.count); ++rank_run)
       for (const size_t index : first_run) {
@@ -242,6 +239,10 @@ void Generator::raster_compute(const Pass& pass, const ir::Op& op) {
         c.compute = again.compute;
         for (const auto& b : again.bindings) c.bindings.push_back(std::make_unique<bundle::BindingT>(*b));
         c.elements = again.elements;
+        c.indirect = again.indirect;
+        c.trips = again.trips;
+        c.most_trips = again.most_trips;
+        c.watch = again.watch;
         c.push = {rank_run / 2, rank_run % 2, 0};
       }
 

@@ -18,7 +18,17 @@ using ir::ValueId;
 
 namespace {
 
+// Items of a block: 256, and more only where there are so many that walking the blocks of one row would take long; some
+// drivers end loops of more than 65,535 trips (Profile::loop_trips).
 constexpr int kBlock = 256;
+constexpr int64_t kManyItems = int64_t{1} << 22;
+void declare_block(Shader& s, const Dim& items) {
+  const std::string more = items.is_constant() && items.constant() < kManyItems
+                               ? std::string()
+                               : " * (1 + " + dim_expression(items) + " / " + std::to_string(kManyItems) + ")";
+  s.declare("const int block = " + std::to_string(kBlock) + more + ";\n");
+}
+constexpr const char* kBlockBits = "findMSB(block - 1) + 1";
 
 // A sum of floats leaves these words for a block: the largest magnitude, flags, and low and high of each component; one
 // of integers its components.
@@ -223,13 +233,14 @@ void Generator::rows_pass(const Pass& pass) {
   const Dim blocks = row_items(pass).divided_by(kBlock) + Dim(1);
   int words = 0;
   for (const ScatterSum& sum : pass.sums) words += words_of(graph_.value(sum.value).type);
-  const std::string block = std::to_string(kBlock), per_block = std::to_string(words);
+  const std::string block = "block", per_block = std::to_string(words);
   const uint32_t sums = add_scratch(pass.name + "_blocks", (blocks * layers * Dim(words)).str());
 
   // Blocks within one row.
   Shader b = shader();
   {
     RowsWriter writer(graph_, pass, ops, b);
+    declare_block(b, row_items(pass));
     linear_index(b, dim_expression(blocks * layers));
     const std::string items = b.read_words(table.items, "items", "int");
     const std::string out = b.bind_words(sums, "blocks", bundle::Access::Write);
@@ -245,7 +256,7 @@ void Generator::rows_pass(const Pass& pass) {
     writer.add_item(items);
     b.pop_scope();
     b.body().line("}");
-    writer.set_shifts("8");
+    writer.set_shifts(kBlockBits);
     b.body().line("}");
     int word = 0;
     const auto put = [&](const std::string& value) {
@@ -268,6 +279,7 @@ void Generator::rows_pass(const Pass& pass) {
 
   Shader s = shader();
   RowsWriter writer(graph_, pass, ops, s);
+  declare_block(s, row_items(pass));
   s.prelude(glsl::kFixedToFloat);
   linear_index(s, dim_expression(pass.rows.targets * layers));
   const std::string starts = s.read_words(table.starts, "starts", "int");
@@ -298,7 +310,7 @@ void Generator::rows_pass(const Pass& pass) {
     s.body().line("if (run == 0) largest_" + id + " = max(largest_" + id + ", block_largest_" + id + ");");
     s.body().line("else {");
     s.body().line("flags_" + id + " |= " + get() + ";");
-    s.body().line("int by_" + id + " = fixed_shift(block_largest_" + id + ", 8) - shift_" + id + ";");
+    s.body().line("int by_" + id + " = fixed_shift(block_largest_" + id + ", " + kBlockBits + ") - shift_" + id + ";");
     for (int c = 0; c < writer.type(k).components(); ++c) {
       const std::string total = RowsWriter::total(k, c);
       const std::string low = get(), high = get();

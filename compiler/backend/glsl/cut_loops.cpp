@@ -99,6 +99,7 @@ Conversion conversion(ir::Scalar scalar) {
 }  // namespace
 
 std::string CutLoops::functions() const {
+  if (state_.empty()) return "";  // they are watched alone
   std::string clear, load, store;
   int at = 0;
   const auto next = [&] { return state_ + ".d[first + " + std::to_string(at++) + "]"; };

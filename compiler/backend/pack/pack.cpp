@@ -254,9 +254,13 @@ bool StepPacker::is_image(ValueId v) const {
   const ir::ValueInfo& info = graph_.value(v);
   const Op& op = def(v);
   const Pass::Kind kind = pass_kind(op);
-  if (is_memory(op) || kind != Pass::Kind::Map) return kind == Pass::Kind::Raster && options_.hardware_raster;
+  if (is_memory(op) || kind != Pass::Kind::Map) return kind == Pass::Kind::Raster && drawn(op);
   if (looped_[info.op.index]) return false;
   return options_.fragment && !info.extent.h.is_one() && !info.type.is_matrix() && updated_.count(v) == 0;
+}
+
+bool StepPacker::drawn(const Op& raster) const {
+  return options_.hardware_raster && !may_pass_limit(trips_of_regions(graph_, raster), profile_);
 }
 
 void StepPacker::add_resource(ValueId v, const Op& op) {

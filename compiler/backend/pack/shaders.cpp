@@ -349,7 +349,7 @@ void StepPacker::make_passes() {
       const Op& op = graph_.op(id);
       Pass pass;
       pass.kind = pass_kind(op);
-      pass.hardware = pass.kind == Pass::Kind::Raster && options_.hardware_raster;
+      pass.hardware = pass.kind == Pass::Kind::Raster && drawn(op);
       pass.domain = domain_of(graph_, op);
       std::vector<ValueId> targets;
       for (ValueId v : op.results)

@@ -75,7 +75,8 @@ class StepPacker {
   void find_recomputable();
   void find_users();
   void find_levels();
-  bool is_image(ValueId v) const;  // how it is stored, if it is
+  bool drawn(const Op& raster) const;  // by draws: fragment shaders cannot stop and go on later
+  bool is_image(ValueId v) const;      // how it is stored, if it is
   bool in_same_pass(const Op& user, OpId user_id, ValueId v) const;
   void find_stored();
   bool any_stored(const Op& op) const;

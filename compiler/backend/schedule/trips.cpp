@@ -217,22 +217,27 @@ class Finder {
 
 Bounds bounds_of(const Graph& graph, ValueId value) { return Finder(graph).of(value); }
 
+Trips trips_of_regions(const Graph& graph, const Op& op) {
+  Trips all;
+  for (const ir::RegionId region : op.regions) {
+    const Trips one = trips_of(graph, graph.region(region).ops);
+    all.most = all.most + one.most;
+    all.loops += one.loops;
+    all.unknown += one.unknown;
+    all.promised += one.promised;
+    all.folds += one.folds;
+    all.even = all.even && one.even;
+  }
+  return all;
+}
+
 Trips trips_of(const Graph& graph, std::span<const ir::OpId> ops) {
   Trips all;
   const auto alike = [&](ValueId v) { return graph.value(v).extent.is_unit(); };
   for (const ir::OpId id : ops) {
     const Op& op = graph.op(id);
     if (op.kind != OpKind::If && op.kind != OpKind::Reduce && op.kind != OpKind::Fold) continue;
-    Trips inside;
-    for (const ir::RegionId region : op.regions) {
-      const Trips one = trips_of(graph, graph.region(region).ops);
-      inside.most = inside.most + one.most;
-      inside.loops += one.loops;
-      inside.unknown += one.unknown;
-      inside.promised += one.promised;
-      inside.folds += one.folds;
-      inside.even = inside.even && one.even;
-    }
+    Trips inside = trips_of_regions(graph, op);
     if (op.kind == OpKind::If) {
       inside.even = inside.loops == 0 || (inside.even && alike(op.operands[0]));
     } else if (op.kind == OpKind::Fold) {

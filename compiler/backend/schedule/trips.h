@@ -26,6 +26,9 @@ struct Trips {
 // What ops of the root region or of one region take together, whatever way their `if`s go.
 Trips trips_of(const ir::Graph& graph, std::span<const ir::OpId> ops);
 
+// What an op's regions take together, each run once: those of a raster are its closures.
+Trips trips_of_regions(const ir::Graph& graph, const ir::Op& op);
+
 // Whether so many are not known to be within what the profile lets an invocation take, which is shared by `times` runs.
 bool may_pass_limit(const Trips& trips, const target::Profile& profile, int64_t times = 1);
 

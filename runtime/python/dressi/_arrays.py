@@ -6,9 +6,8 @@
 from __future__ import annotations
 
 import ctypes
-import functools
-import weakref
-from typing import TYPE_CHECKING, Any
+import re
+from typing import TYPE_CHECKING, Any, Mapping, Sequence
 
 from . import _library as c
 
@@ -32,16 +31,18 @@ class Type:
             self.scalar = "float32"
         else:
             self.scalar = {"i": "int32", "u": "uint32", "b": "bool"}[name[0]]
+        self.kind = _KINDS.index(self.scalar)
         w, h, layers = extent
         rank = 3 if layers != "1" else 2 if h != "1" else 1 if w != "1" else 0
         # Slowest first, as arrays have it.
         self.dims = [layers, h, w][3 - rank :]
-
-    @property
-    def element_shape(self) -> tuple[int, ...]:
-        if self.is_matrix:
-            return (self.rows, self.rows)
-        return (self.rows,) if self.rows > 1 else ()
+        self.rank = rank
+        # Those that are known, by axis.
+        self.known = [(axis, int(dim)) for axis, dim in enumerate(self.dims) if dim.isdigit()]
+        self.element_shape: tuple[int, ...] = (
+            (self.rows, self.rows) if self.is_matrix else (self.rows,) if self.rows > 1 else ()
+        )
+        self.ndim = rank + len(self.element_shape)
 
     def __str__(self) -> str:
         dims = self.dims[::-1]
@@ -51,33 +52,67 @@ class Type:
         words = [*self.dims, *map(str, self.element_shape)]
         return f"({words[0]},)" if len(words) == 1 else f"({', '.join(words)})"
 
+    def fits(self, shape: Sequence[int]) -> bool:
+        """Whether an array of this shape may hold it, as far as that is known without the values of symbols."""
+        return (
+            len(shape) == self.ndim
+            and shape[self.rank :] == self.element_shape
+            and 0 not in shape
+            and all(shape[axis] == size for axis, size in self.known)
+        )
 
-def _as_numpy(name: str, value: Any) -> np.ndarray:
+    def shape(self, symbols: Mapping[str, Any]) -> tuple[Any, ...]:
+        """The shape of an array that holds it where symbols have these values."""
+        return tuple(_evaluate(dim, symbols) for dim in self.dims) + self.element_shape
+
+    def symbols_of(self, shape: Sequence[Any]) -> dict[str, Any]:
+        """The values that an array of this shape gives symbols that are extents of their own."""
+        return {dim: size for dim, size in zip(self.dims, shape) if dim.isidentifier()}
+
+
+def _evaluate(dim: str, symbols: Mapping[str, Any]) -> Any:
+    if not re.fullmatch(r"[\w\s()+*/-]+", dim):
+        raise c.Error(f"cannot read the extent '{dim}'")
+    # Division rounds down in both; names are those of symbols alone.
+    return eval(dim.replace("/", "//"), {"__builtins__": {}}, dict(symbols))
+
+
+def as_numpy(name: str, value: Any) -> np.ndarray:
+    """The value as an array, without a copy where it is one of the host's memory."""
     import numpy as np
 
-    if isinstance(value, np.ndarray) or not hasattr(value, "__dlpack__"):
-        try:
-            return np.asarray(value)
-        except Exception as error:
-            raise c.BindError(f"'{name}' cannot be read as an array: {error}") from error
+    if type(value) is np.ndarray:
+        return value
     # Tensors of other libraries; gradients do not flow into what is bound.
     if hasattr(value, "detach"):
         value = value.detach()
-    kind = value.__dlpack_device__()[0]
-    if int(kind) not in (1, 3):  # neither the processor's memory nor pinned memory
-        value = value.cpu() if hasattr(value, "cpu") else np.asarray(value)
+        if value.device.type == "cpu":
+            return value.numpy()
+        return value.cpu().numpy()
+    if hasattr(value, "__cuda_array_interface__"):
+        for to_host in ("get", "copy_to_host"):  # CuPy's and Numba's
+            if hasattr(value, to_host):
+                return np.asarray(getattr(value, to_host)())
+        raise c.BindError(
+            f"'{name}' lives on a GPU, and a {type(value).__name__} has no way to the host: copy it there first"
+        )
+    if hasattr(value, "__dlpack_device__") and not isinstance(value, np.ndarray):
+        if int(value.__dlpack_device__()[0]) not in (1, 3):  # neither the processor's memory nor pinned memory
+            return np.asarray(value)
+        try:
+            return np.from_dlpack(value)
+        except Exception:
+            return np.asarray(value)
     try:
-        return np.from_dlpack(value)
-    except Exception:
         return np.asarray(value)
+    except Exception as error:
+        raise c.BindError(f"'{name}' cannot be read as an array: {error}") from error
 
 
 def _converted(name: str, type_: Type, array: np.ndarray) -> np.ndarray:
     import numpy as np
 
     wanted = np.dtype(type_.scalar)
-    if array.dtype == wanted:
-        return array
     kind = array.dtype.kind
     allowed = {"float32": "fiub", "int32": "iu", "uint32": "iu", "bool": "b"}[type_.scalar]
     if kind not in allowed:
@@ -90,45 +125,56 @@ def _converted(name: str, type_: Type, array: np.ndarray) -> np.ndarray:
     return array.astype(wanted)
 
 
-def to_dense(name: str, type_: Type, value: Any) -> tuple[c.Array, Any]:
-    """The array that the C interface takes, and what must live as long."""
-    import numpy as np
-
-    array = _converted(name, type_, _as_numpy(name, value))
-    rank, element = len(type_.dims), type_.element_shape
-    right = array.ndim == rank + len(element) and array.shape[rank:] == element and 0 not in array.shape
-    for dim, found in zip(type_.dims, array.shape):
-        right = right and (not dim.isdigit() or int(dim) == found)
-    if not right:
-        raise c.BindError(
-            f"'{name}' is {type_}: expected an array of shape {type_.shape_text()}, found {tuple(array.shape)}"
-        )
+def to_dense(name: str, type_: Type, value: Any, exact: bool = False) -> tuple[c.Array, Any]:
+    """The array that the C interface takes, and what must live as long. `exact` lets float64 be."""
+    array = as_numpy(name, value)
+    kind = type_.kind
+    if array.dtype.name != type_.scalar:
+        if exact and kind == 0 and array.dtype.name == "float64":
+            kind = 1
+        else:
+            array = _converted(name, type_, array)
+    shape = array.shape
+    if not type_.fits(shape):
+        raise c.BindError(f"'{name}' is {type_}: expected an array of shape {type_.shape_text()}, found {tuple(shape)}")
     if type_.is_matrix:
-        array = np.swapaxes(array, -1, -2)
-    array = np.ascontiguousarray(array)
-    layers, height, width = ([1, 1, 1] + list(array.shape[:rank]))[-3:]
-    dense = c.Array(_KINDS.index(type_.scalar), type_.components, width, height, layers, array.ctypes.data, None)
-    return dense, array
+        array = array.swapaxes(-1, -2)
+    if not array.flags.c_contiguous or not array.flags.aligned:
+        array = array.copy()
+    layers, height, width = (1,) * (3 - type_.rank) + shape[: type_.rank]
+    data = array.__array_interface__["data"][0]
+    return c.Array(kind, type_.components, width, height, layers, data, None), array
 
 
-@functools.lru_cache(maxsize=256)
-def _buffer_type(size: int) -> type[ctypes.Array[ctypes.c_byte]]:
-    return type("Buffer", (ctypes.c_byte * size,), {})
+class _Memory:
+    """Memory that an array of NumPy shows: given back when no array does any more."""
+
+    __slots__ = ("_owned", "__array_interface__")
+
+    def __init__(self, owned: c.Array, interface: dict[str, Any]) -> None:
+        self._owned = owned
+        self.__array_interface__ = interface
+
+    def __del__(self, free: Any = c.library.dressi_array_free, byref: Any = ctypes.byref) -> None:
+        free(byref(self._owned))
 
 
-def from_dense(type_: Type, dense: c.Array) -> np.ndarray:
-    """An array that owns what `dense` points to."""
+_TYPESTR = ["<f4", "<f8", "<i4", "<u4", "|b1"]
+
+
+def from_dense(type_: Type, dense: c.Array, writable: bool = True) -> np.ndarray:
+    """An array that shows what `dense` points to, and gives it back in the end."""
     import numpy as np
 
-    kind = np.dtype(_KINDS[dense.kind])
-    count = dense.components * dense.width * dense.height * dense.layers
-    buffer = _buffer_type(count * kind.itemsize).from_address(dense.data)
-    owned = c.Array()
-    ctypes.pointer(owned)[0] = dense
-    weakref.finalize(buffer, c.library.dressi_array_free, ctypes.byref(owned)).atexit = False
-    array = np.frombuffer(buffer, kind)
-    extent = (dense.layers, dense.height, dense.width)[3 - len(type_.dims) :]
-    array = array.reshape(extent + type_.element_shape)
-    if type_.scalar != "float32" and dense.kind == _KINDS.index("float64"):
+    extent = (dense.layers, dense.height, dense.width)[3 - type_.rank :]
+    interface = {
+        "version": 3,
+        "data": (dense.data, not writable),
+        "shape": extent + type_.element_shape,
+        "typestr": _TYPESTR[dense.kind],
+    }
+    array = np.asarray(_Memory(dense, interface))
+    if dense.kind == 1 and type_.scalar != "float32":
         array = array.astype(type_.scalar)  # the evaluator computes integers in float64
-    return np.swapaxes(array, -1, -2) if type_.is_matrix else array
+        array.flags.writeable = writable
+    return array.swapaxes(-1, -2) if type_.is_matrix else array

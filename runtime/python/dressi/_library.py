@@ -72,6 +72,8 @@ _functions: dict[str, tuple[Any, list[Any]]] = {
     "dressi_set_runs": (ctypes.c_int, [_handle, _text, ctypes.c_int64]),
     "dressi_output": (ctypes.c_int, [_handle, _text, _text, _array]),
     "dressi_leaf": (ctypes.c_int, [_handle, _text, _array]),
+    "dressi_leaf_view": (ctypes.c_int, [_handle, _text, _array]),
+    "dressi_output_view": (ctypes.c_int, [_handle, _text, _text, _array]),
     "dressi_counters": (_text, [_handle, _text]),
     "dressi_timed_step": (_text, [_handle, _text]),
 }

@@ -18,15 +18,7 @@ from ._arrays import Type, from_dense, to_dense
 if TYPE_CHECKING:
     import numpy as np
 
-_forked = False
-
-
-def _after_fork() -> None:
-    global _forked
-    _forked = True
-
-
-os.register_at_fork(after_in_child=_after_fork)
+_VIEW = 1  # of dressi_leaf_view
 
 
 class Device:
@@ -76,10 +68,17 @@ def _device(device: Device | str | None) -> Device:
 class Program:
     """A compiled program. `compile` makes one; `bind` gives it data."""
 
-    def __init__(self, bundle: bytes, device: Device | str | None = None, _handle: int | None = None) -> None:
+    def __init__(
+        self,
+        bundle: bytes,
+        device: Device | str | None = None,
+        _handle: int | None = None,
+        _source: tuple[str, str, list[tuple[str, str]]] | None = None,
+    ) -> None:
         self._handle = _handle or c.checked(c.library.dressi_bundle_read(bundle, len(bundle)), c.Error)
         weakref.finalize(self, c.library.dressi_bundle_free, self._handle).atexit = False
         self._device = device
+        self._source = _source  # name, text, options; none of a bundle
         info = json.loads(c.library.dressi_bundle_info(self._handle))
         self._leaves = info.get("leaves") or []
         self._steps = {step["name"]: step for step in info.get("steps") or []}
@@ -122,7 +121,16 @@ class Program:
 
     def on(self, device: Device | str | None) -> Program:
         """The same program for runs on another device."""
-        return Program(self.bundle, device)
+        return Program(self.bundle, device, None, self._source)
+
+    def with_adjoint(self, step: str | None, inputs: Sequence[str], outputs: Sequence[str]) -> Program:
+        """The program with one step more, `STEP.adjoint`: its outputs, named as the leaves `inputs`, are the gradients of the sum
+        over the step's `outputs`, each times a leaf `STEP.adjoint.OUTPUT` of its type and extent."""
+        if self._source is None:
+            raise c.Error("a bundle holds no program text to differentiate: compile the program from its text")
+        name, text, options = self._source
+        adjoint = f"{self._step(step)}:{','.join(inputs)}:{','.join(outputs)}"
+        return _compiled(name, text, [*options, ("adjoint", adjoint)], self._device)
 
     def bind(self, arrays: Mapping[str, Any] | None = None, /, *, symbols: Mapping[str, int] | None = None, **more: Any) -> Run:
         """A run with these leaves bound: `program.bind(position=v, face=f)`, or a dict for names that are no words of Python."""
@@ -133,7 +141,7 @@ class Program:
 
     def __reduce__(self) -> Any:
         device = self._device.name if isinstance(self._device, Device) else self._device
-        return Program, (self.bundle, device)
+        return Program, (self.bundle, device, None, self._source)
 
     def _step(self, name: str | None) -> str:
         if name is None:
@@ -144,6 +152,22 @@ class Program:
             raise c.Error(f"the program has no step '{name}'; there are {', '.join(self._steps)}")
         return name
 
+    def _output_type(self, step: str, name: str) -> Type:
+        types = self.output_types[step]
+        if name not in types:
+            raise c.Error(f"the step '{step}' has no output '{name}'; there are {', '.join(types)}")
+        return types[name]
+
+    def _leaf_type(self, name: str) -> Type:
+        types = self.leaf_types
+        if name not in types:
+            import difflib
+
+            nearest = difflib.get_close_matches(name, types, 1)
+            hint = f", did you mean '{nearest[0]}'?" if nearest else f"; there are {', '.join(types)}"
+            raise c.BindError(f"the program has no leaf '{name}'{hint}")
+        return types[name]
+
 
 class Run:
     """A program with data on a device. `step` runs it, `run["leaf"]` reads a leaf, `run["leaf"] = x` binds one."""
@@ -153,17 +177,29 @@ class Run:
         self.device = device
         self._handle = c.checked(c.library.dressi_run_open(device._handle, program._handle, None), c.DeviceError)
         weakref.finalize(self, c.library.dressi_run_free, self._handle).atexit = False
+        self.symbols: dict[str, int] = {}  # those that have values
+        self._known: set[str] = set()  # leaves that gave theirs
+        self._exact = device.name == "reference"  # it computes in float64
 
     def bind(self, arrays: Mapping[str, Any] | None = None, /, *, symbols: Mapping[str, int] | None = None, **more: Any) -> Run:
-        """Gives leaves their data (copied), and symbols that no leaf determines their values. Returns the run."""
+        """Gives leaves their data, which is copied, and symbols that no leaf determines their values. Returns the run."""
         self.device._check_process()
         for symbol, value in (symbols or {}).items():
             c.checked(c.library.dressi_bind_symbol(self._handle, symbol.encode(), int(value)), c.BindError)
+            self.symbols[symbol] = int(value)
         for name, value in {**(arrays or {}), **more}.items():
-            dense, keep = to_dense(name, self._leaf_type(name), value)
-            c.checked(c.library.dressi_bind(self._handle, name.encode(), ctypes.byref(dense)), c.BindError)
-            del keep
+            self._bind(name, value)
         return self
+
+    def _bind(self, name: str, value: Any) -> None:
+        type_ = self.program._leaf_type(name)
+        dense, keep = to_dense(name, type_, value, self._exact)
+        if not c.library.dressi_bind(self._handle, name.encode(), ctypes.byref(dense)):
+            c.checked(0, c.BindError)
+        if name not in self._known:
+            self._known.add(name)
+            self.symbols.update(type_.symbols_of(keep.shape))
+        del keep
 
     def step(
         self, name: str | None = None, times: int = 1, *, outputs: Sequence[str] | None = None, progress: bool = False
@@ -180,7 +216,15 @@ class Run:
         types = self.program.output_types[name]
         for wanted in outputs or ():
             if wanted not in types:
-                raise c.Error(f"the step '{name}' has no output '{wanted}'; there are {', '.join(types)}")
+                self.program._output_type(name, wanted)
+        if times == 1 and not progress:
+            if not c.library.dressi_step(self._handle, name.encode(), 1):
+                c.checked(0)
+        else:
+            self._run_many(name, times, progress)
+        return {wanted: self._fetch(name, wanted) for wanted in (types if outputs is None else outputs)}
+
+    def _run_many(self, name: str, times: int, progress: bool) -> None:
         done, chunk, shown = 0, 1, time.monotonic()
         while done < times:
             start = time.monotonic()
@@ -195,26 +239,34 @@ class Run:
             if progress and (now - shown > 0.5 or done == times):
                 shown = now
                 self._show_progress(name, done, times)
-        return {wanted: self.output(wanted, step=name) for wanted in (types if outputs is None else outputs)}
+
+    def _fetch(self, step: str, name: str) -> np.ndarray:
+        dense = c.Array()
+        if not c.library.dressi_output(self._handle, step.encode(), name.encode(), ctypes.byref(dense)):
+            c.checked(0)
+        return from_dense(self.program.output_types[step][name], dense)
 
     def output(self, name: str, *, step: str | None = None) -> np.ndarray:
-        """An output of the last run of a step."""
+        """An output of the last run of a step. On a device that is the processor it is the memory that the device
+        computes in: the next run of any step overwrites it. Elsewhere it is a copy that is not writable."""
         step = self.program._step(step)
-        types = self.program.output_types[step]
-        if name not in types:
-            raise c.Error(f"the step '{step}' has no output '{name}'; there are {', '.join(types)}")
+        type_ = self.program._output_type(step, name)
         dense = c.Array()
-        c.checked(c.library.dressi_output(self._handle, step.encode(), name.encode(), ctypes.byref(dense)), c.Error)
-        return from_dense(types[name], dense)
+        found = c.checked(c.library.dressi_output_view(self._handle, step.encode(), name.encode(), ctypes.byref(dense)))
+        return from_dense(type_, dense, writable=found == _VIEW)
 
     def __getitem__(self, leaf: str) -> np.ndarray:
-        type_ = self._leaf_type(leaf)
+        """What a leaf holds. On a device that is the processor it is a live view: it shows what later runs make of the leaf, and
+        what is written to it counts in the next run. Elsewhere, and of bools and faces, it is a copy that is not writable.
+        """
+        type_ = self.program._leaf_type(leaf)
         dense = c.Array()
-        c.checked(c.library.dressi_leaf(self._handle, leaf.encode(), ctypes.byref(dense)), c.Error)
-        return from_dense(type_, dense)
+        found = c.checked(c.library.dressi_leaf_view(self._handle, leaf.encode(), ctypes.byref(dense)))
+        return from_dense(type_, dense, writable=found == _VIEW)
 
     def __setitem__(self, leaf: str, value: Any) -> None:
-        self.bind({leaf: value})
+        self.device._check_process()
+        self._bind(leaf, value)
 
     def set_runs(self, step: str, runs: int) -> None:
         """How often the step counts as having run: its `step_index` in the next run."""
@@ -233,16 +285,6 @@ class Run:
 
     def __reduce__(self) -> Any:
         raise TypeError("a run cannot be pickled: it holds memory of a device; pickle its program and its leaves")
-
-    def _leaf_type(self, name: str) -> Type:
-        types = self.program.leaf_types
-        if name not in types:
-            import difflib
-
-            nearest = difflib.get_close_matches(name, types, 1)
-            hint = f", did you mean '{nearest[0]}'?" if nearest else f"; there are {', '.join(types)}"
-            raise c.BindError(f"the program has no leaf '{name}'{hint}")
-        return types[name]
 
     def _show_progress(self, step: str, done: int, times: int) -> None:
         numbers = [
@@ -291,8 +333,12 @@ def compile(
     options += [("ablate", part) for part in ablate]
     options += [("include", os.fspath(folder)) for folder in include]
     options += [(f"define:{key}", _define(value)) for key, value in (defines or {}).items()]
-    handle = c.library.dressi_compile(name.encode(), source.encode(), where._handle, c.pairs(options))
-    return Program(b"", device if device is not None else where, c.checked(handle, c.CompileError))
+    return _compiled(name, source, options, device if device is not None else where)
+
+
+def _compiled(name: str, text: str, options: list[tuple[str, str]], device: Device | str | None) -> Program:
+    handle = c.library.dressi_compile(name.encode(), text.encode(), _device(device)._handle, c.pairs(options))
+    return Program(b"", device, c.checked(handle, c.CompileError), (name, text, options))
 
 
 def _define(value: Any) -> str:

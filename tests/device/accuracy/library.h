@@ -82,6 +82,9 @@ std::vector<Function> mesh_functions();      // mesh
 std::vector<Function> material_functions();  // material, lamps of light
 std::vector<Function> environment_functions();
 std::vector<Function> shadow_functions();
+std::vector<Function> hair_functions();
+std::vector<Function> rig_functions();
+std::vector<Function> strand_functions();
 std::vector<Function> picture_functions();  // hardsoftras, raster, nvdiffrast
 
 // One function and direction on one device.

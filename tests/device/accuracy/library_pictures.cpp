@@ -7,7 +7,7 @@ namespace dr::accuracy::library {
 
 namespace {
 
-constexpr double kFrame = 1e-4;  // the design's for whole frames and their gradients
+constexpr double kFrame = 1e-4;  // for whole frames and their gradients
 const std::string kCorners = "0 … 63";
 
 // ---- Fragments that are given: sigma is 1, so that distances are arguments of the sigmoid ---------------------------

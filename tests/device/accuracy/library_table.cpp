@@ -6,7 +6,8 @@ namespace dr::accuracy::library {
 std::vector<Function> functions() {
   std::vector<Function> all;
   for (auto&& part : {point_functions(), material_functions(), environment_functions(), shadow_functions(),
-                      number_functions(), image_functions(), mesh_functions(), picture_functions()})
+                      hair_functions(), rig_functions(), strand_functions(), number_functions(), image_functions(),
+                      mesh_functions(), picture_functions()})
     all.insert(all.end(), part.begin(), part.end());
   return all;
 }
@@ -17,6 +18,10 @@ std::vector<Elsewhere> elsewhere() {
        "a row did not hold: one pixel or more of the icosphere's 8,192 is 0.06 off on lavapipe, 99.9% are within 4e-6, "
        "and why "
        "is not known; neither the device's probes nor ties between them explain it. A golden test has exact areas"},
+      {"hair.shade", "scatter_far times the lamp's colour"},
+      {"strands.segments", "integers"},
+      {"strands.strand_of", "integers"},
+      {"strands.interpolate", "the row of strands.blend draws with it"},
       {"mesh.neighbours", "integers of `topology`"},
       {"mesh.beyond", "integers of `topology`"},
       {"mesh.icosphere_cell", "a part of icosphere_face"},

@@ -458,10 +458,11 @@ TEST_CASE("sources that name nothing are refused with what to do", "[io][malform
   CHECK(error("m.obj:position", 4) == "cannot read 'm.obj:position': it has 3 components an element, expected 4");
   CHECK(error("x.npy:raw") == "cannot read 'x.npy:raw': a .npy file has no selectors, found 'raw'");
   CHECK(error("data.table") ==
-        "cannot read 'data.table': unknown extension '.table', expected a .obj, .gltf, .glb, .png, "
+        "cannot read 'data.table': unknown extension '.table', expected a .obj, .gltf, .glb, .tfx, .hair, .png, "
         ".jpg, .hdr, .npy, .csv or .json file or a number or list after '='");
   CHECK(error("data.pngg") ==
         "cannot read 'data.pngg': unknown extension '.pngg' (did you mean '.png'?), expected a .obj, .gltf, .glb, "
+        ".tfx, .hair, "
         ".png, .jpg, .hdr, .npy, .csv or .json file or a number or list after '='");
   CHECK(load_binding("").error() == "cannot read '': the name is empty");
   CHECK(load_mesh(folder / "x.npy").error() ==

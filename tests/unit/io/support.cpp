@@ -153,6 +153,36 @@ std::string png_file(uint32_t width, uint32_t height, uint8_t bits, uint8_t colo
   return png_header(width, height, bits, colour_type) + png_chunk("IDAT", stored) + png_chunk("IEND", "");
 }
 
+std::string tfx_file(float version, uint32_t strands, uint32_t vertices) {
+  const bool old = version == 3;
+  const uint32_t start = old ? 296 : 160, count = strands * vertices;
+  std::string header = f32({version}) + u32({strands, vertices});
+  if (!old) header += u32({start, start + count * 16});
+  header.resize(old ? 144 : start);
+  if (old) header += u32({start});
+  header.resize(start);
+  for (uint32_t i = 0; i < count * 3; ++i) {
+    header += f32({0.1f * static_cast<float>(i)});
+    if (!old && i % 3 == 2) header += f32({1});
+  }
+  for (uint32_t i = 0; !old && i < strands * 2; ++i) header += f32({0.25f});
+  return header;
+}
+
+std::string hair_file(uint32_t arrays) {
+  std::string out = "HAIR" + u32({2, 5, arrays, 1}) + f32({0.5f, 0.25f, 0.1f, 0.2f, 0.3f});
+  out.resize(128);
+  if ((arrays & 1) != 0) out += u16({2, 1});
+  const auto numbers = [&](int count) {
+    for (int i = 0; i < count; ++i) out += f32({0.125f * static_cast<float>(i % 8)});
+  };
+  if ((arrays & 2) != 0) numbers(15);
+  if ((arrays & 4) != 0) numbers(5);
+  if ((arrays & 8) != 0) numbers(5);
+  if ((arrays & 16) != 0) numbers(15);
+  return out;
+}
+
 std::string jpeg_file() {
   return decode_base64(
       "/9j/4AAQSkZJRgABAQAAAQABAAD/2wCEAAIBAQEBAQIBAQECAgICAgQDAgICAgUEBAMEBgUGBgYFBgYGBwkIBgcJBwYGCAsICQoKCgoKBggLDA"

@@ -55,6 +55,12 @@ std::string png_chunk(std::string_view name, std::string_view data);
 std::string png_header(uint32_t width, uint32_t height, uint8_t bits, uint8_t colour_type);
 std::string png_file(uint32_t width, uint32_t height, uint8_t bits, uint8_t colour_type, std::string_view rows);
 
+// Strands: a TressFX file of version 3 or 4 whose vertices count up in tenths, with texture coordinates of roots in
+// version 4; and a .hair file of a strand of three vertices and one of two, with the arrays that the bits of `arrays`
+// name.
+std::string tfx_file(float version, uint32_t strands, uint32_t vertices);
+std::string hair_file(uint32_t arrays);
+
 // 16x8 pixels, the left half about (200, 40, 40), the right half about (20, 60, 220).
 std::string jpeg_file();
 

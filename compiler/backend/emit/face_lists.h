@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+// Lists of the faces whose boxes are not small, and the teams of invocations that walk them. Private to
+// raster_compute.cpp.
+#pragma once
+
+#include <array>
+#include <string>
+
+#include "compiler/backend/emit/generator.h"
+
+namespace dr::backend {
+
+// What the loops of the shader that walks faces take, beside those of the walk itself.
+struct WalkTrips {
+  ir::Dim pixel;         // for a pixel
+  ir::Dim face;          // to set a face up again
+  bool watched = false;  // whether nothing but data, or the program's word, bounds them
+};
+
+// Faces stand on one of two lists, by the pixels of their boxes: teams of a subgroup walk those of the middle list,
+// teams of a thousand invocations the large ones. Where a driver lets an invocation take so many trips only
+// (Profile::loop_trips), a dispatch has as many rows of workgroups as the lists need, and several teams share a face if
+// one could not walk it: usual pictures need one row, and one team.
+class FaceLists {
+ public:
+  FaceLists(const target::Profile& profile, const ir::Dim& faces, const ir::Dim& pixels, const WalkTrips& trips);
+
+  bool used() const { return used_; }
+  // Boxes of up to so many pixels are walked by the invocation that finds them; 0: none are.
+  int small_box() const { return small_box_; }
+  // Whether the numbers of workgroups stand in the first words.
+  bool bounded() const { return limit_ > 0; }
+  ir::Dim words() const { return faces_ * ir::Dim(2) + ir::Dim(head()); }
+  ir::Dim invocations() const { return ir::Dim(row()); }
+  // Of the first words, which are cleared before.
+  int cleared() const { return head(); }
+  uint32_t clear_value() const { return bounded() ? 1 : 0; }
+
+  // A statement that puts the face and layer `index` on a list, by `area`.
+  std::string append(glsl::Shader& s, const std::string& list) const;
+  // Behind, `item` goes over what `entry_index` of the list the team takes; of a face it takes the pixels `lane`,
+  // `lane` + `lanes`, ...
+  void open_items(glsl::Shader& s, const std::string& list) const;
+  // a / b, for lanes and the width of a box.
+  static std::string quotient(const std::string& a, const std::string& b);
+
+ private:
+  struct List {
+    int team, invocations;  // of a team; of all its teams in the first row
+    ir::Dim area;           // of a box, at most
+  };
+  int head() const { return bounded() ? 5 : 2; }
+  int row() const { return lists_[0].invocations + lists_[1].invocations; }
+  std::string count(size_t k) const { return std::to_string(head() - 2 + static_cast<int>(k)); }
+  void declare_teams(glsl::Shader& s) const;
+
+  ir::Dim faces_;
+  WalkTrips trips_;
+  int64_t limit_ = 0;
+  bool used_ = false;
+  int small_box_ = 0, middle_box_ = 0;
+  std::array<List, 2> lists_;
+};
+
+}  // namespace dr::backend

@@ -1,0 +1,283 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The operations of nvdiffrast (Laine et al. 2020) under their names: a program changes its import line and runs on any Vulkan
+device, with the same bits every run.
+
+    import dressi.nvdiffrast as dr
+
+Signatures and conventions are nvdiffrast's: clip space is OpenGL's, row 0 is the bottom of a picture, face numbers count from 1.
+Arguments are tensors of PyTorch, with gradients, or arrays of NumPy, without. Operations without a context run on the device of
+the context that was made last (`set_device` says another). What differs: triangles are not snapped to a grid of 1/16 pixel,
+so that pixels on edges may be decided otherwise; faces beyond pos, and sizes that do not agree, are errors.
+"""
+from __future__ import annotations
+
+import sys
+from typing import Any, Sequence
+
+import numpy as _np
+
+from .._library import Error
+from . import _core
+
+__all__ = [
+    "DepthPeeler",
+    "RasterizeCudaContext",
+    "RasterizeGLContext",
+    "RasterizeVkContext",
+    "antialias",
+    "antialias_construct_topology_hash",
+    "get_log_level",
+    "interpolate",
+    "rasterize",
+    "set_device",
+    "set_log_level",
+    "texture",
+    "texture_construct_mip",
+]
+
+_device = ""
+_log_level = 1
+
+
+def set_device(name: str) -> None:
+    """The device of operations without a context: part of a device's name, its number, or "reference"."""
+    global _device
+    _device = name
+
+
+def get_log_level() -> int:
+    return _log_level
+
+
+def set_log_level(level: int) -> None:
+    """Kept for programs that set it; nothing is logged."""
+    global _log_level
+    _log_level = level
+
+
+class RasterizeVkContext:
+    """The device that rasterizes. `device` is part of its name, its number, or "reference"; devices of PyTorch are taken as the
+    first one."""
+
+    def __init__(self, device: Any = None, output_db: bool = True, mode: str = "automatic") -> None:
+        name = str(device) if device is not None else ""
+        self.device = "" if name in ("cpu", "cuda") or name.startswith("cuda:") else name
+        self.output_db = output_db
+        self.active_depth_peeler: DepthPeeler | None = None
+        set_device(self.device)
+
+    def set_context(self) -> None:
+        """Kept for programs that call it, as is `release_context`."""
+
+    def release_context(self) -> None:
+        pass
+
+
+class RasterizeCudaContext(RasterizeVkContext):
+    def __init__(self, device: Any = None) -> None:
+        super().__init__(device)
+
+
+class RasterizeGLContext(RasterizeVkContext):
+    def __init__(self, output_db: bool = True, mode: str = "automatic", device: Any = None) -> None:
+        super().__init__(device, output_db, mode)
+
+
+# ---- Between the operations and who calls them ----
+
+
+def _is_tensor(value: Any) -> bool:
+    torch = sys.modules.get("torch")
+    return torch is not None and isinstance(value, torch.Tensor)
+
+
+def _array(value: Any) -> Any:
+    return value.detach().cpu().numpy() if _is_tensor(value) else value
+
+
+def _apply(operation: Any, differentiable: dict[str, Any]) -> tuple[Any, ...]:
+    """Runs `operation(arrays)`, which gives results and the way back; as a node of PyTorch's graph where there are tensors."""
+    if not any(_is_tensor(value) for value in differentiable.values()):
+        return tuple(operation(differentiable)[0])
+    from ._torch import Node
+
+    return Node.apply(operation, list(differentiable), *differentiable.values())
+
+
+def rasterize(
+    glctx: RasterizeVkContext, pos: Any, tri: Any, resolution: Sequence[int], ranges: Any = None, grad_db: bool = True
+) -> tuple[Any, Any]:
+    """(u, v, z/w, triangle) and (du/dX, du/dY, dv/dX, dv/dY) for each pixel, [minibatch, height, width, 4] each.
+
+    `pos` is [minibatch, vertices, 4], or [vertices, 4] with `ranges` [pictures, 2] of first triangles and counts. Gradients of
+    u and v, and with `grad_db` those of their derivatives, reach `pos`.
+    """
+    _check_context(glctx)
+    if glctx.active_depth_peeler is not None:
+        raise Error("inside a DepthPeeler its rasterize_next_layer() rasterizes")
+    tri, ranges = _array(tri), _array(ranges)
+
+    def operation(arrays: dict[str, Any]) -> tuple[list[Any], Any]:
+        layers = _core.Layers(arrays["pos"], tri, resolution, ranges)
+        results, back, _ = _core.rasterize(glctx.device, layers)
+        return _db(glctx, results), lambda seeds: back([seeds[0], seeds[1] if grad_db else None])
+
+    return _apply(operation, {"pos": pos})
+
+
+def _check_context(glctx: Any) -> None:
+    if not isinstance(glctx, RasterizeVkContext):
+        raise Error(f"expected a RasterizeVkContext, found a {type(glctx).__name__}")
+
+
+def _db(glctx: RasterizeVkContext, results: list[Any]) -> list[Any]:
+    return results if glctx.output_db else [results[0], results[1][..., :0]]
+
+
+class DepthPeeler:
+    """Layers of a mesh, one behind the other:
+
+        with DepthPeeler(glctx, pos, tri, resolution) as peeler:
+            for _ in range(4):
+                rast, rast_db = peeler.rasterize_next_layer()
+    """
+
+    def __init__(
+        self, glctx: RasterizeVkContext, pos: Any, tri: Any, resolution: Sequence[int], ranges: Any = None, grad_db: bool = True
+    ) -> None:
+        _check_context(glctx)
+        self.raster_ctx, self.pos, self.grad_db = glctx, pos, grad_db
+        self._tri, self._ranges, self._resolution = _array(tri), _array(ranges), resolution
+        self._above: Any = None
+
+    def __enter__(self) -> DepthPeeler:
+        if self.raster_ctx.active_depth_peeler is not None:
+            raise Error("this context has an active DepthPeeler already")
+        self.raster_ctx.active_depth_peeler = self
+        self._above = None
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        self.raster_ctx.active_depth_peeler = None
+        self._above = None
+
+    def rasterize_next_layer(self) -> tuple[Any, Any]:
+        """As `rasterize`, of the surface behind those that came before."""
+        if self.raster_ctx.active_depth_peeler is not self:
+            raise Error("rasterize_next_layer() needs the peeler's `with` around it")
+        glctx = self.raster_ctx
+
+        def operation(arrays: dict[str, Any]) -> tuple[list[Any], Any]:
+            layers = _core.Layers(arrays["pos"], self._tri, self._resolution, self._ranges)
+            if self._above is None:
+                self._above = _np.full((len(layers.ranges), layers.height, layers.width), -2, _np.float32)
+            results, back, depth = _core.rasterize(glctx.device, layers, self._above)
+            # Behind a pixel that sees nothing there is nothing.
+            self._above = _np.where(results[0][..., 3] > 0, depth, 2).astype(_np.float32)
+            return _db(glctx, results), lambda seeds: back([seeds[0], seeds[1] if self.grad_db else None])
+
+        return _apply(operation, {"pos": self.pos})
+
+
+def interpolate(attr: Any, rast: Any, tri: Any, rast_db: Any = None, diff_attrs: Any = None) -> tuple[Any, Any]:
+    """Attributes [minibatch, vertices, channels] (1 in front, or two dimensions: for all pictures) at each pixel, and for the
+    channels `diff_attrs` (a list, or "all") their derivatives by X and Y, which take `rast_db`."""
+    tri = _array(tri)
+    chosen = None if diff_attrs is None else diff_attrs if isinstance(diff_attrs, str) else [int(k) for k in diff_attrs]
+    given = {"attr": attr, "rast": rast}
+    if chosen is not None and len(chosen):
+        given["rast_db"] = rast_db
+
+    def operation(arrays: dict[str, Any]) -> tuple[list[Any], Any]:
+        (out, out_da), back = _core.interpolate(_device, arrays["attr"], arrays["rast"], tri, arrays.get("rast_db"), chosen)
+        return [out, _np.zeros((*out.shape[:3], 0), _np.float32) if out_da is None else out_da], back
+
+    return _apply(operation, given)
+
+
+class _Mip:
+    def __init__(self, levels: list[Any]) -> None:
+        self.levels = levels
+
+
+def texture_construct_mip(tex: Any, max_mip_level: int | None = None, cube_mode: bool = False) -> _Mip:
+    """The levels beyond `tex`, for `texture(..., mip=...)`: gradients reach `tex` through them."""
+    _check_dimensions(tex, cube_mode)
+    return _Mip(_core.pyramid(tex, max_mip_level))
+
+
+def _check_dimensions(tex: Any, cube: bool) -> None:
+    if len(tex.shape) != (5 if cube else 4):
+        raise Error(f"tex: expected {5 if cube else 4} dimensions, found shape {tuple(tex.shape)}")
+
+
+def texture(
+    tex: Any,
+    uv: Any,
+    uv_da: Any = None,
+    mip_level_bias: Any = None,
+    mip: Any = None,
+    filter_mode: str = "auto",
+    boundary_mode: str = "wrap",
+    max_mip_level: int | None = None,
+) -> Any:
+    """A texture [minibatch or 1, height, width, channels] (a cube: [minibatch or 1, 6, size, size, channels]) at places
+    [minibatch, height, width, 2] (directions: 3).
+
+    `filter_mode` is "nearest", "linear", "linear-mipmap-nearest", "linear-mipmap-linear" or "auto", `boundary_mode` "wrap", "clamp",
+    "zero" or "cube". Levels are made of `tex`, or are those of `mip`: what `texture_construct_mip` gave, or a list of textures.
+    """
+    if filter_mode == "auto":
+        filter_mode = "linear" if uv_da is None and mip_level_bias is None else "linear-mipmap-linear"
+    for name, value, known in (("filter_mode", filter_mode, _core.FILTERS), ("boundary_mode", boundary_mode, _core.BOUNDARIES)):
+        if value not in known:
+            raise Error(f"{name}: expected one of {', '.join(known)}, found '{value}'")
+    _check_dimensions(tex, boundary_mode == "cube")
+    levels = [tex]
+    if "mipmap" in filter_mode:
+        if uv_da is None and mip_level_bias is None:
+            raise Error(f"the filter mode '{filter_mode}' needs uv_da, mip_level_bias, or both")
+        if max_mip_level is not None and max_mip_level < 0:
+            raise Error(f"max_mip_level: expected 0 or more, found {max_mip_level}")
+        stack = mip.levels if isinstance(mip, _Mip) else _core.pyramid(tex, max_mip_level) if mip is None else list(mip)
+        levels += stack[:max_mip_level]
+    else:
+        uv_da = mip_level_bias = None
+    given = {"uv": uv, **{f"tex{k}": level for k, level in enumerate(levels)}}
+    if uv_da is not None:
+        given["uv_da"] = uv_da
+    if mip_level_bias is not None:
+        given["mip_level_bias"] = mip_level_bias
+
+    def operation(arrays: dict[str, Any]) -> tuple[list[Any], Any]:
+        textures = [arrays[f"tex{k}"] for k in range(len(levels))]
+        more = arrays.get("uv_da"), arrays.get("mip_level_bias")
+        return _core.texture(_device, textures, arrays["uv"], *more, filter_mode, boundary_mode)
+
+    return _apply(operation, given)[0]
+
+
+class _TopologyHash:
+    def __init__(self, opposite: Any) -> None:
+        self.opposite = opposite
+
+
+def antialias_construct_topology_hash(tri: Any) -> _TopologyHash:
+    """How triangles hang together, for `antialias(..., topology_hash=...)`: made once where they stay."""
+    return _TopologyHash(_core.opposite_vertices(_array(tri)))
+
+
+def antialias(
+    color: Any, rast: Any, pos: Any, tri: Any, topology_hash: _TopologyHash | None = None, pos_gradient_boost: float = 1.0
+) -> Any:
+    """`color` [minibatch, height, width, channels] with soft edges, through which gradients reach `pos`.
+
+    Of faces smaller than a pixel most outlines are not found, as in nvdiffrast: `std.coverage` of the language has exact ones.
+    """
+    tri, rast = _array(tri), _array(rast)
+    opposite = None if topology_hash is None else topology_hash.opposite
+
+    def operation(arrays: dict[str, Any]) -> tuple[list[Any], Any]:
+        return _core.antialias(_device, arrays["color"], rast, arrays["pos"], tri, opposite, pos_gradient_boost)
+
+    return _apply(operation, {"color": color, "pos": pos})[0]

@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The operations as nodes of PyTorch's graph."""
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+
+
+class Node(torch.autograd.Function):
+    """`operation` takes a dict of arrays, and gives results and the way back: from seeds to gradients by name."""
+
+    @staticmethod
+    def forward(ctx: Any, operation: Any, names: list[str], *tensors: Any) -> Any:
+        arrays = {name: t.detach().cpu().numpy() if isinstance(t, torch.Tensor) else t for name, t in zip(names, tensors)}
+        results, ctx.back = operation(arrays)
+        ctx.names = names
+        like = next(t for t in tensors if isinstance(t, torch.Tensor))
+        # Kept so that what was written to since is noticed.
+        ctx.save_for_backward(*(t for t in tensors if isinstance(t, torch.Tensor)))
+        ctx.is_tensor = [isinstance(t, torch.Tensor) for t in tensors]
+        return tuple(torch.from_numpy(result).to(like.device) for result in results)
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx: Any, *seeds: Any) -> Any:
+        saved = iter(ctx.saved_tensors)
+        gradients = ctx.back([None if s is None else s.detach().cpu().numpy() for s in seeds])
+        out: list[Any] = []
+        for name, is_tensor in zip(ctx.names, ctx.is_tensor):
+            tensor = next(saved) if is_tensor else None
+            found = gradients.get(name) if is_tensor else None
+            out.append(None if found is None else torch.from_numpy(found.copy()).to(tensor.device, tensor.dtype))
+        return (None, None, *out)

@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: Apache-2.0
+// std.strands: 12 strands of 8 vertices that wave across 64 x 64 pixels, from 0.05 to 3 pixels wide.
+#include "tests/device/accuracy/library_table.h"
+
+namespace dr::accuracy::library {
+
+namespace {
+
+constexpr double kPicture = 1e-4;
+constexpr const char* kPoints = "[96]";
+
+Operands waving() {
+  return {whole(vectors("bend_", -0.05, 0.05, 1e-4, "vec2"), kPoints),
+          made("clip", "vec4",
+               "vec4(0.27 * float(coord(96).x % 8) - 0.95 + bend_.x, 0.16 * float(coord(96).x / 8) - 0.9 + bend_.y, "
+               "0.5 + 0.03 * float(coord(96).x / 8), 1.0)",
+               kPoints),
+          whole(floats("wide", 0.05, 3, 0.05), kPoints), whole(vectors("paint", 0, 1, 1e-3), kPoints)};
+}
+
+const std::string kHits =
+    "  let hits = strands.rasterize($clip, strands.segments(12, 8), strands.strand_of(12, 8), "
+    "wide, 64, 64, 4);\n";
+
+}  // namespace
+
+std::vector<Function> strand_functions() {
+  const Direction one = over("value", kPicture, "1.0 + 0.0 * y", "1", kDesign);
+  const Directions drawn = {one, l2("clip", kPicture, kDesign), l2("wide", kPicture, kDesign)};
+  Directions colored = {over("value", kPicture, "1.0 + 0.0 * y.x", "1", kDesign), l2("clip", kPicture, kDesign),
+                        l2("wide", kPicture, kDesign), l2("paint", kPicture, kDesign)};
+  // Two sides that run along each other, 1e-3 to 2 pixels apart.
+  const Operands ribbon = {vectors("a", -1, 1, 1e-3, "vec2"),
+                           vectors("way_", -2, 2, 1e-3, "vec2"),
+                           floats("wide_", 1e-3, 2, 1e-3),
+                           made("b", "vec2", "a + way_"),
+                           made("c", "vec2", "b + wide_ * normalize(vec2(-way_.y, way_.x))"),
+                           made("d", "vec2", "a + wide_ * normalize(vec2(-way_.y, way_.x))")};
+  const auto to = [&](const char* name) {
+    return over(name, 64 * u, "abs(g) * (1.0 + distance(a, b) + distance(b, c))", "(1 + length + width) |adjoint|",
+                "ends of the parts of sides, each a quotient of differences");
+  };
+  return {
+      {.name = "strands.square_area",
+       .part = {},
+       .result = "float",
+       .operands = ribbon,
+       .value = "strands.square_area(a, b, c, d)",
+       .directions = {over("value", 16 * u, "1.0 + 0.0 * y", "1", "the difference of two areas below lines"), to("a"),
+                      to("b"), to("c"), to("d")}},
+      {.name = "strands.tangents",
+       .part = {},
+       .result = "vec3[96]",
+       .operands = {whole(vectors("p", -2, 2, 1e-3), kPoints)},
+       .value = "strands.tangents(p, strands.segments(12, 8))",
+       .directions = {l2("value", 1e-6, kFew),
+                      l2("p", 1e-4, "where two segments nearly run back, their mean turns fast")},
+       .whole = true},
+      {.name = "strands.pixel_widths",
+       .part = {},
+       .result = "float[96]",
+       .operands = {made("view", "mat4", "camera.perspective(40.0) * camera.look_at(vec3(0.3, 0.4, 3.0))", "[1]"),
+                    whole(vectors("clip", 0.5, 4, 0.5, "vec4"), kPoints), whole(floats("wide", 0, 1, 1e-4), kPoints)},
+       .value = "strands.pixel_widths(view, clip, wide, 64)",
+       .directions = {relative("value", 16 * u, kFew), l2("clip", 32 * u, kFew), l2("wide", 32 * u, kFew)},
+       .whole = true},
+      {.name = "strands.rasterize",
+       .part = "area",
+       .result = "float[64, 64]",
+       .operands = waving(),
+       .value = "hits[0].area",
+       .directions = drawn,
+       .before = kHits,
+       .whole = true},
+      {.name = "strands.silhouette",
+       .part = {},
+       .result = "float[64, 64]",
+       .operands = waving(),
+       .value = "strands.silhouette(hits)",
+       .directions = drawn,
+       .before = kHits,
+       .whole = true},
+      {.name = "strands.blend",
+       .part = {},
+       .result = "vec3[64, 64]",
+       .operands = waving(),
+       .value = "strands.blend(hits, fn(h) { strands.interpolate(h, paint) }, vec3(0.1, 0.2, 0.3), 0.8)",
+       .directions = std::move(colored),
+       .before = kHits,
+       .whole = true},
+  };
+}
+
+}  // namespace dr::accuracy::library
