@@ -13,7 +13,7 @@ constexpr int64_t kEdition = 1;
 constexpr int kAdditivePrecedence = 9;
 
 const std::vector<std::string>& item_words() {
-  static const std::vector<std::string> kWords = {"const", "fn",  "struct", "optimizer", "param",  "input",
+  static const std::vector<std::string> kWords = {"const", "fn",  "struct", "optimizer", "param",   "input",
                                                   "state", "let", "step",   "import",    "edition", "private"};
   return kWords;
 }

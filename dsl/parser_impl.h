@@ -81,8 +81,8 @@ class Parser {
   bool at_word(std::string_view word) const { return token_.kind == TokenKind::Name && lexer_.text(token_) == word; }
   bool next_at(TokenKind kind) const { return next_.kind == kind; }
   bool at_private() const {
-    return at_word("private") && (next_at(TokenKind::Const) || next_at(TokenKind::Fn) || next_at(TokenKind::Let) ||
-                                  next_at(TokenKind::Name));
+    return at_word("private") &&
+           (next_at(TokenKind::Const) || next_at(TokenKind::Fn) || next_at(TokenKind::Let) || next_at(TokenKind::Name));
   }
   bool next_is_adjacent(TokenKind kind) const { return next_.kind == kind && next_.begin == token_.end; }
   void advance();

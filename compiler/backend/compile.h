@@ -2,6 +2,7 @@
 // The second half of the compiler in one call: differentiated graph -> bundle.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <variant>
 #include <vector>
@@ -17,6 +18,8 @@
 namespace dr::backend {
 
 struct Compiled {
+  std::optional<ir::Graph>
+      joined;  // what the schedule is of, where pack/join_captures.h wrote the program's graph anew
   Schedule schedule;
   std::vector<GlslShader> glsl;  // as in bundle.shaders, in order
   bundle::BundleT bundle;

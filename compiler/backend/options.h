@@ -24,8 +24,9 @@ struct PassHooks {
   bool verify_each = false;  // the schedule is checked after each pass, not only at the end
   std::string stop_after;    // the last pass to run; empty: all do
   std::string break_after;   // the pass over schedules that is made to leave an unsound one, to see what comes of it
-  // Called after each pass with its name, the schedule while there is nothing beyond it, and the milliseconds it took.
-  std::function<void(std::string_view, const Schedule*, double)> after = {};
+  // Called after each pass with its name, the graph, its schedule while there is nothing beyond it, and the
+  // milliseconds it took.
+  std::function<void(std::string_view, const ir::Graph&, const Schedule*, double)> after = {};
 };
 
 struct CompileOptions {

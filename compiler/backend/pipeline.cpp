@@ -13,6 +13,7 @@
 #include "compiler/backend/lowering/scatter.h"
 #include "compiler/backend/lowering/set_up_in_raster.h"
 #include "compiler/backend/lowering/update_in_place.h"
+#include "compiler/backend/pack/join_captures.h"
 #include "compiler/backend/pack/pack.h"
 #include "compiler/backend/plan/dependencies.h"
 #include "compiler/backend/plan/plan_memory.h"
@@ -25,52 +26,58 @@ namespace {
 using Outcome = std::optional<Limit>;
 
 Outcome run_pack(Compilation& c) {
-  c.out.schedule = pack(c.graph, c.profile, pack_options(c.profile, c.options));
-  return std::nullopt;
+  const PackOptions options = pack_options(c.profile, c.options);
+  for (;;) {
+    c.out.schedule = pack(c.graph(), c.profile, options);
+    auto joined = join_captures(c.graph(), c.out.schedule, c.profile);
+    if (!joined) return std::nullopt;
+    c.lines = c.lines.moved(joined->from);
+    c.out.joined = std::move(joined->graph);
+  }
 }
 
 Outcome run_choose_sums(Compilation& c) {
   const ScatterOptions options{c.options.scatter, c.options.stages, c.options.list_active};
-  if (auto problem = legalize_scatter(c.graph, c.profile, options, c.out.schedule)) return Limit{*problem};
+  if (auto problem = legalize_scatter(c.graph(), c.profile, options, c.out.schedule)) return Limit{*problem};
   return std::nullopt;
 }
 
 Outcome run_update_in_place(Compilation& c) {
-  update_in_place(c.graph, c.out.schedule);
+  update_in_place(c.graph(), c.out.schedule);
   return std::nullopt;
 }
 
 Outcome run_keep_in_tiles(Compilation& c) {
-  keep_in_tiles(c.graph, c.out.schedule);
+  keep_in_tiles(c.graph(), c.out.schedule);
   return std::nullopt;
 }
 
 Outcome run_list_where_computed(Compilation& c) {
-  list_where_computed(c.graph, c.profile, c.out.schedule);
+  list_where_computed(c.graph(), c.profile, c.out.schedule);
   return std::nullopt;
 }
 
 Outcome run_keep_entries(Compilation& c) {
-  keep_entries(c.graph, c.profile, c.out.schedule);
+  keep_entries(c.graph(), c.profile, c.out.schedule);
   return std::nullopt;
 }
 
 Outcome run_keep_sums(Compilation& c) {
-  keep_sums(c.graph, c.out.schedule);
+  keep_sums(c.graph(), c.out.schedule);
   return std::nullopt;
 }
 
 Outcome run_set_up_in_raster(Compilation& c) {
-  set_up_in_raster(c.graph, c.profile, c.out.schedule);
+  set_up_in_raster(c.graph(), c.profile, c.out.schedule);
   return std::nullopt;
 }
 
 // The last word on limits, whatever the passes before took care of.
 Outcome run_check_limits(Compilation& c) {
   std::string limits;
-  for (const Violation& v : check_schedule(c.graph, c.out.schedule, c.profile))
+  for (const Violation& v : check_schedule(c.graph(), c.out.schedule, c.profile))
     if (v.kind == Violation::Kind::Limit) limits += (limits.empty() ? "" : "\n") + v.text;
-  if (const auto loops = glsl::folds_over_limit(c.graph)) limits += (limits.empty() ? "" : "\n") + *loops;
+  if (const auto loops = glsl::folds_over_limit(c.graph())) limits += (limits.empty() ? "" : "\n") + *loops;
   if (limits.empty()) return std::nullopt;
   return Limit{limits};
 }
@@ -84,10 +91,10 @@ Outcome run_emit(Compilation& c) {
   const bool naive = !packing.fused && !packing.recompute && !packing.stages;
   bundle.lowering = std::string(naive ? "naive," : "fused,") + (packing.fragment ? "fragment," : "compute,") +
                     (packing.hardware_raster ? "hardware" : "compute");
-  bundle.graph = ir::print(c.graph);
-  if (!c.options.lines.files().empty()) bundle.op_lines = c.options.lines.in_text_order(c.graph);
-  const EmitOptions options{c.options.lines, c.options.list_branches, c.options.native_floats};
-  c.generator = std::make_unique<Generator>(c.graph, c.out.schedule, c.profile, options);
+  bundle.graph = ir::print(c.graph());
+  if (!c.lines.files().empty()) bundle.op_lines = c.lines.in_text_order(c.graph());
+  const EmitOptions options{c.lines, c.options.list_branches, c.options.native_floats};
+  c.generator = std::make_unique<Generator>(c.graph(), c.out.schedule, c.profile, options);
   c.generator->process(bundle, c.out.glsl);
   return std::nullopt;
 }
@@ -151,11 +158,11 @@ void require_facts(const BackendPass& pass, Facts have) {
 
 void require_sound(const Compilation& c, std::string_view pass) {
   std::string message;
-  for (const Violation& v : check_schedule(c.graph, c.out.schedule, c.profile))
+  for (const Violation& v : check_schedule(c.graph(), c.out.schedule, c.profile))
     if (v.kind == Violation::Kind::Unsound) message += "\n  " + v.text;
   if (!message.empty())
     DR_ICE("schedule fails verification after pass " + std::string(pass) + message + "\n" +
-           print(c.graph, c.out.schedule));
+           print(c.graph(), c.out.schedule));
 }
 
 // As a pass with a mistake would.
@@ -183,7 +190,7 @@ std::string_view fact_name(Fact fact) {
 }
 
 Compilation::Compilation(const ir::Graph& g, const target::Profile& p, const CompileOptions& o)
-    : graph(g), profile(p), options(o) {}
+    : profile(p), options(o), lines(o.lines), given_(g) {}
 Compilation::~Compilation() = default;
 
 std::span<const BackendPass> backend_passes() { return kPasses; }
@@ -202,7 +209,8 @@ std::optional<Limit> run_backend(Compilation& compilation, std::span<const Backe
     // A schedule is checked where it is done; after each pass on request.
     if (is_schedule && (hooks.verify_each || (pass.makes & static_cast<Facts>(Fact::Lowered)) != 0))
       require_sound(compilation, pass.name);
-    if (hooks.after) hooks.after(pass.name, is_schedule ? &compilation.out.schedule : nullptr, elapsed.count());
+    if (hooks.after)
+      hooks.after(pass.name, compilation.graph(), is_schedule ? &compilation.out.schedule : nullptr, elapsed.count());
     if (pass.name == hooks.stop_after) break;
   }
   return std::nullopt;

@@ -39,11 +39,16 @@ struct Compilation {
   Compilation(const ir::Graph& graph, const target::Profile& profile, const CompileOptions& options);
   ~Compilation();
 
-  const ir::Graph& graph;
+  const ir::Graph& graph() const { return out.joined ? *out.joined : given_; }
+
   const target::Profile& profile;
   const CompileOptions& options;
+  SourceLines lines;  // of the ops of graph()
   Compiled out;
   std::unique_ptr<Generator> generator;  // of the pass `emit`
+
+ private:
+  const ir::Graph& given_;
 };
 
 struct BackendPass {

@@ -57,6 +57,8 @@ class Stages {
     compiled_ = ask([](driver::Compilation& program) { return program.compiled(); });
     return compiled_;
   }
+  // What the schedule of compiled() is of.
+  const ir::Graph& scheduled() { return compiled_->joined ? *compiled_->joined : *differentiated(); }
   // Null where no shader was asked for.
   const backend::AssembleTimes* assemble_times() const { return compiled_ ? &compiled_->times : nullptr; }
 
@@ -145,7 +147,7 @@ std::optional<std::string> make_grad_ir(Stages& stages) {
 
 std::optional<std::string> make_schedule(Stages& stages) {
   const backend::Compiled* compiled = stages.compiled();
-  return compiled ? std::optional(backend::print(*stages.differentiated(), compiled->schedule)) : std::nullopt;
+  return compiled ? std::optional(backend::print(stages.scheduled(), compiled->schedule)) : std::nullopt;
 }
 
 std::optional<std::string> make_glsl(Stages& stages) {
@@ -171,7 +173,7 @@ std::optional<std::string> make_spirv(Stages& stages) {
 
 std::optional<std::string> make_graphviz(Stages& stages) {
   const backend::Compiled* compiled = stages.compiled();
-  return compiled ? std::optional(backend::print_graphviz(*stages.differentiated(), compiled->schedule)) : std::nullopt;
+  return compiled ? std::optional(backend::print_graphviz(stages.scheduled(), compiled->schedule)) : std::nullopt;
 }
 
 std::optional<std::string> make_bundle(Stages& stages) {
@@ -203,7 +205,7 @@ bool write_report(Stages& stages) {
   const backend::Compiled* compiled = stages.compiled();
   if (!compiled) return false;
   const auto report =
-      backend::report(*stages.differentiated(), *compiled, *stages.profile(), symbols, stages.program().left_out());
+      backend::report(stages.scheduled(), *compiled, *stages.profile(), symbols, stages.program().left_out());
   if (const auto* problem = std::get_if<std::string>(&report)) return print_error(*problem), false;
   const auto& numbers = std::get<backend::Report>(report);
   const std::string text = options.report == "json" ? backend::print_json(numbers) : backend::print(numbers);

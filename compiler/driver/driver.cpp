@@ -173,9 +173,10 @@ const backend::Compiled* Compilation::compiled() {
   chosen.hooks.stop_after = hooks_.stop_after;
   chosen.hooks.break_after = hooks_.break_after;
   if (hooks_.after)
-    chosen.hooks.after = [&](std::string_view name, const backend::Schedule* schedule, double milliseconds) {
+    chosen.hooks.after = [&](std::string_view name, const ir::Graph& graph, const backend::Schedule* schedule,
+                             double milliseconds) {
       hooks_.after(
-          name, [&] { return schedule ? backend::print(*differentiated_, *schedule) : std::string(); }, milliseconds);
+          name, [&] { return schedule ? backend::print(graph, *schedule) : std::string(); }, milliseconds);
     };
   auto result =
       keeping_reproducer(*differentiated_, [&] { return backend::compile(*differentiated_, *profile_, chosen); });

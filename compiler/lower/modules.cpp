@@ -341,8 +341,7 @@ Value Elaborator::module_field(ModuleInfo& module, const std::string& name, cons
     const std::vector<std::string> known = names_of(module.items, [&](const ModuleItem& item) {
       return item.kind != ModuleItem::Kind::Import && (inside || !item.is_private);
     });
-    return fail(Code::E0205, span,
-                "expected a name of the module '" + name_of(module) + "', found '" + name + "'", {},
+    return fail(Code::E0205, span, "expected a name of the module '" + name_of(module) + "', found '" + name + "'", {},
                 suggestion(name, known));
   }
   if (found->second.is_private && !inside) {

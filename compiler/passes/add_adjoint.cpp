@@ -82,7 +82,11 @@ std::variant<Graph, std::string> add_adjoint(const Graph& graph, const Adjoint& 
   for (const std::string& name : adjoint.outputs) {
     const ValueId value = find(find(b.graph().steps, adjoint.step)->outputs, name)->value;
     const ir::ValueInfo& info = b.value(value);
-    Leaf seed{.kind = Leaf::Kind::Input, .name = back.name + "." + name, .type = info.type, .extent = info.extent};
+    Leaf seed;
+    seed.kind = Leaf::Kind::Input;
+    seed.name = back.name + "." + name;
+    seed.type = info.type;
+    seed.extent = info.extent;
     b.graph().leaves.push_back(seed);
     std::vector<ValueId> operands{value, read(b, seed.name)};
     operands.insert(operands.end(), all.begin(), all.end());

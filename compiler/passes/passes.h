@@ -36,6 +36,8 @@ ir::Graph differentiate(const ir::Graph& graph, const Skips& skips = {});
 // Constant folding, common subexpressions, dead code, and algebra that changes no bit of any result but the sign of a
 // zero (listed in simplify_identities.cpp). Values that a Grad names as targets are left alone.
 ir::Graph simplify(const ir::Graph& graph, const Skips& skips = {});
+// Scatters whose places can be undone become gathers.
+ir::Graph invert_scatters(const ir::Graph& graph, const Skips& skips = {});
 // Write scattered terms of a sum next to each other, so that they can become one.
 ir::Graph group_sums(const ir::Graph& graph, const Skips& skips = {});
 // Move what scatters of a region compute their indices of to the root region, where no step changes it.

@@ -9,11 +9,12 @@ namespace dr::passes {
 namespace {
 
 constexpr Pass kDefaultPasses[] = {
-    {"simplify", simplify},            // fewer ops to differentiate; Grad targets stay what the program named
-    {"differentiate", differentiate},  // no Grad op is left
-    {"simplify", simplify},            // adjoints that nobody asked for, ops that forward and backward share
-    {"group-sums", group_sums},        // scattered terms that can be summed as one
-    {"hoist-indices", hoist_indices},  // where scatters add, so that it can be kept
+    {"simplify", simplify},                // fewer ops to differentiate; Grad targets stay what the program named
+    {"differentiate", differentiate},      // no Grad op is left
+    {"invert-scatters", invert_scatters},  // adjoints of reads at places that are known
+    {"simplify", simplify},                // adjoints that nobody asked for, ops that forward and backward share
+    {"group-sums", group_sums},            // scattered terms that can be summed as one
+    {"hoist-indices", hoist_indices},      // where scatters add, so that it can be kept
 };
 
 void require_sound(const ir::Graph& graph, std::string_view pass) {

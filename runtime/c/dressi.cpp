@@ -334,6 +334,8 @@ dressi_run* dressi_run_open(dressi_device* device, dressi_bundle* bundle, const 
     for_each_option(options, [&](const std::string& key, const std::string& value) {
       if (key == "cache")
         load.cache = is_on(key, value);
+      else if (key == "store_all")
+        load.store_all = is_on(key, value);
       else if (key == "rebuild")
         rebuild = is_on(key, value);
       else if (key == "memory" && !value.empty() && value.size() < 19 &&
@@ -341,7 +343,7 @@ dressi_run* dressi_run_open(dressi_device* device, dressi_bundle* bundle, const 
         load.memory_limit = std::stoll(value);
       else
         fail("unknown option '" + key + "' = '" + value +
-             "' of a run; there are cache, rebuild (on, off) and memory (bytes)");
+             "' of a run; there are cache, rebuild, store_all (on, off) and memory (bytes)");
     });
     if (rebuild) load.rebuild = dr::jit::rebuilder(bundle->bytes, bundle->options);
     auto program = must(dr::runtime::Program::load(*device->device, bundle->bytes, load), DRESSI_DEVICE_ERROR);
@@ -457,6 +459,18 @@ const char* dressi_timed_step(dressi_run* run, const char* step) {
                      {"ops", time.ops},
                      {"bytes", time.bytes},
                      {"lines", time.lines}});
+    here.text = out.dump();
+    return here.text.c_str();
+  });
+}
+
+const char* dressi_checked_step(dressi_run* run, const char* step) {
+  return with_program(static_cast<const char*>(nullptr), run, [&](auto&, dressi_run& here) {
+    Json out = Json::object();
+    if (const auto found = must(on_device(here).checked_run(word(step, "the step"))))
+      out = {{"label", found->label}, {"value", found->value}, {"place", dr::io::describe(found->place)},
+             {"x", found->place.x},   {"y", found->place.y},   {"layer", found->place.layer},
+             {"lines", found->lines}};
     here.text = out.dump();
     return here.text.c_str();
   });

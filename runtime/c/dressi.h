@@ -86,8 +86,8 @@ DRESSI_API const void* dressi_bundle_bytes(dressi_bundle* bundle, size_t* size);
  * "extent"}], "leaves", "changes"}], "symbols", "profile"}; an extent has three texts, of width, height and layers. */
 DRESSI_API const char* dressi_bundle_info(dressi_bundle* bundle);
 
-/* `options`: pairs as above, "cache" and "rebuild" with "on" or "off", "memory" with bytes. The bundle may be freed
- * while the run lives, the device may not be used for anything else then but other runs. */
+/* `options`: pairs as above, "cache", "rebuild" and "store_all" with "on" or "off", "memory" with bytes. The bundle may
+ * be freed while the run lives, the device may not be used for anything else then but other runs. */
 DRESSI_API dressi_run* dressi_run_open(dressi_device* device, dressi_bundle* bundle, const char* const* options);
 DRESSI_API void dressi_run_free(dressi_run* run);
 DRESSI_API int dressi_bind(dressi_run* run, const char* leaf, const dressi_array* data);
@@ -108,6 +108,10 @@ DRESSI_API int dressi_output_view(dressi_run* run, const char* step, const char*
 DRESSI_API const char* dressi_counters(dressi_run* run, const char* step);
 /* Runs a step once and says how long each of its commands took: [{"label", "nanoseconds", "ops", "bytes", "lines"}] */
 DRESSI_API const char* dressi_timed_step(dressi_run* run, const char* step);
+/* Runs a step once and looks at every float that it stores: {} where all are finite, or the first that is not,
+ * {"label", "value", "place", "x", "y", "layer", "lines"}. A run that was opened with "store_all" "on" stores all
+ * values. */
+DRESSI_API const char* dressi_checked_step(dressi_run* run, const char* step);
 
 #ifdef __cplusplus
 }

@@ -86,9 +86,10 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
   app.add_option("--step", steps,
                  "NAME[=TIMES]: step to run; several run one after another (default: the only one, once)");
   const CLI::Option* out = app.add_option("--out,-o", options.out, "folder for outputs, params and the log");
-  app.add_option("--mesh", meshes,
-                 "FILE=POSITION:FACE[:UV[:UV_FACE[:TEXTURE]]]: write leaves or outputs as a .obj, .gltf or .glb file "
-                 "after the run");
+  app.add_option(
+      "--mesh", meshes,
+      "FILE=POSITION:FACE[:UV[:UV_FACE[:TEXTURE]]][:PART=NAME ...]: write leaves or outputs as a .obj, .gltf "
+      "or .glb file after the run, with parts of a material");
   app.add_option("--dump-raster", options.dump_raster,
                  "folder for the faces, tags and pinned values of every run, for drc eval --freeze");
   app.add_option("--device,-d", options.device,
@@ -141,6 +142,10 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
       "--check-finite", options.check_finite,
       "run command by command and stop after the run that stores the first NaN or Inf: names pass, element and "
       "lines (--pack naive: of one op). Slow");
+  CLI::Option* check = app.add_flag(
+      "--check-against-reference{1}", options.check_runs,
+      "compare the first run of each step, or the first so many (=RUNS), with the float64 evaluator: exit "
+      "with 1 where an output, changed leaf or raster differs, and name the pass that wrote the first one. Slow");
   app.add_flag("--unchecked", options.unchecked,
                "take bound data as it is: with NaN, Inf, and indices of elements that are not there");
   const CLI::Option* counters =
@@ -194,6 +199,8 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
     if (!memory.empty()) options.memory = bytes_of(memory);
     if (!timeout.empty()) options.timeout = seconds_of(timeout, "--timeout", "a number of seconds as 90 or 90s");
     set_checkpoints(checkpoints, options);
+    if (check->count() > 0 && options.check_runs < 1)
+      throw CLI::ValidationError("--check-against-reference", "expected a number of runs, 1 or more");
     if (options.resume && options.out.empty())
       throw CLI::ValidationError("--resume", "needs --out, the folder of the run to go on with");
     if (options.file.empty() && !options.list_devices && !options.measure) throw CLI::RequiredError("FILE");

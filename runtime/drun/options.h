@@ -16,8 +16,9 @@ struct Options {
   std::vector<std::pair<std::string, std::string>> symbols;   // symbol, value
   std::vector<std::pair<std::string, int>> steps;             // step, times; in order
   std::string out;                                            // folder for results, or empty
-  std::vector<std::pair<std::string, std::string>> meshes;    // file, "position:face[:uv[:uv_face[:texture]]]"
-  std::string dump_raster;                                    // folder for faces, tags and pinned values, or empty
+  std::vector<std::pair<std::string, std::string>>
+      meshes;               // file, "position:face[:uv[:uv_face[:texture]]][:part=name ...]"
+  std::string dump_raster;  // folder for faces, tags and pinned values, or empty
   std::string device;
   int log_every = 10;
   bool validate = false;
@@ -28,6 +29,7 @@ struct Options {
   bool resume = false;             // from the checkpoint in `out`
   bool timing = false;             // times of the commands of each step's last run
   bool check_finite = false;       // stop at the first NaN or Inf that a run stores
+  int check_runs = 0;              // of each step that are compared with the reference
   bool unchecked = false;          // bound data may hold NaN and Inf
   std::string counters;            // what was done and left out: empty, text or json
   bool cache = true;

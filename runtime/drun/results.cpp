@@ -10,6 +10,7 @@
 #include <sstream>
 
 #include "compiler/io/mesh/mesh.h"
+#include "runtime/drun/mesh_material.h"
 
 namespace dr::drun {
 
@@ -66,30 +67,39 @@ Array Results::named(const std::string& name, const std::set<std::string>& ran) 
 
 void Results::write_mesh(const std::string& file, const std::string& what, const std::set<std::string>& ran) const {
   std::vector<std::string> parts;
+  std::map<std::string, std::string> material;
   std::stringstream text(what);
-  for (std::string part; std::getline(text, part, ':');) parts.push_back(part);
+  for (std::string part; std::getline(text, part, ':');)
+    if (const size_t equals = part.find('='); equals != std::string::npos)
+      material[part.substr(0, equals)] = part.substr(equals + 1);
+    else
+      parts.push_back(part);
   if (parts.size() < 2 || parts.size() > 5)
-    throw Mistake{"--mesh " + file + ": expected POSITION:FACE[:UV[:UV_FACE[:TEXTURE]]], found '" + what + "'"};
-  std::vector<Array> arrays;
-  for (const std::string& part : parts) arrays.push_back(named(part, ran));
-  auto expect = [&](size_t k, int components, io::ElementKind kind, const char* type) {
-    if (k >= arrays.size()) return;
+    throw Mistake{"--mesh " + file + ": expected POSITION:FACE[:UV[:UV_FACE[:TEXTURE]]][:PART=NAME ...], found '" +
+                  what + "'"};
+  if (!material.empty() && file.ends_with(".obj"))
+    throw Mistake{"--mesh " + file + ": an .obj file has no '" + material.begin()->first +
+                  "', a .gltf or .glb file has"};
+  if (parts.size() > 4) material["base_color_texture"] = parts[4];
+  const auto array = [&](const std::string& name, int components, io::ElementKind kind, const char* type) {
+    Array a = named(name, ran);
     // The reference computes in float64.
-    if (arrays[k].components == components && arrays[k].kind == io::ElementKind::Float64)
-      arrays[k] = must(arrays[k].converted(kind));
-    if (arrays[k].components != components || arrays[k].kind != kind)
-      throw Mistake{"--mesh " + file + ": '" + parts[k] + "' is not made of " + type};
+    if (a.components == components && a.kind == io::ElementKind::Float64) a = must(a.converted(kind));
+    if (a.components != components || a.kind != kind)
+      throw Mistake{"--mesh " + file + ": '" + name + "' is not made of " + type};
+    return a;
   };
   using enum io::ElementKind;
-  expect(0, 3, Float32, "vec3");
-  expect(1, 3, Int32, "ivec3");
-  expect(2, 2, Float32, "vec2");
-  expect(3, 3, Int32, "ivec3");
-  expect(4, 3, Float32, "vec3");
-  io::MeshView view{.positions = arrays[0].as<float>(), .indices = arrays[1].as<int32_t>()};
-  if (arrays.size() > 2) view.uv = arrays[2].as<float>();
-  if (arrays.size() > 3) view.uv_indices = arrays[3].as<int32_t>();
-  if (arrays.size() > 4) view.texture = &arrays[4];
+  const Array position = array(parts[0], 3, Float32, "vec3"), face = array(parts[1], 3, Int32, "ivec3");
+  const Array uv = parts.size() > 2 ? array(parts[2], 2, Float32, "vec2") : Array();
+  const Array uv_face = parts.size() > 3 ? array(parts[3], 3, Int32, "ivec3") : Array();
+  io::MeshView view{.positions = position.as<float>(), .indices = face.as<int32_t>()};
+  if (!uv.empty()) view.uv = uv.as<float>();
+  if (!uv_face.empty()) view.uv_indices = uv_face.as<int32_t>();
+  MeshMaterial parts_of(file, material, [&](const std::string& name, int components) {
+    return array(name, components, Float32, components == 1 ? "float" : "vec3");
+  });
+  parts_of.show(view);
   must(io::save_mesh(file, view));
 }
 

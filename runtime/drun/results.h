@@ -20,7 +20,7 @@ class Results {
   // Params and states that have a value; what was bound as input is the user's already. Without a value is a leaf that
   // no step which ran needs.
   std::vector<std::pair<std::string, io::Array>> leaves(const std::set<std::string>& ran) const;
-  // `what` is POSITION:FACE[:UV[:UV_FACE]], each an output or a leaf.
+  // `what` is POSITION:FACE[:UV[:UV_FACE[:TEXTURE]]][:PART=NAME ...], each name an output or a leaf.
   void write_mesh(const std::string& file, const std::string& what, const std::set<std::string>& ran) const;
 
  private:

@@ -38,6 +38,10 @@ void Session::process() {
     throw Mistake{"--counters are those of a Vulkan device; the reference has none"};
   if (options_.check_finite && !target_.checked_run)
     throw Mistake{"--check-finite looks at a Vulkan device; on the reference use drc eval --check-finite"};
+  if (options_.check_runs > 0 && !target_.compared_run)
+    throw Mistake{"--check-against-reference compares a Vulkan device with the reference; give --device"};
+  if (options_.check_runs > 0 && options_.check_finite)
+    throw Mistake{"--check-finite and --check-against-reference look at runs in two ways: give one of them"};
   choose_steps();
   bind();
   if (options_.resume) resume();
@@ -162,10 +166,14 @@ void Session::run_step(const std::string& step, int& done, int times) {
     // The last run of all is the one that is looked at.
     const bool looks = options_.timing || !options_.counters.empty();
     if (looks && now == left && now > 1) --now;
-    std::string not_finite;
+    const bool compares = done < options_.check_runs;
+    if (compares) now = 1;
+    std::string mistake;
     under_way_ = true;
     if (options_.check_finite)
-      not_finite = checked_run(step, done + 1);
+      mistake = checked_run(step, done + 1);
+    else if (compares)
+      mistake = compared_run(step, done + 1);
     else if (looks && left == 1)
       timed_run(step);
     else
@@ -181,7 +189,7 @@ void Session::run_step(const std::string& step, int& done, int times) {
       must(io::save_decisions(options_.dump_raster, step, before, must(target_.decisions(step))));
     last_values_[step] = scalars(step, done, now == line);
     progress.show(done, last_values_[step]);
-    if (!not_finite.empty()) throw Mistake{not_finite};
+    if (!mistake.empty()) throw Mistake{mistake};
     checkpoint_when_due(step, 0);
   }
   if (!last_values_[step].empty()) std::printf("%s: %s\n", step.c_str(), last_values_[step].c_str());
@@ -269,6 +277,19 @@ std::string Session::checked_run(const std::string& step, int run) {
   const std::string lines = joined_lines(found->lines);
   return "run " + std::to_string(run) + " of step '" + step + "': pass '" + found->label + "' stores " +
          io::describe(found->place) + " of '" + found->value + "'" + (lines.empty() ? "" : "; lines " + lines);
+}
+
+std::string Session::compared_run(const std::string& step, int run) {
+  const jit::Comparison found = must(target_.compared_run(step, at_.runs[step]));
+  if (found.differ.empty()) {
+    std::printf("%s: run %d agrees with the reference in %d values\n", step.c_str(), run, found.values);
+    return {};
+  }
+  std::string text = "run " + std::to_string(run) + " of step '" + step +
+                     "' differs from the reference: " + describe(found.differ.front());
+  for (size_t k = 1; k < found.differ.size(); ++k)
+    text += (k == 1 ? "; so do, later, '" : ", '") + found.differ[k].value + "'";
+  return text;
 }
 
 std::string Session::scalars(const std::string& step, int done, bool logged) {

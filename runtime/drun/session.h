@@ -55,6 +55,8 @@ class Session {
   void timed_run(const std::string& step);
   // The run that is number `run` of all; what it stored that is not finite, or nothing.
   std::string checked_run(const std::string& step, int run);
+  // The same with what differs from the reference.
+  std::string compared_run(const std::string& step, int run);
   // Reads the scalar outputs for the progress line and, as `logged`, the log.
   std::string scalars(const std::string& step, int done, bool logged);
   bool maybe_scalar(const std::string& step, const std::string& name);

@@ -56,6 +56,16 @@ Target target_of(runtime::Program& program) {
   return t;
 }
 
+Target target_of(runtime::Program& program, jit::ReferenceCheck& check) {
+  Target t = target_of(program);
+  t.bind_symbol = [&](const std::string& symbol, int64_t value) {
+    auto bound = program.bind_symbol(symbol, value);
+    return bound ? check.bind_symbol(symbol, value) : bound;
+  };
+  t.compared_run = [&](const std::string& step, int64_t runs) { return check.run(program, step, runs); };
+  return t;
+}
+
 Target target_of(jit::ReferenceProgram& program) { return common(program); }
 
 }  // namespace dr::drun

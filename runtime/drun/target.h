@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "compiler/io/array/decisions.h"
+#include "runtime/jit/reference_check.h"
 #include "runtime/jit/reference_program.h"
 #include "runtime/runtime.h"
 
@@ -37,6 +38,8 @@ struct Target {
   std::function<io::Result<std::vector<runtime::CommandTime>>(const std::string&)> timed_run;
   std::function<io::Result<std::optional<runtime::NotFinite>>(const std::string&)> checked_run;
   std::function<runtime::StepCounters(const std::string&)> counters;
+  // A run of a step that has run so often, compared with the reference's.
+  std::function<io::Result<jit::Comparison>(const std::string&, int64_t)> compared_run;
   std::function<runtime::MemoryUse()> memory_use;
   std::function<runtime::PipelineCounters()> pipelines;
   std::function<int()> rebuilds;
@@ -47,6 +50,8 @@ double ms_since(std::chrono::steady_clock::time_point begin);
 
 // The program must outlive it.
 Target target_of(runtime::Program& program);
+// With compared_run.
+Target target_of(runtime::Program& program, jit::ReferenceCheck& check);
 Target target_of(jit::ReferenceProgram& program);
 
 }  // namespace dr::drun

@@ -34,6 +34,14 @@ class Measurement {
  public:
   explicit Measurement(const runtime::Device& device) : device_(device) { renew(); }
 
+  uint32_t trips() {
+    profile_ = std::get<target::Profile>(target::load_profile("lavapipe"));
+    take_limits();
+    Options compute;
+    compute.lower = compute.raster = "compute";
+    return loop_trips(compute);
+  }
+
   target::Profile process() {
     profile_ = std::get<target::Profile>(target::load_profile("lavapipe"));
     const runtime::DeviceInfo info = device_.info();
@@ -274,6 +282,14 @@ class Measurement {
 };
 
 }  // namespace
+
+io::Result<uint32_t> measure_loop_trips(const runtime::Device& device) {
+  try {
+    return Measurement(device).trips();
+  } catch (const Problem& problem) {
+    return io::Error{"cannot measure the device: " + problem.message};
+  }
+}
 
 io::Result<std::string> measure_profile(const runtime::Device& device) {
   try {

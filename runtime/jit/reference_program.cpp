@@ -41,6 +41,7 @@ struct ReferenceProgram::State {
   reference::Session session;
   std::map<std::string, reference::StepResult> results;
   std::map<std::string, reference::Frozen> frozen, recorded;
+  bool float32 = false;
 };
 
 ReferenceProgram::ReferenceProgram() = default;
@@ -92,6 +93,7 @@ io::Result<void> ReferenceProgram::run(const std::string& step, int times) {
   if (!state_) return kMovedFrom;
   if (times < 1) return io::Error{"a step runs once or more often, found " + std::to_string(times)};
   reference::Options options;
+  options.float32 = state_->float32;
   if (const auto it = state_->frozen.find(step); it != state_->frozen.end())
     options.frozen = &it->second;
   else
@@ -132,12 +134,20 @@ io::Result<io::Array> ReferenceProgram::leaf(const std::string& name) {
 
 void ReferenceProgram::freeze(const std::string& step, std::vector<std::vector<io::Array>> rasters) {
   if (!state_) return;
+  if (rasters.empty()) {
+    state_->frozen.erase(step);
+    return;
+  }
   reference::Frozen frozen;
   for (const auto& raster : rasters) {
     frozen.rasters.emplace_back();
     for (const io::Array& a : raster) frozen.rasters.back().push_back(to_image(a, ir::kInt));
   }
   state_->frozen[step] = std::move(frozen);
+}
+
+void ReferenceProgram::round_to_float32(bool rounds) {
+  if (state_) state_->float32 = rounds;
 }
 
 std::vector<std::vector<io::Array>> ReferenceProgram::rasters(const std::string& step) const {

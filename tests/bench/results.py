@@ -86,7 +86,7 @@ def plot(rows, figures, devices):
 def page(figures):
     devices = [d for d in ("lavapipe", "SwiftShader", "H100", "H200") if any(device == d for _, device in figures)]
     devices += sorted({device for _, device in figures} - set(devices))
-    text = ["<!-- Made by `./dr bench results` from figures.jsonl; see docs/howto/test.md. -->", "# Results", "",
+    text = ["<!-- Made by `./dr bench results` from figures.jsonl; see docs/howto/bench.md. -->", "# Results", "",
             "Each figure stands with the commit and the date that it was recorded at. Bars are on a logarithmic scale.", ""]
     plots = {}
     for k, (title, about, rows) in enumerate(SECTIONS):

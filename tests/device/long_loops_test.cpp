@@ -9,6 +9,7 @@
 
 #include "compiler/target/profile.h"
 #include "runtime/jit/jit.h"
+#include "runtime/jit/measure.h"
 #include "runtime/runtime.h"
 #include "tests/catch.h"
 #include "tests/device/compile.h"
@@ -104,6 +105,14 @@ std::string written(const std::string& name, const std::string& text) {
 }
 
 }  // namespace
+
+TEST_CASE("the trips that are measured are those of the profile") {
+  for (const auto& [name, device] : test::devices()) {
+    INFO(name);
+    const auto profile = std::get<target::Profile>(target::load_profile(name));
+    CHECK(must(jit::measure_loop_trips(device)) == profile.loop_trips);
+  }
+}
 
 TEST_CASE("cut loops give the bits of whole ones") {
   const std::string file = written("long_loops", kProgram);

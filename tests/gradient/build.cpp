@@ -100,6 +100,13 @@ std::vector<ValueId> grad(Builder& b, ValueId y, ValueId seed, const std::vector
   return ops::emit_multi(b, OpKind::Grad, operands);
 }
 
+ValueId jvp(Builder& b, ValueId y, ValueId x, ValueId along) {
+  const ir::ValueInfo info = b.value(y);  // a copy: emitting moves values
+  const ValueId seed = ops::broadcast(b, ops::constant(b, info.type, 1.0), info.extent);
+  const ValueId product = inner(b, grad(b, y, seed, {x})[0], along);
+  return grad(b, product, ops::constant(b, ir::kFloat, 1.0), {seed})[0];
+}
+
 void add_step(Graph& graph, const std::string& name, const std::vector<std::pair<std::string, ValueId>>& outputs) {
   ir::Step step;
   step.name = name;

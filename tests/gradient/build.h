@@ -64,6 +64,8 @@ ValueId total(Builder& b, ValueId x);
 // Inner product of two values of one type, over all elements: float, extent 1.
 ValueId inner(Builder& b, ValueId x, ValueId y);
 std::vector<ValueId> grad(Builder& b, ValueId y, ValueId seed, const std::vector<ValueId>& xs);
+// How y changes where x moves along a value of its type and extent: the adjoint of what leads from a seed to x's.
+ValueId jvp(Builder& b, ValueId y, ValueId x, ValueId along);
 
 // Adds a step with these outputs.
 void add_step(Graph& graph, const std::string& name, const std::vector<std::pair<std::string, ValueId>>& outputs);

@@ -230,10 +230,25 @@ class Evaluator {
     each(x, [&](Place p) {
       Element& best = at(result, image_place(result, p));
       const Element& here = stretched(x, p);
+      for (size_t c = 0; c < best.size(); ++c)
+        if (sign * here[c].value < sign * best[c].value) best[c].value = here[c].value;
+    });
+    // Those that are as small, or as large, share the derivative.
+    DualImage counts = result;
+    for (Element& e : counts.elements)
+      for (Number& n : e) n.value = 0;
+    each(x, [&](Place p) {
+      Element &best = at(result, image_place(result, p)), &count = at(counts, image_place(result, p));
+      const Element& here = stretched(x, p);
       for (size_t c = 0; c < best.size(); ++c) {
-        if (sign * here[c].value < sign * best[c].value) best[c] = here[c];
+        if (here[c].value != best[c].value) continue;
+        count[c].value += 1;
+        best[c].tangent += here[c].tangent;
       }
     });
+    for (size_t i = 0; i < result.elements.size(); ++i)
+      for (size_t c = 0; c < result.elements[i].size(); ++c)
+        if (counts.elements[i][c].value > 1) result.elements[i][c].tangent /= counts.elements[i][c].value;
   }
 
   void read_leaf(const Op& op, DualImage& result) {
@@ -324,6 +339,8 @@ class Evaluator {
             if (n) n->tangent = strong(x.tangent, n->tangent);
           } else if (operands.size() == 1 && op.kind == OpKind::Neg) {
             n = Number{wrap(-component(0, c).value), 0};
+          } else if (operands.size() == 1 && op.kind == OpKind::Abs) {
+            n = Number{wrap(std::abs(component(0, c).value)), 0};
           } else if (operands.size() == 2) {
             n = binary(op.kind, operand_type, component(0, c), component(1, c));
           }

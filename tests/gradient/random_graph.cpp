@@ -232,6 +232,34 @@ class Generator {
     return results;
   }
 
+  // A number that stretches to `like`, with its type and extent.
+  ValueId as_extent(ValueId x, ValueId like) {
+    const Extent extent = b_.value(like).extent;
+    if (ir::broadcast(b_.value(x).extent, extent) != extent) x = number(0.5);
+    return ops::broadcast(b_, as(x, b_.value(like).type), extent);
+  }
+
+  // A sum over products of two images at places that the element and the trip give, clamped or mirrored now and then.
+  ValueId contraction() {
+    const ValueId a = any(), c = any();
+    const Extent domain = any_extent();
+    const auto read = [&](ValueId image, ValueId trip, int own) {
+      const Extent& extent = b_.value(image).extent;
+      const ValueId last = integer(static_cast<double>(extent.w.constant() - 1));
+      ValueId along = trip, across = ops::coord(b_, own, domain);
+      if (random_.chance(0.3)) along = ops::add(b_, along, ops::coord(b_, 1 - own, domain));
+      if (random_.chance(0.3)) along = ops::sub(b_, along, integer(1));
+      if (random_.chance(0.3)) along = op(OpKind::Abs, {along});
+      if (random_.chance(0.4)) along = op(OpKind::Clamp, {along, integer(0), last});
+      if (random_.chance(0.3)) std::swap(along, across);
+      const ValueId index = ops::compose(b_, {along, across, integer(0)}, vec(3, Scalar::Int));
+      return as(op(OpKind::Gather, {image, index}), kFloat);
+    };
+    const auto trips = [&](ValueId i) { return std::vector{ops::mul(b_, read(a, i, 0), read(c, i, 1))}; };
+    const ValueId end = integer(1 + random_.integer(5));
+    return op(OpKind::Tanh, make_reduce(b_, integer(0), end, domain, {Yield::Sum}, trips));
+  }
+
   void step() {
     const ValueId x = any();
     const Extent extent = b_.value(x).extent;
@@ -262,6 +290,12 @@ class Generator {
       const ValueId y = any();
       for (const ValueId g : grad(b_, y, ops::constant(b_, b_.value(y).type, 0.5), {x, any()}))
         pool_.push_back(op(OpKind::Tanh, {scaled(g, 0.25)}));
+    } else if (choice < 0.57 && gradients_ < 2) {
+      ++gradients_;
+      const ValueId y = any(), along = as_extent(any(), x);
+      pool_.push_back(op(OpKind::Tanh, {scaled(jvp(b_, y, x, along), 0.25)}));
+    } else if (choice < 0.63) {
+      pool_.push_back(contraction());
     } else {
       pool_.push_back(elementwise(pool_));
     }

@@ -43,6 +43,13 @@ std::optional<bundle::Line> SourceLines::of(ir::OpId op) const {
   return lines_[op.index];
 }
 
+SourceLines SourceLines::moved(const std::vector<ir::OpId>& from) const {
+  SourceLines out;
+  out.files_ = files_;
+  for (const ir::OpId op : from) out.lines_.push_back(of(op).value_or(bundle::Line()));
+  return out;
+}
+
 std::vector<bundle::Line> SourceLines::in_text_order(const ir::Graph& graph) const {
   std::vector<bundle::Line> out;
   each_op(graph, graph.root(), [&](ir::OpId id) { out.push_back(of(id).value_or(bundle::Line())); });

@@ -24,6 +24,8 @@ class SourceLines {
   const std::vector<std::string>& files() const { return files_; }
   // Of `files`; none for what no line stands for.
   std::optional<bundle::Line> of(ir::OpId op) const;
+  // Of a graph that was written anew; `from` says by op which one it was, if it was there.
+  SourceLines moved(const std::vector<ir::OpId>& from) const;
   // As Bundle.op_lines keeps it.
   std::vector<bundle::Line> in_text_order(const ir::Graph& graph) const;
 

@@ -29,14 +29,14 @@ Bins gpu_bins(const Dim& pixels) {
   return {8, 4096, middle, middle / 2};
 }
 
-constexpr int kLargeTeam = 1024;  // invocations that share a large face at least
-constexpr int kGroup = 64;        // invocations of a workgroup whose number a buffer says
+constexpr int kLargeTeam = 1024;    // invocations that share a large face at least
+constexpr int kIndirectGroup = 64;  // invocations of a workgroup whose number a buffer says
 
 // Lanes that walk small boxes of different shapes take trips for the rows and columns of them all: for boxes of 64
 // pixels the sum over y of 64 / (y + 1).
 constexpr int64_t kSmallPixels = 320;
 
-const char* const kNames[] = {"middle", "large"};
+const char* const kListNames[] = {"middle", "large"};
 
 }  // namespace
 
@@ -58,7 +58,7 @@ void FaceLists::declare_teams(Shader& s) const {
   const std::string free = std::to_string(limit_ - 8);
   for (size_t k = 0; k < 2; ++k) {
     const List& list = lists_[k];
-    const std::string name = kNames[k], steps = name + "_steps", shares = name + "_shares", each = name + "_each";
+    const std::string name = kListNames[k], steps = name + "_steps", shares = name + "_shares", each = name + "_each";
     const std::string row_teams = std::to_string(row() / list.team),
                       teams = std::to_string(list.invocations / list.team);
     const std::string all = dim_expression((list.area + Dim(list.team - 1)).divided_by(list.team));
@@ -85,7 +85,7 @@ std::string FaceLists::append(Shader& s, const std::string& list) const {
         "  int rows = large ? large_rows(place + 1) - large_rows(place) : middle_rows(place + 1) - "
         "middle_rows(place);\n"
         "  if (place == 0) atomicMax(" +
-        list + ".d[0], " + std::to_string(row() / kGroup) +
+        list + ".d[0], " + std::to_string(row() / kIndirectGroup) +
         "u);\n"
         "  if (rows > 0) atomicAdd(" +
         list + ".d[1], uint(rows));\n";

@@ -14,9 +14,8 @@ namespace dr::backend {
 
 namespace {
 
-constexpr int kRuns = 2;              // of a scatter's shader
-constexpr size_t kMaxOps = 64;        // that a scatter absorbs
-constexpr uint32_t kMoreBuffers = 3;  // that lowering a scatter may add: sums or tables, and lists
+constexpr int kRuns = 2;        // of a scatter's shader
+constexpr size_t kMaxOps = 64;  // that a scatter absorbs
 
 }  // namespace
 
@@ -100,7 +99,7 @@ void StepPacker::absorb_into(OpId scatter) {
     if (own_reads.insert(v).second) inside += kRuns * move_ns(v, false);
     if (std::ranges::all_of(users_[v.index], is_here)) before += move_ns(v, true);
   }
-  const auto buffers = static_cast<uint32_t>(own_reads.size()) + kMoreBuffers;
+  const auto buffers = static_cast<uint32_t>(own_reads.size()) + kScatterBuffers;
   if (inside > before || !fits(profile_, {.buffers = buffers, .writes = 1})) return;
   for (OpId id : moved) absorbed_[id.index] = true;
 }

@@ -20,6 +20,8 @@ constexpr size_t kMaxSize = 6144;
 // A pass is merged with one of so many before it, and among so many passes, which keeps packing near linear.
 constexpr size_t kMergeReach = 64, kMergeWindow = 4096;
 
+uint32_t more_buffers(const Pass& pass) { return pass.kind == Pass::Kind::Scatter ? kScatterBuffers : 0; }
+
 bool is_in(const std::vector<ValueId>& sorted, ValueId v) {
   return std::binary_search(sorted.begin(), sorted.end(), v);
 }
@@ -116,12 +118,12 @@ bool StepPacker::within_limits(const Pass& pass) const {
     std::sort(all.begin(), all.end());
     return static_cast<uint32_t>(std::unique(all.begin(), all.end()) - all.begin());
   };
-  return fits(profile_, {count(buffers), count(images), count(written), pass.hardware});
+  return fits(profile_, {count(buffers) + more_buffers(pass), count(images), count(written), pass.hardware});
 }
 
 // Parts of a pass that reads more than one shader may are stored by passes of their own before. Walks its ops: where
-// one would read too much, the operand that takes most is cut off. An op alone that reads too much stays, and the
-// checker says so.
+// one would read too much, the operand that takes most is cut off. An op alone that reads too much stays, for
+// join_captures.
 void StepPacker::spill(const Pass& pass) {
   std::map<OpId, std::vector<uint32_t>> reads;  // resources, sorted: what an op and those before it read
   const auto unite = [](std::vector<uint32_t>& all, const std::vector<uint32_t>& more) {
@@ -146,7 +148,8 @@ void StepPacker::spill(const Pass& pass) {
       }
       uint32_t images = 0;
       for (uint32_t r : own) images += resources_[r].storage == Resource::Storage::Image ? 1 : 0;
-      if (fits(profile_, {static_cast<uint32_t>(own.size()) - images, images, 1, pass.hardware}) || !most.valid()) {
+      const uint32_t buffers = static_cast<uint32_t>(own.size()) - images + more_buffers(pass);
+      if (fits(profile_, {buffers, images, 1, pass.hardware}) || !most.valid()) {
         reads[id] = std::move(own);
         break;
       }
@@ -356,6 +359,11 @@ void StepPacker::make_passes() {
         if (out_.stored.count(v) != 0) targets.push_back(v);
       set_group(std::vector{id});
       close_over(pass, targets, level);
+      if (pass.kind == Pass::Kind::Scatter && !within_limits(pass)) {
+        spill(pass);
+        set_group(std::vector{id});
+        close_over(pass, targets, level);
+      }
       add_pass(std::move(pass));
     }
   }

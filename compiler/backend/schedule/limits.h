@@ -16,6 +16,9 @@ struct Bindings {
   bool hardware = false;  // a fragment shader: what it writes are colour attachments, otherwise buffers
 };
 
+// That lowering a scatter may add to what its pass reads and writes: sums or tables, and lists.
+inline constexpr uint32_t kScatterBuffers = 3;
+
 bool fits(const target::Profile& profile, const Bindings& bindings);
 
 }  // namespace dr::backend

@@ -70,11 +70,16 @@ void check(const MeshView& mesh) {
   if (!mesh.normals.empty() && mesh.normals.size() != mesh.positions.size()) {
     fail(mesh.normals.size() / 3, " normals for ", mesh.positions.size() / 3, " vertices");
   }
+  const std::pair<const Array*, std::string_view> textures[] = {
+      {mesh.texture, "a texture"},
+      {mesh.material.metallic_roughness, "a metallic-roughness texture"},
+      {mesh.material.normal, "a normal texture"},
+      {mesh.material.occlusion, "an occlusion texture"},
+      {mesh.material.emission, "an emissive texture"}};
   if (mesh.uv.empty()) {
     if (!mesh.uv_indices.empty()) fail("there are uv indices but no uv");
-    if (mesh.texture || mesh.material.metallic_roughness || mesh.material.normal) {
-      fail("there is a texture but no uv");
-    }
+    for (const auto& [texture, what] : textures)
+      if (texture) fail("there is ", what, " but no uv");
     return;
   }
   if (mesh.uv.size() / 2 > static_cast<size_t>(kMaxVertices)) fail("more than ", kMaxVertices, " texture coordinates");
@@ -88,9 +93,7 @@ void check(const MeshView& mesh) {
     }
     check_indices(mesh.uv_indices, mesh.uv.size() / 2, "uv index");
   }
-  check_texture(mesh.texture, "a texture");
-  check_texture(mesh.material.metallic_roughness, "a metallic-roughness texture");
-  check_texture(mesh.material.normal, "a normal texture");
+  for (const auto& [texture, what] : textures) check_texture(texture, what);
 }
 
 // Given normals at unit length, or smooth ones.

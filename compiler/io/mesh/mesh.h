@@ -68,6 +68,8 @@ struct MaterialView {
   // Pictures of numbers, 3 components, one layer; they need `uv`.
   const Array* metallic_roughness = nullptr;  // roughness in the second component, metallic in the third
   const Array* normal = nullptr;              // x y z of tangent space, as n / 2 + 0.5
+  const Array* occlusion = nullptr;           // in the first component
+  const Array* emission = nullptr;            // a colour: linear, times `emissive`
 };
 
 // What save_mesh writes; it owns nothing.

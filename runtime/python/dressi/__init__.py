@@ -11,6 +11,7 @@ Arrays have their natural shapes: `vec3[V]` is (V, 3), `vec3[W, H, N]` is (N, H,
 """
 from ._library import BindError, CompileError, DeviceError, Error, InternalError, library as _c
 from ._program import Device, Program, Run, compile, devices, load, reference
+from ._show import Picture
 
 __version__: str = _c.dressi_version().decode()
 __all__ = [
@@ -20,6 +21,7 @@ __all__ = [
     "DeviceError",
     "Error",
     "InternalError",
+    "Picture",
     "Program",
     "Run",
     "compile",

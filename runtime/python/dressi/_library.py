@@ -20,6 +20,9 @@ class Error(Exception):
 class CompileError(Error):
     """A program that is wrong. The text has line and caret, as `drc check` prints them."""
 
+    def _render_traceback_(self) -> list[str]:
+        return str(self).splitlines()  # notebooks show this in the place of a traceback through our own functions
+
 
 class BindError(Error, ValueError):
     """Data that does not fit a leaf: its name, shape, type or device."""
@@ -76,6 +79,7 @@ _functions: dict[str, tuple[Any, list[Any]]] = {
     "dressi_output_view": (ctypes.c_int, [_handle, _text, _text, _array]),
     "dressi_counters": (_text, [_handle, _text]),
     "dressi_timed_step": (_text, [_handle, _text]),
+    "dressi_checked_step": (_text, [_handle, _text]),
 }
 
 

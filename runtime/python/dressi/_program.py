@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Mapping, Sequence
 
 from . import _library as c
 from ._arrays import Type, from_dense, to_dense
+from ._show import Counters, NotFinite, Timing, table
 
 if TYPE_CHECKING:
     import numpy as np
@@ -139,6 +140,11 @@ class Program:
     def __repr__(self) -> str:
         return f"dressi.Program(steps={self.steps}, leaves={self.leaves})"
 
+    def _repr_html_(self) -> str:
+        leaves = [(leaf["kind"], leaf["name"], self.leaf_types[leaf["name"]]) for leaf in self._leaves]
+        outputs = [(f"output of {step}", *pair) for step in self._steps for pair in self.outputs(step).items()]
+        return table(("", "name", "type"), leaves + outputs)
+
     def __reduce__(self) -> Any:
         device = self._device.name if isinstance(self._device, Device) else self._device
         return Program, (self.bundle, device, None, self._source)
@@ -172,10 +178,11 @@ class Program:
 class Run:
     """A program with data on a device. `step` runs it, `run["leaf"]` reads a leaf, `run["leaf"] = x` binds one."""
 
-    def __init__(self, program: Program, device: Device) -> None:
+    def __init__(self, program: Program, device: Device, *, store_all: bool = False) -> None:
         self.program = program
         self.device = device
-        self._handle = c.checked(c.library.dressi_run_open(device._handle, program._handle, None), c.DeviceError)
+        options = c.pairs([("store_all", "on")]) if store_all else None
+        self._handle = c.checked(c.library.dressi_run_open(device._handle, program._handle, options), c.DeviceError)
         weakref.finalize(self, c.library.dressi_run_free, self._handle).atexit = False
         self.symbols: dict[str, int] = {}  # those that have values
         self._known: set[str] = set()  # leaves that gave theirs
@@ -272,13 +279,27 @@ class Run:
         """How often the step counts as having run: its `step_index` in the next run."""
         c.checked(c.library.dressi_set_runs(self._handle, self.program._step(step).encode(), runs), c.Error)
 
-    def counters(self, step: str | None = None) -> dict[str, int]:
+    def counters(self, step: str | None = None) -> Counters:
         """What the runs of a step did, and what they left out."""
-        return json.loads(c.checked(c.library.dressi_counters(self._handle, self.program._step(step).encode())))
+        return Counters(json.loads(c.checked(c.library.dressi_counters(self._handle, self.program._step(step).encode()))))
 
-    def timing(self, step: str | None = None) -> list[dict[str, Any]]:
+    def timing(self, step: str | None = None) -> Timing:
         """Runs a step once, and says how many nanoseconds each of its commands took on the device, with their lines."""
-        return json.loads(c.checked(c.library.dressi_timed_step(self._handle, self.program._step(step).encode())))
+        return Timing(json.loads(c.checked(c.library.dressi_timed_step(self._handle, self.program._step(step).encode()))))
+
+    def check_finite(self, step: str | None = None) -> NotFinite | None:
+        """The first NaN or Inf that the next run of a step would store, with the lines of the program that make it; None where all
+        is finite. A second run beside this one looks: this one stays as it is."""
+        step = self.program._step(step)
+        runs = self.counters(step)["runs"]
+        other = Run(self.program, self.device, store_all=True)
+        other.bind(symbols=self.symbols)
+        for leaf in self.program._steps[step]["leaves"]:
+            if leaf in self.program.leaf_types:
+                other._bind(leaf, self[leaf])
+        other.set_runs(step, runs)
+        found = json.loads(c.checked(c.library.dressi_checked_step(other._handle, step.encode())))
+        return NotFinite(found) if found else None
 
     def __repr__(self) -> str:
         return f"dressi.Run(steps={self.program.steps}, device={self.device.name!r})"

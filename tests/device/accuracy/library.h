@@ -85,6 +85,7 @@ std::vector<Function> shadow_functions();
 std::vector<Function> hair_functions();
 std::vector<Function> rig_functions();
 std::vector<Function> strand_functions();
+std::vector<Function> skin_functions();     // skin, eye
 std::vector<Function> picture_functions();  // hardsoftras, raster, nvdiffrast
 
 // One function and direction on one device.

@@ -106,6 +106,45 @@ std::vector<Function> textures() {
        {over("value", 4 * u, scale, text, why), to_image, slope(3),
         conditioned("level", 64 * u, "like the coordinates")},
        {floats("level", -1, 4, 1e-6)});
+  Direction anisotropic = conditioned("value", 64 * u, "like trilinear, several times");
+  Direction to_places = conditioned("uv", 64 * u, "like trilinear");
+  // Slopes of reads on both sides of the middle cancel; where the axis points is ill-conditioned for near circles.
+  const auto to_axis = [&](const std::string& of) {
+    return over(of, 16 * u,
+                "dot(abs(g), max(image) - min(image)) * (1.0 + dot(abs(uv) + 1.0, vec2(16.0, 8.0))) * bent * bent",
+                "contrast, times 1 + |uv| + the texture's size, in texels, times |adjoint|, over the square of how far "
+                "the footprint is from a circle",
+                "the coordinates' own rounding");
+  };
+  Direction to_dx = to_axis("dx"), to_dy = to_axis("dy");
+  for (Direction* d : {&anisotropic, &to_places, &to_dx, &to_dy}) {
+    d->except = "abs(fract(ratio + 0.4999) - 0.5) < 1e-3";
+    d->except_text = "where the number of reads changes";
+  }
+  const Operands axes = {vectors("dx", -12, 12, 1e-2, "vec2"), vectors("dy", -12, 12, 1e-2, "vec2")};
+  all.push_back({.name = "texture.anisotropic",
+                 .part = {},
+                 .result = "vec3",
+                 .operands = join({{image, uv}, axes}),
+                 .value = "texture.anisotropic(texture.pyramid(image, 3), uv, dx, dy)",
+                 .directions = {anisotropic, to_image, to_places, to_dx, to_dy},
+                 .before = "  let (along, wide) = texture.footprint(dx, dy);\n"
+                           "  let ratio = clamp(max(length(along), 1.0) / max(wide, 1.0), 1.0, 8.0);\n"
+                           "  let (r, s) = (vec2(dx.x, dy.x), vec2(dx.y, dy.y));\n"
+                           "  let round = length(vec2(0.5 * (dot(r, r) - dot(s, s)), dot(r, s)));\n"
+                           "  let bent = 1.0 + dot(along, along) / max(round, 1e-12);\n"});
+  all.push_back({.name = "texture.footprint",
+                 .part = "axis",
+                 .result = "vec2",
+                 .operands = axes,
+                 .value = "texture.footprint(dx, dy).0",
+                 .directions = all_conditioned(32 * u, 64 * u, {"dx", "dy"})});
+  all.push_back({.name = "texture.footprint",
+                 .part = "width",
+                 .result = "float",
+                 .operands = axes,
+                 .value = "texture.footprint(dx, dy).1",
+                 .directions = all_conditioned(32 * u, 64 * u, {"dx", "dy"})});
   all.push_back(
       {.name = "texture.between",
        .part = {},

@@ -31,6 +31,20 @@ Direction over_alpha(const std::string& of, const std::string& size, const std::
 const char* const kSlopes = "the slopes of the terms, times 1 + (|ior^2 - 1| + c^2) / |ior^2 - 1 + c^2|";
 const char* const kRoot = "the root of a difference";
 
+// The root of a difference, and the slopes of the two roots: both polarizations' slopes cancel at right angles.
+const std::string kFresnelSlopes =
+    "  let more = (ior - 1.0) * (ior + 1.0);\n"
+    "  let t = sqrt(max(more + cosine * cosine, 1e-12));\n"
+    "  let wide = 1.0 + (abs(more) + cosine * cosine) / (t * t);\n"
+    "  let i2 = ior * ior;\n"
+    "  let (q, r) = (cosine + t, i2 * cosine + t);\n"
+    "  let (s, p) = (more / (q * q), more * ((i2 + 1.0) * cosine * cosine - 1.0) / (r * r));\n"
+    "  let cut = abs(more) * (i2 + 1.0) * cosine / (r * r);\n"
+    "  let to_cosine = 2.0 * s * s / t + 2.0 * abs(p) * (cut + abs(p) * (i2 + cosine / t) / r);\n"
+    "  let apart = 1.0 / (q * q) + 1.0 / (r * r);\n"
+    "  let to_ior = 2.0 * ior * (abs(s) + abs(p)) * apart +\n"
+    "               2.0 * ior * (s * s / (q * t) + p * p * (2.0 * cosine + 1.0 / t) / r);\n";
+
 std::vector<Function> terms() {
   const Operand h = vectors("h", -2, 2, 1e-3);
   const Operands frame = {
@@ -104,18 +118,16 @@ std::vector<Function> terms() {
        .directions = {conditioned("value", 64 * u, "the root of a difference, twice"),
                       over("cosine", 16 * u, "wide * to_cosine * abs(g)", kSlopes, kRoot),
                       over("ior", 16 * u, "wide * to_ior * abs(g)", kSlopes, kRoot)},
-       // The root of a difference, and the slopes of the two roots: both polarizations' slopes cancel at right angles.
-       .before = "  let more = (ior - 1.0) * (ior + 1.0);\n"
-                 "  let t = sqrt(max(more + cosine * cosine, 1e-12));\n"
-                 "  let wide = 1.0 + (abs(more) + cosine * cosine) / (t * t);\n"
-                 "  let i2 = ior * ior;\n"
-                 "  let (q, r) = (cosine + t, i2 * cosine + t);\n"
-                 "  let (s, p) = (more / (q * q), more * ((i2 + 1.0) * cosine * cosine - 1.0) / (r * r));\n"
-                 "  let cut = abs(more) * (i2 + 1.0) * cosine / (r * r);\n"
-                 "  let to_cosine = 2.0 * s * s / t + 2.0 * abs(p) * (cut + abs(p) * (i2 + cosine / t) / r);\n"
-                 "  let apart = 1.0 / (q * q) + 1.0 / (r * r);\n"
-                 "  let to_ior = 2.0 * ior * (abs(s) + abs(p)) * apart +\n"
-                 "               2.0 * ior * (s * s / (q * t) + p * p * (2.0 * cosine + 1.0 / t) / r);\n"},
+       .before = kFresnelSlopes},
+      {.name = "material.fresnel_rise",
+       .part = {},
+       .result = "float",
+       .operands = {cosine("cosine"), floats("ior", 1.01, 4, 1.01)},
+       .value = "material.fresnel_rise(cosine, ior)",
+       .directions = {over("value", 64 * u, "wide / least", "wide / (1 - F at right angles)", kRoot),
+                      over("cosine", 64 * u, "wide * to_cosine * abs(g) / least", kSlopes, kRoot),
+                      over("ior", 64 * u, "wide * (to_ior + 1.0) * abs(g) / (least * least)", kSlopes, kRoot)},
+       .before = kFresnelSlopes + "  let least = 4.0 * ior / ((ior + 1.0) * (ior + 1.0));\n"},
   };
 }
 
@@ -139,6 +151,11 @@ const std::string kMaterial = "  let m = material.Material(base = base, metallic
 const std::string kLit = kMaterial + "  let lamp = light.Light(l, vec3(3.0, 2.0, 1.0));\n";
 
 std::vector<Function> lit_surfaces() {
+  const auto framed = [](Direction d) {
+    d.except = "length(cross(n, t)) <= 1e-2";
+    d.except_text = "tangents along the normal";
+    return d;
+  };
   const Operands paint = {vectors("base", 1e-3, 1), floats("metallic", 0, 1, 1e-3), floats("roughness", 0, 1, 1e-3)};
   const Operands table = {made("table", "vec3", "material.energies()", "[64, 64]")};
   const Directions directions =
@@ -159,6 +176,34 @@ std::vector<Function> lit_surfaces() {
        .value = "material.shade(m, n, lamp, v, matt = material.burley)",
        .directions = directions,
        .before = kLit},
+      {.name = "material.shade",
+       .part = "exact",
+       .result = "vec3",
+       .operands = join({paint, unit("n"), unit("l"), unit("v")}),
+       .value = "material.shade(m, n, lamp, v, exact = true)",
+       .directions = directions,
+       .before = kLit},
+      {.name = "material.bent_normal",
+       .part = {},
+       .result = "vec3",
+       .operands =
+           join({unit("n"), unit("t"), unit("v"), {floats("strength", 0, 1, 1e-3), floats("roughness", 0, 1, 1e-3)}}),
+       .value = "material.bent_normal(n, t, strength, roughness, v)",
+       .directions = all_conditioned(64 * u, 256 * u, {"n", "t", "v", "strength", "roughness"},
+                                     "three normalizations, each of the one before")},
+      {.name = "material.mapped_normal",
+       .part = {},
+       .result = "vec3",
+       .operands = join({{vectors("texel", 0, 1, 1e-3)}, unit("n"), unit("t")}),
+       .value = "material.mapped_normal(texel, n, vec4(t, -1.0), 0.7)",
+       .directions = {framed(conditioned("value", 16 * u)), framed(conditioned("texel", 32 * u)),
+                      framed(conditioned("n", 32 * u)), framed(conditioned("t", 32 * u))}},
+      {.name = "material.tangent_of",
+       .part = {},
+       .result = "vec4",
+       .operands = join({unit("n"), {vectors("along", -2, 2, 1e-3), vectors("across", -2, 2, 1e-3)}}),
+       .value = "material.tangent_of(n, along, across)",
+       .directions = all_conditioned(32 * u, 64 * u, {"n", "along"})},
       {.name = "material.shade_anisotropic",
        .part = {},
        .result = "vec3",

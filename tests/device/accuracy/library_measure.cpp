@@ -9,6 +9,7 @@
 
 #include "compiler/backend/compile.h"
 #include "compiler/backend/spirv/shader_cache.h"
+#include "compiler/ir/pins.h"
 #include "compiler/reference/evaluate.h"
 #include "tests/bench/must.h"
 #include "tests/device/accuracy/errors.h"
@@ -238,12 +239,14 @@ class Group {
     must(program_.set_runs(step, runs));
     must(program_.run(step));
     reference::Frozen frozen;
-    for (const auto& raster : must(program_.rasters(step))) {
-      frozen.rasters.emplace_back();
-      for (const io::Array& a : raster) frozen.rasters.back().push_back(image_of(a, ir::kInt));
-    }
-    reference::Options given;
-    if (!frozen.rasters.empty()) given.frozen = &frozen;
+    for (const auto& raster : must(program_.rasters(step)))
+      for (auto& ranks = frozen.rasters.emplace_back(); const io::Array& a : raster)
+        ranks.push_back(image_of(a, ir::kInt));
+    // A face is seen at the place that the device chose.
+    for (const auto& [value, name] : ir::pin_names(judge_graph_))
+      for (const auto& [pinned, pin] : must(program_.pins(step)))
+        if (pinned == name) frozen.pins[name] = image_of(pin, judge_graph_.value(value).type);
+    const reference::Options given{.frozen = frozen.rasters.empty() ? nullptr : &frozen};
     result.expected = run_judge(0, 0, given);
     bool conditioned = false;
     for (const Direction& d : functions_[k].directions) {

@@ -183,6 +183,10 @@ std::vector<Function> pictures() {
   }
   add("coverage.silhouette", "", "float", across, "coverage.silhouette($clip, $face, across, 64, 64, nearest = 4)",
       {one, to_clip});
+  add("coverage.blend", "", "vec3", across,
+      "coverage.blend($clip, $face, across, 64, 64, fn(hit) { raster.interpolate(hit, paint) }, vec3(0.1, 0.2, 0.3), "
+      "nearest = 4)",
+      {over("value", kFrame, "1.0 + 0.0 * y.x", "1", kDesign), to_clip, to_paint});
   const std::string hit = "  let hit = raster.rasterize($clip, $face, 64, 64);\n";
   add("raster.rasterize", "weight", "vec3", hit, "hit.weight",
       {over("value", 8 * u, kappa("hit.corner"), kappa_text, "the design's, with the coordinates' own rounding"),

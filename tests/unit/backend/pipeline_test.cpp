@@ -57,7 +57,7 @@ TEST_CASE_METHOD(Fixture, "all passes run in the order of the table") {
   std::vector<std::string> seen, expected;
   size_t schedules = 0;
   options.hooks.verify_each = true;
-  options.hooks.after = [&](std::string_view name, const Schedule* schedule, double milliseconds) {
+  options.hooks.after = [&](std::string_view name, const ir::Graph&, const Schedule* schedule, double milliseconds) {
     seen.emplace_back(name);
     schedules += schedule != nullptr;
     CHECK(milliseconds >= 0);
@@ -96,7 +96,7 @@ TEST_CASE_METHOD(Fixture, "a schedule that a pass breaks is an internal error wi
 TEST_CASE_METHOD(Fixture, "passes stop where they are told to") {
   std::string last;
   options.hooks.stop_after = "keep-in-tiles";
-  options.hooks.after = [&](std::string_view name, const Schedule*, double) { last = name; };
+  options.hooks.after = [&](std::string_view name, const ir::Graph&, const Schedule*, double) { last = name; };
   CHECK(error_of({backend_passes().begin(), backend_passes().end()}) == "none");
   CHECK(last == "keep-in-tiles");
 }

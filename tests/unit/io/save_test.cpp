@@ -148,7 +148,9 @@ TEST_CASE("a material is written and read back", "[io][save]") {
                    .roughness = 0.125,
                    .emissive = {0, 0.5, 0},
                    .metallic_roughness = &numbers,
-                   .normal = &numbers};
+                   .normal = &numbers,
+                   .occlusion = &numbers,
+                   .emission = &picture};
   for (const std::string_view name : {"a.gltf", "a.glb"}) {
     save(folder / name, view);
     const auto bound = [&](std::string_view part) {
@@ -164,6 +166,8 @@ TEST_CASE("a material is written and read back", "[io][save]") {
     CHECK(bound("base_color_texture") == picture.to_doubles());
     CHECK(bound("normal_texture") == numbers.to_doubles());  // as stored: no curve
     CHECK(bound("roughness_texture") == std::vector<double>(4, numbers.to_doubles()[0]));
+    CHECK(bound("occlusion_texture") == std::vector<double>(4, numbers.to_doubles()[0]));
+    CHECK(bound("emissive_texture") == picture.to_doubles());
   }
   view.material.roughness = 2;
   CHECK(save_mesh(folder / "b.glb", view).error() ==

@@ -129,6 +129,8 @@ class Writer {
     pbr.baseColorTexture.index = add_texture(texture, true);
     pbr.metallicRoughnessTexture.index = add_texture(from.metallic_roughness, false);
     material.normalTexture.index = add_texture(from.normal, false);
+    material.occlusionTexture.index = add_texture(from.occlusion, false);
+    material.emissiveTexture.index = add_texture(from.emission, true);
     model_.materials.push_back(std::move(material));
   }
 
