@@ -37,6 +37,15 @@ END
 for count in 65533 65534 65535 65536 131072; do agrees trips.dr -s N=$count; done
 for count in 253 254 255 256; do agrees nested.dr -s N=$count; done
 
+# A bundle for devices without a limit: what loops is refused where there is one.
+for program in trips plain; do
+  [[ $program == trips ]] || printf 'edition 1;\nparam a : float[N] = 0.5;\nstep go { output y = a.at(0) * 2.0; }\n' > plain.dr
+  "$(dirname "$drun")/drc" build $program.dr --profile=swiftshader -o $program.drb
+done
+DR_SWIFTSHADER_ICD= expect 1 "built for profile 'swiftshader', whose devices let loops run on" trips.drb -s N=100000
+DR_SWIFTSHADER_ICD= expect 0 'y = 1' plain.drb -s N=3
+[[ -z ${DR_SWIFTSHADER_ICD-} ]] || DR_LAVAPIPE_ICD=$DR_SWIFTSHADER_ICD DR_SWIFTSHADER_ICD= expect 0 'total' trips.drb -s N=100000
+
 # Elements of a dispatch: 65,535 workgroups of 64 fill a row; more go on in the next one.
 cat > elements.dr << 'END'
 edition 1;

@@ -184,6 +184,13 @@ def test_non_contiguous_arrays_are_copied_right(device):
     np.testing.assert_array_equal(program.bind(a=wide.T).step()["b"], wide.T)
 
 
+def test_the_order_of_bytes_is_looked_at(device):
+    values = np.arange(6, dtype=">f4").reshape(2, 3)
+    program = dressi.compile("edition 1;\ninput a : float[W, H];\nstep s { output b = a + 0.0; }\n", device=device)
+    np.testing.assert_array_equal(program.bind(a=values).step()["b"], values)
+    np.testing.assert_array_equal(program.bind(a=values.astype(">f8")).step()["b"], values)
+
+
 def test_two_threads_use_one_device(device):
     results = {}
 

@@ -129,8 +129,8 @@ def to_dense(name: str, type_: Type, value: Any, exact: bool = False) -> tuple[c
     """The array that the C interface takes, and what must live as long. `exact` lets float64 be."""
     array = as_numpy(name, value)
     kind = type_.kind
-    if array.dtype.name != type_.scalar:
-        if exact and kind == 0 and array.dtype.name == "float64":
+    if array.dtype.str != _TYPESTR[kind]:  # the name would not tell the order of bytes
+        if exact and kind == 0 and array.dtype.str == _TYPESTR[1]:
             kind = 1
         else:
             array = _converted(name, type_, array)

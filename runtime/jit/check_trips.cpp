@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/jit/check_trips.h"
+
+#include <algorithm>
+
+#include "compiler/backend/bundle/bundle.h"
+#include "compiler/target/profile.h"
+
+namespace dr::jit {
+
+namespace {
+
+bool has_loops(const std::vector<uint32_t>& spirv) {
+  constexpr uint32_t kLoopMerge = 246, kHeader = 5;
+  for (size_t at = kHeader; at < spirv.size(); at += std::max(spirv[at] >> 16, 1u))
+    if ((spirv[at] & 0xffffu) == kLoopMerge) return true;
+  return false;
+}
+
+// 0 for none, and for profiles that are not built in.
+uint32_t trips_of_profile(const std::string& name) {
+  const std::vector<std::string> all = target::builtin_profiles();
+  if (std::ranges::find(all, name) == all.end()) return 0;
+  return std::get<target::Profile>(target::load_profile(name)).loop_trips;
+}
+
+}  // namespace
+
+std::optional<std::string> check_trips(std::span<const uint8_t> bytes, const std::string& device_profile) {
+  const uint32_t limit = trips_of_profile(device_profile);
+  const auto read = bundle::read(bytes);
+  const auto* bundle = std::get_if<bundle::BundleT>(&read);
+  if (limit == 0 || bundle == nullptr) return std::nullopt;  // what cannot be read is told of where it is loaded
+  const std::vector<std::string> all = target::builtin_profiles();
+  const bool known = std::ranges::find(all, bundle->profile) != all.end();
+  if (!known || trips_of_profile(bundle->profile) > 0) return std::nullopt;
+  if (std::ranges::none_of(bundle->shaders, [](const auto& s) { return has_loops(s->spirv); })) return std::nullopt;
+  return "the bundle was built for profile '" + bundle->profile +
+         "', whose devices let loops run on; this device ends " + "them after " + std::to_string(limit) +
+         " trips: build it with --profile=" + device_profile;
+}
+
+}  // namespace dr::jit
