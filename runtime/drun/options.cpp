@@ -142,6 +142,9 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
       "--check-finite", options.check_finite,
       "run command by command and stop after the run that stores the first NaN or Inf: names pass, element and "
       "lines (--pack naive: of one op). Slow");
+  app.add_flag(
+      "--strict-finite", options.strict_finite,
+      "stop, with exit code 1, where a printed output or, at the end, a param holds a NaN or Inf (default: warn)");
   CLI::Option* check = app.add_flag(
       "--check-against-reference{1}", options.check_runs,
       "compare the first run of each step, or the first so many (=RUNS), with the float64 evaluator: exit "

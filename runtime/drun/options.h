@@ -28,6 +28,7 @@ struct Options {
   int checkpoint_runs = 0;         // of a step between checkpoints, 0: none
   bool resume = false;             // from the checkpoint in `out`
   bool timing = false;             // times of the commands of each step's last run
+  bool strict_finite = false;      // stop at the first NaN or Inf among what is printed
   bool check_finite = false;       // stop at the first NaN or Inf that a run stores
   int check_runs = 0;              // of each step that are compared with the reference
   bool unchecked = false;          // bound data may hold NaN and Inf

@@ -32,7 +32,6 @@ void Results::write_outputs(const std::string& folder, const std::set<std::strin
   for (const std::string& step : ran)
     for (const std::string& name : names_.outputs(step)) {
       const Array a = must(target_.output(step, name));
-      if (a.scalar_count() == 1) continue;
       const std::string stem = uses[name] > 1 ? step + "." + name : name;
       must(io::save_array((out / (stem + ".npy")).string(), a));
       const bool picture = a.height > 1 && (a.components == 1 || a.components >= 3) && a.components <= 4 &&
@@ -61,7 +60,7 @@ std::vector<std::pair<std::string, Array>> Results::leaves(const std::set<std::s
 Array Results::named(const std::string& name, const std::set<std::string>& ran) const {
   for (const std::string& step : ran)
     for (const std::string& output : names_.outputs(step))
-      if (output == name) return must(target_.output(step, name));
+      if (output == name || step + "." + output == name) return must(target_.output(step, output));
   return must(target_.leaf(name));
 }
 

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <charconv>
 #include <chrono>
+#include <cmath>
 #include <cstdio>
 #include <filesystem>
 
@@ -257,6 +258,10 @@ void Session::timed_run(const std::string& step) {
   counters_.steps[step].lists = lists_of(times);
   for (const runtime::CommandTime& t : times) counters_.steps[step].fragments += t.fragments;
   if (!options_.timing) return;
+  if (times.empty()) {
+    std::printf("%s: nothing ran: all that it gives was there from the run before\n", step.c_str());
+    return;
+  }
   std::fputs(timing_table(step, times, floor_).c_str(), stdout);
   if (const std::vector<Batch>& batches = batches_[step]; !batches.empty()) {
     std::vector<double> paces;
@@ -295,10 +300,19 @@ std::string Session::compared_run(const std::string& step, int run) {
 std::string Session::scalars(const std::string& step, int done, bool logged) {
   std::string values, json = "{\"step\": \"" + step + "\", \"run\": " + std::to_string(done);
   for (const std::string& name : names_.outputs(step)) {
-    if (!maybe_scalar(step, name)) continue;
-    const std::string text = number_text(must(target_.output(step, name)).to_doubles()[0]);
-    values += (values.empty() ? "" : "  ") + name + " = " + text;
-    json += ", \"" + name + "\": " + (text.find_first_of("in") == std::string::npos ? text : "null");
+    if (!is_short(step, name)) continue;
+    const std::vector<double> numbers = must(target_.output(step, name)).to_doubles();
+    std::string shown, listed;
+    for (const double number : numbers) {
+      const std::string text = number_text(number);
+      shown += (shown.empty() ? "" : ", ") + text;
+      listed += (listed.empty() ? "" : ", ") + (std::isfinite(number) ? text : "null");
+    }
+    const bool several = numbers.size() > 1;
+    values += (values.empty() ? "" : "  ") + name + " = " + (several ? "(" + shown + ")" : shown);
+    json += ", \"" + name + "\": " + (several ? "[" + listed + "]" : listed);
+    if (!std::ranges::all_of(numbers, [](double x) { return std::isfinite(x); }))
+      tell_not_finite(step, name, "output '" + name + "' is " + shown + " in run " + std::to_string(done));
   }
   json += "}\n";
   if (!logged) return values;
@@ -308,10 +322,20 @@ std::string Session::scalars(const std::string& step, int done, bool logged) {
 }
 
 // Reading an image back at every log line would cost more than the step: sizes are looked at once.
-bool Session::maybe_scalar(const std::string& step, const std::string& name) {
+bool Session::is_short(const std::string& step, const std::string& name) {
   const auto key = step + "." + name;
-  if (auto it = scalar_.find(key); it != scalar_.end()) return it->second;
-  return scalar_[key] = must(target_.output(step, name)).scalar_count() == 1;
+  if (auto it = short_.find(key); it != short_.end()) return it->second;
+  const Array a = must(target_.output(step, name));
+  return short_[key] = a.components <= 4 && a.size() == 1;
+}
+
+// Once for each output of a step and each leaf; what is wrong then stays wrong.
+void Session::tell_not_finite(const std::string& step, const std::string& name, const std::string& what) {
+  if (!told_.insert(step + "." + name).second) return;
+  const std::string message =
+      what + ": --check-finite names the pass and line where it begins (with --pack naive, the op)";
+  if (options_.strict_finite) throw Mistake{message};
+  std::fprintf(stderr, "drun: warning: %s\n", message.c_str());
 }
 
 void Session::print_counters() {
@@ -332,6 +356,9 @@ void Session::write_results() {
     log_.flush();
     save_checkpoint(options_.out, at_);
     has_saved_ = true;
+    for (const auto& [leaf, data] : at_.leaves)
+      if (const auto place = ran_.empty() ? std::nullopt : io::first_not_finite(data))
+        tell_not_finite("", leaf, "'" + leaf + "' ends with " + io::describe(*place));
   }
   for (const auto& [file, what] : options_.meshes) results.write_mesh(file, what, ran_);
 }

@@ -59,7 +59,8 @@ class Session {
   std::string compared_run(const std::string& step, int run);
   // Reads the scalar outputs for the progress line and, as `logged`, the log.
   std::string scalars(const std::string& step, int done, bool logged);
-  bool maybe_scalar(const std::string& step, const std::string& name);
+  bool is_short(const std::string& step, const std::string& name);
+  void tell_not_finite(const std::string& step, const std::string& name, const std::string& what);
   // Warns once of each mesh that the step expects to be closed and that is not.
   void warn_of_open_meshes(const std::string& step);
   void print_counters();
@@ -82,8 +83,9 @@ class Session {
   std::set<std::string> ran_;
   std::set<std::string> warned_;  // leaves
   std::map<std::string, std::string> last_values_;
-  std::map<std::string, bool> scalar_;
-  int together_ = 1;  // runs of a step between two looks at whether somebody interrupts
+  std::map<std::string, bool> short_;
+  std::set<std::string> told_;  // what is not finite
+  int together_ = 1;            // runs of a step between two looks at whether somebody interrupts
   struct Batch {
     double seconds;
     int runs;

@@ -87,6 +87,8 @@ std::vector<Function> rig_functions();
 std::vector<Function> strand_functions();
 std::vector<Function> skin_functions();     // skin, eye
 std::vector<Function> picture_functions();  // hardsoftras, raster, nvdiffrast
+std::vector<Function> filter_functions();   // image, solve
+std::vector<Function> network_functions();  // nn, points, splat; rays and lenses of camera
 
 // One function and direction on one device.
 struct Row {

@@ -5,9 +5,10 @@ namespace dr::accuracy::library {
 
 std::vector<Function> functions() {
   std::vector<Function> all;
-  for (auto&& part : {point_functions(), material_functions(), environment_functions(), shadow_functions(),
-                      hair_functions(), rig_functions(), strand_functions(), skin_functions(), number_functions(),
-                      image_functions(), mesh_functions(), picture_functions()})
+  for (auto&& part :
+       {point_functions(), material_functions(), environment_functions(), shadow_functions(), hair_functions(),
+        rig_functions(), strand_functions(), skin_functions(), number_functions(), image_functions(), mesh_functions(),
+        picture_functions(), filter_functions(), network_functions()})
     all.insert(all.end(), part.begin(), part.end());
   return all;
 }
@@ -28,6 +29,9 @@ std::vector<Elsewhere> elsewhere() {
        "`raster.rasterize` and `coverage.silhouette`, which have rows; a golden test holds their shadows to closed "
        "forms"},
       {"random.directions", "numbers known when a program is compiled; `combined` reads them"},
+      {"points.nearest", "a decision; `nearest_square` has what comes of it"},
+      {"solve.levenberg_marquardt",
+       "`gauss_newton` of four dampings and the best of them; a golden test fits what is known"},
       {"tiles.touched", "decisions: which tiles a box reaches"},
       {"texture.inverse_uv",
        "integers: which texel a pixel is given to is decided by rounding where it lies between two"},
