@@ -48,6 +48,30 @@ void Program::State::make_ready(size_t index) {
   if (rebuilder) step.moving.emplace(table.leaves);
 }
 
+vk::raii::CommandBuffer Program::State::record(const StepState& step, const std::vector<bool>& dirty, int times) {
+  auto commands = on_device->queue.command_buffer();
+  commands.begin(vk::CommandBufferBeginInfo(vk::CommandBufferUsageFlagBits::eSimultaneousUse));
+  for (int k = 0; k < times; ++k) {
+    Queue::everything_before(commands);
+    on_device->commands.record(commands, step.chosen(dirty));
+  }
+  Queue::before_the_host(commands);
+  commands.end();
+  return commands;
+}
+
+int Program::State::submit(const StepState& step, const std::vector<bool>& dirty, Variant& variant, int most) {
+  constexpr int kSeveral = Variant::kSeveral;
+  const int times = std::min(Queue::worth_together(variant.pace), most);
+  if (times < kSeveral) {
+    on_device->queue.submit(variant.commands, times, &variant.pace);
+    return times;
+  }
+  if (!*variant.several) variant.several = record(step, dirty, kSeveral);
+  on_device->queue.submit(variant.several, times / kSeveral, &variant.pace, kSeveral);
+  return times - times % kSeveral;
+}
+
 // The host may have written to what it has views of, also just before it gave the last one back.
 void Program::State::count_written() {
   run_whole = views.back().lent;
@@ -62,7 +86,7 @@ const std::vector<bool>& Program::State::must_run(StepState& step) const {
   return options.cache && !run_whole ? step.list->dirty(versions) : step.list->everything();
 }
 
-const Variant& Program::State::recorded(StepState& step, const std::vector<bool>& dirty) {
+Variant& Program::State::recorded(StepState& step, const std::vector<bool>& dirty) {
   if (const auto it = step.variants.find(dirty); it != step.variants.end()) return it->second;
   // Few sets occur: everything at first, the steady part later, and what follows from leaves that the host binds anew.
   constexpr size_t kMaxVariants = 16;
@@ -75,12 +99,7 @@ const Variant& Program::State::recorded(StepState& step, const std::vector<bool>
     Work& work = dirty[step.list->group_of(p.first)] ? variant.run : variant.skipped;
     work += {1, p.ops, p.bytes};
   }
-  variant.commands = on_device->queue.command_buffer();
-  variant.commands.begin(vk::CommandBufferBeginInfo(vk::CommandBufferUsageFlagBits::eSimultaneousUse));
-  Queue::everything_before(variant.commands);
-  on_device->commands.record(variant.commands, step.chosen(dirty));
-  Queue::before_the_host(variant.commands);
-  variant.commands.end();
+  variant.commands = record(step, dirty, 1);
   return step.variants.emplace(dirty, std::move(variant)).first->second;
 }
 
@@ -119,10 +138,12 @@ int Program::State::run(const std::string& name, int times) {
       known = false;
     }
     if (!known) ++step.counters.recorded;
-    const Variant& variant = recorded(step, dirty);
-    on_device->queue.submit(variant.commands);
-    count_run(index, dirty, variant.run, variant.skipped);
-    ++done;
+    Variant& variant = recorded(step, dirty);
+    // What no run of the step changes is clean from the second run on.
+    const bool alike = options.reuse_commands && (done > 0 || !options.cache);
+    const int now = submit(step, dirty, variant, alike ? times - done : 1);
+    for (int k = 0; k < now; ++k) count_run(index, dirty, variant.run, variant.skipped);
+    done += now;
   }
   on_device->queue.finish();
   require_whole_loops(index);

@@ -21,7 +21,10 @@ namespace dr::runtime {
 // Commands of a step recorded for one set of groups that must run.
 struct Variant {
   vk::raii::CommandBuffer commands{nullptr};
+  static constexpr int kSeveral = 8;
+  vk::raii::CommandBuffer several{nullptr};  // so many runs, where that was worth it
   Work run, skipped;
+  Pace pace;
 };
 
 struct StepState {
@@ -114,7 +117,10 @@ struct Program::State {
   void count_written();
   // By group of the step's commands.
   const std::vector<bool>& must_run(StepState& step) const;
-  const Variant& recorded(StepState& step, const std::vector<bool>& dirty);
+  Variant& recorded(StepState& step, const std::vector<bool>& dirty);
+  vk::raii::CommandBuffer record(const StepState& step, const std::vector<bool>& dirty, int times);
+  // Submits as many runs as are worth it, `most` at most; says how many.
+  int submit(const StepState& step, const std::vector<bool>& dirty, Variant& variant, int most);
   void require_run(const std::string& step) const;
   // Says how often: less than asked for when the program was built anew meanwhile.
   int run(const std::string& step, int times);

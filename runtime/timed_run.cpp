@@ -24,7 +24,9 @@ std::optional<uint32_t> list_of(const bundle::BundleT& bundle, const Primitive& 
   for (const Access& a : p.accesses)
     if (a.use == Use::IndirectRead && !bundle.resources[a.resource]->name.ends_with("_lists")) return a.resource;
   for (const Access& a : p.accesses)
-    if (a.use == Use::ComputeRead && bundle.resources[a.resource]->name.ends_with("_active")) return a.resource;
+    if (const std::string& name = bundle.resources[a.resource]->name;
+        a.use == Use::ComputeRead && (name.ends_with("_active") || name.ends_with("_heavy")))
+      return a.resource;
   return std::nullopt;
 }
 constexpr int64_t kListHead = 4;

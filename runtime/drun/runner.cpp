@@ -103,9 +103,11 @@ int run_program(const Options& options) {
                               .store_all = options.check_finite};
     if (options.rebuild) load.rebuild = jit::rebuilder(bundle, options.compile);
     runtime::Program program = must(runtime::Program::load(device, bundle, load));
+    const jit::Floor floor =
+        jit::floor_of(options.compile.profile.empty() ? device.profile_name() : options.compile.profile);
     std::optional<jit::ReferenceCheck> check;
     if (options.check_runs > 0) check = must(jit::ReferenceCheck::load(bundle));
-    Session(options, check ? target_of(program, *check) : target_of(program), program, bundle, skips).process();
+    Session(options, check ? target_of(program, *check) : target_of(program), program, bundle, skips, floor).process();
     if (const auto messages = device.validation_messages(); !messages.empty()) {
       for (const std::string& m : messages) std::fprintf(stderr, "validation: %s\n", m.c_str());
       return 1;

@@ -262,7 +262,7 @@ void Session::timed_run(const std::string& step) {
     std::printf("%s: nothing ran: all that it gives was there from the run before\n", step.c_str());
     return;
   }
-  std::fputs(timing_table(step, times).c_str(), stdout);
+  std::fputs(timing_table(step, times, floor_).c_str(), stdout);
   if (const std::vector<Batch>& batches = batches_[step]; !batches.empty()) {
     std::vector<double> paces;
     Batch all{0, 0};

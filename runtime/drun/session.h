@@ -16,18 +16,21 @@
 #include "runtime/drun/options.h"
 #include "runtime/drun/out_folder.h"
 #include "runtime/drun/target.h"
+#include "runtime/jit/measure.h"
 
 namespace dr::drun {
 
 class Session {
  public:
-  // `names` has the tables of the program that `target` runs, which is `bundle`; `skips` is what compiling left out.
+  // `names` has the tables of the program that `target` runs, which is `bundle`; `skips` is what compiling left out,
+  // `floor` of the device.
   Session(const Options& options, const Target& target, const runtime::Program& names, std::span<const uint8_t> bundle,
-          std::vector<jit::Skip> skips = {})
+          std::vector<jit::Skip> skips = {}, const jit::Floor& floor = {})
       : options_(options),
         target_(target),
         names_(names),
         bundle_(bundle),
+        floor_(floor),
         counters_{.compiled = std::move(skips), .steps = {}, .memory = {}, .pipelines = {}, .rebuilds = 0},
         log_(options.out.empty() ? "" : (std::filesystem::path(options.out) / "log.jsonl").string()),
         folder_(options.out) {}
@@ -67,6 +70,7 @@ class Session {
   const Target& target_;
   const runtime::Program& names_;
   std::span<const uint8_t> bundle_;
+  jit::Floor floor_;
   Counters counters_;
   std::vector<std::pair<std::string, int>> steps_;  // and how often
   Checkpoint at_;                                   // where it is

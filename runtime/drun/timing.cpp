@@ -40,17 +40,25 @@ std::string joined_lines(const std::vector<std::string>& lines) {
   return out;
 }
 
-std::string timing_table(const std::string& step, std::vector<runtime::CommandTime> times) {
-  double all = 0;
-  for (const auto& t : times) all += t.nanoseconds;
+std::string timing_table(const std::string& step, std::vector<runtime::CommandTime> times, const jit::Floor& floor) {
+  const auto least = [&](const runtime::CommandTime& t) {
+    return floor.command_ns + (floor.bytes_per_ns > 0 ? static_cast<double>(t.bytes) / floor.bytes_per_ns : 0);
+  };
+  double all = 0, least_of_all = 0;
+  for (const auto& t : times) {
+    all += t.nanoseconds;
+    least_of_all += least(t);
+  }
   std::stable_sort(times.begin(), times.end(),
                    [](const auto& a, const auto& b) { return a.nanoseconds > b.nanoseconds; });
-  std::string out =
-      format("%s: %zu commands, %.1f us with a wait after each\n", step.c_str(), times.size(), all * 1e-3);
-  out += format("%10s %6s %9s %6s  %s\n", "us", "share", "bytes", "ops", "command");
+  std::string out = format("%s: %zu commands, %.1f us with a wait after each", step.c_str(), times.size(), all * 1e-3);
+  if (least_of_all > 0) out += format("; %.1f by the profile's cost of a dispatch and of a byte", least_of_all * 1e-3);
+  out += format("\n%10s %6s %9s %6s %6s %8s  %s\n", "us", "share", "bytes", "ops", "GB/s", "floor us", "command");
   for (const auto& t : times) {
-    out += format("%10.1f %5.1f%% %9lld %6lld  ", t.nanoseconds * 1e-3, all > 0 ? 100 * t.nanoseconds / all : 0,
-                  static_cast<long long>(t.bytes), static_cast<long long>(t.ops));
+    out +=
+        format("%10.1f %5.1f%% %9lld %6lld %6.0f %8.1f  ", t.nanoseconds * 1e-3,
+               all > 0 ? 100 * t.nanoseconds / all : 0, static_cast<long long>(t.bytes), static_cast<long long>(t.ops),
+               t.nanoseconds > 0 ? static_cast<double>(t.bytes) / t.nanoseconds : 0, least(t) * 1e-3);
     out += t.label + (t.lines.empty() ? "" : "  " + joined_lines(t.lines)) + "\n";
   }
   return out;

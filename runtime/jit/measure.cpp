@@ -299,4 +299,11 @@ io::Result<std::string> measure_profile(const runtime::Device& device) {
   }
 }
 
+Floor floor_of(const std::string& profile) {
+  const auto found = target::load_profile(profile);
+  if (!std::holds_alternative<target::Profile>(found)) return {};
+  const target::Costs& costs = std::get<target::Profile>(found).costs;
+  return {costs.dispatch_ns, costs.compute_buffer_bytes_per_ns};
+}
+
 }  // namespace dr::jit

@@ -2,7 +2,14 @@
 // The queue of a device.
 #include "runtime/vk/queue.h"
 
+#include <algorithm>
+#include <vector>
+
 namespace dr::runtime {
+
+using Clock = std::chrono::steady_clock;
+using std::chrono::milliseconds;
+using std::chrono::nanoseconds;
 
 Queue::Queue(std::shared_ptr<DeviceState> device) : device_(std::move(device)) {
   pool_ = vk::raii::CommandPool(
@@ -15,30 +22,50 @@ vk::raii::CommandBuffer Queue::command_buffer() const {
   return std::move(vk::raii::CommandBuffers(device_->device, one).front());
 }
 
-void Queue::submit(const vk::raii::CommandBuffer& commands) {
+void Queue::submit(const vk::raii::CommandBuffer& commands, int times, Pace* pace, int runs) {
   Flight& flight = flights_[next_];
-  wait(flight);
-  const vk::CommandBuffer handle = *commands;
+  wait(flight, false);
+  const std::vector<vk::CommandBuffer> handles(static_cast<size_t>(times), *commands);
   vk::SubmitInfo submit;
-  submit.setCommandBuffers(handle);
+  submit.setCommandBuffers(handles);
+  flight.begin = Clock::now();
+  flight.runs = times * runs;
+  flight.pace = pace;
   device_->queue.submit(submit, *flight.fence);
   flight.busy = true;
   next_ = (next_ + 1) % kFlights;
 }
 
-void Queue::finish() {
-  for (size_t k = 0; k < kFlights; ++k) wait(flights_[(next_ + k) % kFlights]);
+int Queue::worth_together(const Pace& pace) {
+  constexpr nanoseconds kTogether = milliseconds(1);
+  constexpr int64_t kMost = 32;
+  return static_cast<int>(std::clamp<int64_t>(kTogether / std::max(pace.run, nanoseconds(1)), 1, kMost));
 }
 
-void Queue::wait(Flight& flight) {
+void Queue::finish() {
+  for (size_t k = 0; k < kFlights; ++k) wait(flights_[(next_ + k) % kFlights], true);
+}
+
+void Queue::wait(Flight& flight, bool soon) {
   if (!flight.busy) return;
-  constexpr uint64_t kSecond = 1'000'000'000;
-  const vk::Result result = device_->device.waitForFences(*flight.fence, VK_TRUE, 600 * kSecond);
+  constexpr nanoseconds kLong = std::chrono::minutes(10), kShort = milliseconds(1);
+  const vk::Device& device = *device_->device;
+  vk::Result result = vk::Result::eNotReady;
+  // To be woken up takes longer than a short run does.
+  if (soon && is_gpu() && flight.pace != nullptr && flight.pace->run < kShort) {
+    const auto end = flight.begin + 2 * flight.runs * flight.pace->run;
+    while (result == vk::Result::eNotReady && Clock::now() < end) result = device.getFenceStatus(*flight.fence);
+  }
+  if (result == vk::Result::eNotReady)
+    result = device_->device.waitForFences(*flight.fence, VK_TRUE, static_cast<uint64_t>(kLong.count()));
   // What the device still uses must not be freed under it.
   if (result != vk::Result::eSuccess) device_->device.waitIdle();
   flight.busy = false;
   device_->device.resetFences(*flight.fence);
   if (result != vk::Result::eSuccess) throw Failure{"the device did not finish within ten minutes"};
+  const auto begin = std::max(flight.begin, end_);
+  end_ = Clock::now();
+  if (flight.pace != nullptr) flight.pace->run = (end_ - begin) / flight.runs;
 }
 
 void Queue::once(const std::function<void(const vk::raii::CommandBuffer&)>& record) {

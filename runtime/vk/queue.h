@@ -3,19 +3,29 @@
 #pragma once
 
 #include <array>
+#include <chrono>
 #include <functional>
 
 #include "runtime/vk/device.h"
 
 namespace dr::runtime {
 
+// How long a run takes the device, as the queue last saw it.
+struct Pace {
+  std::chrono::nanoseconds run = std::chrono::nanoseconds::max();
+};
+
 class Queue {
  public:
   explicit Queue(std::shared_ptr<DeviceState> device);
   vk::raii::CommandBuffer command_buffer() const;
   // Submissions run one after the other, and a few may be under way: beyond that, submit() waits for the oldest.
-  // What a submission uses must live until finish().
-  void submit(const vk::raii::CommandBuffer& commands);
+  // What a submission uses must live until finish(). `times`: the commands run so often, one after the other, and are
+  // `runs` runs each; `pace` is brought up to date when they are done.
+  void submit(const vk::raii::CommandBuffer& commands, int times = 1, Pace* pace = nullptr, int runs = 1);
+  // How many runs of this pace are worth submitting at once. A GPU does nothing for some seven microseconds
+  // between submissions. Long runs go alone, so that no submission takes long.
+  static int worth_together(const Pace& pace);
   // Returns when all that was submitted is done. Fails after ten minutes without an end.
   void finish();
   // Records and runs.
@@ -31,11 +41,17 @@ class Queue {
   struct Flight {
     vk::raii::Fence fence{nullptr};
     bool busy = false;
+    std::chrono::steady_clock::time_point begin;
+    int runs = 1;
+    Pace* pace = nullptr;
   };
-  void wait(Flight& flight);
+  // `soon`: whoever waits has nothing else to do.
+  void wait(Flight& flight, bool soon);
+  bool is_gpu() const { return device_->properties.deviceType != vk::PhysicalDeviceType::eCpu; }
   static constexpr size_t kFlights = 3;
   std::array<Flight, kFlights> flights_;
-  size_t next_ = 0;  // the oldest
+  size_t next_ = 0;                            // the oldest
+  std::chrono::steady_clock::time_point end_;  // of the last that is done
 };
 
 }  // namespace dr::runtime

@@ -147,13 +147,23 @@ class Machine {
   }
 
   // One frame, to be submitted as often as wanted.
-  vk::raii::CommandBuffer record(const std::vector<Pass>& passes) {
+  struct Recorded {
+    vk::raii::CommandBuffer one, several;
+  };
+  static constexpr int kSeveral = 8;
+  Recorded record(const std::vector<Pass>& passes) { return {record(passes, 1), record(passes, kSeveral)}; }
+  vk::raii::CommandBuffer record(const std::vector<Pass>& passes, int times) {
+    auto commands = queue_.command_buffer();
+    commands.begin(vk::CommandBufferBeginInfo(vk::CommandBufferUsageFlagBits::eSimultaneousUse));
+    for (int k = 0; k < times; ++k) record(commands, passes);
+    commands.end();
+    return commands;
+  }
+  static void record(const vk::raii::CommandBuffer& commands, const std::vector<Pass>& passes) {
     using Stage = vk::PipelineStageFlagBits;
     const vk::MemoryBarrier written(
         vk::AccessFlagBits::eShaderWrite | vk::AccessFlagBits::eTransferWrite,
         vk::AccessFlagBits::eShaderRead | vk::AccessFlagBits::eShaderWrite | vk::AccessFlagBits::eIndirectCommandRead);
-    auto commands = queue_.command_buffer();
-    commands.begin(vk::CommandBufferBeginInfo(vk::CommandBufferUsageFlagBits::eSimultaneousUse));
     runtime::Queue::everything_before(commands);
     // What is cleared is used by later passes only, so that nothing waits for it.
     for (const Pass& p : passes)
@@ -173,14 +183,18 @@ class Machine {
       else
         commands.dispatch(std::min(groups, 65535u), (groups + 65534) / 65535, 1);
     }
-    commands.end();
-    return commands;
   }
 
   // ms a frame.
-  double run(const vk::raii::CommandBuffer& frame, int times) {
+  double run(const Recorded& frame, int times) {
     const auto begin = std::chrono::steady_clock::now();
-    for (int k = 0; k < times; ++k) queue_.submit(frame);
+    for (int done = 0, now = 0; done < times; done += now) {  // as the runtime does
+      now = std::min(runtime::Queue::worth_together(pace_), times - done);
+      const bool several = now >= kSeveral;
+      if (several) now -= now % kSeveral;
+      queue_.submit(several ? frame.several : frame.one, several ? now / kSeveral : now, &pace_,
+                    several ? kSeveral : 1);
+    }
     queue_.finish();
     return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count() / times;
   }
@@ -214,6 +228,7 @@ class Machine {
 
   std::shared_ptr<runtime::DeviceState> state_;
   runtime::Queue queue_;
+  runtime::Pace pace_;
   bool lanes_in_turn_;
   std::filesystem::path folder_;
   std::shared_ptr<runtime::Tally> tally_ = std::make_shared<runtime::Tally>();

@@ -49,7 +49,7 @@ for line in open(out + "/timing.txt"):
         now.append({"run": 0.0, "others": 0.0})
     run = re.match(r"(?:plain|draw): ([\d.]+) us a run while", line)
     if run: now[-1]["run"] = float(run[1])
-    row = re.match(r"\s*([\d.]+)\s+[\d.]+%\s+\d+\s+\d+  (.*)", line)
+    row = re.match(r"\s*([\d.]+)\s+[\d.]+%\s+\d+\s+\d+\s+\d+\s+[\d.]+  (.*)", line)
     if row:
         if not re.match(r"(clear )?(covering|hard|raster)", row[2]): now[-1]["others"] += float(row[1])
 hard, soft = (statistics.median(values) for values in (

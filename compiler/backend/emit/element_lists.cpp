@@ -58,9 +58,9 @@ ListingLoop::ListingLoop(Shader& shader, const ir::Extent& extent, bool runs)
 
 int ListingLoop::each() const { return runs_ ? kRun : 1; }
 
-void ListingLoop::add(const std::string& list) {
+void ListingLoop::add(const std::string& list, bool together) {
   if (!runs_) {
-    shader_.body().line(append(shader_, list, "index") + ";");
+    shader_.body().line(append(shader_, list, "index", together) + ";");
     return;
   }
   if (std::ranges::find(lists_, list) == lists_.end()) {

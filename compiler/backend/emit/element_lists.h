@@ -23,8 +23,8 @@ class ListingLoop {
  public:
   // Opens it: behind, `at` is an element's place.
   ListingLoop(glsl::Shader& shader, const ir::Extent& extent, bool runs);
-  // Adds the element to a list, whose words are bound.
-  void add(const std::string& list);
+  // Adds the element to a list, whose words are bound. `together`: see append().
+  void add(const std::string& list, bool together = false);
   // A statement: is done with the element.
   const char* skip() const { return runs_ ? "continue;" : "return;"; }
   const char* element() const { return runs_ ? "element" : "index"; }

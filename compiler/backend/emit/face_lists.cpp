@@ -18,8 +18,17 @@ struct Bins {
   // Invocations that share the faces of a list.
   int middle_invocations, large_invocations;
 };
-constexpr Bins kGpu{16, 4096, 1 << 17, 1 << 16};
 constexpr Bins kCpu{64, 4096, 1 << 13, 1 << 12};
+
+// Those of a GPU, which starts few workgroups faster than many, and has work for more in large pictures.
+Bins gpu_bins(const Dim& pixels) {
+  constexpr int64_t kLeast = 1 << 15, kUnknown = 1 << 17, kMost = 1 << 19;
+  const auto count = pixels.evaluate({});
+  const int64_t invocations = count ? std::clamp(*count / 4, kLeast, kMost) : kUnknown;
+  const auto middle = static_cast<int>(std::bit_floor(static_cast<uint64_t>(invocations)));
+  return {8, 4096, middle, middle / 2};
+}
+
 constexpr int kLargeTeam = 1024;    // invocations that share a large face at least
 constexpr int kIndirectGroup = 64;  // invocations of a workgroup whose number a buffer says
 
@@ -33,7 +42,7 @@ const char* const kListNames[] = {"middle", "large"};
 
 FaceLists::FaceLists(const target::Profile& profile, const Dim& faces, const Dim& pixels, const WalkTrips& trips)
     : faces_(faces), trips_(trips), limit_(profile.loop_trips), used_(profile.subgroup_size > 1 || limit_ > 0) {
-  const Bins& bins = profile.subgroup_size >= kWideSubgroup ? kGpu : kCpu;
+  const Bins bins = profile.subgroup_size >= kWideSubgroup ? gpu_bins(pixels) : kCpu;
   const bool short_ones = trips.pixel.is_constant() && kSmallPixels * (trips.pixel.constant() + 1) < limit_ / 2;
   small_box_ = limit_ == 0 || short_ones ? bins.small_box : 0;
   middle_box_ = bins.middle_box;

@@ -314,10 +314,7 @@ void Generator::map_pass(const Pass& pass) {
     const bool all_here = scatter->joins_lister && scatter->scatter == ScatterLowering::Atomic;
     if (!all_here) active_lists_[scatter] = add_list(*scatter, "active");
   }
-  if (runs_of_elements(pass) && list_branches_) {
-    const std::vector<ir::OpId> heavy = heavy_branches(pass);
-    if (!heavy.empty()) return listed_map_pass(pass, heavy);
-  }
+  if (const std::vector<ir::OpId> heavy = heavy_branches(pass); !heavy.empty()) return listed_map_pass(pass, heavy);
   Shader s = shader();
   ListingLoop loop(s, pass.domain, runs_of_elements(pass) && listed_for(pass) != nullptr);
   const Cut cut = this->cut(s, pass, pass.ops, loop.element(), loop.each());

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Map passes in two dispatches, for devices whose lanes run both branches of every `if` (Profile::lanes_in_turn): the
-// first gives the elements for which all heavy branches are left out, and lists the others; the second runs those
-// alone.
+// Map passes in two dispatches, for devices whose lanes run both branches of every `if` (Profile::lanes_in_turn), and
+// for large pictures on others: the first gives the elements for which all heavy branches are left out, and lists the
+// others; the second runs those alone.
 #include <algorithm>
 #include <set>
 
@@ -25,6 +25,8 @@ constexpr int kWorthListing = 120, kTimesLighter = 4;
 // Lighter branches run for all: a common one would put most elements on the list.
 constexpr int kHeavy = 20;
 constexpr int kLoopTrips = 8;
+// Invocations that share the listed elements of a GPU.
+constexpr int kWalking = 1 << 16;
 
 int region_cost(const ir::Graph& graph, ir::RegionId region) {
   int cost = 0;
@@ -37,10 +39,20 @@ int region_cost(const ir::Graph& graph, ir::RegionId region) {
   return cost;
 }
 
+// Whether there surely are more elements than a GPU runs at once. A heavy branch needs registers, so that fewer run at
+// once, whether they take it or not; a dispatch more costs as much as some hundred thousand elements.
+bool is_large(const ir::Extent& domain) {
+  constexpr int64_t kLarge = 1 << 20;
+  const auto elements = element_count(domain).evaluate({});
+  return elements && *elements >= kLarge;
+}
+
 }  // namespace
 
 std::vector<ir::OpId> Generator::heavy_branches(const Pass& pass) const {
   std::vector<ir::OpId> heavy;
+  if (!list_branches_ || may_pass_limit(trips_of(graph_, pass.ops), profile_)) return heavy;
+  if (!profile_.lanes_in_turn && !is_large(pass.domain)) return heavy;
   int saved = 0;
   for (const ir::OpId id : pass.ops) {
     const ir::Op& op = graph_.op(id);
@@ -58,7 +70,7 @@ void Generator::listed_map_pass(const Pass& pass, const std::vector<ir::OpId>& h
   const std::string count = element_count(pass.domain).str();
   {
     Shader s = shader();
-    ListingLoop loop(s, pass.domain, true);
+    ListingLoop loop(s, pass.domain, runs_of_elements(pass));
     // Where no condition holds, `false` stands for all: nothing is read that only a branch left out needs. Elsewhere
     // what follows a condition that holds is wrong, another condition too, and does not count.
     std::set<ValueId> conditions;
@@ -85,7 +97,9 @@ void Generator::listed_map_pass(const Pass& pass, const std::vector<ir::OpId>& h
     for (const std::string& condition : found) any += (any.empty() ? "" : " || ") + condition;
     const std::string words = s.bind_words(list, "heavy_elements", bundle::Access::ReadWrite);
     s.body().line("if (" + any + ") {");
-    loop.add(words);
+    const bool together = profile_.subgroup_arithmetic && !profile_.lanes_in_turn;
+    if (together) subgroup_extensions(s);
+    loop.add(words, together);
     s.body().line(loop.skip());
     s.body().line("}");
     // Where each clause of the scatter has a condition of a branch left out, no element is active here.
@@ -102,8 +116,22 @@ void Generator::listed_map_pass(const Pass& pass, const std::vector<ir::OpId>& h
   }
   Shader s = shader();
   const std::string words = s.read_words(list, "heavy_elements");
-  linear_index(s, "int(" + words + "(" + std::to_string(kListEnd) + ")) - 1");
-  s.body().line("int element = int(" + words + "(" + std::to_string(kListHead) + " + index));");
+  const std::string item = std::to_string(kListHead) + " + ",
+                    end = "int(" + words + "(" + std::to_string(kListEnd) + ")) - 1";
+  const bool walks = !profile_.lanes_in_turn;
+  if (walks) {
+    // Elements side by side would take each other's branches: each gets a subgroup of its own where there are enough.
+    const std::string all = std::to_string(kWalking);
+    linear_index(s, all);
+    s.body().line("int end = " + end + ", apart = clamp(" + all + " / max(end, 1), 1, " +
+                  std::to_string(profile_.subgroup_size) + ");");
+    s.body().line("if (index % apart != 0) return;");
+    s.body().line("for (index /= apart; index < end; index += (" + all + " - 1) / apart + 1) {");
+    s.push_scope();
+  } else {
+    linear_index(s, end);
+  }
+  s.body().line("int element = int(" + words + "(" + item + "index));");
   place_from_index(s, pass.domain, "element");
   const Cut cut = this->cut(s, pass, pass.ops, "element");
   open_cut(s, cut, "return;");
@@ -111,8 +139,12 @@ void Generator::listed_map_pass(const Pass& pass, const std::vector<ir::OpId>& h
   close_cut(s, cut);
   store_results(s, pass);
   end_cut(s, cut);
-  auto& c = dispatch(pass, "_heavy", s, count);
-  c.indirect = static_cast<int>(list);
+  if (walks) {
+    s.pop_scope();
+    s.body().line("}");
+  }
+  auto& c = dispatch(pass, "_heavy", s, walks ? std::to_string(kWalking) : count);
+  if (!walks) c.indirect = static_cast<int>(list);
   set_trips(c, cut);
 }
 

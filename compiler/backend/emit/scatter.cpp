@@ -298,6 +298,7 @@ void Generator::scatter_where_listed(Shader& s, const Pass& pass, const Pass& sc
   std::string finish;
   for (const Target& t : targets_.at(&scatter))
     finish += declare_target(s, scatter, t, fixed ? Runs::First : Runs::Second, fixed && !keeps);
+  if (fixed && !keeps) s.body().line("adds = 0u;");
   s.body().line("if (" + active_condition(s, scatter) + ") {");
   s.push_scope();
   const auto list = [&] {
