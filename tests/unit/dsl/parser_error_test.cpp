@@ -271,6 +271,7 @@ TEST_CASE("messages are lower case, short and without a full stop; every code ha
       "edition 1; fn f() { a++; }",
       "edition 1; fn f() { while a { b = 1; } }",
       "edition 1; fn f() { return 1; 2 }",
+      "edition 1; private input x : float;",
   };
   std::set<std::string_view> seen;
   for (const std::string& program : programs) {
