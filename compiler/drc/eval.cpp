@@ -252,16 +252,16 @@ class Evaluator {
   bool save_all() const {
     if (options_.out.empty()) return true;
     io::ResultsFolder folder(options_.out);
-    const auto add = [&](const std::string& name, const reference::Image& image) {
-      const auto array = typed(name, image);
+    const auto add = [&](const io::ResultName& name, const reference::Image& image) {
+      const auto array = typed(name.str(), image);
       return array && told(folder.add(name, *array));
     };
     for (const auto& [step, result] : results_)
       for (const auto& [name, image] : result.outputs)
-        if (!add(io::ResultName{step, name}.str(), image)) return false;
+        if (!add({step, name}, image)) return false;
     for (const ir::Leaf& leaf : graph_.leaves)
       if (leaf.kind != ir::Leaf::Kind::Input && session_.has_leaf(leaf.name) &&
-          !add(leaf.name, session_.leaf(leaf.name)))
+          !add({"", leaf.name}, session_.leaf(leaf.name)))
         return false;
     for (const std::string& warning : folder.warnings()) std::fprintf(stderr, "warning: %s\n", warning.c_str());
     return told(folder.finish(false));

@@ -112,9 +112,11 @@ Result<void> ResultsFolder::write_list(const std::set<std::string>& names) const
   });
 }
 
-Result<void> ResultsFolder::add(const std::string& name, const Array& array) {
+Result<void> ResultsFolder::add(const ResultName& result, const Array& array) {
+  const std::string name = result.str();
   std::set<std::string> names = {name + ".npy"};
-  if (is_picture(array))
+  const bool pictured = !result.step.empty() && is_picture(array);
+  if (pictured)
     for (int64_t layer = 0; layer < array.layers; ++layer) names.insert(layer_path(name + ".png", layer, array.layers));
   written_.insert(names.begin(), names.end());
   // The list is there before the files are: whoever ends the program in between leaves nothing that is unknown.
@@ -123,7 +125,7 @@ Result<void> ResultsFolder::add(const std::string& name, const Array& array) {
     if (auto listed = write_list(known_); !listed) return listed;
   }
   if (auto saved = save_array(file(name + ".npy"), array); !saved) return saved;
-  if (!is_picture(array)) return {};
+  if (!pictured) return {};
   // The array is saved; a picture that cannot be (NaN) must not cost what comes after it.
   if (auto saved = save_array(file(name + ".png"), array); !saved) warnings_.push_back(saved.error());
   return {};

@@ -36,9 +36,9 @@ Result<void> check_saved(const std::string& path, ElementKind kind, int componen
 class ResultsFolder {
  public:
   explicit ResultsFolder(std::string path);
-  // NAME.npy and, of floats with a height above 1 that a picture can hold, NAME.png. A picture with a NaN is left out
-  // with a warning.
-  Result<void> add(const std::string& name, const Array& array);
+  // NAME.npy and, of an output of floats with a height above 1 that a picture can hold, NAME.png. A picture with a NaN
+  // is left out with a warning.
+  Result<void> add(const ResultName& name, const Array& array);
   // With `keep`, what the run before left stays: this one went on with it.
   Result<void> finish(bool keep);
   const std::vector<std::string>& warnings() const { return warnings_; }

@@ -92,7 +92,8 @@ void Results::check(const Options& options) const {
   std::set<std::string> steps;
   for (const auto& [step, times] : options.steps)
     if (times > 0) steps.insert(step);
-  if (options.steps.empty()) steps.insert(names_.steps().begin(), names_.steps().end());
+  if (options.steps.empty())
+    for (const std::string& step : names_.steps()) steps.insert(step);
   for (const auto& [name, file] : options.saves) {
     const auto what = io::find_result(name, names_of(steps));
     if (!what) throw Mistake{"--save " + name + "=" + file + ": " + what.error()};
@@ -120,9 +121,8 @@ void Results::write_outputs(const std::string& folder, const std::set<std::strin
                             const std::vector<std::pair<std::string, Array>>& leaves, bool keep) const {
   io::ResultsFolder out(folder);
   for (const std::string& step : ran)
-    for (const std::string& name : names_.outputs(step))
-      must(out.add(io::ResultName{step, name}.str(), must(target_.output(step, name))));
-  for (const auto& [leaf, data] : leaves) must(out.add(leaf, data));
+    for (const std::string& name : names_.outputs(step)) must(out.add({step, name}, must(target_.output(step, name))));
+  for (const auto& [leaf, data] : leaves) must(out.add({"", leaf}, data));
   for (const std::string& warning : out.warnings()) std::fprintf(stderr, "drun: warning: %s\n", warning.c_str());
   must(out.finish(keep));
 }

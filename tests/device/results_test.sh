@@ -24,7 +24,7 @@ both=(two.dr --symbol W=4 --step first=2 --step second)
 "$drc" eval "${both[@]}" --out by_drc > drc.txt
 "$drun" "${both[@]}" --device reference --out by_drun > drun.txt
 expected='first.count.npy first.frame.npy first.total.npy results.txt runs.npy second.grey.npy second.grey.png second.number.npy second.picture.npy second.picture.png second.total.npy x.npy'
-files() { (cd "$1" && find . -type f -name '*.npy' -o -name '*.png' -o -name results.txt | sed 's#^./##' | LC_ALL=C sort | tr '\n' ' ' | sed 's/ $//'); }
+files() { (cd "$1" && find . -maxdepth 1 '(' -name '*.npy' -o -name '*.png' -o -name results.txt ')' | sed 's#^./##' | LC_ALL=C sort | tr '\n' ' ' | sed 's/ $//'); }
 same 'files of drc eval' "$expected" "$(files by_drc)"
 same 'files of drun' "$expected" "$(files by_drun)"
 for file in $(files by_drc); do cmp "by_drc/$file" "by_drun/$file" || fail "$file differs"; done
@@ -91,7 +91,7 @@ nan() { # DEVICE
   same "$1: warnings" 1 "$(grep -c "^drun: warning: 'x' has NaN at element (2, 0, 0) after run [0-9]* of step 'fit': --check-finite names" err)"
   local status=0
   "$drun" nan.dr --device "$1" --step fit=60 --strict-finite --out strict > out 2> err || status=$?
-  [[ $status == 1 ]] && grep -q 'after run [1-5]\{0,1\}[0-9] of' err || fail "$1: --strict-finite: $status $(cat err)"
+  [[ $status == 1 ]] && grep -q 'after run [0-9]* of' err || fail "$1: --strict-finite: $status $(cat err)"
   status=0
   "$drun" loss.dr --device "$1" --step fit=60 --strict-finite > out 2> err || status=$?
   [[ $status == 1 ]] && grep -q "output 'fit.error' is nan in run 11" err || fail "$1: a loss: $status $(cat err)"
