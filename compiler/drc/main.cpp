@@ -21,7 +21,7 @@ using namespace dr::drc;
 namespace backend = dr::backend;
 
 void add_input(CLI::App& command, InputOptions& input) {
-  command.add_option("file", input.file, "Program (.dr), graph (.ir), or - for stdin")->required();
+  command.add_option("file", input.file, "Program (.dr), graph (.ir), schedule (.schedule), or - for stdin")->required();
   command.add_option("-I", input.compile.include_dirs, "Folder to look for imported modules in")
       ->allow_extra_args(false)
       ->type_name("DIR");
