@@ -59,7 +59,7 @@ class Page(unittest.TestCase):
             code, out, err = run.finish()
             self.assertEqual(code, 0, err)
             self.assertIn("stopped on its page: writing what there is", err)
-            self.assertIn("fit: error = ", out)
+            self.assertRegex(out, r"fit[:.] ?error = ")
             self.assertLessEqual({"x.npy", "log.jsonl"}, set(os.listdir(run.folder / "out")))
             self.assertTrue(any(name.startswith("color") for name in os.listdir(run.folder / "out")))
 
