@@ -30,7 +30,8 @@ void add_modules(CLI::App& command, InputOptions& input) {
 }
 
 void add_input(CLI::App& command, InputOptions& input) {
-  command.add_option("file", input.file, "Program (.dr), graph (.ir), schedule (.schedule), or - for stdin")->required();
+  command.add_option("file", input.file, "Program (.dr), graph (.ir), schedule (.schedule), or - for stdin")
+      ->required();
   add_modules(command, input);
   command.add_flag("--plain-gradients", input.compile.plain_gradients,
                    "Differentiate functions that have a @vjp by their own text");
