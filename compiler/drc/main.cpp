@@ -181,10 +181,14 @@ int main(int argc, char** argv) {
   eval_command->add_option("--steps", eval_options.times, "How often to run steps that have no number of their own")
       ->check(CLI::Range(int64_t{0}, int64_t{1} << 31))
       ->capture_default_str();
-  eval_command->add_option("--out", eval_options.out, "Folder for the last run's outputs, as name.npy")
+  eval_command
+      ->add_option(
+          "--out", eval_options.out,
+          "Folder for the last run's outputs, as STEP.NAME.npy and .png, and for params and states, as NAME.npy")
       ->type_name("DIR");
   eval_command
-      ->add_option("--save", eval_options.saves, "Write an output or leaf as .npy, .csv or .png; STEP.NAME tells apart")
+      ->add_option("--save", eval_options.saves,
+                   "Write an output, STEP.NAME, or a leaf as .npy, .csv or .png after the run")
       ->allow_extra_args(false)
       ->type_name("NAME=FILE");
   std::string check_finite = "all";
