@@ -5,6 +5,7 @@
 #include <sstream>
 
 #include "compiler/backend/pipeline.h"
+#include "compiler/backend/plan/show.h"
 #include "compiler/backend/schedule/structure.h"
 #include "compiler/backend/schedule/text.h"
 #include "compiler/backend/skips.h"
@@ -51,6 +52,13 @@ std::vector<std::string> schedule_pass_names() {
     if ((pass.makes & static_cast<backend::Facts>(backend::Fact::Emitted)) != 0) break;
     names.emplace_back(pass.name);
   }
+  return names;
+}
+
+std::vector<std::string> bundle_pass_names() {
+  std::vector<std::string> names;
+  const size_t schedules = schedule_pass_names().size();
+  for (const backend::BackendPass& pass : backend::backend_passes().subspan(schedules)) names.emplace_back(pass.name);
   return names;
 }
 
@@ -214,9 +222,9 @@ const backend::Compiled* Compilation::compiled() {
   chosen.hooks.break_after = hooks_.break_after;
   if (hooks_.after)
     chosen.hooks.after = [&](std::string_view name, const ir::Graph& of, const backend::Schedule* schedule,
-                             double milliseconds) {
+                             const bundle::BundleT& bundle, double milliseconds) {
       hooks_.after(
-          name, [&] { return schedule ? backend::print_whole(of, *schedule) : std::string(); }, milliseconds);
+          name, [&] { return schedule ? backend::print_whole(of, *schedule) : backend::show(bundle); }, milliseconds);
     };
   auto result = keeping_reproducer(graph, [&] { return backend::compile(graph, *profile_, chosen, schedule_); });
   if (const auto* limit = std::get_if<backend::Limit>(&result)) return fail({Error::Kind::Limit, limit->text});

@@ -40,7 +40,7 @@ struct Hooks {
   std::optional<std::vector<std::string>> passes;  // over graphs, instead of the default ones
   std::string stop_after;                          // the last pass to run; empty: all do
   std::string break_after;                         // a pass over schedules; see backend::PassHooks
-  // Called after each pass with its name, what prints its result (the text is empty beyond schedules), and the
+  // Called after each pass with its name, what prints its result, and the
   // milliseconds that it took.
   std::function<void(std::string_view, const std::function<std::string()>&, double)> after = {};
 };
@@ -92,9 +92,10 @@ class Compilation {
   double parse_milliseconds_ = 0;
 };
 
-// The passes that --passes and --stop-after know: those over graphs, then those over schedules.
+// The passes that --stop-after knows: those over graphs, which --passes knows, over schedules, and over bundles.
 std::vector<std::string> graph_pass_names();
 std::vector<std::string> schedule_pass_names();
+std::vector<std::string> bundle_pass_names();
 
 // The options as words of a command line, those that are not the default ones.
 std::string command_line(const Options& options);

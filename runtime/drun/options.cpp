@@ -73,6 +73,31 @@ void add_once(std::vector<std::pair<std::string, std::string>>& all, const std::
   all.push_back(std::move(pair));
 }
 
+int port_of(const std::string& text) {
+  constexpr int kMost = 65535;
+  int port = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), port);
+  if (error == std::errc{} && end == text.data() + text.size() && port >= 0 && port <= kMost) return port;
+  throw CLI::ValidationError("--watch", "expected a port from 1 to 65535, or 0 for any, found '" + text + "'");
+}
+
+// `--watch 8000` as `--watch=8000`: what else follows an option that needs no value is not its own. The last word
+// first, as the parser takes them.
+std::vector<std::string> with_port_attached(int argc, char** argv) {
+  std::vector<std::string> words;
+  for (int i = 1; i < argc; ++i) {
+    const std::string word = argv[i];
+    const bool is_port = !word.empty() && word.find_first_not_of("0123456789") == std::string::npos;
+    if (is_port && !words.empty() && words.back() == "--watch") {
+      words.back() += "=" + word;
+    } else {
+      words.push_back(word);
+    }
+  }
+  std::ranges::reverse(words);
+  return words;
+}
+
 }  // namespace
 
 bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
@@ -155,6 +180,13 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
   const CLI::Option* counters =
       app.add_flag("--counters{text}", options.counters,
                    "print what was done and what was left out, and the memory taken; --counters=json for programs");
+  std::string port;
+  const CLI::Option* watch =
+      app.add_flag(
+             "--watch{0}", port,
+             "serve a page about the run on this machine alone, at a port (--watch 8000) or any: losses, pictures, "
+             "speed, what is left out, and buttons to pause, step and stop")
+          ->type_name("PORT");
   app.add_flag("--validate", options.validate, "run under the Vulkan validation layer and fail on its messages");
   app.add_flag("--devices", options.list_devices, "list the Vulkan devices");
   app.add_subcommand("devices", "list the Vulkan devices")->callback([&] { options.list_devices = true; });
@@ -163,7 +195,8 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
   profile->add_option("-o", options.profile_out, "file to write; - is stdout")->capture_default_str();
   profile->callback([&] { options.measure = true; });
   try {
-    app.parse(argc, argv);
+    app.parse(with_port_attached(argc, argv));
+    if (watch->count() > 0) options.watch = port_of(port);
     for (const std::string& b : bindings) add_once(options.bindings, b, "--bind");
     for (const std::string& s : symbols) add_once(options.symbols, s, "--symbol");
     for (const std::string& s : saves) options.saves.push_back(split(s, "--save"));

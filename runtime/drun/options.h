@@ -34,6 +34,7 @@ struct Options {
   int check_runs = 0;              // of each step that are compared with the reference
   bool unchecked = false;          // bound data may hold NaN and Inf
   std::string counters;            // what was done and left out: empty, text or json
+  int watch = -1;                  // the port of a page about the run, 0: any; -1: none
   bool cache = true;
   bool commands = true;   // recorded commands are used again
   bool pipelines = true;  // pipelines are kept on disk

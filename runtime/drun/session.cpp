@@ -52,8 +52,10 @@ void Session::process() {
     folder_.take();
     folder_.sweep(checkpoint_folder(options_.out));
   }
+  if (options_.watch >= 0) open_watch();
   try {
     run_steps();
+    if (watch_ && !ran_.empty()) watch_->end(steps_[at_.entry].first, at_.done);
   } catch (const Mistake& mistake) {
     // What ran before is not lost.
     if (!ran_.empty() && !under_way_) try {
@@ -170,6 +172,8 @@ void Session::run_step(const std::string& step, int& done, int times) {
     if (looks && now == left && now > 1) --now;
     const bool compares = done < options_.check_runs;
     if (compares) now = 1;
+    const bool is_single = compares || options_.check_finite || (looks && left == 1);
+    if (is_single && allowed(step, done, 1) == 0) break;
     std::string mistake;
     under_way_ = true;
     if (options_.check_finite)
@@ -179,8 +183,9 @@ void Session::run_step(const std::string& step, int& done, int times) {
     else if (looks && left == 1)
       timed_run(step);
     else
-      now = run_for(step, now);
+      now = run_for(step, now, done);
     under_way_ = false;
+    if (now == 0) break;
     if (first && options_.timing && left > 1)
       std::printf("%s: the first run took %.0f ms, in which some drivers compile\n", step.c_str(), ms_since(begin));
     if (ran_.insert(step).second) warn_of_open_meshes(step);
@@ -228,11 +233,12 @@ void Session::warn_of_open_meshes(const std::string& step) {
 }
 
 // Runs the step so often, or until somebody interrupts, which is looked at several times a second. Gives how often.
-int Session::run_for(const std::string& step, int times) {
+int Session::run_for(const std::string& step, int times, int before) {
   int done = 0;
   while (done < times && !(is_stopping() && done > 0)) {
-    const auto begin = Clock::now();
     int now = std::min(times - done, together_);
+    if (watch_ && (now = allowed(step, before + done, now)) == 0) break;
+    const auto begin = Clock::now();
     if (options_.checkpoint_runs > 0) now = std::clamp(options_.checkpoint_runs - runs_since_saved_, 1, now);
     must(target_.run(step, now));
     done += now;
@@ -244,6 +250,32 @@ int Session::run_for(const std::string& step, int times) {
     if (done < times) checkpoint_when_due(step, done);
   }
   return done;
+}
+
+void Session::open_watch() {
+  watch::Reader reader;
+  reader.outputs = [this](const std::string& step) { return names_.outputs(step); };
+  reader.output = target_.output;
+  if (target_.counters)
+    reader.left_out = [this](const std::string& step) -> std::vector<watch::Left> {
+      const runtime::StepCounters counters = target_.counters(step);
+      const runtime::Work &run = counters.run, &skipped = counters.skipped;
+      return {{"commands", run.commands, skipped.commands},
+              {"ops", run.ops, skipped.ops},
+              {"bytes", run.bytes, skipped.bytes}};
+    };
+  watch_ = must(watch::Watch::open(options_.watch, std::move(reader)));
+  std::fprintf(stderr, "watch: %s\n", watch_->url().c_str());
+}
+
+int Session::allowed(const std::string& step, int done, int wanted) {
+  if (!watch_) return wanted;
+  constexpr std::chrono::milliseconds kPatience{100};  // Ctrl-C and --timeout are heard meanwhile
+  while (!is_stopping()) {
+    if (const int now = watch_->allow(step, done, wanted, kPatience); now > 0) return now;
+    if (watch_->is_stopped()) stop_as_wished();
+  }
+  return 0;
 }
 
 void Session::prepare(const std::string& step) {
@@ -311,6 +343,7 @@ std::string Session::scalars(const std::string& step, int done, bool logged) {
       shown += (shown.empty() ? "" : ", ") + text;
       listed += (listed.empty() ? "" : ", ") + (std::isfinite(number) ? text : "null");
     }
+    if (watch_) watch_->add(step, name, done, numbers);
     const bool several = numbers.size() > 1;
     if (several) shown = "(" + shown + ")";
     values += (values.empty() ? "" : "  ") + name + " = " + shown;

@@ -17,6 +17,7 @@
 #include "runtime/drun/out_folder.h"
 #include "runtime/drun/target.h"
 #include "runtime/jit/measure.h"
+#include "runtime/watch/watch.h"
 
 namespace dr::drun {
 
@@ -44,7 +45,12 @@ class Session {
   void resume();
   // From the runs that are `done` to `times`.
   void run_step(const std::string& step, int& done, int times);
-  int run_for(const std::string& step, int times);
+  int run_for(const std::string& step, int times, int before);
+  // Opens the page of --watch.
+  void open_watch();
+  // How many of `wanted` runs may be now, after `done` ones: fewer where the page says so, which it may take its time
+  // for; 0 where the run is to stop.
+  int allowed(const std::string& step, int done, int wanted);
   // How many runs until the next line of the log, which has the first, then every --log-every-th, and the last.
   int until_line(int done, int times) const;
   // Writes one if it is time, in a run of the step of which `more` runs are not counted yet.
@@ -78,6 +84,7 @@ class Session {
   std::vector<std::pair<std::string, int>> steps_;  // and how often
   Checkpoint at_;                                   // where it is
   LossLog log_;
+  std::unique_ptr<watch::Watch> watch_;
   OutFolder folder_;
   std::chrono::steady_clock::time_point saved_ = std::chrono::steady_clock::now();
   int runs_since_saved_ = 0;

@@ -92,6 +92,15 @@ expect 2 err "unknown pass 'pac', did you mean 'pack'?" build good.dr --stop-aft
 expect 0 out 'step s {' build good.dr --stop-after pack
 expect 0 out 'output a' build good.dr --stop-after simplify
 expect 2 err 'diagnostics=json' build good.dr --diagnostics=json --time-passes
+# So are bundles, and what each pass leaves can be seen.
+expect 3 err 'bundle fails verification after pass plan-memory' build good.dr --emit=bundle -o b.drb --no-cache --break-after=plan-memory
+rm -f "$(sed -n 's/^  drc build \(.*\.ir\) .*/\1/p' err)"
+for pass in simplify differentiate pack choose-sums check-limits emit find-dependencies clear-together plan-memory assemble; do
+  expect 0 err "// after $pass" build good.dr --emit=bundle -o b.drb --no-cache --dump-ir="$pass"
+  expect 0 out 'step s' build good.dr --stop-after="$pass"
+  expect 0 err "$pass: " build good.dr --emit=bundle -o b.drb --no-cache --time-passes
+done
+expect 0 out 'memory' build good.dr --stop-after=plan-memory
 
 # Schedules are inputs, too: compiling goes on where they stand.
 "$drc" build good.dr --stop-after=pack -o good.schedule || failed=1

@@ -105,7 +105,8 @@ void check_round_trip(const ir::Graph& graph, const target::Profile& profile) {
   std::vector<std::string> texts;
   CompileOptions options;
   if (graph.op_count() > kLarge) options.hooks.stop_after = "check-limits";
-  options.hooks.after = [&](std::string_view name, const ir::Graph& of, const Schedule* schedule, double) {
+  options.hooks.after = [&](std::string_view name, const ir::Graph& of, const Schedule* schedule,
+                            const bundle::BundleT&, double) {
     if (!schedule || (graph.op_count() > kSmall && name != "check-limits")) return;
     texts.push_back(print_whole(of, *schedule));
     const auto parsed = parse_schedule(texts.back());
