@@ -59,9 +59,9 @@ class Page(unittest.TestCase):
             code, out, err = run.finish()
             self.assertEqual(code, 0, err)
             self.assertIn("stopped on its page: writing what there is", err)
-            self.assertRegex(out, r"fit[:.] ?error = ")
+            self.assertRegex(out, r"fit\.error = ")
             self.assertLessEqual({"x.npy", "log.jsonl"}, set(os.listdir(run.folder / "out")))
-            self.assertTrue(any(name.startswith("color") for name in os.listdir(run.folder / "out")))
+            self.assertTrue(any("color" in name for name in os.listdir(run.folder / "out")))
 
     def test_stop_while_paused_and_before_the_first_run(self):
         with Run() as run:
