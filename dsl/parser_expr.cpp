@@ -433,7 +433,7 @@ ExprPtr Parser::parse_reduce() {
 // `fold` and `scan` are words only where `(k in` follows: elsewhere they are names like any other.
 bool Parser::at_fold(const Expr& callee) const {
   if (callee.kind != Expr::Kind::NameRef || !at(TokenKind::LeftParen)) return false;
-  if (callee.name != "fold" && callee.name != "scan") return false;
+  if (callee.name != "fold") return false;
   if (!next_at(TokenKind::Name)) return false;
   return after_next_is("in");
 }

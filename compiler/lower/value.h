@@ -210,9 +210,9 @@ std::vector<std::string> names_of(const ModuleItems& items, const std::function<
 
 // A file of the program; or an instance of one, which has leaves, `let`s and steps of its own.
 struct ModuleInfo {
-  std::string path;    // what identifies it
-  std::string folder;  // where its imports are looked for first; empty for a library module
-  std::shared_ptr<const dsl::Module> syntax;
+  std::string path;                     // what identifies it
+  std::string folder;                   // where its imports are looked for first; empty for a library module
+  std::shared_ptr<dsl::Module> syntax;  // an instance has its module's
   Scope scope;
   ModuleItems items;
   std::deque<StructType> structs;
