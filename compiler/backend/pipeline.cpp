@@ -189,21 +189,33 @@ std::string_view fact_name(Fact fact) {
   return "";
 }
 
-Compilation::Compilation(const ir::Graph& g, const target::Profile& p, const CompileOptions& o)
-    : profile(p), options(o), lines(o.lines), given_(g) {}
+Compilation::Compilation(const ir::Graph& g, const target::Profile& p, const CompileOptions& o, Schedule schedule)
+    : profile(p), options(o), lines(o.lines), given_(g) {
+  out.schedule = std::move(schedule);
+}
 Compilation::~Compilation() = default;
 
 std::span<const BackendPass> backend_passes() { return kPasses; }
 
 std::optional<Limit> run_backend(Compilation& compilation, std::span<const BackendPass> passes) {
   const PassHooks& hooks = compilation.options.hooks;
+  std::string& last = compilation.out.schedule.after;
+  const std::string done = last;
+  bool is_done = !done.empty();
   Facts have = 0;
   for (const BackendPass& pass : passes) {
+    const bool skips = is_done && (pass.makes & static_cast<Facts>(Fact::Lowered)) == 0;
+    if (pass.name == done) is_done = false;
+    if (skips) {
+      have |= pass.makes;
+      continue;
+    }
     require_facts(pass, have);
     const auto start = std::chrono::steady_clock::now();
     if (auto limit = pass.run(compilation)) return limit;
     const std::chrono::duration<double, std::milli> elapsed = std::chrono::steady_clock::now() - start;
     have |= pass.makes;
+    if ((have & static_cast<Facts>(Fact::Emitted)) == 0) last = pass.name;
     if (pass.name == hooks.break_after) forget_writes(compilation.out.schedule);
     const bool is_schedule = (have & static_cast<Facts>(Fact::Emitted)) == 0;
     // A schedule is checked where it is done; after each pass on request.

@@ -12,6 +12,7 @@
 #include "compiler/backend/compile.h"
 #include "compiler/backend/report.h"
 #include "compiler/backend/schedule/graphviz.h"
+#include "compiler/backend/schedule/text.h"
 #include "compiler/backend/spirv/spirv.h"
 #include "compiler/drc/bundle_cache.h"
 #include "compiler/drc/command.h"
@@ -147,7 +148,7 @@ std::optional<std::string> make_grad_ir(Stages& stages) {
 
 std::optional<std::string> make_schedule(Stages& stages) {
   const backend::Compiled* compiled = stages.compiled();
-  return compiled ? std::optional(backend::print(stages.scheduled(), compiled->schedule)) : std::nullopt;
+  return compiled ? std::optional(backend::print_whole(stages.scheduled(), compiled->schedule)) : std::nullopt;
 }
 
 std::optional<std::string> make_glsl(Stages& stages) {

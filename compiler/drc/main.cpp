@@ -30,7 +30,7 @@ void add_modules(CLI::App& command, InputOptions& input) {
 }
 
 void add_input(CLI::App& command, InputOptions& input) {
-  command.add_option("file", input.file, "Program (.dr), graph (.ir), or - for stdin")->required();
+  command.add_option("file", input.file, "Program (.dr), graph (.ir), schedule (.schedule), or - for stdin")->required();
   add_modules(command, input);
   command.add_flag("--plain-gradients", input.compile.plain_gradients,
                    "Differentiate functions that have a @vjp by their own text");
@@ -180,10 +180,14 @@ int main(int argc, char** argv) {
   eval_command->add_option("--steps", eval_options.times, "How often to run steps that have no number of their own")
       ->check(CLI::Range(int64_t{0}, int64_t{1} << 31))
       ->capture_default_str();
-  eval_command->add_option("--out", eval_options.out, "Folder for the last run's outputs, as name.npy")
+  eval_command
+      ->add_option(
+          "--out", eval_options.out,
+          "Folder for the last run's outputs, as STEP.NAME.npy and .png, and for params and states, as NAME.npy")
       ->type_name("DIR");
   eval_command
-      ->add_option("--save", eval_options.saves, "Write an output or leaf as .npy, .csv or .png; STEP.NAME tells apart")
+      ->add_option("--save", eval_options.saves,
+                   "Write an output, STEP.NAME, or a leaf as .npy, .csv or .png after the run")
       ->allow_extra_args(false)
       ->type_name("NAME=FILE");
   std::string check_finite = "all";

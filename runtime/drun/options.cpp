@@ -78,7 +78,7 @@ void add_once(std::vector<std::pair<std::string, std::string>>& all, const std::
 bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
   CLI::App app("drun runs a Dressi program (.dr) or bundle (.drb).", "drun");
   app.set_version_flag("--version", std::string("drun ") + version());
-  std::vector<std::string> bindings, symbols, steps, meshes, defines;
+  std::vector<std::string> bindings, symbols, steps, saves, meshes, defines;
   app.add_option("FILE", options.file, "a .dr program or a .drb bundle");
   app.add_option("--bind,-b", bindings,
                  "NAME=SOURCE: data of a leaf: mesh.obj:position, image.png, array.npy, =[1, 2, 3]");
@@ -86,6 +86,8 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
   app.add_option("--step", steps,
                  "NAME[=TIMES]: step to run; several run one after another (default: the only one, once)");
   const CLI::Option* out = app.add_option("--out,-o", options.out, "folder for outputs, params and the log");
+  app.add_option("--save", saves,
+                 "NAME=FILE: write an output, STEP.NAME, or a leaf as .npy, .csv or .png after the run");
   app.add_option(
       "--mesh", meshes,
       "FILE=POSITION:FACE[:UV[:UV_FACE[:TEXTURE]]][:PART=NAME ...]: write leaves or outputs as a .obj, .gltf "
@@ -142,9 +144,8 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
       "--check-finite", options.check_finite,
       "run command by command and stop after the run that stores the first NaN or Inf: names pass, element and "
       "lines (--pack naive: of one op). Slow");
-  app.add_flag(
-      "--strict-finite", options.strict_finite,
-      "stop, with exit code 1, where a printed output or, at the end, a param holds a NaN or Inf (default: warn)");
+  app.add_flag("--strict-finite", options.strict_finite,
+               "stop, with exit code 1, where a printed output or a param holds a NaN or Inf (default: warn)");
   CLI::Option* check = app.add_flag(
       "--check-against-reference{1}", options.check_runs,
       "compare the first run of each step, or the first so many (=RUNS), with the float64 evaluator: exit "
@@ -165,6 +166,7 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
     app.parse(argc, argv);
     for (const std::string& b : bindings) add_once(options.bindings, b, "--bind");
     for (const std::string& s : symbols) add_once(options.symbols, s, "--symbol");
+    for (const std::string& s : saves) options.saves.push_back(split(s, "--save"));
     for (const std::string& m : meshes) options.meshes.push_back(split(m, "--mesh"));
     for (const std::string& d : defines) {
       const auto [name, value] = split(d, "-D");

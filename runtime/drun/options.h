@@ -17,8 +17,9 @@ struct Options {
   std::vector<std::pair<std::string, int>> steps;             // step, times; in order
   std::string out;                                            // folder for results, or empty
   std::vector<std::pair<std::string, std::string>>
-      meshes;               // file, "position:face[:uv[:uv_face[:texture]]][:part=name ...]"
-  std::string dump_raster;  // folder for faces, tags and pinned values, or empty
+      meshes;  // file, "position:face[:uv[:uv_face[:texture]]][:part=name ...]"
+  std::vector<std::pair<std::string, std::string>> saves;  // output or leaf, file
+  std::string dump_raster;                                 // folder for faces, tags and pinned values, or empty
   std::string device;
   int log_every = 10;
   bool validate = false;

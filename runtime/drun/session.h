@@ -60,6 +60,9 @@ class Session {
   // Reads the scalar outputs for the progress line and, as `logged`, the log.
   std::string scalars(const std::string& step, int done, bool logged);
   bool is_short(const std::string& step, const std::string& name);
+  // Params and states that the step changed: reads them back, for a hundredth of the time at most, but `last` in any
+  // case.
+  void look_for_not_finite(const std::string& step, int done, bool last);
   void tell_not_finite(const std::string& step, const std::string& name, const std::string& what);
   // Warns once of each mesh that the step expects to be closed and that is not.
   void warn_of_open_meshes(const std::string& step);
@@ -81,11 +84,12 @@ class Session {
   bool under_way_ = false;  // runs that failed half-way: nobody knows what the leaves hold
   bool has_saved_ = false;  // a checkpoint, in this run
   std::set<std::string> ran_;
-  std::set<std::string> warned_;  // leaves
-  std::map<std::string, std::string> last_values_;
+  std::set<std::string> warned_;                   // leaves
+  std::map<std::string, std::string> last_lines_;  // of each step: STEP.NAME = VALUE
   std::map<std::string, bool> short_;
-  std::set<std::string> told_;  // what is not finite
-  int together_ = 1;            // runs of a step between two looks at whether somebody interrupts
+  std::set<std::string> told_;       // what is not finite
+  double looked_ = 0, ran_for_ = 0;  // ms for NaN, and in all
+  int together_ = 1;                 // runs of a step between two looks at whether somebody interrupts
   struct Batch {
     double seconds;
     int runs;
