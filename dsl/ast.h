@@ -78,6 +78,7 @@ struct Expr {
     Bool,       // bool_value
     String,     // name
     NameRef,    // name
+    StepCount,  // `step_index of a`: a names a step
     Unary,      // op, a            op: "-" "!" "~"
     Binary,     // op, a, b         op: + - * / % == != < <= > >= && || & | ^ << >>
     Field,      // a . name         also `t.0` for tuples and `2.px`
@@ -86,7 +87,8 @@ struct Expr {
     Lambda,     // fn
     If,         // a = condition, then_block, else_block (always present for an expression); is_const: `const if`
     Reduce,     // reduce(name = sum|min|max|argmin, loop_var in a..b, max = c) body=then_block
-    Fold,       // fold(loop_var in a..b, args, max = c) body=then_block; args have names: what the loop carries
+    Fold,       // fold(loop_var in a..b, args, max = c) body=then_block; args have names: what the loop carries;
+                // is_scan: `scan`, all values
     Tuple,      // items, 0 or 2+ of them
     Array,      // items
     Raster,     // args as of a call; raster_fns
@@ -102,6 +104,7 @@ struct Expr {
   bool bool_value = false;
   bool is_const = false;
   bool unsigned_suffix = false;  // `3u`
+  bool is_scan = false;
   ExprPtr a, b, c;
   std::vector<Arg> args;
   std::vector<ExprPtr> items;
@@ -133,7 +136,7 @@ struct Stmt {
     Let,       // pattern, type?, a
     Var,       // pattern (one name), type?, a
     Assign,    // target = a            target: a name, or a field/index path rooted in a `var`; target op= a
-    Update,    // target <- a           target: name of a param or state
+    Update,    // target <- a           target: name of a param or state, through instances of modules too
     Expr,      // a ;
     For,       // loop_var in a..b, max = c body
     If,        // `if a { } else { }` as a statement
@@ -229,6 +232,8 @@ struct Module {
   int64_t edition = 0;
   Span edition_span;
   std::vector<ImportDecl> imports;
+  std::vector<Param> params;  // `parameters (…);`: what an instance is given
+  Span params_span;           // not valid: the file has none
   std::vector<Item> items;
 };
 

@@ -160,7 +160,7 @@ ExprPtr Parser::parse_postfix_rest(ExprPtr expr) {
       expect_close(TokenKind::RightBracket, open, {"the index"});
       expr = std::move(index);
     } else if (at_fold(*expr)) {
-      expr = parse_fold(begin);
+      expr = parse_fold(begin, expr->name == "scan");
     } else if (at(TokenKind::LeftParen)) {
       ExprPtr call = node(Expr::Kind::Call);
       call->a = std::move(expr);
@@ -236,6 +236,7 @@ ExprPtr Parser::parse_primary() {
       ExprPtr expr = node(Expr::Kind::NameRef);
       expr->name = text(token_);
       advance();
+      if (expr->name == "step_index" && at_word("of") && next_at(TokenKind::Name)) return parse_step_count(*expr);
       return expr;
     }
     case TokenKind::LeftParen: return parse_paren_or_tuple();
@@ -276,6 +277,20 @@ ExprPtr Parser::parse_primary() {
     if (at(TokenKind::Dot) && next_is_adjacent(TokenKind::Int)) diagnostic.help = "write a digit before the '.'";
   }
   return error_expr();
+}
+
+// `step_index of fit`, of `rig.fit` where the step is an instance's.
+ExprPtr Parser::parse_step_count(const Expr& word) {
+  ExprPtr expr = node(Expr::Kind::StepCount);
+  advance();  // of
+  std::vector<Name> path{take_name_token()};
+  while (at(TokenKind::Dot) && next_at(TokenKind::Name)) {
+    advance();
+    path.push_back(take_name_token());
+  }
+  expr->a = path_to_expr(std::move(path));
+  expr->span = join(word.span, expr->a->span);
+  return expr;
 }
 
 ExprPtr Parser::parse_number() {
@@ -415,9 +430,10 @@ ExprPtr Parser::parse_reduce() {
   return expr;
 }
 
-// `fold` is a word only where `(k in` follows: elsewhere it is a name like any other.
+// `fold` and `scan` are words only where `(k in` follows: elsewhere they are names like any other.
 bool Parser::at_fold(const Expr& callee) const {
-  if (callee.kind != Expr::Kind::NameRef || callee.name != "fold" || !at(TokenKind::LeftParen)) return false;
+  if (callee.kind != Expr::Kind::NameRef || !at(TokenKind::LeftParen)) return false;
+  if (callee.name != "fold") return false;
   if (!next_at(TokenKind::Name)) return false;
   return after_next_is("in");
 }
@@ -433,8 +449,9 @@ bool Parser::after_next_is(std::string_view wanted) const {
   return !is_word(wanted.back()) || rest.size() == wanted.size() || !is_word(rest[wanted.size()]);
 }
 
-ExprPtr Parser::parse_fold(uint32_t begin) {
+ExprPtr Parser::parse_fold(uint32_t begin, bool is_scan) {
   ExprPtr expr = node(Expr::Kind::Fold);
+  expr->is_scan = is_scan;
   const Token open = token_;
   advance();
   {
