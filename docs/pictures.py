@@ -70,7 +70,7 @@ def tutorial(name, steps, size):
         seen = []
         for out, options in (("before", []), ("after", ["--step", f"fit={steps}"])):
             run(file, Path(folder) / out, "-D", f"S={size}", *options, "--step", "look")
-            load = lambda value: np.load(Path(folder) / out / f"{value}.npy")
+            load = lambda value: np.load(Path(folder) / out / f"look.{value}.npy")
             photo, drawn = load("photo"), load("drawn")
             components = photo.shape[-1] if photo.shape[-1] == 3 else 1
             if not seen:
@@ -82,15 +82,15 @@ def tutorial(name, steps, size):
 def pear(out):
     """Where the fit starts, the shape that it found, and the shape with its colours, in the first view."""
     target = out / "target"
-    same = ["--bind", f"face={target}/face.npy", "--bind", f"uv={target}/uv.npy", "--bind", f"uv_face={target}/uv_face.npy",
-            "--bind", f"view={target}/view.npy", "-D", "size=200"]
+    same = ["--bind", f"face={target}/meshes.face.npy", "--bind", f"uv={target}/meshes.uv.npy", "--bind", f"uv_face={target}/meshes.uv_face.npy",
+            "--bind", f"view={target}/render.view.npy", "-D", "size=200"]
     plain = ["--symbol", "T=1", "--symbol", "U=1"]
     colours = ["--bind", f"albedo={out}/fit/albedo.npy"]
     images = []
     with tempfile.TemporaryDirectory() as folder:
-        for position, more in ((target, plain), (out / "fit", plain), (out / "fit", colours)):
-            run(docs / "examples/pear/show.dr", folder, *same, *more, "--bind", f"position={position}/position.npy")
-            images.append(srgb(np.load(Path(folder) / "shaded.npy")[0]))
+        for position, more in ((target / "meshes.position", plain), (out / "fit/position", plain), (out / "fit/position", colours)):
+            run(docs / "examples/pear/show.dr", folder, *same, *more, "--bind", f"position={position}.npy")
+            images.append(srgb(np.load(Path(folder) / "show.shaded.npy")[0]))
     shown = (np.stack(images) != 255).any(axis=(0, 3))
     ys, xs = (np.flatnonzero(shown.any(axis=axis)) for axis in (1, 0))
     save(docs / "pear.png", side_by_side([image[ys[0] - 4:ys[-1] + 5, xs[0] - 4:xs[-1] + 5] for image in images], gap=24))
