@@ -69,6 +69,9 @@ class Device {
   // What the validation layer said so far; empty when all is well or it is not on.
   std::vector<std::string> validation_messages() const;
   bool validating() const;
+  // Whether it can share memory with CUDA, and the number that CUDA has for it; the error says why there is none.
+  bool shares_memory() const;
+  Result<int> cuda_device() const;
 
  private:
   std::shared_ptr<DeviceState> state_;
@@ -102,6 +105,8 @@ struct LoadOptions {
   int64_t memory_limit = 0;
   // Stores the values, too, that only their render pass needs, so that checked_run() sees them.
   bool store_all = false;
+  // Leaves and outputs stand in memory that CUDA sees, on devices that can: see Program::cuda_leaf.
+  bool share = false;
 };
 
 // What commands (dispatches, render passes, copies, fills) amount to.
@@ -163,6 +168,12 @@ struct HostArray {
   void* data = nullptr;
   std::shared_ptr<void> held = {};  // of a view: says that it is in use
   io::Array copied() const;
+};
+
+// Memory of a leaf or an output as CUDA sees it: `array.data` is an address of CUDA.
+struct CudaArray {
+  HostArray array;
+  int64_t stride = 1;  // scalars from one element to the next, which may be more than its components
 };
 
 class Program {
@@ -227,6 +238,21 @@ class Program {
   Result<std::optional<HostArray>> output_view(const std::string& step, const std::string& name);
   // As bind(), without a copy in between where the leaf has memory already that the host sees.
   Result<void> bind(const std::string& leaf, const HostArray& data);
+  // ---- With CUDA, of a program that was loaded with LoadOptions::share. Errors say what is in the way ----
+  // The stream (a CUstream) whose work runs of the program wait for, and which waits for them: neither holds up the
+  // host. 0 at first, the default one.
+  Result<void> cuda_stream(void* stream);
+  // Another stream waits for all runs so far.
+  Result<void> cuda_wait(void* stream);
+  // As leaf_view() and output_view(); an output may be a copy that each run of its step makes anew.
+  Result<CudaArray> cuda_leaf(const std::string& name);
+  Result<CudaArray> cuda_output(const std::string& step, const std::string& name);
+  // Copies arrays of CUDA to leaves, runs the step (none: an empty name) and copies outputs to arrays of CUDA, all on
+  // the stream: it returns before any of it is done.
+  using Named = std::pair<std::string, HostArray>;
+  Result<void> cuda_run(const std::string& step, std::span<const Named> leaves, std::span<const Named> outputs);
+  // Whether a leaf's data must come from the host: faces that tables are made of, and bools.
+  bool comes_from_host(const std::string& leaf) const;
   // The discrete decisions of the step's last run: for each raster its faces and tags, rank by rank. They are there
   // until another step runs.
   Result<std::vector<std::vector<io::Array>>> rasters(const std::string& step);
@@ -242,6 +268,7 @@ class Program {
 
  private:
   Program();
+  void take_rebuilt();
   const State& known() const;  // one without tables where there is none
   std::unique_ptr<State> state_;
 };
