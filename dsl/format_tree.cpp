@@ -427,10 +427,9 @@ class TreeBuilder {
     }
   }
 
-  // `(k in` behind the word `fold` or `scan`
+  // `(k in` behind the word `fold`
   bool at_fold() const {
-    return at(TokenKind::LeftParen) && position_ > 0 &&
-           (tokens_[position_ - 1].text == "fold" || tokens_[position_ - 1].text == "scan") &&
+    return at(TokenKind::LeftParen) && position_ > 0 && tokens_[position_ - 1].text == "fold" &&
            next().kind == TokenKind::Name && position_ + 2 < tokens_.size() && tokens_[position_ + 2].text == "in";
   }
 

@@ -160,7 +160,7 @@ ExprPtr Parser::parse_postfix_rest(ExprPtr expr) {
       expect_close(TokenKind::RightBracket, open, {"the index"});
       expr = std::move(index);
     } else if (at_fold(*expr)) {
-      expr = parse_fold(begin, expr->name == "scan");
+      expr = parse_fold(begin);
     } else if (at(TokenKind::LeftParen)) {
       ExprPtr call = node(Expr::Kind::Call);
       call->a = std::move(expr);
@@ -430,10 +430,9 @@ ExprPtr Parser::parse_reduce() {
   return expr;
 }
 
-// `fold` and `scan` are words only where `(k in` follows: elsewhere they are names like any other.
+// `fold` is a word only where `(k in` follows: elsewhere it is a name like any other.
 bool Parser::at_fold(const Expr& callee) const {
-  if (callee.kind != Expr::Kind::NameRef || !at(TokenKind::LeftParen)) return false;
-  if (callee.name != "fold") return false;
+  if (callee.kind != Expr::Kind::NameRef || callee.name != "fold" || !at(TokenKind::LeftParen)) return false;
   if (!next_at(TokenKind::Name)) return false;
   return after_next_is("in");
 }
@@ -449,9 +448,8 @@ bool Parser::after_next_is(std::string_view wanted) const {
   return !is_word(wanted.back()) || rest.size() == wanted.size() || !is_word(rest[wanted.size()]);
 }
 
-ExprPtr Parser::parse_fold(uint32_t begin, bool is_scan) {
+ExprPtr Parser::parse_fold(uint32_t begin) {
   ExprPtr expr = node(Expr::Kind::Fold);
-  expr->is_scan = is_scan;
   const Token open = token_;
   advance();
   {

@@ -182,7 +182,6 @@ std::optional<ir::Graph> Elaborator::run(dsl::FileId root) {
   declare_leaves(*root_);
   run_program(*root_);
   count_steps();
-  add_initial_steps();
   if (const auto deep = too_deep_gradient(b_.graph(), options_.max_ops)) {
     report(Code::E0503, deep->span,
            "expected a program that stays below " + std::to_string(options_.max_ops) +
@@ -367,25 +366,17 @@ void Elaborator::declare_leaf(ModuleInfo& module, const dsl::LeafDecl& decl) {
     }
     *axes[i] = *dim;
   }
-  Value computed;
   if (decl.initial) leaf.initial = initial_value(decl, leaf.type, ok);
   if (!ok) return;
   const SpanScope span(*this, decl.span);
-  std::optional<ValueId> filling;
-  if (!computed.is_error()) {
-    const SpanScope here(*this, decl.initial->span);
-    filling = computed_initial(decl, computed, leaf);
-    if (!filling) return;
-  }
   item.leaf = static_cast<uint32_t>(b_.graph().leaves.size());
-  if (filling) initials_.emplace_back(*item.leaf, *filling);
   item.value = Image{add_leaf(std::move(leaf))};
   leaf_values_[*item.leaf] = item.value;
   observe(decl.name.span, item.value, decl.name.span);
 }
 
 // The components that fill a leaf. A scalar fills all components of a vector.
-std::vector<double> Elaborator::initial_value(const dsl::LeafDecl& decl, const Type& type, bool& ok, Value* computed) {
+std::vector<double> Elaborator::initial_value(const dsl::LeafDecl& decl, const Type& type, bool& ok) {
   ok = false;
   Value value = evaluate(*decl.initial);
   if (value.is_error()) return {};
@@ -393,11 +384,6 @@ std::vector<double> Elaborator::initial_value(const dsl::LeafDecl& decl, const T
       "expected a value of type " + type.str() + " that is known at compile time for '" + decl.name.text + "', found ";
   convert_known_int(value, type.scalar);
   const auto components = known_components(value);
-  if (!components && value.is_numeric() && computed) {
-    *computed = value;
-    ok = true;
-    return {};
-  }
   if (!components) {
     report(Code::E0612, decl.initial->span,
            wanted + describe(value) + (value.is_numeric() ? " computed at run time" : ""));
