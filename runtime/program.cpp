@@ -10,9 +10,9 @@ namespace dr::runtime {
 
 namespace {
 
-// Every public function: exceptions stay inside.
-template <class F>
-auto guarded(F&& f) -> Result<decltype(f())> {
+// Every public function: exceptions stay inside. `broken` is called where the device or the machine failed.
+template <class F, class Broken>
+auto guarded(F&& f, Broken&& broken) -> Result<decltype(f())> {
   try {
     if constexpr (std::is_void_v<decltype(f())>) {
       f();
@@ -23,14 +23,29 @@ auto guarded(F&& f) -> Result<decltype(f())> {
   } catch (const Failure& failure) {
     return io::Error{failure.message};
   } catch (const vk::DeviceLostError&) {
+    broken();
     return io::Error{"the device was lost while it ran a step; open it and load the program again"};
   } catch (const vk::SystemError& e) {
+    broken();
     return io::Error{std::string("Vulkan reports: ") + e.what()};
   } catch (const std::bad_alloc&) {
+    broken();
     return io::Error{"this machine has not enough memory for the program's data"};
   } catch (const std::exception& e) {
+    broken();
     return io::Error{e.what()};
   }
+}
+template <class F>
+auto guarded(F&& f) -> Result<decltype(f())> {
+  return guarded(f, [] {});
+}
+
+// For functions that change what the program has on the device: when they end early, it is not known what that is.
+auto breaks(std::unique_ptr<Program::State>& state) {
+  return [&state] {
+    if (state && state->on_device) state->broken = true;
+  };
 }
 
 // What functions that give no Result answer from when the program was moved from: tables of nothing.
@@ -87,6 +102,8 @@ PipelineCounters& PipelineCounters::operator+=(const PipelineCounters& other) {
 
 Program::State& Program::state() {
   if (!state_) throw Failure{"the program is empty: it was moved from"};
+  if (state_->broken)
+    throw Failure{"the program cannot go on: the device or the machine failed while it was changed; load it again"};
   return *state_;
 }
 const Program::State& Program::known() const { return state_ ? *state_ : kNothing; }
@@ -223,13 +240,15 @@ void Program::take_rebuilt() {
 }
 
 Result<void> Program::run(const std::string& step, int times) {
-  return guarded([&] {
-    if (times < 1) throw Failure{"a step runs once or more often, found " + std::to_string(times)};
-    for (int done = 0; done < times;) {
-      take_rebuilt();
-      done += state().run(step, times - done);
-    }
-  });
+  return guarded(
+      [&] {
+        if (times < 1) throw Failure{"a step runs once or more often, found " + std::to_string(times)};
+        for (int done = 0; done < times;) {
+          take_rebuilt();
+          done += state().run(step, times - done);
+        }
+      },
+      breaks(state_));
 }
 
 Result<void> Program::cuda_stream(void* stream) {
@@ -263,13 +282,15 @@ Result<CudaArray> Program::cuda_output(const std::string& step, const std::strin
 }
 
 Result<void> Program::cuda_run(const std::string& step, std::span<const Named> leaves, std::span<const Named> outputs) {
-  return guarded([&] {
-    if (!step.empty()) take_rebuilt();
-    for (const auto& [name, data] : leaves) state().copy_from_cuda(state().leaf_index(name), data);
-    if (!step.empty()) state().in_order();
-    while (!step.empty() && state().run(step, 1, false) < 1) take_rebuilt();
-    for (const auto& [name, to] : outputs) state().copy_to_cuda(step, name, to);
-  });
+  return guarded(
+      [&] {
+        if (!step.empty()) take_rebuilt();
+        for (const auto& [name, data] : leaves) state().copy_from_cuda(state().leaf_index(name), data);
+        if (!step.empty()) state().in_order();
+        while (!step.empty() && state().run(step, 1, false) < 1) take_rebuilt();
+        for (const auto& [name, to] : outputs) state().copy_to_cuda(step, name, to);
+      },
+      breaks(state_));
 }
 
 bool Program::comes_from_host(const std::string& leaf) const {
@@ -280,15 +301,15 @@ bool Program::comes_from_host(const std::string& leaf) const {
 }
 
 Result<std::vector<CommandTime>> Program::timed_run(const std::string& step) {
-  return guarded([&] { return state().timed_run(step); });
+  return guarded([&] { return state().timed_run(step); }, breaks(state_));
 }
 
 Result<std::optional<NotFinite>> Program::checked_run(const std::string& step) {
-  return guarded([&] { return state().checked_run(step); });
+  return guarded([&] { return state().checked_run(step); }, breaks(state_));
 }
 
 Result<void> Program::set_runs(const std::string& step, int64_t runs) {
-  return guarded([&] { state().set_runs(step, runs); });
+  return guarded([&] { state().set_runs(step, runs); }, breaks(state_));
 }
 
 int Program::rebuilds() const { return known().rebuilds; }
@@ -377,21 +398,25 @@ Result<std::vector<std::pair<std::string, io::Array>>> Program::pins(const std::
 }
 
 Result<io::Array> Program::leaf(const std::string& name) {
-  return guarded([&] {
-    State& s = state();
-    const auto index = s.leaf_index(name);
-    s.prepare_leaf(index);
-    return s.on_device->transfer.download(s.bundle.leaves[index]->resource);
-  });
+  return guarded(
+      [&] {
+        State& s = state();
+        const auto index = s.leaf_index(name);
+        s.prepare_leaf(index);
+        return s.on_device->transfer.download(s.bundle.leaves[index]->resource);
+      },
+      breaks(state_));
 }
 
 Result<std::optional<HostArray>> Program::leaf_view(const std::string& name) {
-  return guarded([&]() -> std::optional<HostArray> {
-    State& s = state();
-    const auto index = s.leaf_index(name);
-    s.prepare_leaf(index);
-    return s.view(s.bundle.leaves[index]->resource, index);
-  });
+  return guarded(
+      [&]() -> std::optional<HostArray> {
+        State& s = state();
+        const auto index = s.leaf_index(name);
+        s.prepare_leaf(index);
+        return s.view(s.bundle.leaves[index]->resource, index);
+      },
+      breaks(state_));
 }
 
 Result<std::optional<HostArray>> Program::output_view(const std::string& step, const std::string& name) {
@@ -438,7 +463,8 @@ MemoryUse Program::memory_use() const {
 }
 
 Result<int> Program::command_count(const std::string& step) {
-  return guarded([&] { return static_cast<int>(state().prepared_step(state().step_index(step)).primitives.size()); });
+  return guarded([&] { return static_cast<int>(state().prepared_step(state().step_index(step)).primitives.size()); },
+                 breaks(state_));
 }
 
 }  // namespace dr::runtime

@@ -224,23 +224,26 @@ void Program::State::give_memory(const std::set<uint32_t>& wanted) {
                       std::to_string(data.height) + " x " + std::to_string(data.layers) + ", expected " +
                       std::to_string(s.w) + " x " + std::to_string(s.h) + " x " + std::to_string(s.l)};
     }
+  std::map<size_t, io::Array> initial;
+  for (const size_t k : leaves)
+    if (!pending[k]) initial.emplace(k, initial_value(k));
   on_device->memory.allocate(resources);
   for (const size_t k : leaves) {
-    const bundle::LeafT& leaf = *bundle.leaves[k];
-    if (pending[k]) {
-      on_device->transfer.upload(leaf.resource, *pending[k]);
-      pending[k].reset();
-      continue;
-    }
-    const Size s = sizes.size_of(*leaf.extent, "leaf '" + leaf.name + "'");
-    const int n = components_of(*leaf.type);
-    std::vector<double> values(static_cast<size_t>(s.count() * n), 0.0);
-    if (!leaf.initial.empty())
-      for (size_t i = 0; i < values.size(); ++i) values[i] = leaf.initial[i % static_cast<size_t>(n)];
-    auto array = io::Array::from_doubles(values, n, s.w, s.h, s.l).converted(kind_of(*leaf.type));
-    if (!array) throw Failure{"leaf '" + leaf.name + "': " + array.error()};
-    on_device->transfer.upload(leaf.resource, *array);
+    on_device->transfer.upload(bundle.leaves[k]->resource, pending[k] ? *pending[k] : initial.at(k));
+    pending[k].reset();
   }
+}
+
+io::Array Program::State::initial_value(size_t index) const {
+  const bundle::LeafT& leaf = *bundle.leaves[index];
+  const Size s = sizes.size_of(*leaf.extent, "leaf '" + leaf.name + "'");
+  const int n = components_of(*leaf.type);
+  std::vector<double> values(static_cast<size_t>(s.count() * n), 0.0);
+  if (!leaf.initial.empty())
+    for (size_t i = 0; i < values.size(); ++i) values[i] = leaf.initial[i % static_cast<size_t>(n)];
+  auto array = io::Array::from_doubles(values, n, s.w, s.h, s.l).converted(kind_of(*leaf.type));
+  if (!array) throw Failure{"leaf '" + leaf.name + "': " + array.error()};
+  return std::move(array).value();
 }
 
 OnDevice& Program::State::objects() {

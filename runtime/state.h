@@ -86,6 +86,7 @@ struct Program::State {
   std::vector<uint64_t> versions;                 // by leaf: counts its changes
   std::vector<Views> views;                       // by leaf, and of outputs
   bool run_whole = false;                         // outputs may have been written to
+  bool broken = false;                            // a change ended half-way
   LoadOptions options;
   std::shared_ptr<Tally> tally = std::make_shared<Tally>();
   std::shared_ptr<CudaOrder> order;  // with a stream of CUDA, which has seen memory of the program
@@ -166,6 +167,7 @@ struct Program::State {
   // What a step's commands, results and leaves live in.
   std::set<uint32_t> resources_of(const bundle::StepT& step) const;
   bool is_bound(size_t leaf) const;
+  io::Array initial_value(size_t leaf) const;
   void give_memory(const std::set<uint32_t>& wanted);
 };
 

@@ -2,11 +2,9 @@
 #include "compiler/backend/shaders.h"
 
 #include <algorithm>
-#include <atomic>
-#include <exception>
 #include <limits>
-#include <thread>
 
+#include "compiler/backend/bundle/on_all_cores.h"
 #include "compiler/backend/spirv/shader_cache.h"
 #include "compiler/backend/spirv/spirv.h"
 
@@ -78,23 +76,9 @@ void assemble_shaders(const std::filesystem::path& cache_folder, Compiled& compi
   bundle::BundleT& bundle = compiled.bundle;
   // Shaders are independent; results go to fixed places, so the bytes do not depend on the number of threads.
   std::vector<std::variant<std::vector<uint32_t>, std::string>> modules(glsl.size());
-  std::atomic<size_t> next{0};
   const ShaderCache cache(cache_folder);
-  std::vector<std::exception_ptr> failures(glsl.size());
   std::vector<AssembleTimes> times(glsl.size());
-  auto work = [&] {
-    for (size_t k = next++; k < glsl.size(); k = next++) try {
-        modules[k] = assemble(glsl[k], cache, &times[k]);
-      } catch (...) {
-        failures[k] = std::current_exception();
-      }
-  };
-  std::vector<std::thread> threads;
-  for (unsigned t = 1; t < std::max(1u, std::thread::hardware_concurrency()); ++t) threads.emplace_back(work);
-  work();
-  for (std::thread& t : threads) t.join();
-  for (const std::exception_ptr& failure : failures)
-    if (failure) std::rethrow_exception(failure);
+  bundle::on_all_cores(glsl.size(), [&](size_t k) { modules[k] = assemble(glsl[k], cache, &times[k]); });
   for (const AssembleTimes& t : times) {
     compiled.times.cache += t.cache;
     compiled.times.glslang += t.glslang;

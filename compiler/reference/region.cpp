@@ -341,7 +341,7 @@ Origin run_region_op(const Context& context, const Op& op, std::span<Image* cons
   for (size_t k = 0; k < workers.count(); ++k) runners.emplace_back(context);
   std::vector<std::vector<Origin>> found(context.tracing() ? tasks : 0, std::vector<Origin>(results.size()));
   std::vector<Origin> first(found.size());
-  workers.run(tasks, [&](size_t task, size_t worker) {
+  const auto evaluate = [&](size_t task, size_t worker) {
     RegionRunner& runner = runners[worker];
     const size_t begin = task * kBatch, n = std::min(kBatch, count - begin);
     const Places places = places_of_range(domain, begin, n);
@@ -366,6 +366,14 @@ Origin run_region_op(const Context& context, const Op& op, std::span<Image* cons
     if (context.tracing()) first[task] = runner.take_first();
     runner.clear(frame);
     log.finish();
+  };
+  workers.run(tasks, [&](size_t task, size_t worker) {
+    try {
+      evaluate(task, worker);
+    } catch (...) {
+      scatter.turnstile.give_up();
+      throw;
+    }
   });
 
   for (const std::vector<Origin>& task : found) {

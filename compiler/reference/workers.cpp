@@ -3,6 +3,9 @@
 #include "compiler/reference/workers.h"
 
 #include <algorithm>
+#include <new>
+#include <system_error>
+#include <utility>
 
 namespace dr::reference {
 
@@ -19,7 +22,13 @@ Workers::~Workers() {
 }
 
 void Workers::take_tasks(size_t worker) {
-  for (size_t task = next_++; task < tasks_; task = next_++) (*job_)(task, worker);
+  for (size_t task = next_++; task < tasks_; task = next_++) try {
+      (*job_)(task, worker);
+    } catch (...) {
+      // The first one is why; those after it may follow from it.
+      const std::lock_guard lock(mutex_);
+      if (!failure_) failure_ = std::current_exception();
+    }
 }
 
 void Workers::serve(size_t worker) {
@@ -41,6 +50,13 @@ void Workers::run(size_t tasks, const Job& job) {
     for (size_t task = 0; task < tasks; ++task) job(task, 0);
     return;
   }
+  // A new thread starts with `seen` = 0 and so finds the work below. Where the system gives no more threads, those that
+  // there are do it all.
+  try {
+    while (threads_.size() + 1 < count_) threads_.emplace_back([this, worker = threads_.size() + 1] { serve(worker); });
+  } catch (const std::system_error&) {
+    count_ = threads_.size() + 1;
+  }
   {
     const std::lock_guard lock(mutex_);
     job_ = &job;
@@ -49,17 +65,25 @@ void Workers::run(size_t tasks, const Job& job) {
     busy_ = count_ - 1;
     ++generation_;
   }
-  // A new thread starts with `seen` = 0 and so finds this call's work too.
-  while (threads_.size() + 1 < count_) threads_.emplace_back([this, worker = threads_.size() + 1] { serve(worker); });
   wake_.notify_all();
   take_tasks(0);
   std::unique_lock lock(mutex_);
   done_.wait(lock, [&] { return busy_ == 0; });
+  if (failure_) std::rethrow_exception(std::exchange(failure_, nullptr));
 }
 
 void Turnstile::wait_for(size_t task) {
   std::unique_lock lock(mutex_);
-  moved_.wait(lock, [&] { return next_ == task; });
+  moved_.wait(lock, [&] { return next_ == task || given_up_; });
+  if (given_up_) throw std::bad_alloc();
+}
+
+void Turnstile::give_up() {
+  {
+    const std::lock_guard lock(mutex_);
+    given_up_ = true;
+  }
+  moved_.notify_all();
 }
 
 void Turnstile::leave(size_t task) {

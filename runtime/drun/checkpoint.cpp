@@ -102,8 +102,10 @@ Checkpoint load_checkpoint(const std::string& out) {
       throw Mistake{"'" + file.string() + "' is no checkpoint of drun"};
     for (const auto& leaf : json.at("leaves")) {
       const std::string name = leaf.at("name");
-      c.leaves.emplace_back(
-          name, must(io::load_binding((fs::path(out) / folder / (name + ".npy")).string(), leaf.at("components"))));
+      const int components = leaf.at("components");
+      if (components < 1) throw Mistake{"'" + file.string() + "' is no checkpoint of drun"};
+      c.leaves.emplace_back(name,
+                            must(io::load_binding((fs::path(out) / folder / (name + ".npy")).string(), components)));
     }
     std::ifstream log(fs::path(out) / folder / "log.jsonl", std::ios::binary);
     std::stringstream text;

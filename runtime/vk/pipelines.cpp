@@ -3,10 +3,9 @@
 #include "runtime/vk/pipelines.h"
 
 #include <algorithm>
-#include <atomic>
-#include <mutex>
-#include <thread>
+#include <utility>
 
+#include "compiler/backend/bundle/on_all_cores.h"
 #include "runtime/pipeline_file.h"
 
 namespace dr::runtime {
@@ -220,28 +219,14 @@ void Pipelines::build() {
   info.pInitialData = known.data();
   const Cache cache(device_->device, info);
   const size_t first = pipelines_.size() - wanted_.size();
-  std::atomic<size_t> next{0};
-  std::mutex lock;
-  std::exception_ptr failure;
-  const auto work = [&] {
-    for (size_t k = next++; k < wanted_.size(); k = next++) try {
-        pipelines_[first + k] = wanted_[k](cache);
-      } catch (...) {
-        const std::lock_guard guard(lock);
-        failure = std::current_exception();
-      }
-  };
-  const size_t threads = std::min<size_t>(std::max(1u, std::thread::hardware_concurrency()), wanted_.size());
-  std::vector<std::jthread> others;
-  for (size_t t = 1; t < threads; ++t) others.emplace_back(work);
-  work();
-  others.clear();  // waits for them
-  const auto made = static_cast<int64_t>(wanted_.size());
-  wanted_.clear();
-  if (failure) {
+  const std::vector<std::function<vk::raii::Pipeline(const Cache&)>> wanted = std::exchange(wanted_, {});
+  try {
+    bundle::on_all_cores(wanted.size(), [&](size_t k) { pipelines_[first + k] = wanted[k](cache); });
+  } catch (...) {
     std::erase_if(compute_, [&](const auto& one) { return one.second >= first; });
-    std::rethrow_exception(failure);
+    throw;
   }
+  const auto made = static_cast<int64_t>(wanted.size());
   const std::vector<uint8_t> data = cache.getData();
   const bool kept = !known.empty() && data == known;
   counters_ += {made, kept ? made : 0};

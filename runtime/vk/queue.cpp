@@ -3,6 +3,7 @@
 #include "runtime/vk/queue.h"
 
 #include <algorithm>
+#include <stdexcept>
 #include <vector>
 
 namespace dr::runtime {
@@ -26,6 +27,8 @@ void Queue::submit(const vk::raii::CommandBuffer& commands, int times, Pace* pac
   Flight& flight = flights_[next_];
   wait(flight, false);
   const std::vector<vk::CommandBuffer> handles(static_cast<size_t>(times), *commands);
+  // Here, and not after the wait: that may have failed.
+  device_->device.resetFences(*flight.fence);
   flight.begin = Clock::now();
   flight.runs = times * runs;
   flight.pace = pace;
@@ -70,27 +73,37 @@ void Queue::finish() {
 
 void Queue::wait(Flight& flight, bool soon) {
   if (!flight.busy) return;
-  constexpr nanoseconds kLong = std::chrono::minutes(10), kShort = milliseconds(1);
-  const vk::Device& device = *device_->device;
-  vk::Result result = vk::Result::eNotReady;
-  // To be woken up takes longer than a short run does.
-  if (soon && is_gpu() && flight.pace != nullptr && flight.pace->run < kShort) {
-    const auto end = flight.begin + 2 * flight.runs * flight.pace->run;
-    while (result == vk::Result::eNotReady && Clock::now() < end) result = device.getFenceStatus(*flight.fence);
-  }
-  if (result == vk::Result::eNotReady)
-    result = device_->device.waitForFences(*flight.fence, VK_TRUE, static_cast<uint64_t>(kLong.count()));
-  // What the device still uses must not be freed under it.
-  if (result != vk::Result::eSuccess) {
-    const std::lock_guard lock(device_->queue_lock);
-    device_->device.waitIdle();
-  }
+  // What the device still uses must not be freed under it, whatever becomes of this call.
+  struct Idle {
+    DeviceState& device;
+    bool needed = true;
+    ~Idle() {
+      if (needed) try {
+          const std::lock_guard lock(device.queue_lock);
+          device.device.waitIdle();
+        } catch (const std::exception&) {  // lost: it uses nothing
+        }
+    }
+  } idle{*device_};
   flight.busy = false;
-  device_->device.resetFences(*flight.fence);
-  if (result != vk::Result::eSuccess) throw Failure{"the device did not finish within ten minutes"};
+  if (!is_over(flight, soon)) throw std::runtime_error("the device did not finish within ten minutes");
+  idle.needed = false;
   const auto begin = std::max(flight.begin, end_);
   end_ = Clock::now();
   if (flight.pace != nullptr) flight.pace->run = (end_ - begin) / flight.runs;
+}
+
+bool Queue::is_over(const Flight& flight, bool soon) const {
+  constexpr nanoseconds kLong = std::chrono::minutes(10), kShort = milliseconds(1);
+  const vk::Device& device = *device_->device;
+  // To be woken up takes longer than a short run does.
+  if (soon && is_gpu() && flight.pace != nullptr && flight.pace->run < kShort) {
+    const auto end = flight.begin + 2 * flight.runs * flight.pace->run;
+    while (Clock::now() < end)
+      if (device.getFenceStatus(*flight.fence) == vk::Result::eSuccess) return true;
+  }
+  return device_->device.waitForFences(*flight.fence, VK_TRUE, static_cast<uint64_t>(kLong.count())) ==
+         vk::Result::eSuccess;
 }
 
 void Queue::once(const std::function<void(const vk::raii::CommandBuffer&)>& record) {

@@ -53,6 +53,7 @@ class Queue {
   };
   // `soon`: whoever waits has nothing else to do.
   void wait(Flight& flight, bool soon);
+  bool is_over(const Flight& flight, bool soon) const;
   bool is_gpu() const { return device_->properties.deviceType != vk::PhysicalDeviceType::eCpu; }
   static constexpr size_t kFlights = 3;
   std::array<Flight, kFlights> flights_;

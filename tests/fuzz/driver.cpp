@@ -1,11 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // Runs a fuzz target over a corpus and random changes of it, where there is no libFuzzer:
 //
-//   fuzz_NAME [--seconds N] [--runs N] [--seed N] [--end=.dr]... FILE|FOLDER...
+//   fuzz_NAME [--seconds N] [--runs N] [--seed N] [--keep FOLDER] [--end=.dr]... FILE|FOLDER...
 //
 // First every file of the corpus as it is, then changed ones until the time or the number of runs is over (without
-// either, only the files). It prints how many runs there were. An input that crashes, or takes more than five seconds
-// of processor time, is written to a file crash-SEED-RUN before the process dies.
+// either, only the files). An input that crashes, or takes more than five seconds of processor time, is written to a
+// file crash-SEED-RUN before the process dies.
+//
+// Where the code tells what it reaches (coverage.h), an input that reaches something new is changed again from then on,
+// files that reach nothing new are not changed, and --keep writes such inputs to a folder, from where later runs start.
+// A line each time that the runs have doubled says how many there were and what they reached.
 #include <fcntl.h>
 #include <sys/time.h>
 #include <unistd.h>
@@ -20,14 +24,19 @@
 #include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <functional>
+#include <random>
 #include <sstream>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "tests/fuzz/coverage.h"
 #include "tests/fuzz/mutate.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size);
+// Where a target knows better than tokens how its inputs are changed: the new size of what stands in `data`.
+extern "C" __attribute__((weak)) size_t LLVMFuzzerCustomMutator(uint8_t* data, size_t size, size_t max, unsigned seed);
 // There with the sanitizers only.
 extern "C" __attribute__((weak)) void __sanitizer_set_death_callback(void (*)());
 
@@ -95,17 +104,24 @@ void run(const std::string& text, uint64_t seed, uint64_t number) {
   setitimer(ITIMER_PROF, &off, nullptr);
 }
 
-std::vector<std::string> read_corpus(const std::vector<std::string>& places, const std::vector<std::string>& ends) {
+struct Settings {
+  uint64_t seconds = 0, runs = 0, seed = 1;
+  std::string keep;
+  std::vector<std::string> places, ends;
+};
+
+std::vector<std::string> read_corpus(const Settings& settings) {
   namespace fs = std::filesystem;
   std::vector<std::string> files;
-  for (const std::string& place : places) {
+  for (const std::string& place : settings.places) {
     if (!fs::is_directory(place)) {
       files.push_back(place);
       continue;
     }
     for (const auto& entry : fs::recursive_directory_iterator(place)) {
       const std::string file = entry.path().string();
-      const bool wanted = std::ranges::any_of(ends, [&](const std::string& end) { return file.ends_with(end); });
+      const bool wanted = place == settings.keep ||
+                          std::ranges::any_of(settings.ends, [&](const auto& end) { return file.ends_with(end); });
       if (entry.is_regular_file() && wanted) files.push_back(file);
     }
   }
@@ -116,50 +132,121 @@ std::vector<std::string> read_corpus(const std::vector<std::string>& places, con
     text << std::ifstream(file, std::ios::binary).rdbuf();
     texts.push_back(std::move(text).str());
   }
+  // What reaches the same in less comes first.
+  std::ranges::stable_sort(texts, {}, &std::string::size);
   return texts;
 }
 
+// Inputs, and what came of them.
+class Fuzzer {
+ public:
+  explicit Fuzzer(const Settings& settings) : settings_(settings), files_(read_corpus(settings)) {}
+
+  bool has_files() const { return !files_.empty(); }
+  void go();
+
+ private:
+  double elapsed() const { return std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count(); }
+  bool try_input(const std::string& text);
+  void keep(const std::string& text) const;
+  void report() const;
+
+  Settings settings_;
+  std::vector<std::string> files_, pool_;  // as they came; those that are changed
+  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+  uint64_t number_ = 0;
+};
+
+// Whether it reached what none before it did.
+bool Fuzzer::try_input(const std::string& text) {
+  const dr::fuzz::Coverage before = dr::fuzz::coverage();
+  run(text, settings_.seed, ++number_);
+  const dr::fuzz::Coverage after = dr::fuzz::coverage();
+  if (number_ >= 1024 && (number_ & (number_ - 1)) == 0) report();
+  return after.blocks != before.blocks || after.edges != before.edges;
+}
+
+void Fuzzer::keep(const std::string& text) const {
+  if (settings_.keep.empty()) return;
+  std::array<char, 32> name = {};
+  std::snprintf(name.data(), name.size(), "%016zx", std::hash<std::string>()(text));
+  std::ofstream(std::filesystem::path(settings_.keep) / name.data(), std::ios::binary) << text;
+}
+
+void Fuzzer::report() const {
+  const dr::fuzz::Coverage reached = dr::fuzz::coverage();
+  std::printf("%llu runs in %.0f seconds", static_cast<unsigned long long>(number_), elapsed());
+  if (reached.blocks > 0)
+    std::printf(": %llu blocks, %llu edges, %zu inputs", static_cast<unsigned long long>(reached.blocks),
+                static_cast<unsigned long long>(reached.edges), pool_.size());
+  std::printf("\n");
+  std::fflush(stdout);
+}
+
+void Fuzzer::go() {
+  for (const std::string& text : files_)
+    if (try_input(text) || dr::fuzz::coverage().blocks == 0) pool_.push_back(text);
+  dr::fuzz::Mutator mutator(pool_, files_, settings_.seed);
+  std::mt19937_64 seeds(settings_.seed);
+  constexpr size_t kMost = size_t{1} << 17;
+  std::vector<uint8_t> room;
+  const auto next = [&] {
+    if (LLVMFuzzerCustomMutator == nullptr || seeds() % 4 == 0) return mutator.next();
+    const std::string& text = mutator.any_text();
+    room.assign(std::max(text.size(), kMost), 0);
+    std::copy(text.begin(), text.end(), room.begin());
+    const size_t size = LLVMFuzzerCustomMutator(room.data(), text.size(), room.size(), static_cast<unsigned>(seeds()));
+    return std::string(room.begin(), room.begin() + static_cast<ptrdiff_t>(size));
+  };
+  const auto is_over = [&](uint64_t changed) {
+    return settings_.seconds > 0 ? elapsed() >= static_cast<double>(settings_.seconds) : changed >= settings_.runs;
+  };
+  for (uint64_t changed = 0; !is_over(changed); ++changed) {
+    const std::string text = next();
+    if (!try_input(text)) continue;
+    pool_.push_back(text);
+    keep(text);
+  }
+  report();
+}
+
 [[noreturn]] void usage() {
-  std::fputs("usage: fuzz_NAME [--seconds N] [--runs N] [--seed N] [--end=.dr]... FILE|FOLDER...\n", stderr);
+  std::fputs("usage: fuzz_NAME [--seconds N] [--runs N] [--seed N] [--keep FOLDER] [--end=.dr]... FILE|FOLDER...\n",
+             stderr);
   std::exit(2);
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
-  uint64_t seconds = 0, runs = 0, seed = 1;
-  std::vector<std::string> places, ends;
+  Settings settings;
   for (int i = 1; i < argc; ++i) {
     const std::string word = argv[i];
     const bool has_value = i + 1 < argc;
     if (!word.starts_with("--")) {
-      places.push_back(word);
+      settings.places.push_back(word);
     } else if (word.starts_with("--end=")) {
-      ends.push_back(word.substr(6));
+      settings.ends.push_back(word.substr(6));
     } else if (!has_value) {
       usage();
+    } else if (word == "--keep") {
+      settings.keep = argv[++i];
+      std::filesystem::create_directories(settings.keep);
+      settings.places.push_back(settings.keep);
     } else {
-      uint64_t* const number = word == "--seconds" ? &seconds
-                               : word == "--runs"  ? &runs
-                               : word == "--seed"  ? &seed
+      uint64_t* const number = word == "--seconds" ? &settings.seconds
+                               : word == "--runs"  ? &settings.runs
+                               : word == "--seed"  ? &settings.seed
                                                    : nullptr;
       if (number == nullptr) usage();
       *number = std::strtoull(argv[++i], nullptr, 10);
     }
   }
-  const std::vector<std::string> corpus = read_corpus(places, ends);
-  if (corpus.empty()) usage();
-
+  Fuzzer fuzzer(settings);
+  if (!fuzzer.has_files()) usage();
   install_handlers();
-  std::printf("seed %llu, %zu files\n", static_cast<unsigned long long>(seed), corpus.size());
+  std::printf("seed %llu\n", static_cast<unsigned long long>(settings.seed));
   std::fflush(stdout);
-  const auto start = std::chrono::steady_clock::now();
-  const auto elapsed = [&] { return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(); };
-  uint64_t number = 0;
-  for (const std::string& text : corpus) run(text, seed, ++number);
-  dr::fuzz::Mutator mutator(corpus, seed);
-  for (uint64_t changed = 0; seconds > 0 ? elapsed() < static_cast<double>(seconds) : changed < runs; ++changed)
-    run(mutator.next(), seed, ++number);
-  std::printf("%llu runs in %.0f seconds\n", static_cast<unsigned long long>(number), elapsed());
+  fuzzer.go();
   return 0;
 }

@@ -58,13 +58,20 @@ std::vector<std::string_view> tokens(std::string_view text) {
   return result;
 }
 
-Mutator::Mutator(const std::vector<std::string>& corpus, uint64_t seed) : corpus_(corpus), random_(seed) {
+Mutator::Mutator(const std::vector<std::string>& corpus, const std::vector<std::string>& words, uint64_t seed)
+    : corpus_(corpus), random_(seed) {
   std::set<std::string_view> known(std::begin(kNumbers), std::end(kNumbers));
-  for (const std::string& text : corpus) {
+  for (const std::string& text : words) {
     const auto parts = tokens(text);
     known.insert(parts.begin(), parts.end());
   }
   dictionary_.assign(known.begin(), known.end());
+}
+
+const std::string& Mutator::any_text() {
+  const std::string &one = corpus_[below(corpus_.size())], &other = corpus_[below(corpus_.size())];
+  if (below(4) == 0) return one;
+  return one.size() < other.size() ? one : other;
 }
 
 std::string Mutator::any_token() {

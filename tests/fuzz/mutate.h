@@ -15,20 +15,21 @@ std::vector<std::string_view> tokens(std::string_view text);
 
 class Mutator {
  public:
-  // The corpus must stay alive and have at least one text.
-  Mutator(const std::vector<std::string>& corpus, uint64_t seed);
+  // The corpus, which may grow, must stay alive and have at least one text. `words` are texts with tokens to put in.
+  Mutator(const std::vector<std::string>& corpus, const std::vector<std::string>& words, uint64_t seed);
 
   // A text of the corpus with one or more changes.
   std::string next();
+  // A text of the corpus; of short ones, which take less time, more.
+  const std::string& any_text();
 
  private:
   size_t below(size_t count) { return static_cast<size_t>(random_() % count); }
-  const std::string& any_text() { return corpus_[below(corpus_.size())]; }
   std::string any_token();
   std::string change(const std::string& text);
 
   const std::vector<std::string>& corpus_;
-  std::vector<std::string> dictionary_;  // the tokens of the corpus, each once, and numbers at the edge
+  std::vector<std::string> dictionary_;  // the tokens of `words`, each once, and numbers at the edge
   std::mt19937_64 random_;
 };
 

@@ -30,7 +30,11 @@ int main(int argc, char** argv) {
       {"a.hair", hair_file(31)},
       {"b.hair", hair_file(2)},
       {"a.json", "[[1, 2.5, -3e4], [4, 5, 6]]"},
-      {"truth.json", "[true, false]"}};
+      {"truth.json", "[true, false]"},
+      {"cameras.json", "[[[[2.7, 0, 0, 0, 0, -2.4, -0.4, -0.4, 0, 1.1, -0.9, -0.9, 0, 0, 3.9, 4]]]]"},
+      {"a.checkpoint",
+       R"({"folder": "checkpoint-0", "steps": [["fit", 100], ["look", 1]], "entry": 0, "done": 7, "runs": {"fit": 7},)"
+       R"( "leaves": [{"name": "p", "components": 1}]})"}};
   std::filesystem::create_directories(argv[1]);
   for (const auto& [name, content] : files) {
     std::ofstream file(std::filesystem::path(argv[1]) / name, std::ios::binary);

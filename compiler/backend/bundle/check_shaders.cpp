@@ -3,11 +3,10 @@
 #include "compiler/backend/bundle/check_shaders.h"
 
 #include <algorithm>
-#include <atomic>
 #include <optional>
 #include <spirv-tools/libspirv.hpp>
-#include <thread>
 
+#include "compiler/backend/bundle/on_all_cores.h"
 #include "compiler/backend/bundle/reflect.h"
 
 namespace dr::bundle {
@@ -77,14 +76,7 @@ class ShaderChecker {
   void look_at_all() {
     reflections_.resize(b_.shaders.size());
     problems_.resize(b_.shaders.size());
-    std::atomic<size_t> next = 0;
-    const auto work = [&] {
-      for (size_t k = next++; k < b_.shaders.size(); k = next++) problems_[k] = look_at(k);
-    };
-    const size_t cores = std::max(1u, std::thread::hardware_concurrency());
-    std::vector<std::jthread> others;
-    for (size_t t = 1; t < std::min(cores, b_.shaders.size()); ++t) others.emplace_back(work);
-    work();
+    on_all_cores(b_.shaders.size(), [&](size_t k) { problems_[k] = look_at(k); });
   }
 
   std::string look_at(size_t k) {

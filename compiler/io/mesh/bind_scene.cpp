@@ -89,6 +89,7 @@ Array bind_parts(std::string_view kind, Words words, const std::vector<std::stri
   } else {
     for (size_t i = 0; i < names.size(); ++i) add(i);
   }
+  if (values.empty()) fail("the file has no ", kind, " with ", in_quotes(wanted));
   if (!part->whole) return Array::from_doubles(values, part->components);
   const std::vector<int32_t> whole(values.begin(), values.end());
   return Array::from_ints(whole, part->components);
