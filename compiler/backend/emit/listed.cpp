@@ -11,7 +11,6 @@
 
 namespace dr::backend {
 
-using glsl::dim_expression;
 using glsl::Shader;
 using ir::OpKind;
 using ir::ValueId;
