@@ -263,6 +263,23 @@ std::vector<std::string> Program::outputs(const std::string& step) const {
   return out;
 }
 
+bool Program::changes(const std::string& step, const std::string& leaf) const {
+  for (const auto& s : known().bundle.steps)
+    if (s->name == step)
+      return std::ranges::any_of(s->changes, [&](uint32_t k) { return known().bundle.leaves[k]->name == leaf; });
+  return false;
+}
+
+Program::LeafInfo Program::output_info(const std::string& step, const std::string& name) const {
+  for (const auto& s : known().bundle.steps)
+    for (const auto& o : s->outputs)
+      if (s->name == step && o->name == name) {
+        const bundle::TypeT& type = *known().bundle.resources[o->resource]->type;
+        return {name, components_of(type), kind_of(type)};
+      }
+  return {name, 0, io::ElementKind::Float32};
+}
+
 Result<io::Array> Program::output(const std::string& step, const std::string& name) {
   return guarded([&]() -> io::Array {
     State& s = state();

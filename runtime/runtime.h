@@ -185,7 +185,8 @@ class Program {
   };
   std::vector<LeafInfo> leaves() const;
   bool is_input(const std::string& leaf) const;
-  // The leaves that a step reads or changes: these must be bound before it runs, unless they have initial values.
+  // The leaves that a step reads or changes: those that it reads must be bound before it runs, unless they have initial
+  // values.
   std::vector<std::string> needed_leaves(const std::string& step) const;
 
   // Gives a leaf its data; the first time this also gives values to the symbols of its extent, which later data must
@@ -212,6 +213,10 @@ class Program {
   // Results of the step's last run.
   Result<io::Array> output(const std::string& step, const std::string& name);
   std::vector<std::string> outputs(const std::string& step) const;
+  // Whether the step gives the leaf a value.
+  bool changes(const std::string& step, const std::string& leaf) const;
+  // What an output is made of; no components where there is none of that name.
+  LeafInfo output_info(const std::string& step, const std::string& name) const;
   // The leaf's content.
   Result<io::Array> leaf(const std::string& name);
   // The memory itself that a leaf, or an output of the step's last run, has on a device that is the host's processor;

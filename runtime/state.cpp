@@ -22,6 +22,18 @@ void collect(const bundle::CommandT& c, std::set<uint32_t>& out) {
     if (index >= 0) out.insert(static_cast<uint32_t>(index));
 }
 
+// Whether the step gives the leaf a value without a look at the one that it has.
+bool only_writes(const bundle::BundleT& bundle, const bundle::StepT& step, uint32_t leaf) {
+  const uint32_t r = bundle.leaves[leaf]->resource;
+  const auto reads = [r](const auto& c) {
+    return c->depth == static_cast<int>(r) || c->source == static_cast<int>(r) ||
+           std::ranges::any_of(c->bindings,
+                               [r](const auto& b) { return b->resource == r && b->access != bundle::Access::Write; });
+  };
+  return std::ranges::find(step.changes, leaf) != step.changes.end() && std::ranges::none_of(step.commands, reads) &&
+         std::ranges::none_of(step.outputs, [r](const auto& o) { return o->resource == r; });
+}
+
 template <class Tables>
 size_t index_of(const Tables& tables, const std::string& name, const char* what) {
   std::string all;
@@ -153,7 +165,7 @@ void Program::State::prepare(const bundle::StepT& step) {
   std::string missing;
   size_t count = 0;
   for (const uint32_t k : step.leaves)
-    if (!is_bound(k)) {
+    if (!is_bound(k) && !only_writes(bundle, step, k)) {
       const int faces = bundle.leaves[k]->table_of;
       const bundle::LeafT& leaf = *bundle.leaves[faces >= 0 ? static_cast<uint32_t>(faces) : k];
       if (missing.find("'" + leaf.name + "' ") != std::string::npos) continue;
