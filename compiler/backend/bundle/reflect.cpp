@@ -13,7 +13,7 @@ namespace dr::bundle {
 
 namespace {
 
-using namespace dr::spirv;  // the numbers of the specification
+using namespace dr::spv;  // the numbers of the specification
 using Words = std::span<const uint32_t>;
 
 enum StorageClass : uint32_t {

@@ -4,7 +4,7 @@
 
 #include <cstdint>
 
-namespace dr::spirv {
+namespace dr::spv {
 
 enum Opcode : uint16_t {
   kName = 5,
@@ -79,4 +79,4 @@ enum Decoration : uint32_t {
   kInputAttachmentIndex = 43,
 };
 
-}  // namespace dr::spirv
+}  // namespace dr::spv

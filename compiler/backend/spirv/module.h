@@ -13,7 +13,7 @@
 
 namespace dr::backend::spirv {
 
-using namespace dr::spirv;  // the numbers of the specification
+using namespace dr::spv;  // the numbers of the specification
 
 enum class Word : uint8_t { Literal, Id, Result };
 

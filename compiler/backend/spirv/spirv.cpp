@@ -25,7 +25,7 @@ void initialize_glslang() {
   std::call_once(once, [] { glslang::InitializeProcess(); });
 }
 
-using namespace dr::spirv;  // the numbers of the specification
+using namespace dr::spv;  // the numbers of the specification
 
 bool is_float_arithmetic(uint32_t opcode) {
   switch (opcode) {
