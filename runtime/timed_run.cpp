@@ -94,9 +94,10 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
   });
   ++step.counters.recorded;
   count_run(index, dirty, variant.run, variant.skipped);
-  const auto [result, ticks] = pool.getResults<uint64_t>(0, stamps, stamps * sizeof(uint64_t), sizeof(uint64_t),
-                                                         vk::QueryResultFlagBits::e64 | vk::QueryResultFlagBits::eWait);
-  if (result != vk::Result::eSuccess) throw Failure{"the device gave no times"};
+  const auto read = pool.getResults<uint64_t>(0, stamps, stamps * sizeof(uint64_t), sizeof(uint64_t),
+                                              vk::QueryResultFlagBits::e64 | vk::QueryResultFlagBits::eWait);
+  if (read.first != vk::Result::eSuccess) throw Failure{"the device gave no times"};
+  const std::vector<uint64_t>& ticks = read.second;
   const uint64_t mask = device->timestamp_bits >= 64 ? UINT64_MAX : (uint64_t{1} << device->timestamp_bits) - 1;
   const auto nanoseconds = [&](uint32_t from, uint32_t to) {
     return static_cast<double>((ticks[to] - ticks[from]) & mask) *

@@ -57,10 +57,11 @@ class Stages {
   const backend::Compiled* compiled() {
     if (!differentiated()) return nullptr;
     compiled_ = ask([](driver::Compilation& program) { return program.compiled(); });
+    if (compiled_) scheduled_ = compiled_->joined ? &*compiled_->joined : differentiated();
     return compiled_;
   }
   // What the schedule of compiled() is of.
-  const ir::Graph& scheduled() { return compiled_->joined ? *compiled_->joined : *differentiated(); }
+  const ir::Graph& scheduled() const { return *scheduled_; }
   // Null where no shader was asked for.
   const backend::AssembleTimes* assemble_times() const { return compiled_ ? &compiled_->times : nullptr; }
 
@@ -129,6 +130,7 @@ class Stages {
   std::unique_ptr<driver::Compilation> program_;
   const ir::Graph* lowered_ = nullptr;
   const backend::Compiled* compiled_ = nullptr;
+  const ir::Graph* scheduled_ = nullptr;
   bool is_open_ = false, told_messages_ = false, told_error_ = false;
 };
 

@@ -77,6 +77,11 @@ void replay(Sweep& sweep, ir::RegionId region, std::span<const ir::ValueId> valu
 void reverse(Sweep& sweep, Frame& frame, const ir::Op& op, ir::RegionId region,
              std::span<const ResultAdjoint> adjoints);
 
+// Yields what a trip's adjoint adds to captured values, `captured`, and scatters to root images, `images`, as collect()
+// files it. Those of values that the regions `own` define stay.
+void yield_captured(const Sweep& sweep, const Frame& frame, std::span<const ir::RegionId> own, ir::Attrs& attrs,
+                    std::vector<ir::ValueId>& yields, std::vector<ir::ValueId>& captured,
+                    std::vector<ir::ValueId>& images);
 // The extents of Scatter results for attrs.dims, behind the domain.
 void append_extent(ir::Attrs& attrs, const ir::Extent& extent);
 // Files the results of an adjoint region op: first one for each captured value, in order, then one for each image.

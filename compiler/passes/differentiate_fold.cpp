@@ -139,7 +139,7 @@ class FoldAdjoint {
       yields.push_back(state_adjoint(frame, s, k));
       if (last) attrs.yields.push_back(Yield::Element);
     }
-    if (last && s == 0) append_captured(frame, attrs, yields, captured, images);
+    if (last && s == 0) yield_captured(sweep_, frame, op_.regions, attrs, yields, captured, images);
     if (last && attrs.yields.empty()) {  // as in differentiate_if.cpp
       yields.push_back(ops::constant(b_, ir::kFloat, 0.0));
       attrs.yields.push_back(Yield::Sum);
@@ -189,24 +189,6 @@ class FoldAdjoint {
       sum = sum.valid() ? ops::add(b_, sum, found->second) : found->second;
     }
     return sum.valid() ? sum : ops::constant(b_, type_of(s, k), 0.0);
-  }
-
-  void append_captured(const Frame& frame, Attrs& attrs, std::vector<ValueId>& yields, std::vector<ValueId>& captured,
-                       std::vector<ValueId>& images) {
-    const std::set<RegionId> own(op_.regions.begin(), op_.regions.end());
-    for (const auto& [value, adjoint] : frame.adjoints) {
-      if (own.contains(sweep_.source.value(value).region)) continue;
-      captured.push_back(value);
-      yields.push_back(adjoint);
-      attrs.yields.push_back(Yield::Sum);
-    }
-    for (const ScatterTerm& term : frame.scatters) {
-      images.push_back(term.image);
-      if (term.index.valid()) yields.push_back(term.index);
-      yields.push_back(term.value);
-      attrs.yields.push_back(Yield::Scatter);
-      append_extent(attrs, sweep_.source.value(term.image).extent);
-    }
   }
 
   Sweep& sweep_;

@@ -67,18 +67,7 @@ void sum_adjoints(Sweep& sweep, Frame& outer, const Op& op, const Range& range,
   std::vector<ValueId> captured;
   std::vector<ValueId> images;
   std::vector<ValueId> yields;
-  for (const auto& [value, adjoint] : frame.adjoints) {
-    captured.push_back(value);
-    yields.push_back(adjoint);
-    attrs.yields.push_back(Yield::Sum);
-  }
-  for (const ScatterTerm& term : frame.scatters) {
-    images.push_back(term.image);
-    if (term.index.valid()) yields.push_back(term.index);
-    yields.push_back(term.value);
-    attrs.yields.push_back(Yield::Scatter);
-    append_extent(attrs, sweep.source.value(term.image).extent);
-  }
+  yield_captured(sweep, frame, op.regions, attrs, yields, captured, images);
   if (yields.empty()) {  // as in differentiate_if.cpp
     yields.push_back(ops::constant(b, ir::kFloat, 0.0));
     attrs.yields.push_back(Yield::Sum);

@@ -103,6 +103,23 @@ void reverse(Sweep& sweep, Frame& frame, const Op& op, RegionId region, std::spa
   std::erase_if(frame.adjoints, [&](const auto& entry) { return sweep.source.value(entry.first).region == region; });
 }
 
+void yield_captured(const Sweep& sweep, const Frame& frame, std::span<const RegionId> own, ir::Attrs& attrs,
+                    std::vector<ValueId>& yields, std::vector<ValueId>& captured, std::vector<ValueId>& images) {
+  for (const auto& [value, adjoint] : frame.adjoints) {
+    if (std::ranges::find(own, sweep.source.value(value).region) != own.end()) continue;
+    captured.push_back(value);
+    yields.push_back(adjoint);
+    attrs.yields.push_back(Yield::Sum);
+  }
+  for (const ScatterTerm& term : frame.scatters) {
+    images.push_back(term.image);
+    if (term.index.valid()) yields.push_back(term.index);
+    yields.push_back(term.value);
+    attrs.yields.push_back(Yield::Scatter);
+    append_extent(attrs, sweep.source.value(term.image).extent);
+  }
+}
+
 void append_extent(ir::Attrs& attrs, const Extent& extent) {
   attrs.dims.insert(attrs.dims.end(), {extent.w, extent.h, extent.l});
 }

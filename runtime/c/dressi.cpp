@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The C interface over the C++ API: handles are objects, exceptions and Results become dressi_error().
+#include <cstdio>
 #include <nlohmann/json.hpp>
 
 #include "compiler/target/profile.h"
@@ -165,9 +166,11 @@ dressi_bundle* dressi_compile(const char* name, const char* text, dressi_device*
     if (chosen.profile.empty()) chosen.profile = "lavapipe";  // what runs on the evaluator is the graph alone
     const auto profile = dr::target::load_profile(chosen.profile);
     if (const auto* problem = std::get_if<std::string>(&profile)) fail(*problem);
+    dr::jit::Told told;
     auto bytes = dr::jit::compile_text(word(name, "the name"), word(text, "the text"),
-                                       std::get<dr::target::Profile>(profile), chosen);
+                                       std::get<dr::target::Profile>(profile), chosen, &told);
     if (auto* messages = std::get_if<std::string>(&bytes)) fail(std::move(*messages));
+    std::fputs(told.warnings.c_str(), stderr);
     auto out = bundle_of(std::get<std::vector<uint8_t>>(std::move(bytes)));
     out->options = std::move(chosen);
     return out.release();

@@ -63,11 +63,14 @@ std::vector<uint8_t> load_or_compile(const Options& options, const std::string& 
   jit::Options compile = options.compile;
   if (compile.profile.empty()) compile.profile = device_profile;
   if (compile.profile.empty()) throw Mistake{"no built-in profile fits the device: give one with --profile"};
-  auto bundle = jit::compile_file(options.file, compile, &skips);
+  jit::Told told;
+  auto bundle = jit::compile_file(options.file, compile, &told);
   if (auto* messages = std::get_if<std::string>(&bundle)) {
     std::fputs(messages->c_str(), stderr);
     throw Mistake{};
   }
+  std::fputs(told.warnings.c_str(), stderr);
+  skips = std::move(told.skips);
   return std::move(std::get<std::vector<uint8_t>>(bundle));
 }
 

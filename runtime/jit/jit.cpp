@@ -18,27 +18,28 @@ std::vector<std::string> skip_names() { return {std::begin(backend::kSkips), std
 
 std::variant<std::vector<uint8_t>, std::string> compile_text(const std::string& name, const std::string& text,
                                                              const target::Profile& profile, const Options& options,
-                                                             std::vector<Skip>* skips) {
+                                                             Told* told) {
   driver::Compilation program(name, text, options);
   program.use_profile(profile);
   const backend::Compiled* done = program.compiled();
   if (!done) return program.messages();
-  if (!program.diagnostics().all().empty()) std::fputs(program.messages().c_str(), stderr);
-  if (skips) {
+  if (told) {
+    if (!program.diagnostics().all().empty()) told->warnings = program.messages();
+    std::vector<Skip>& skips = told->skips;
     for (const backend::SkipCount& s : backend::left_out_of_graph(*program.differentiated(), program.left_out()))
-      skips->push_back({s.id, s.unit, s.done, s.avoided});
+      skips.push_back({s.id, s.unit, s.done, s.avoided});
     std::set<uint32_t> slots;
     for (const auto& resource : done->bundle.resources) slots.insert(resource->slot);
-    skips->push_back({"slots", "resources", static_cast<int64_t>(slots.size()),
-                      static_cast<int64_t>(done->bundle.resources.size() - slots.size())});
-    skips->push_back({"shaders", "shaders", static_cast<int64_t>(done->glsl.size() - done->shaders_found),
-                      static_cast<int64_t>(done->shaders_found)});
+    skips.push_back({"slots", "resources", static_cast<int64_t>(slots.size()),
+                     static_cast<int64_t>(done->bundle.resources.size() - slots.size())});
+    skips.push_back({"shaders", "shaders", static_cast<int64_t>(done->glsl.size() - done->shaders_found),
+                     static_cast<int64_t>(done->shaders_found)});
   }
   return bundle::write(done->bundle);
 }
 
 std::variant<std::vector<uint8_t>, std::string> compile_file(const std::string& path, const Options& options,
-                                                             std::vector<Skip>* skips) {
+                                                             Told* told) {
   // A folder opens like an empty file.
   if (std::filesystem::is_directory(path)) return "cannot read '" + path + "': it is a folder\n";
   std::ifstream file(path, std::ios::binary);
@@ -47,7 +48,7 @@ std::variant<std::vector<uint8_t>, std::string> compile_file(const std::string& 
   text << file.rdbuf();
   const auto profile = target::load_profile(options.profile);
   if (const auto* problem = std::get_if<std::string>(&profile)) return *problem + "\n";
-  return compile_text(path, text.str(), std::get<target::Profile>(profile), options, skips);
+  return compile_text(path, text.str(), std::get<target::Profile>(profile), options, told);
 }
 
 std::string cache_folder() { return backend::default_cache_folder().string(); }

@@ -23,9 +23,15 @@ struct Skip {
 // Those that --no-skip knows of compiling.
 std::vector<std::string> skip_names();
 
-// The bundle, or the diagnostics as they are to be printed. `skips`, if not null, gets what compiling left out.
+// What compiling has to tell besides the bundle.
+struct Told {
+  std::string warnings;  // as they are to be printed
+  std::vector<Skip> skips;
+};
+
+// The bundle, or the diagnostics as they are to be printed.
 std::variant<std::vector<uint8_t>, std::string> compile_file(const std::string& path, const Options& options,
-                                                             std::vector<Skip>* skips = nullptr);
+                                                             Told* told = nullptr);
 
 // Where compiled things are kept between runs: DRC_CACHE_DIR and so on (compiler/backend/spirv/shader_cache.h); may be
 // empty.

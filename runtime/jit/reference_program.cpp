@@ -144,7 +144,7 @@ io::Result<io::Array> ReferenceProgram::leaf(const std::string& name) {
   return to_array(state_->session.leaf(name));
 }
 
-void ReferenceProgram::freeze(const std::string& step, std::vector<std::vector<io::Array>> rasters) {
+void ReferenceProgram::freeze(const std::string& step, const std::vector<std::vector<io::Array>>& rasters) {
   if (!state_) return;
   if (rasters.empty()) {
     state_->frozen.erase(step);

@@ -31,7 +31,7 @@ class ReferenceProgram {
 
   // Discrete decisions of another device: for the k-th raster of the step its faces and tags, rank by rank, used by
   // every later run of that step instead of computing them; none: it computes its own again.
-  void freeze(const std::string& step, std::vector<std::vector<io::Array>> rasters);
+  void freeze(const std::string& step, const std::vector<std::vector<io::Array>>& rasters);
   // Later runs round what every op gives to float32, as a device does.
   void round_to_float32(bool rounds);
   // The raster results of the step's last run, in the same form.

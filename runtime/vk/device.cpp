@@ -84,7 +84,7 @@ std::string version_text(uint32_t v) {
 // The driver's name and version in its own words, "llvmpipe Mesa 22.3.6 (LLVM 15.0.6)"; where those are missing, its
 // number, whose parts mean something else with each vendor.
 std::string driver_text(const vk::raii::PhysicalDevice& device) {
-  const std::string number = version_text(device.getProperties().driverVersion);
+  std::string number = version_text(device.getProperties().driverVersion);
   for (const vk::ExtensionProperties& extension : device.enumerateDeviceExtensionProperties()) {
     if (std::string_view(extension.extensionName.data()) != VK_KHR_DRIVER_PROPERTIES_EXTENSION_NAME) continue;
     const auto chain = device.getProperties2<vk::PhysicalDeviceProperties2, vk::PhysicalDeviceDriverProperties>();

@@ -1,11 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """GGX on a device against mpmath. ggx.py points FOLDER COUNT draws points; ggx.py judge FOLDER compares what the device made of them."""
-import json
-import sys
-from pathlib import Path
-
 import mpmath
 import numpy as np
+
+from suite import points_or_judge, tell_errors
 
 mpmath.mp.dps = 50
 UNIT = 2.0 ** -24
@@ -73,15 +71,7 @@ def judge(folder):
         for name, e in expected.items():
             errors[name].append(float(abs(mpmath.mpf(float(found[name][i, 0])) / e - 1)))
     share = np.array(errors["D"]) / (4 * UNIT / alpha.astype(float) + 8 * UNIT)
-    figures = {"points": len(alpha), "D over its bound": float(share.max()), **{k: float(max(e)) for k, e in errors.items()},
-               **{k + ", 99.9%": float(np.quantile(e, 0.999)) for k, e in errors.items()}}
-    print(json.dumps(figures))
-    return figures
+    tell_errors(len(alpha), errors, **{"D over its bound": float(share.max())})
 
 
-if __name__ == "__main__":
-    folder = Path(sys.argv[2])
-    if sys.argv[1] == "points":
-        points(folder, int(sys.argv[3]))
-    else:
-        judge(folder)
+points_or_judge(points, judge)

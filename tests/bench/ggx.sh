@@ -6,10 +6,5 @@ set -euo pipefail
 source "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/suite.bash"
 suite ggx "$@"
 no_more
-count=10000
-if [[ -n $quick ]]; then count=1000; fi
-python3 "$here/ggx.py" points "$out" $count
-from=()
-for leaf in normal to_light to_camera alpha; do from+=(--bind "$leaf=$out/$leaf.npy"); done
-"$bin/drun" "$here/ggx.dr" --device "$device" "${from[@]}" --step terms --out "$out/out" > "$out/run.txt"
-python3 "$here/ggx.py" judge "$out" | tee "$out/figures.json"
+draw_points 10000 1000 normal to_light to_camera alpha
+judge_points "$device" figures

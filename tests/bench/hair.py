@@ -1,12 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Hair against mpmath. hair.py points FOLDER COUNT draws points; hair.py judge FOLDER compares what was made of them with the formulas that
 pbrt-v4 documents (Physically Based Rendering, 4th edition, 9.9), with M by its exact definition instead of pbrt's approximation."""
-import json
-import sys
-from pathlib import Path
-
 import mpmath as mp
 import numpy as np
+
+from suite import points_or_judge, tell_errors
 
 mp.mp.dps = 40
 
@@ -119,15 +117,7 @@ def judge(folder):
                   absorption[0], h)
         errors["whole"].append(float(abs(mp.mpf(float(found["whole"][i])) - w) / (w + mp.mpf(10) ** -3)))
     names = {"m": "M over 1 + slope / v", "n": "N over 1 + phi / s", "a": "A, absolute", "whole": "the whole"}
-    figures = {"points": len(given["h"]), **{names[k]: max(e) for k, e in errors.items()},
-               **{names[k] + ", 99.9%": float(np.quantile(e, 0.999)) for k, e in errors.items()}}
-    print(json.dumps(figures))
-    return figures
+    tell_errors(len(given["h"]), {names[k]: e for k, e in errors.items()})
 
 
-if __name__ == "__main__":
-    folder = Path(sys.argv[2])
-    if sys.argv[1] == "points":
-        points(folder, int(sys.argv[3]))
-    else:
-        judge(folder)
+points_or_judge(points, judge)

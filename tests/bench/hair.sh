@@ -6,14 +6,8 @@ set -euo pipefail
 source "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/suite.bash"
 suite hair "$@"
 no_more
-count=10000
-if [[ -n $quick ]]; then count=300; fi
-python3 "$here/hair.py" points "$out" $count
-from=() saves=()
-for leaf in tangent to_light to_camera fiber melanin h variance scale phi; do from+=(--bind "$leaf=$out/$leaf.npy"); done
-"$bin/drun" "$here/hair.dr" --device reference "${from[@]}" --step terms --out "$out/out" > "$out/run.txt"
+draw_points 10000 300 tangent to_light to_camera fiber melanin h variance scale phi
 echo "the evaluator:"
-python3 "$here/hair.py" judge "$out" | tee "$out/figures_evaluator.json"
-"$bin/drun" "$here/hair.dr" --device "$device" "${from[@]}" --step terms --out "$out/out" > "$out/run.txt"
+judge_points reference figures_evaluator
 echo "the device:"
-python3 "$here/hair.py" judge "$out" | tee "$out/figures.json"
+judge_points "$device" figures

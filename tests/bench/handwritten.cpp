@@ -370,8 +370,9 @@ Frame make_frame(Machine& machine, const std::string& table, bool exact, int64_t
     const Buffer& texels = upload(std::vector<float>(static_cast<size_t>(sum_count), 0.5f));
     std::vector<float> photograph(static_cast<size_t>(pixels) * 3);
     for (int64_t k = 0; k < pixels; ++k) {
-      const double x = static_cast<double>(k % size) / static_cast<double>(size),
-                   y = static_cast<double>(k / size) / static_cast<double>(size);
+      const int64_t column = k % size, row = k / size;
+      const double x = static_cast<double>(column) / static_cast<double>(size),
+                   y = static_cast<double>(row) / static_cast<double>(size);
       const double rgb[3] = {0.5 + 0.4 * std::sin(40 * x), y, 0.5 + 0.4 * std::cos(30 * y)};
       for (size_t c = 0; c < 3; ++c) photograph[static_cast<size_t>(k) * 3 + c] = static_cast<float>(rgb[c]);
     }
@@ -407,7 +408,7 @@ double distance(const io::Array& compiled, const std::vector<float>& found) {
 
 double quantile(std::vector<double> values, double q) {
   std::sort(values.begin(), values.end());
-  return values[static_cast<size_t>(q * static_cast<double>(values.size() - 1) + 0.5)];
+  return values[static_cast<size_t>(std::llround(q * static_cast<double>(values.size() - 1)))];
 }
 
 int bench(int argc, char** argv) {

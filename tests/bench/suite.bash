@@ -7,9 +7,11 @@
 #   quick        1, or nothing
 #   device       for `drun --device`: --device, else DR_DEVICE; without either lavapipe where DR_LAVAPIPE_ICD names it
 #   rest         all other arguments
+#   suite        NAME
 
 suite() {
   local name=$1 described
+  suite=$name
   shift
   if [[ ! -d ${1-} ]]; then echo "$name: expected a build folder, found '${1-}'" >&2; exit 2; fi
   build=$(cd "$1" && pwd) bin=$build/bin quick='' device=${DR_DEVICE-} rest=()
@@ -41,4 +43,19 @@ no_more() {
   if ((${#rest[@]} == 0)); then return; fi
   echo "$(basename "$out"): unknown argument ${rest[0]} (BUILD_FOLDER [--device NAME] [--quick])" >&2
   exit 2
+}
+
+# draw_points COUNT QUICK_COUNT LEAF...: NAME.py draws points into NAME.npy of each leaf.
+draw_points() {
+  local leaf count=$1
+  if [[ -n $quick ]]; then count=$2; fi
+  python3 "$here/$suite.py" points "$out" "$count"
+  from=()
+  for leaf in "${@:3}"; do from+=(--bind "$leaf=$out/$leaf.npy"); done
+}
+
+# judge_points DEVICE FILE: NAME.py judges what the step `terms` of NAME.dr makes of them there; FILE.json has its record.
+judge_points() {
+  "$bin/drun" "$here/$suite.dr" --device "$1" "${from[@]}" --step terms --out "$out/out" > "$out/run.txt"
+  python3 "$here/$suite.py" judge "$out" | tee "$out/$2.json"
 }

@@ -189,6 +189,21 @@ def fronts(suite, kind, rows, cost, error, name):
     return front
 
 
+def points_or_judge(points, judge):
+    """The command line of a script that draws points and judges what was made of them: `points FOLDER COUNT` or `judge FOLDER`."""
+    folder = Path(sys.argv[2])
+    if sys.argv[1] == "points":
+        points(folder, int(sys.argv[3]))
+    else:
+        judge(folder)
+
+
+def tell_errors(points, errors, **more):
+    """Prints a record of the largest of each kind of errors, and of what all but one in a thousand are below."""
+    print(json.dumps({"points": points, **more, **{k: float(max(e)) for k, e in errors.items()},
+                      **{k + ", 99.9%": float(np.quantile(e, 0.999)) for k, e in errors.items()}}))
+
+
 def text(fields):
     return " ".join(f"{k}={v:.4g}" if isinstance(v, float) else f"{k}={v}" for k, v in fields.items())
 

@@ -4,9 +4,7 @@
 # leaves no file behind, on the reference and, where there is one, on lavapipe. usage: faults_test.sh DRUN
 set -euo pipefail
 drun=$(realpath "$1")
-work=$(mktemp -d)
-trap 'rm -rf "$work"' EXIT
-cd "$work"
+source "$(dirname "${BASH_SOURCE[0]}")/in_folder.sh"
 cat > fit.dr << 'END_OF_PROGRAM'
 edition 1;
 param x : float[W, H] = 0.0;
@@ -60,7 +58,6 @@ END_OF_PROGRAM
 printf '1,NaN\n' > nan.csv
 mkdir folder folder.drb folder.npy
 
-failed=0
 complain() {
   printf 'FAILED: drun %s: %s\n' "$1" "$2"
   sed 's/^/  out: /' out

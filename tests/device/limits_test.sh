@@ -6,9 +6,8 @@
 set -eu
 drun=$(readlink -f "$1")
 source "$(dirname "${BASH_SOURCE[0]}")/on_lavapipe.sh" "limits on lavapipe"
-failed=0
-# expect STATUS TEXT ARGUMENTS...: drun on each device ends so and says so.
-expect() {
+# ends STATUS TEXT ARGUMENTS...: drun on each device ends so and says so.
+ends() {
   local want=$1 text=$2 driver
   shift 2
   for driver in "$DR_LAVAPIPE_ICD" ${DR_SWIFTSHADER_ICD:-}; do
@@ -21,7 +20,7 @@ expect() {
     fi
   done
 }
-agrees() { expect 0 'agrees with the reference' "$@" --check-against-reference; }
+agrees() { ends 0 'agrees with the reference' "$@" --check-against-reference; }
 
 # Trips of a loop, alone and nested: lavapipe's 65,535.
 cat > trips.dr << 'END'
@@ -42,9 +41,9 @@ for program in trips plain; do
   [[ $program == trips ]] || printf 'edition 1;\nparam a : float[N] = 0.5;\nstep go { output y = a.at(0) * 2.0; }\n' > plain.dr
   "$(dirname "$drun")/drc" build $program.dr --profile=swiftshader -o $program.drb
 done
-DR_SWIFTSHADER_ICD= expect 1 "built for profile 'swiftshader', whose devices let loops run on" trips.drb -s N=100000
-DR_SWIFTSHADER_ICD= expect 0 'y = 1' plain.drb -s N=3
-[[ -z ${DR_SWIFTSHADER_ICD-} ]] || DR_LAVAPIPE_ICD=$DR_SWIFTSHADER_ICD DR_SWIFTSHADER_ICD= expect 0 'total' trips.drb -s N=100000
+DR_SWIFTSHADER_ICD= ends 1 "built for profile 'swiftshader', whose devices let loops run on" trips.drb -s N=100000
+DR_SWIFTSHADER_ICD= ends 0 'y = 1' plain.drb -s N=3
+[[ -z ${DR_SWIFTSHADER_ICD-} ]] || DR_LAVAPIPE_ICD=$DR_SWIFTSHADER_ICD DR_SWIFTSHADER_ICD= ends 0 'total' trips.drb -s N=100000
 
 # Elements of a dispatch: 65,535 workgroups of 64 fill a row; more go on in the next one.
 cat > elements.dr << 'END'
@@ -70,11 +69,11 @@ input a : float;
 param p : float[N] = 0.25;
 step go { p <- p + a; output last = p.at(N - 1) + 0.0; }
 END
-expect 1 'not between 1 and 2\^31|more than 2\^31|error' buffer.dr --bind a=0.5 -s N=2147483648
-expect 1 'error: .*(2\^31|memory|holds|bytes|MiB|GiB)' buffer.dr --bind a=0.5 -s N=2147483647
+ends 1 'not between 1 and 2\^31|more than 2\^31|error' buffer.dr --bind a=0.5 -s N=2147483648
+ends 1 'error: .*(2\^31|memory|holds|bytes|MiB|GiB)' buffer.dr --bind a=0.5 -s N=2147483647
 if [[ -n ${DR_LARGE_LIMITS-} ]]; then
-  expect 0 'last = 0.25' buffer.dr --bind a=0.5 -s N=33554432
-  expect 0 'last = 0.25' buffer.dr --bind a=0.5 -s N=33554431
-  DR_SWIFTSHADER_ICD= expect 1 "'p' takes 134217732 bytes, the device allows 134217728" buffer.dr --bind a=0.5 -s N=33554433
+  ends 0 'last = 0.25' buffer.dr --bind a=0.5 -s N=33554432
+  ends 0 'last = 0.25' buffer.dr --bind a=0.5 -s N=33554431
+  DR_SWIFTSHADER_ICD= ends 1 "'p' takes 134217732 bytes, the device allows 134217728" buffer.dr --bind a=0.5 -s N=33554433
 fi
 exit $failed

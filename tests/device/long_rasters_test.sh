@@ -46,18 +46,6 @@ seq 500 | awk '{ print ($1 - 0.5) / 500 }' > 500.csv
 yes 1024 | head -n 300 > edge.csv || true
 for count in 10 600 70000; do yes 1 | head -n $count > w$count.csv || true; done
 yes 1 | head -n 9000000 > rows.csv || true
-failed=0
-# expect STATUS TEXT ARGUMENTS...: drun on lavapipe ends so and says so.
-expect() {
-  local want=$1 text=$2 status=0
-  shift 2
-  "$drun" "$@" --device llvmpipe > said 2>&1 || status=$?
-  if [[ $status != "$want" ]] || ! grep -qF -- "$text" said; then
-    echo "drun $*: exit $status, expected $want and: $text"
-    tail -n 5 said
-    failed=1
-  fi
-}
 expect 0 'covered = 523776' large.dr --bind edge=edge.csv
 expect 0 'covered = 1711' known.dr --bind depth_of=500.csv --bind w=w600.csv --bind n=1
 expect 1 'may take 70019 trips' known.dr --bind depth_of=500.csv --bind w=w70000.csv --bind n=1

@@ -4,9 +4,7 @@
 # usage: mesh_material_test.sh DRUN
 set -euo pipefail
 drun=$(realpath "$1")
-work=$(mktemp -d)
-trap 'rm -rf "$work"' EXIT
-cd "$work"
+source "$(dirname "${BASH_SOURCE[0]}")/in_folder.sh"
 cat > write.dr <<'END'
 edition 1;
 let position = [vec3(0.0), vec3(1.0, 0.0, 0.0), vec3(0.0, 1.0, 0.0)][coord(3).x];
@@ -40,7 +38,6 @@ of() { echo --bind "$1=ball.glb:material:$2"; }
 # shellcheck disable=SC2046
 go read.dr $(of base base_color_texture:rgb) $(of metal metallic_texture) $(of rough roughness_texture) \
   $(of shade occlusion_texture) $(of glow emissive_texture:rgb) $(of shine emissive) > said
-failed=0
 [[ $(grep -c -e '^go.off = 0$' -e '^go.width = 4$' -e '^go.height = 2$' said) == 3 ]] || { cat said; failed=1; }
 refused() {
   if go write.dr --mesh "$1" > /dev/null 2> err || ! grep -qF -- "$2" err; then cat err; echo "not told: $2"; failed=1; fi

@@ -24,7 +24,6 @@ step fit { moved <- moved - 2.0 * grad(error, moved); output error, alpha; }
 step tone { later <- later * 0.5; output mean = mean(photo) + mean(later); }
 END
 
-failed=0
 for lower in fragment compute; do
   raster=hardware
   [[ $lower == fragment ]] || raster=compute

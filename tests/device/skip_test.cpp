@@ -291,10 +291,10 @@ Side side_of(const Case& c, const test::NamedDevice& device, bool off, const std
   if (off && c.id == "cache") load.cache = false;
   if (off && c.id == "commands") load.reuse_commands = false;
   if (off && c.id == "pipelines") load.pipeline_folder.clear();
-  std::vector<jit::Skip> compiled;
-  auto bundle = jit::compile_file(path.string(), options, &compiled);
+  jit::Told told;
+  auto bundle = jit::compile_file(path.string(), options, &told);
   if (auto* messages = std::get_if<std::string>(&bundle)) FAIL(*messages);
-  return {std::move(compiled), must(Program::load(device.device, std::get<std::vector<uint8_t>>(bundle), load))};
+  return {std::move(told.skips), must(Program::load(device.device, std::get<std::vector<uint8_t>>(bundle), load))};
 }
 
 void bind(Program& program, const Bound& bound) {

@@ -494,7 +494,8 @@ class Evaluator {
                                                   : 0;
       results[k].element.assign(static_cast<size_t>(graph_.value(op.results[k]).type.components()), {start, 0});
     }
-    for (double i = begin; i < end; ++i) {
+    for (int64_t turn = 0; begin + static_cast<double>(turn) < end; ++turn) {
+      const double i = begin + static_cast<double>(turn);
       environment[graph_.region(op.regions[0]).params[0]].element = {{i, 0}};
       const std::vector<Bound> trip = run_region(op, op.regions[0], environment, here);
       for (size_t k = 0; k < results.size(); ++k) {

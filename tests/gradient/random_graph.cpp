@@ -41,7 +41,7 @@ class Generator {
     }
   }
 
-  RandomGraph finish() && { return {std::move(b_), std::move(params_), y_, std::move(data_), std::move(random_)}; }
+  RandomGraph finish() && { return {std::move(b_), std::move(params_), y_, std::move(data_), random_}; }
 
  private:
   Type any_type() { return random_.chance(0.5) ? kFloat : vec(2 + random_.integer(3)); }

@@ -7,55 +7,15 @@
 #include <optional>
 #include <set>
 
+#include "compiler/backend/bundle/spirv_numbers.h"
+
 namespace dr::bundle {
 
 namespace {
 
+using namespace dr::spv;  // the numbers of the specification
 using Words = std::span<const uint32_t>;
 
-enum Opcode : uint32_t {
-  kExtInstImport = 11,
-  kMemoryModel = 14,
-  kEntryPoint = 15,
-  kExecutionMode = 16,
-  kCapability = 17,
-  kTypeBool = 20,
-  kTypeInt = 21,
-  kTypeFloat = 22,
-  kTypeVector = 23,
-  kTypeMatrix = 24,
-  kTypeImage = 25,
-  kTypeArray = 28,
-  kTypeRuntimeArray = 29,
-  kTypeStruct = 30,
-  kTypePointer = 32,
-  kConstant = 43,
-  kSpecConstantTrue = 48,
-  kSpecConstantFalse = 49,
-  kSpecConstant = 50,
-  kConstantComposite = 44,
-  kSpecConstantComposite = 51,
-  kVariable = 59,
-  kAccessChain = 65,
-  kInBoundsAccessChain = 66,
-  kBitcast = 124,
-  kDecorate = 71,
-  kMemberDecorate = 72,
-  kLoopMerge = 246,
-  kBranch = 249,
-  kBranchConditional = 250,
-  kSwitch = 251,
-};
-enum Decoration : uint32_t {
-  kSpecId = 1,
-  kBuiltIn = 11,
-  kNonWritable = 24,
-  kLocation = 30,
-  kBinding = 33,
-  kDescriptorSet = 34,
-  kOffset = 35,
-  kInputAttachmentIndex = 43,
-};
 enum StorageClass : uint32_t {
   kUniformConstant = 0,
   kInput = 1,

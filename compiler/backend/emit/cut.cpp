@@ -18,10 +18,8 @@ int64_t overhead(const Trips& trips, int each) { return 64 + int64_t{each} * (3 
 
 }  // namespace
 
-Generator::Cut Generator::cut(Shader& s, const Pass& pass, const std::vector<ir::OpId>& ops, const std::string& element,
-                              int each) {
+Generator::Cut Generator::cut(Shader& s, const Pass& pass, const Trips& trips, const std::string& element, int each) {
   Cut cut;
-  const Trips trips = trips_of(graph_, ops);
   const bool long_ones = may_pass_limit(trips, profile_, each), unknown = trips.unknown > 0 && profile_.loop_trips > 0;
   if (!long_ones && !unknown) return cut;
   cut.most = profile_.loop_trips;
@@ -30,7 +28,7 @@ Generator::Cut Generator::cut(Shader& s, const Pass& pass, const std::vector<ir:
   // them, the shader tells whether the driver has ended a loop.
   if (trips.folds > 0 && !unknown && trips.promised == 0) return cut;
   cut.cuts = true;
-  cut.watched = unknown || trips.promised > 0 || trips.folds > 0;
+  cut.watched = unknown || trips.promised > 0;
   cut.element = element;
   // Lanes that go different ways take their trips one after the other, as the driver counts.
   const int64_t lanes = trips.even ? 1 : std::max<int64_t>(profile_.subgroup_size, 1);
@@ -74,8 +72,7 @@ void Generator::end_cut(Shader& s, const Cut& cut) {
   s.body().line("}");
 }
 
-bool Generator::runs_of_elements(const Pass& pass) const {
-  const Trips trips = trips_of(graph_, pass.ops);
+bool Generator::runs_of_elements(const Trips& trips) const {
   constexpr int64_t kRun = 32;
   return profile_.lanes_in_turn && (trips.folds == 0 || !may_pass_limit(trips, profile_, kRun));
 }

@@ -314,10 +314,11 @@ void Generator::map_pass(const Pass& pass) {
     const bool all_here = scatter->joins_lister && scatter->scatter == ScatterLowering::Atomic;
     if (!all_here) active_lists_[scatter] = add_list(*scatter, "active");
   }
-  if (const std::vector<ir::OpId> heavy = heavy_branches(pass); !heavy.empty()) return listed_map_pass(pass, heavy);
+  const Trips trips = trips_of(graph_, pass.ops);
+  if (const auto heavy = heavy_branches(pass, trips); !heavy.empty()) return listed_map_pass(pass, trips, heavy);
   Shader s = shader();
-  ListingLoop loop(s, pass.domain, runs_of_elements(pass) && listed_for(pass) != nullptr);
-  const Cut cut = this->cut(s, pass, pass.ops, loop.element(), loop.each());
+  ListingLoop loop(s, pass.domain, runs_of_elements(trips) && listed_for(pass) != nullptr);
+  const Cut cut = this->cut(s, pass, trips, loop.element(), loop.each());
   open_cut(s, cut, loop.skip());
   s.element_ops(pass.ops);
   close_cut(s, cut);

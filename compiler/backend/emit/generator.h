@@ -54,8 +54,8 @@ class Generator {
   void set_lines(const Pass& pass, const Pass* setup);
   void map_pass(const Pass& pass);
   // Its `if`s whose first branch is worth leaving out for the elements that do not take it; empty if all of it is not.
-  std::vector<ir::OpId> heavy_branches(const Pass& pass) const;
-  void listed_map_pass(const Pass& pass, const std::vector<ir::OpId>& heavy);
+  std::vector<ir::OpId> heavy_branches(const Pass& pass, const Trips& trips) const;
+  void listed_map_pass(const Pass& pass, const Trips& trips, const std::vector<ir::OpId>& heavy);
   // `inputs`: values that it reads as input attachments; `joins`: it goes on in the render pass before.
   void fragment_pass(const Pass& pass, const std::vector<ir::ValueId>& inputs, bool joins);
   // Loops of a compute shader that may take more trips than the device lets an invocation have (cut.cpp). What
@@ -69,14 +69,13 @@ class Generator {
     std::string element;
   };
   // `each`: elements of an invocation.
-  Cut cut(glsl::Shader& shader, const Pass& pass, const std::vector<ir::OpId>& ops, const std::string& element,
-          int each = 1);
+  Cut cut(glsl::Shader& shader, const Pass& pass, const Trips& trips, const std::string& element, int each = 1);
   // `skip`: is done with the element.
   static void open_cut(glsl::Shader& shader, const Cut& cut, const std::string& skip);
   void close_cut(glsl::Shader& shader, const Cut& cut);
   static void end_cut(glsl::Shader& shader, const Cut& cut);
   // Whether invocations may compute several elements: where loops cannot be cut, these share the trips.
-  bool runs_of_elements(const Pass& pass) const;
+  bool runs_of_elements(const Trips& trips) const;
   static void set_trips(bundle::CommandT& command, const Cut& cut);
   void reduce_pass(const Pass& pass);
   void scatter_pass(const Pass& pass);

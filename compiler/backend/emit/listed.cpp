@@ -11,7 +11,6 @@
 
 namespace dr::backend {
 
-using glsl::dim_expression;
 using glsl::Shader;
 using ir::OpKind;
 using ir::ValueId;
@@ -49,9 +48,9 @@ bool is_large(const ir::Extent& domain) {
 
 }  // namespace
 
-std::vector<ir::OpId> Generator::heavy_branches(const Pass& pass) const {
+std::vector<ir::OpId> Generator::heavy_branches(const Pass& pass, const Trips& trips) const {
   std::vector<ir::OpId> heavy;
-  if (!list_branches_ || may_pass_limit(trips_of(graph_, pass.ops), profile_)) return heavy;
+  if (!list_branches_ || may_pass_limit(trips, profile_)) return heavy;
   if (!profile_.lanes_in_turn && !is_large(pass.domain)) return heavy;
   int saved = 0;
   for (const ir::OpId id : pass.ops) {
@@ -65,12 +64,12 @@ std::vector<ir::OpId> Generator::heavy_branches(const Pass& pass) const {
   return saved < kWorthListing ? std::vector<ir::OpId>() : heavy;
 }
 
-void Generator::listed_map_pass(const Pass& pass, const std::vector<ir::OpId>& heavy) {
+void Generator::listed_map_pass(const Pass& pass, const Trips& trips, const std::vector<ir::OpId>& heavy) {
   const uint32_t list = add_list(pass, "heavy");
   const std::string count = element_count(pass.domain).str();
   {
     Shader s = shader();
-    ListingLoop loop(s, pass.domain, runs_of_elements(pass));
+    ListingLoop loop(s, pass.domain, runs_of_elements(trips));
     // Where no condition holds, `false` stands for all: nothing is read that only a branch left out needs. Elsewhere
     // what follows a condition that holds is wrong, another condition too, and does not count.
     std::set<ValueId> conditions;
@@ -86,7 +85,7 @@ void Generator::listed_map_pass(const Pass& pass, const std::vector<ir::OpId>& h
     for (const ValueId v : std::set<ValueId>(conditions))
       if (computed.count(v) == 0) suppose(v);
     for (const ir::OpId id : heavy) s.leave_out_branch(id);
-    const Cut cut = this->cut(s, pass, pass.ops, loop.element(), loop.each());
+    const Cut cut = this->cut(s, pass, trips, loop.element(), loop.each());
     open_cut(s, cut, loop.skip());
     for (const ir::OpId id : pass.ops) {
       s.element_ops({id});
@@ -133,7 +132,7 @@ void Generator::listed_map_pass(const Pass& pass, const std::vector<ir::OpId>& h
   }
   s.body().line("int element = int(" + words + "(" + item + "index));");
   place_from_index(s, pass.domain, "element");
-  const Cut cut = this->cut(s, pass, pass.ops, "element");
+  const Cut cut = this->cut(s, pass, trips, "element");
   open_cut(s, cut, "return;");
   s.element_ops(pass.ops);
   close_cut(s, cut);

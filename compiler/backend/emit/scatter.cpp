@@ -339,7 +339,7 @@ void Generator::scatter_pass(const Pass& pass) {
   if (!lists && !listed) place_from_index(s, pass.domain);
   std::string finish;
   const std::vector<ir::OpId> ops = element_ops(pass);
-  const Cut cut = this->cut(s, pass, ops, lists || listed ? "element" : "index");
+  const Cut cut = this->cut(s, pass, trips_of(graph_, ops), lists || listed ? "element" : "index");
   if (lists && !cut.cuts) s.declare("uint adds = 0u;\n");
   if (lists && cut.cuts) s.cut_loops().keep(ir::kUint, "adds", true);
   if (pass.join_lanes) s.declare("bool joins = true;\n");

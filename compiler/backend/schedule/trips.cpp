@@ -217,17 +217,19 @@ class Finder {
 
 Bounds bounds_of(const Graph& graph, ValueId value) { return Finder(graph).of(value); }
 
+Trips& Trips::operator+=(const Trips& other) {
+  most = most + other.most;
+  loops += other.loops;
+  unknown += other.unknown;
+  promised += other.promised;
+  folds += other.folds;
+  even = even && other.even;
+  return *this;
+}
+
 Trips trips_of_regions(const Graph& graph, const Op& op) {
   Trips all;
-  for (const ir::RegionId region : op.regions) {
-    const Trips one = trips_of(graph, graph.region(region).ops);
-    all.most = all.most + one.most;
-    all.loops += one.loops;
-    all.unknown += one.unknown;
-    all.promised += one.promised;
-    all.folds += one.folds;
-    all.even = all.even && one.even;
-  }
+  for (const ir::RegionId region : op.regions) all += trips_of(graph, graph.region(region).ops);
   return all;
 }
 
@@ -262,12 +264,7 @@ Trips trips_of(const Graph& graph, std::span<const ir::OpId> ops) {
       inside.even = inside.even && alike(op.operands[0]) && alike(op.operands[1]);
       ++inside.loops;
     }
-    all.most = all.most + inside.most;
-    all.loops += inside.loops;
-    all.unknown += inside.unknown;
-    all.promised += inside.promised;
-    all.folds += inside.folds;
-    all.even = all.even && inside.even;
+    all += inside;
   }
   return all;
 }

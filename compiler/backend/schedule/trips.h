@@ -21,6 +21,8 @@ struct Trips {
   int promised = 0;  // their range depends on data, and what bounds it is the program's `max`
   int folds = 0;     // loops that carry values: these cannot go on in a later dispatch
   bool even = true;  // all invocations take the same trips
+
+  Trips& operator+=(const Trips& other);
 };
 
 // What ops of the root region or of one region take together, whatever way their `if`s go.

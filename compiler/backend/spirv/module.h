@@ -9,35 +9,11 @@
 #include <string>
 #include <vector>
 
+#include "compiler/backend/bundle/spirv_numbers.h"
+
 namespace dr::backend::spirv {
 
-// Opcodes by their numbers in the specification, those that are told apart here.
-enum Opcode : uint16_t {
-  kName = 5,
-  kMemberName = 6,
-  kExtInstImport = 11,
-  kExtInst = 12,
-  kEntryPoint = 15,
-  kFunction = 54,
-  kFunctionParameter = 55,
-  kFunctionEnd = 56,
-  kFunctionCall = 57,
-  kVariable = 59,
-  kLoad = 61,
-  kStore = 62,
-  kDecorate = 71,
-  kMemberDecorate = 72,
-  kPhi = 245,
-  kLoopMerge = 246,
-  kLabel = 248,
-  kBranch = 249,
-  kBranchConditional = 250,
-  kSwitch = 251,
-  kReturn = 253,
-  kReturnValue = 254,
-};
-// Decorations.
-inline constexpr uint32_t kBuiltIn = 11, kNoContraction = 42;
+using namespace dr::spv;  // the numbers of the specification
 
 enum class Word : uint8_t { Literal, Id, Result };
 

@@ -25,25 +25,24 @@ void initialize_glslang() {
   std::call_once(once, [] { glslang::InitializeProcess(); });
 }
 
-constexpr uint32_t kOpEntryPoint = 15, kOpFunction = 54, kOpDecorate = 71, kNoContraction = 42;
+using namespace dr::spv;  // the numbers of the specification
 
 bool is_float_arithmetic(uint32_t opcode) {
   switch (opcode) {
-    case 127:  // OpFNegate
-    case 129:
-    case 131:
-    case 133:
-    case 136:
-    case 140:
-    case 141:  // OpFAdd FSub FMul FDiv FRem FMod
-    case 142:
-    case 143:
-    case 144:
-    case 145:
-    case 146:
-    case 147:
-    case 148:  // vector, matrix products, OpOuterProduct, OpDot
-      return true;
+    case kFNegate:
+    case kFAdd:
+    case kFSub:
+    case kFMul:
+    case kFDiv:
+    case kFRem:
+    case kFMod:
+    case kVectorTimesScalar:
+    case kMatrixTimesScalar:
+    case kVectorTimesMatrix:
+    case kMatrixTimesVector:
+    case kMatrixTimesMatrix:
+    case kOuterProduct:
+    case kDot: return true;
     default: return false;
   }
 }
@@ -58,15 +57,15 @@ std::vector<uint32_t> decorate_no_contraction(const std::vector<uint32_t>& modul
   uint32_t main = 0, function = 0;
   for (size_t at = kHeader; at < module.size(); at += std::max<uint32_t>(module[at] >> 16, 1)) {
     const uint32_t opcode = module[at] & 0xffff;
-    if (opcode == kOpDecorate && first_decoration == 0) first_decoration = at;
-    if (opcode == kOpDecorate && module[at + 2] == kNoContraction) decorated.insert(module[at + 1]);
-    if (opcode == kOpEntryPoint) main = module[at + 2];
-    if (opcode == kOpFunction) function = module[at + 2];
+    if (opcode == kDecorate && first_decoration == 0) first_decoration = at;
+    if (opcode == kDecorate && module[at + 2] == kNoContraction) decorated.insert(module[at + 1]);
+    if (opcode == kEntryPoint) main = module[at + 2];
+    if (opcode == kFunction) function = module[at + 2];
     if (is_float_arithmetic(opcode) && !(but_main && function == main)) ids.push_back(module[at + 2]);
   }
   std::vector<uint32_t> extra;
   for (uint32_t id : ids)
-    if (decorated.count(id) == 0) extra.insert(extra.end(), {(3u << 16) | kOpDecorate, id, kNoContraction});
+    if (decorated.count(id) == 0) extra.insert(extra.end(), {(3u << 16) | kDecorate, id, kNoContraction});
   std::vector<uint32_t> out = module;
   // A shader always has decorations (built-ins, bindings); new ones go before the first.
   if (first_decoration != 0)

@@ -26,15 +26,15 @@ class [[nodiscard]] Result {
   explicit operator bool() const { return ok(); }
 
   // Preconditions: value() needs ok(), error() needs !ok().
-  const T& value() const& { return assert(ok()), *std::get_if<0>(&state_); }
-  T& value() & { return assert(ok()), *std::get_if<0>(&state_); }
-  T&& value() && { return assert(ok()), std::move(*std::get_if<0>(&state_)); }
+  const T& value() const& { return assert(ok()), std::get<0>(state_); }
+  T& value() & { return assert(ok()), std::get<0>(state_); }
+  T&& value() && { return assert(ok()), std::move(std::get<0>(state_)); }
   const T& operator*() const& { return value(); }
   T& operator*() & { return value(); }
   T&& operator*() && { return std::move(*this).value(); }
   const T* operator->() const { return &value(); }
   T* operator->() { return &value(); }
-  const std::string& error() const { return assert(!ok()), std::get_if<1>(&state_)->message; }
+  const std::string& error() const { return assert(!ok()), std::get<1>(state_).message; }
 
  private:
   std::variant<T, Error> state_;

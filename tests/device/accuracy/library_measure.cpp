@@ -167,8 +167,7 @@ class Group {
       for (auto& [name, image] : drawn) {
         if (image.count() != kSide * kSide) continue;
         std::vector<double> components = w.operands.at(name);
-        const auto o = std::find_if(functions_[k].operands.begin(), functions_[k].operands.end(),
-                                    [&](const Operand& operand) { return operand.name == name; });
+        const auto o = std::ranges::find(functions_[k].operands, name, &Operand::name);
         if (o != functions_[k].operands.end())
           for (double& x : components)
             if (random.pick(2) == 0) x = random.near(*o, image.type, x);

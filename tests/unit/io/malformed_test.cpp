@@ -67,7 +67,7 @@ TEST_CASE("malformed OBJ files are refused by line", "[io][malformed]") {
       obj(square + "vn 0 0\n", "line 5: 'vn' needs 3 numbers, found 2"),
       obj(square + "usemt red\n", "line 5: unknown statement 'usemt' (did you mean 'usemtl'?)"),
       obj(square + "curv2 1 2\n", "line 5: 'curv2' belongs to a free-form surface, only polygons are read"),
-      obj(std::string("v 0 0 0\nv \0 0 0\n", 17), "line 2: a zero byte: this is not a text file"),
+      obj(std::string("v 0 0 0\nv \0 0 0\n", 16), "line 2: a zero byte: this is not a text file"),
       obj("v 0 0 \\\n\\\nx\n", "line 1: 'x' is not a number"),
       obj("v 0 0 \x1b[31m\n", "line 1: '\\x1b[31m' is not a number"),
       obj(square + "f 1 2 3\n", "there are no texture coordinates ('vt' lines)", ":uv"),

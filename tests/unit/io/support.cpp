@@ -66,7 +66,7 @@ TemporaryFolder::~TemporaryFolder() {
 }
 
 std::string TemporaryFolder::write(std::string_view name, std::string_view content) const {
-  const std::string path = *this / name;
+  std::string path = *this / name;
   fs::create_directories(fs::path(path).parent_path());
   std::ofstream(path, std::ios::binary).write(content.data(), static_cast<std::streamsize>(content.size()));
   return path;

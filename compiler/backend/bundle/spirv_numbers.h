@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: Apache-2.0
+// Numbers of the SPIR-V specification, those that are told apart here.
+#pragma once
+
+#include <cstdint>
+
+namespace dr::spv {
+
+enum Opcode : uint16_t {
+  kName = 5,
+  kMemberName = 6,
+  kExtInstImport = 11,
+  kExtInst = 12,
+  kMemoryModel = 14,
+  kEntryPoint = 15,
+  kExecutionMode = 16,
+  kCapability = 17,
+  kTypeBool = 20,
+  kTypeInt = 21,
+  kTypeFloat = 22,
+  kTypeVector = 23,
+  kTypeMatrix = 24,
+  kTypeImage = 25,
+  kTypeArray = 28,
+  kTypeRuntimeArray = 29,
+  kTypeStruct = 30,
+  kTypePointer = 32,
+  kConstant = 43,
+  kConstantComposite = 44,
+  kSpecConstantTrue = 48,
+  kSpecConstantFalse = 49,
+  kSpecConstant = 50,
+  kSpecConstantComposite = 51,
+  kFunction = 54,
+  kFunctionParameter = 55,
+  kFunctionEnd = 56,
+  kFunctionCall = 57,
+  kVariable = 59,
+  kLoad = 61,
+  kStore = 62,
+  kAccessChain = 65,
+  kInBoundsAccessChain = 66,
+  kDecorate = 71,
+  kMemberDecorate = 72,
+  kBitcast = 124,
+  kFNegate = 127,
+  kFAdd = 129,
+  kFSub = 131,
+  kFMul = 133,
+  kFDiv = 136,
+  kFRem = 140,
+  kFMod = 141,
+  kVectorTimesScalar = 142,
+  kMatrixTimesScalar = 143,
+  kVectorTimesMatrix = 144,
+  kMatrixTimesVector = 145,
+  kMatrixTimesMatrix = 146,
+  kOuterProduct = 147,
+  kDot = 148,
+  kPhi = 245,
+  kLoopMerge = 246,
+  kLabel = 248,
+  kBranch = 249,
+  kBranchConditional = 250,
+  kSwitch = 251,
+  kReturn = 253,
+  kReturnValue = 254,
+};
+
+enum Decoration : uint32_t {
+  kSpecId = 1,
+  kBuiltIn = 11,
+  kNonWritable = 24,
+  kLocation = 30,
+  kBinding = 33,
+  kDescriptorSet = 34,
+  kOffset = 35,
+  kNoContraction = 42,
+  kInputAttachmentIndex = 43,
+};
+
+}  // namespace dr::spv
