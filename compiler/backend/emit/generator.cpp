@@ -316,7 +316,7 @@ void Generator::map_pass(const Pass& pass) {
   }
   if (const std::vector<ir::OpId> heavy = heavy_branches(pass); !heavy.empty()) return listed_map_pass(pass, heavy);
   Shader s = shader();
-  ListingLoop loop(s, pass.domain, runs_of_elements(pass) && listed_for(pass) != nullptr);
+  ListingLoop loop(s, pass.domain, profile_.lanes_in_turn && listed_for(pass) != nullptr);
   const Cut cut = this->cut(s, pass, pass.ops, loop.element(), loop.each());
   open_cut(s, cut, loop.skip());
   s.element_ops(pass.ops);
