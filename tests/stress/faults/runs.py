@@ -64,7 +64,7 @@ def damage_checkpoints(folder, run, count):
     Returns the names of those that went on, with other results than the whole run."""
     whole, kept, wrong = folder / "whole", folder / "kept", []
     (folder / "fit.dr").write_text(FIT)
-    fit = ["fit.dr", *DATA]
+    fit = ["fit.dr", *DATA, "--log-every", "1"]
     assert run("the whole run", [*fit, "--step", "fit=6", "--out", "whole"]) == 0
     assert run("its half", [*fit, "--step", "fit=3", "--out", "kept"]) == 0
     files = sorted(p.relative_to(kept) for p in kept.rglob("*") if p.is_file() and (p.name == "checkpoint.json" or "checkpoint-" in str(p)))
