@@ -26,6 +26,7 @@ compiler/backend/emit      BUNDLE GRAPH compiler/target/ B/analysis/ B/schedule/
 compiler/backend/spirv     BUNDLE compiler/ir/ B/glsl/source.h
 compiler/backend           dsl/ GRAPH compiler/target/ compiler/passes/ compiler/backend/
 compiler/driver          dsl/ compiler/ir/ compiler/lower/ compiler/passes/ compiler/target/ compiler/backend/
+compiler/language_server dsl/ compiler/lower/
 compiler/drc             dsl/ compiler/
 compiler/io              compiler/io/
 compiler/io/file

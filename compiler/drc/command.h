@@ -80,6 +80,7 @@ int eval(const EvalOptions& options);
 int explain_grad(const ExplainGradOptions& options);
 int fmt(const FormatOptions& options);
 int doc(const DocOptions& options);
+int lsp(const InputOptions& options);  // only where modules are, and -D
 int explain(const std::string& code);  // all codes if it is empty
 int inspect(const InspectOptions& options);
 

@@ -20,14 +20,18 @@ namespace {
 using namespace dr::drc;
 namespace backend = dr::backend;
 
-void add_input(CLI::App& command, InputOptions& input) {
-  command.add_option("file", input.file, "Program (.dr), graph (.ir), or - for stdin")->required();
+void add_modules(CLI::App& command, InputOptions& input) {
   command.add_option("-I", input.compile.include_dirs, "Folder to look for imported modules in")
       ->allow_extra_args(false)
       ->type_name("DIR");
   command.add_option("-D", input.defines, "Give a const of the program another value")
       ->allow_extra_args(false)
       ->type_name("NAME=VALUE");
+}
+
+void add_input(CLI::App& command, InputOptions& input) {
+  command.add_option("file", input.file, "Program (.dr), graph (.ir), or - for stdin")->required();
+  add_modules(command, input);
   command.add_flag("--plain-gradients", input.compile.plain_gradients,
                    "Differentiate functions that have a @vjp by their own text");
 }
@@ -232,6 +236,14 @@ int main(int argc, char** argv) {
       ->capture_default_str()
       ->type_name("FILE");
 
+  InputOptions lsp_options;
+  CLI::App* lsp_command =
+      app.add_subcommand("lsp", "Serve an editor: the Language Server Protocol on stdin and stdout");
+  add_modules(*lsp_command, lsp_options);
+  // Editors name the road that they talk on, and this is the one there is.
+  bool stdio = true;
+  lsp_command->add_flag("--stdio", stdio, "Talk on stdin and stdout, as it does without");
+
   // CLI11 would only say that a command is missing.
   std::vector<std::string> commands;
   for (const CLI::App* command : app.get_subcommands({})) commands.push_back(command->get_name());
@@ -287,6 +299,7 @@ int main(int argc, char** argv) {
     if (explain_grad_command->parsed()) code = explain_grad(explain_grad_options);
     if (fmt_command->parsed()) code = fmt(fmt_options);
     if (doc_command->parsed()) code = doc(doc_options);
+    if (lsp_command->parsed()) code = lsp(lsp_options);
     if (explain_command->parsed()) code = explain(code_to_explain);
     write_messages();
     // What the system buffered may still find no room.

@@ -20,6 +20,7 @@
 
 #include "compiler/ir/graph.h"
 #include "compiler/lower/lower.h"
+#include "compiler/lower/observation.h"
 #include "compiler/lower/value.h"
 #include "compiler/ops/op.h"
 #include "dsl/ast.h"
@@ -103,8 +104,14 @@ struct TypeMatch {
 class Elaborator {
  public:
   Elaborator(dsl::SourceManager& sources, const Options& options, dsl::DiagnosticList& diagnostics)
-      : sources_(sources), options_(options), diagnostics_(diagnostics) {}
+      : sources_(sources), options_(options), diagnostics_(diagnostics), observation_(options.observation) {}
+  ~Elaborator() {
+    if (observation_) give_files();
+  }
+  Elaborator(const Elaborator&) = delete;
+  Elaborator& operator=(const Elaborator&) = delete;
   std::optional<ir::Graph> run(dsl::FileId root);
+  static std::vector<std::string> builtin_names();
 
  private:
   friend struct BuiltinTable;
@@ -192,6 +199,7 @@ class Elaborator {
   void add_item(ModuleInfo& module, const dsl::Name& name, ModuleItem item);
   Value item_value(ModuleInfo& module, std::string_view name, ModuleItem& item, const Span& use);
   Value name_value(const std::string& name, const Span& span);
+  Value found_name(const std::string& name, const Span& span, Span& declared);
   Value seed_value(const Span& span);
   Value module_field(ModuleInfo& module, const std::string& name, const Span& span);
   const Binding* find_binding(std::string_view name) const;
@@ -199,6 +207,13 @@ class Elaborator {
   Scope* new_scope(Scope* parent);
   void define(Scope& scope, const dsl::Name& name, Value value, bool is_var = false);
   std::vector<std::string> visible_names() const;
+
+  // For those who show programs (observe.cpp).
+  std::string words_for_reader(const Value& value) const;
+  void observe(const Span& span, const Value& value, const Span& declared);
+  void observe_field(const Value& base, const std::string& name, const Span& span, const Value& value);
+  void observe_members(const Value& base);
+  void give_files();
 
   // What values are, in words (emission.cpp).
   std::string describe(const Value& value) const;          // "vec3[V]", "Triangle"
@@ -244,6 +259,7 @@ class Elaborator {
   Value evaluate_number(const Expr& expr);
   Value evaluate_field(const Expr& expr);
   Value field_of(const Value& base, const std::string& name, const Span& span, const Expr* base_expr);
+  Value found_field(const Value& base, const std::string& name, const Span& span, const Expr* base_expr);
   Value numeric_field(const Value& base, const std::string& name, const Span& span, const Expr* base_expr);
   std::optional<std::vector<int>> swizzle_indices(const Type& type, const std::string& name, const Span& span);
   Value evaluate_index(const Expr& expr);
@@ -407,7 +423,6 @@ class Elaborator {
   // Built-in functions (builtins.cpp, builtins_vector.cpp, builtins_image.cpp).
   static const Builtin* find_builtin(std::string_view name);
   static const Builtin* find_method(std::string_view name);
-  static std::vector<std::string> builtin_names();
   bool floats(BuiltinCall& call, bool splat_scalars = true);
   bool numbers(BuiltinCall& call, bool splat_scalars = true);
   bool vectors(BuiltinCall& call, size_t count);
@@ -493,6 +508,7 @@ class Elaborator {
   dsl::SourceManager& sources_;
   const Options& options_;
   dsl::DiagnosticList& diagnostics_;
+  Observation* observation_;
   ir::Builder b_;
   Span span_;
 

@@ -79,6 +79,12 @@ Value Elaborator::evaluate_field(const Expr& expr) {
 }
 
 Value Elaborator::field_of(const Value& base, const std::string& name, const Span& span, const Expr* base_expr) {
+  const Value value = found_field(base, name, span, base_expr);
+  observe_field(base, name, span, value);
+  return value;
+}
+
+Value Elaborator::found_field(const Value& base, const std::string& name, const Span& span, const Expr* base_expr) {
   if (base.is_error()) return Error{};
   if (const auto* module = base.get<ModuleValue>()) return module_field(*module->module, name, span);
   if (base.is_numeric()) return numeric_field(base, name, span, base_expr);

@@ -19,6 +19,13 @@ std::optional<ir::Graph> lower(dsl::SourceManager& sources, dsl::FileId root, co
   return Elaborator(sources, options, diagnostics).run(root);
 }
 
+std::vector<std::string> builtin_names() { return Elaborator::builtin_names(); }
+
+std::vector<std::string> type_names() {
+  return {"bool",  "int",   "uint",  "float", "vec2",  "vec3",  "vec4", "ivec2", "ivec3", "ivec4",
+          "uvec2", "uvec3", "uvec4", "bvec2", "bvec3", "bvec4", "mat2", "mat3",  "mat4"};
+}
+
 // ---- messages ----
 
 void Elaborator::report(Code code, const Span& span, std::string message, std::vector<dsl::Note> notes,
@@ -55,6 +62,9 @@ void Elaborator::set_span(const Span& span) {
 // Whether elaboration has to end. Unrolling can multiply without bound: each limit below is a message, not a hang.
 bool Elaborator::over_budget(const Span& span) {
   if (exhausted_ || diagnostics_.full()) return true;
+  constexpr size_t kStopEvery = 64;
+  if (observation_ && observation_->stop && steps_ % kStopEvery == 0 && observation_->stop())
+    return observation_->stopped = exhausted_ = true;
   if (b_.graph().op_count() > options_.max_ops) {
     report(Code::E0503, span,
            "expected a program of at most " + std::to_string(options_.max_ops) +
@@ -154,7 +164,8 @@ std::optional<ir::Graph> Elaborator::run(dsl::FileId root) {
   const size_t slash = name.rfind('/');
   root_ = load_module(root, name, slash == std::string::npos ? "." : name.substr(0, slash + 1));
   // A tree with holes would only repeat what the parser has said.
-  if (!parsed_) return std::nullopt;
+  if (!parsed_ && !observation_) return std::nullopt;
+  if (!parsed_) observation_->messages_of_text = diagnostics_.all().size();
   scope_ = &root_->scope;
   b_.reserve(sources_.text(root).size() / 4);  // long programs give about an op for six characters
   apply_defines(*root_);
@@ -272,6 +283,7 @@ void Elaborator::declare_leaf(ModuleInfo& root, const dsl::LeafDecl& decl) {
   ModuleItem& item = root.items.find(decl.name.text)->second;
   if (item.kind != ModuleItem::Kind::Leaf || item.span != decl.name.span) return;  // declared twice
   item.value = Error{};
+  if (!decl.type) return;  // the parser has said why
   const auto resolved = type_name(*decl.type);
   if (!resolved) return;
   const auto* type = resolved->get<TypeValue>();
@@ -322,6 +334,7 @@ void Elaborator::declare_leaf(ModuleInfo& root, const dsl::LeafDecl& decl) {
   const ValueId id = ops::emit(b_, OpKind::Leaf, {}, std::move(attrs));
   b_.set_name(id, leaf.name);
   item.value = Image{id};
+  observe(decl.name.span, item.value, decl.name.span);
 }
 
 // The components that fill a leaf. A scalar fills all components of a vector.

@@ -18,6 +18,8 @@
 
 namespace dr::lower {
 
+struct Observation;  // compiler/lower/observation.h
+
 struct Options {
   std::vector<std::string> include_dirs;  // -I
   // -D name=value, overriding `const`s of the root file, or by std.loss.name those of a library module.
@@ -29,10 +31,17 @@ struct Options {
   size_t max_parts = 262'144;  // of one tuple, array or struct, parts of parts counted
   size_t max_steps = 1024;
   double* parse_milliseconds = nullptr;  // what parsing took is added here, if anywhere
+  Observation* observation = nullptr;    // who wants to know, if anybody
 };
 
 // The text of a library module that ships inside the compiler ("std/camera.dr"), or nullopt.
 std::optional<std::string_view> library_module(std::string_view path);
+// The paths of them all.
+std::vector<std::string_view> library_modules();
+
+// The names that the language gives to functions and to types.
+std::vector<std::string> builtin_names();
+std::vector<std::string> type_names();
 
 // Parses and lowers a root file already in `sources`, with what it imports. Diagnostics say what is wrong; a
 // graph is returned only when there are no errors. It contains Grad ops; passes::differentiate expands them.

@@ -67,7 +67,8 @@ void Elaborator::load_import(ModuleInfo& importer, const dsl::ImportDecl& import
   std::optional<std::string> text;
   for (const std::string& candidate : folders) {
     path = in_folder(candidate, file);
-    text = read_text(path);
+    text = observation_ && observation_->read ? observation_->read(path) : std::nullopt;
+    if (!text) text = read_text(path);
     if (!text) continue;
     const size_t slash = path.rfind('/');
     folder = slash == std::string::npos ? "." : path.substr(0, slash + 1);
@@ -217,6 +218,7 @@ Value Elaborator::item_value(ModuleInfo& module, std::string_view name, ModuleIt
   }
   item.value = value;
   item.state = ModuleItem::State::Done;
+  observe(item.span, value, item.span);
   return value;
 }
 
@@ -231,6 +233,7 @@ Scope* Elaborator::new_scope(Scope* parent) {
 
 void Elaborator::define(Scope& scope, const dsl::Name& name, Value value, bool is_var) {
   if (name.text == "_") return;
+  observe(name.span, value, name.span);
   // The top level's names were collected before: here they get their values.
   if (scope.parent == nullptr) {
     const auto found = scope.module->items.find(name.text);
@@ -271,9 +274,20 @@ std::optional<uint32_t> Elaborator::find_leaf(std::string_view name) const {
 }
 
 Value Elaborator::name_value(const std::string& name, const Span& span) {
-  if (const Binding* binding = find_binding(name)) return binding->value;
+  Span declared;
+  const Value value = found_name(name, span, declared);
+  observe(span, value, declared);
+  return value;
+}
+
+Value Elaborator::found_name(const std::string& name, const Span& span, Span& declared) {
+  if (const Binding* binding = find_binding(name)) {
+    declared = binding->span;
+    return binding->value;
+  }
   ModuleInfo& module = *scope_->module;
   if (const auto found = module.items.find(name); found != module.items.end()) {
+    declared = found->second.span;
     return item_value(module, name, found->second, span);
   }
   if (name == "seed") return seed_value(span);
@@ -362,9 +376,9 @@ std::vector<std::string> Elaborator::visible_names() const {
   names.insert(names.end(), items.begin(), items.end());
   std::vector<std::string> builtins = builtin_names();
   names.insert(names.end(), builtins.begin(), builtins.end());
-  names.insert(names.end(),
-               {"step_index", "seed",  "bool",  "int",   "uint",  "float", "vec2",  "vec3", "vec4", "ivec2", "ivec3",
-                "ivec4",      "uvec2", "uvec3", "uvec4", "bvec2", "bvec3", "bvec4", "mat2", "mat3", "mat4"});
+  names.insert(names.end(), {"step_index", "seed"});
+  const std::vector<std::string> types = type_names();
+  names.insert(names.end(), types.begin(), types.end());
   return names;
 }
 

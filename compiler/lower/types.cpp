@@ -50,9 +50,8 @@ std::optional<Value> Elaborator::type_name(const dsl::TypeExpr& type) {
     }
   }
   if (!declared) {
-    std::vector<std::string> known = {"bool",  "int",   "uint",  "float", "vec2",  "vec3",  "vec4",
-                                      "ivec2", "ivec3", "ivec4", "uvec2", "uvec3", "uvec4", "bvec2",
-                                      "bvec3", "bvec4", "mat2",  "mat3",  "mat4",  "array"};
+    std::vector<std::string> known = type_names();
+    known.emplace_back("array");
     const std::vector<std::string> structs =
         names_of(items, [](const ModuleItem& item) { return item.kind == ModuleItem::Kind::Struct; });
     known.insert(known.end(), structs.begin(), structs.end());

@@ -1,0 +1,119 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "compiler/language_server/protocol.h"
+
+#include <charconv>
+
+namespace dr::language_server {
+namespace {
+
+constexpr size_t kMaxMessage = size_t{256} << 20;
+constexpr size_t kMaxHeader = 4096;  // of one line; nobody sends more
+
+// A line without its end. Nothing at the end of the stream.
+std::optional<std::string> read_line(std::istream& in) {
+  std::string line;
+  for (int c = in.get(); c != std::istream::traits_type::eof(); c = in.get()) {
+    if (c == '\n') {
+      if (line.ends_with('\r')) line.pop_back();
+      return line;
+    }
+    if (line.size() < kMaxHeader) line += static_cast<char>(c);
+  }
+  return std::nullopt;
+}
+
+std::optional<size_t> content_length(std::string_view line) {
+  constexpr std::string_view kName = "content-length:";
+  if (line.size() < kName.size()) return std::nullopt;
+  for (size_t i = 0; i < kName.size(); ++i)
+    if (std::tolower(static_cast<unsigned char>(line[i])) != kName[i]) return std::nullopt;
+  line.remove_prefix(kName.size());
+  while (line.starts_with(' ')) line.remove_prefix(1);
+  size_t length = 0;
+  const auto [end, error] = std::from_chars(line.data(), line.data() + line.size(), length);
+  if (error != std::errc() || length > kMaxMessage) return std::nullopt;
+  return length;
+}
+
+}  // namespace
+
+std::optional<std::string> read_message(std::istream& in) {
+  std::optional<size_t> length;
+  while (const auto line = read_line(in)) {
+    if (line->empty() && length) {
+      std::string body(*length, '\0');
+      in.read(body.data(), static_cast<std::streamsize>(body.size()));
+      if (static_cast<size_t>(in.gcount()) != body.size()) return std::nullopt;
+      return body;
+    }
+    if (const auto found = content_length(*line)) length = found;
+  }
+  return std::nullopt;
+}
+
+void write_message(std::ostream& out, const Json& message) {
+  // Names of files need not be UTF-8.
+  const std::string body = message.dump(-1, ' ', false, Json::error_handler_t::replace);
+  out << "Content-Length: " << body.size() << "\r\n\r\n" << body << std::flush;
+}
+
+void Inbox::read_all(std::istream& in) {
+  bool exit = false;
+  while (!exit) {
+    const auto text = read_message(in);
+    if (!text) break;
+    Json message = Json::parse(*text, nullptr, false);
+    const Json method = message.is_object() ? message.value("method", Json()) : Json();
+    exit = method == "exit";
+    const std::lock_guard lock(mutex_);
+    if (method == "$/cancelRequest") {
+      const Json params = message.value("params", Json());
+      // What was answered before is forgotten with the next thousand.
+      constexpr size_t kMost = 1000;
+      if (cancelled_.size() >= kMost) cancelled_.clear();
+      if (params.is_object() && params.contains("id")) cancelled_.insert(params["id"].dump());
+      continue;
+    }
+    messages_.push_back(std::move(message));
+    changed_.notify_one();
+  }
+  const std::lock_guard lock(mutex_);
+  ended_ = true;
+  changed_.notify_one();
+}
+
+std::optional<Json> Inbox::take(std::optional<std::chrono::milliseconds> wait) {
+  std::unique_lock lock(mutex_);
+  const auto ready = [&] { return ended_ || !messages_.empty(); };
+  if (wait) {
+    changed_.wait_for(lock, *wait, ready);
+  } else {
+    changed_.wait(lock, ready);
+  }
+  if (messages_.empty()) return std::nullopt;
+  Json message = std::move(messages_.front());
+  messages_.pop_front();
+  return message;
+}
+
+bool Inbox::closed() {
+  const std::lock_guard lock(mutex_);
+  return ended_ && messages_.empty();
+}
+
+bool Inbox::waiting() {
+  const std::lock_guard lock(mutex_);
+  return !messages_.empty();
+}
+
+bool Inbox::cancelled(const Json& id) {
+  const std::lock_guard lock(mutex_);
+  return cancelled_.contains(id.dump());
+}
+
+bool Inbox::take_cancelled(const Json& id) {
+  const std::lock_guard lock(mutex_);
+  return cancelled_.erase(id.dump()) != 0;
+}
+
+}  // namespace dr::language_server
