@@ -101,7 +101,7 @@ status=0; run --step fit=1 --resume --out broken > /dev/null 2> err.txt || statu
 run --step fit=3 --out damaged > /dev/null
 for file in checkpoint-0/a.npy checkpoint-0/log.jsonl checkpoint.json; do
   rm -rf copy && cp -r damaged copy
-  at=$(($(stat -c %s "copy/$file") - 30))
+  at=$(($(stat -c %s "copy/$file") - 3)) # a number, not the header
   byte=$(od -An -tu1 -j $at -N 1 "copy/$file")
   printf "\\x$(printf %02x $((byte ^ 1)))" | dd of="copy/$file" bs=1 seek=$at conv=notrunc status=none
   status=0; run --step fit=4 --resume --out copy > /dev/null 2> err.txt || status=$?

@@ -143,7 +143,7 @@ def numbers():
             "{ x * a.at(i) }), d = sum(reduce(sum, i in 0..V) { a.at(V - 1 - i) }); }\n", ["-s", "V=100000"]),
         "its gradient": (HEAD + "param a : float[V] = 0.5;\nlet e = reduce(sum, i in 0..V) { a.at(i) * a.at((i * 7) % V) } / float(V);\n"
             "step s { a <- a - grad(e, a); output e, a; }\n", ["-s", "V=70000"]),
-        "a fold of 70,000": (HEAD + "param a : float[V] = 0.5;\nstep s { output e = fold(s = 0.0, i in 0..V) { s * 0.5 + a.at(i) }; }\n",
+        "a fold of 70,000": (HEAD + "param a : float[V] = 0.5;\nstep s { output e = fold(i in 0..V, s = 0.0) { s * 0.5 + a.at(i) }; }\n",
             ["-s", "V=70000"]),
         "65,535 x 64 elements": (step("output e = mean(x * float(coord(W, 1, 1).x % 7));"), ["-s", "W=4194241"]),
         "chain of 400": (chain("sin({})", 400), []),

@@ -50,7 +50,7 @@ class Row:
         said = done.stderr.decode(errors="replace")
         if done.returncode not in accepts or "internal error" in said:
             self.blame("crashed", name, f"exit {done.returncode} {said}")
-        elif reference and done.returncode != 0 and "the reference" in said:
+        elif reference and done.returncode != 0:  # all of these are to run, and to agree
             self.blame("wrong", name, said)
         elif done.returncode == 0:
             self.ran += 1
