@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """Makes the pictures of the documentation from the programs that stand in it: those of the tutorial, by running each page's
-program, and the README's pear, of what `./dr demo` left.
+program, those of docs/examples/gallery/, and the README's pear, of what `./dr demo` left.
 
 usage: pictures.py DRUN [DEMO_OUT_FOLDER]     DR_DEVICE chooses the device; lavapipe without it
 """
@@ -22,6 +22,13 @@ device = os.environ.get("DR_DEVICE", "lavapipe")
 
 # A page, how often its step `fit` runs, and how large its pictures are.
 PAGES = [("shape", 60, 96), ("texture", 60, 96), ("pose", 150, 128), ("shading", 80, 128)]
+
+# A program of the gallery, and the steps and data that its picture is made with.
+MESH = ["--bind", "position=PEAR:position", "--bind", "face=PEAR:indices"]
+GALLERY = {"light": ["--step", "fit"], "colours": ["--step", "fit=80"], "pose": ["--step", "fit=5"], "depth": ["--step", "fit=200"],
+           "deblurring": ["--step", "fit=150"], "metal": ["--step", "fit=200"], "shadow": [*MESH, "--step", "fit=60"],
+           "network": ["--step", "start", "--step", "fit=600"], "splats": ["--step", "start", "--step", "fit=300"],
+           "skinning": ["--step", "fit=10"], "density": ["--step", "fit=40"]}
 
 
 def srgb(image):
@@ -70,7 +77,7 @@ def tutorial(name, steps, size):
         seen = []
         for out, options in (("before", []), ("after", ["--step", f"fit={steps}"])):
             run(file, Path(folder) / out, "-D", f"S={size}", *options, "--step", "look")
-            load = lambda value: np.load(Path(folder) / out / f"{value}.npy")
+            load = lambda value: np.load(Path(folder) / out / f"look.{value}.npy")
             photo, drawn = load("photo"), load("drawn")
             components = photo.shape[-1] if photo.shape[-1] == 3 else 1
             if not seen:
@@ -79,18 +86,29 @@ def tutorial(name, steps, size):
         save(docs / "tutorial" / f"{name}.png", side_by_side(seen))
 
 
+def gallery(name, options):
+    """What was seen, and what was found, of a program's step `look`."""
+    options = [word.replace("PEAR", str(docs / "examples/pear.obj")) for word in options]
+    with tempfile.TemporaryDirectory() as folder:
+        run(docs / f"examples/gallery/{name}.dr", folder, *options, "--step", "look")
+        seen = [np.load(file) for key in ("photo", "truth", "drawn") if (file := Path(folder) / f"look.{key}.npy").exists()]
+    pictures = [np.concatenate(list(srgb(a)) if a.ndim == 4 else [srgb(a)], axis=1) if a.ndim != 3 or a.shape[-1] == 3
+                else np.concatenate([srgb(layer) for layer in a], axis=1) for a in seen]
+    save(docs / f"examples/gallery/{name}.png", side_by_side(pictures))
+
+
 def pear(out):
     """Where the fit starts, the shape that it found, and the shape with its colours, in the first view."""
     target = out / "target"
-    same = ["--bind", f"face={target}/face.npy", "--bind", f"uv={target}/uv.npy", "--bind", f"uv_face={target}/uv_face.npy",
-            "--bind", f"view={target}/view.npy", "-D", "size=200"]
+    same = ["--bind", f"face={target}/meshes.face.npy", "--bind", f"uv={target}/meshes.uv.npy", "--bind", f"uv_face={target}/meshes.uv_face.npy",
+            "--bind", f"view={target}/render.view.npy", "-D", "size=200"]
     plain = ["--symbol", "T=1", "--symbol", "U=1"]
     colours = ["--bind", f"albedo={out}/fit/albedo.npy"]
     images = []
     with tempfile.TemporaryDirectory() as folder:
-        for position, more in ((target, plain), (out / "fit", plain), (out / "fit", colours)):
-            run(docs / "examples/pear/show.dr", folder, *same, *more, "--bind", f"position={position}/position.npy")
-            images.append(srgb(np.load(Path(folder) / "shaded.npy")[0]))
+        for position, more in ((target / "meshes.position", plain), (out / "fit/position", plain), (out / "fit/position", colours)):
+            run(docs / "examples/pear/show.dr", folder, *same, *more, "--bind", f"position={position}.npy")
+            images.append(srgb(np.load(Path(folder) / "show.shaded.npy")[0]))
     shown = (np.stack(images) != 255).any(axis=(0, 3))
     ys, xs = (np.flatnonzero(shown.any(axis=axis)) for axis in (1, 0))
     save(docs / "pear.png", side_by_side([image[ys[0] - 4:ys[-1] + 5, xs[0] - 4:xs[-1] + 5] for image in images], gap=24))
@@ -98,5 +116,7 @@ def pear(out):
 
 for page in PAGES:
     tutorial(*page)
+for program in GALLERY.items():
+    gallery(*program)
 if len(sys.argv) > 2:
     pear(Path(sys.argv[2]))

@@ -78,6 +78,7 @@ struct Expr {
     Bool,       // bool_value
     String,     // name
     NameRef,    // name
+    StepCount,  // `step_index of a`: a names a step
     Unary,      // op, a            op: "-" "!" "~"
     Binary,     // op, a, b         op: + - * / % == != < <= > >= && || & | ^ << >>
     Field,      // a . name         also `t.0` for tuples and `2.px`
@@ -133,7 +134,7 @@ struct Stmt {
     Let,       // pattern, type?, a
     Var,       // pattern (one name), type?, a
     Assign,    // target = a            target: a name, or a field/index path rooted in a `var`; target op= a
-    Update,    // target <- a           target: name of a param or state
+    Update,    // target <- a           target: name of a param or state, through instances of modules too
     Expr,      // a ;
     For,       // loop_var in a..b, max = c body
     If,        // `if a { } else { }` as a statement
@@ -229,6 +230,8 @@ struct Module {
   int64_t edition = 0;
   Span edition_span;
   std::vector<ImportDecl> imports;
+  std::vector<Param> params;  // `parameters (…);`: what an instance is given
+  Span params_span;           // not valid: the file has none
   std::vector<Item> items;
 };
 

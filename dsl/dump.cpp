@@ -176,6 +176,7 @@ List expr_list(const Expr& expr) {
     case Expr::Kind::Bool: return expr.bool_value ? "true" : "false";
     case Expr::Kind::String: return quote(expr.name);
     case Expr::Kind::NameRef: return expr.name;
+    case Expr::Kind::StepCount: return {"step_index", expr_list(expr.a)};
     case Expr::Kind::Unary: return {std::string(expr.op), expr_list(expr.a)};
     case Expr::Kind::Binary: return {std::string(expr.op), expr_list(expr.a), expr_list(expr.b)};
     case Expr::Kind::Field: return {".", expr_list(expr.a), expr.name.empty() ? "_" : expr.name};
@@ -381,6 +382,10 @@ std::string dump(const Module& module) {
     out += "(import " + path_text(import.path);
     if (import.alias) out += " as " + import.alias->text;
     out += ")\n";
+  }
+  if (module.params_span.valid()) {
+    print(out, params_list(module.params), 0);
+    out += '\n';
   }
   for (const Item& item : module.items) {
     print(out, item.is_private ? List{"private", item_list(item)} : item_list(item), 0);

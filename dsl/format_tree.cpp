@@ -182,6 +182,9 @@ class TreeBuilder {
         const bool dotted = at(TokenKind::Dot) || (position_ > 0 && tokens_[position_ - 1].kind == TokenKind::Dot);
         add_token(sequence, !dotted);
       }
+    } else if (place == Place::File && at_word("parameters")) {
+      add_token(sequence);
+      add(sequence, list(TokenKind::RightParen, &TreeBuilder::param));
     } else if ((place == Place::File && (at_word("param") || at_word("input") || at_word("state"))) ||
                (place == Place::Optimizer && at_word("state"))) {
       add_token(sequence);
@@ -228,8 +231,12 @@ class TreeBuilder {
     } else if (at_word("output") && next().kind == TokenKind::Name) {
       add_token(sequence);
       add(sequence, bare_list(&TreeBuilder::argument));
-    } else if (at(TokenKind::Name) && next().kind == TokenKind::Less && starts_update()) {
+    } else if (starts_update()) {
       add_token(sequence);
+      while (at(TokenKind::Dot)) {
+        add_token(sequence, false);
+        add_token(sequence, false);
+      }
       add_token(sequence);
       add_token(sequence, false);
       add(sequence, expression());
@@ -250,9 +257,14 @@ class TreeBuilder {
     }
   }
 
+  // `path.of.names <-`
   bool starts_update() const {
-    return position_ + 2 < tokens_.size() && tokens_[position_ + 2].kind == TokenKind::Minus &&
-           tokens_[position_ + 2].begin == tokens_[position_ + 1].end;
+    if (!at(TokenKind::Name)) return false;
+    size_t at = position_ + 1;
+    while (at + 1 < tokens_.size() && tokens_[at].kind == TokenKind::Dot && tokens_[at + 1].kind == TokenKind::Name)
+      at += 2;
+    return at + 1 < tokens_.size() && tokens_[at].kind == TokenKind::Less && tokens_[at + 1].kind == TokenKind::Minus &&
+           tokens_[at + 1].begin == tokens_[at].end;
   }
 
   // `(params) -> type { body }`
@@ -432,6 +444,10 @@ class TreeBuilder {
     if (generic && at_generic_type()) return add(sequence, type(), false);
     switch (tokens_[position_].kind) {
       case TokenKind::Name:
+        add_token(sequence, false);
+        if (tokens_[position_ - 1].text != "step_index" || !at_word("of") || next().kind != TokenKind::Name) return;
+        add_token(sequence);
+        return add_token(sequence);
       case TokenKind::Int:
       case TokenKind::Float:
       case TokenKind::String:

@@ -202,6 +202,7 @@ bool Parser::starts_item() const {
     case TokenKind::Fn: return next_at(TokenKind::Name);
     case TokenKind::Name:
       if (at_private()) return true;
+      if (at_word("parameters") && next_at(TokenKind::LeftParen) && token_.first_on_line) return true;
       if (!next_at(TokenKind::Name)) return false;
       return at_word("struct") || at_word("optimizer") || at_word("param") || at_word("input") || at_word("state") ||
              at_word("step") || at_word("import");

@@ -13,8 +13,9 @@ constexpr int64_t kEdition = 1;
 constexpr int kAdditivePrecedence = 9;
 
 const std::vector<std::string>& item_words() {
-  static const std::vector<std::string> kWords = {"const", "fn",  "struct", "optimizer", "param",   "input",
-                                                  "state", "let", "step",   "import",    "edition", "private"};
+  static const std::vector<std::string> kWords = {"const",   "fn",      "struct",    "optimizer", "param",
+                                                  "input",   "state",   "let",       "step",      "import",
+                                                  "edition", "private", "parameters"};
   return kWords;
 }
 
@@ -80,6 +81,24 @@ void Parser::fail_item() {
   if (at(TokenKind::Name)) suggest(diagnostic, lexer_.text(token_), item_words());
 }
 
+// `parameters (size, rate = 0.1);`
+void Parser::parse_module_params(Module& module) {
+  const Token first = token_;
+  const bool again = module.params_span.valid();
+  if (again || !module.items.empty()) {
+    report(Code::E0110, span(first),
+           again ? "expected 'parameters' once in a file, found it again"
+                 : "expected 'parameters' before all declarations, found it behind them");
+  }
+  advance();
+  std::vector<Param> params = parse_params({"", "parameters"}, true);
+  if (!again) {
+    module.params = std::move(params);
+    module.params_span = span_from(first.begin);
+  }
+  expect_semicolon({"the parameters"});
+}
+
 void Parser::parse_item(Module& module) {
   std::string doc = lexer_.doc(token_);
   Item item;
@@ -120,10 +139,13 @@ void Parser::parse_item(Module& module) {
     item.kind = Item::Kind::Step;
     item.step = parse_step(std::move(doc));
   } else if (at_word("import") && next_at(TokenKind::Name)) {
-    if (!module.items.empty()) {
+    if (!module.items.empty() || module.params_span.valid()) {
       report(Code::E0110, span(token_), "expected imports before all declarations, found one behind them");
     }
     parse_import(module);
+    return;
+  } else if (at_word("parameters") && next_at(TokenKind::LeftParen)) {
+    parse_module_params(module);
     return;
   } else if (at_word("edition") && next_at(TokenKind::Int)) {
     fail(Code::E0110, span(token_), "expected 'edition' once, at the start of the file, found it again");

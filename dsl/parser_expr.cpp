@@ -236,6 +236,7 @@ ExprPtr Parser::parse_primary() {
       ExprPtr expr = node(Expr::Kind::NameRef);
       expr->name = text(token_);
       advance();
+      if (expr->name == "step_index" && at_word("of") && next_at(TokenKind::Name)) return parse_step_count(*expr);
       return expr;
     }
     case TokenKind::LeftParen: return parse_paren_or_tuple();
@@ -276,6 +277,20 @@ ExprPtr Parser::parse_primary() {
     if (at(TokenKind::Dot) && next_is_adjacent(TokenKind::Int)) diagnostic.help = "write a digit before the '.'";
   }
   return error_expr();
+}
+
+// `step_index of fit`, of `rig.fit` where the step is an instance's.
+ExprPtr Parser::parse_step_count(const Expr& word) {
+  ExprPtr expr = node(Expr::Kind::StepCount);
+  advance();  // of
+  std::vector<Name> path{take_name_token()};
+  while (at(TokenKind::Dot) && next_at(TokenKind::Name)) {
+    advance();
+    path.push_back(take_name_token());
+  }
+  expr->a = path_to_expr(std::move(path));
+  expr->span = join(word.span, expr->a->span);
+  return expr;
 }
 
 ExprPtr Parser::parse_number() {

@@ -117,6 +117,7 @@ class Parser {
   // Items (parser_decl.cpp).
   void parse_edition(Module& module);
   void parse_import(Module& module);
+  void parse_module_params(Module& module);
   void parse_item(Module& module);
   void fail_item();
   std::unique_ptr<ConstDecl> parse_const(std::string doc);
@@ -170,6 +171,7 @@ class Parser {
   ExprPtr parse_postfix_rest(ExprPtr expr);
   ExprPtr parse_field_rest(ExprPtr expr);
   ExprPtr parse_primary();
+  ExprPtr parse_step_count(const Expr& word);
   ExprPtr parse_number();
   ExprPtr parse_paren_or_tuple();
   ExprPtr parse_array();

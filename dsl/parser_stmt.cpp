@@ -44,6 +44,13 @@ bool is_place(const Expr& expr) {
   return at->kind == Expr::Kind::NameRef;
 }
 
+// What `<-` may update: a leaf, by its name or through an instance of a module.
+bool is_path(const Expr& expr) {
+  const Expr* at = &expr;
+  while (at->kind == Expr::Kind::Field) at = at->a.get();
+  return at->kind == Expr::Kind::NameRef;
+}
+
 bool is_arithmetic(TokenKind kind) {
   switch (kind) {
     case TokenKind::Plus:
@@ -341,7 +348,7 @@ void Parser::parse_expression_statement(Block& block) {
 
   // `a <-1.0` inside an expression compares; at the start of a statement it can only be an update.
   if (at(TokenKind::Less) && next_is_adjacent(TokenKind::Minus)) {
-    if (left->kind != Expr::Kind::NameRef) {
+    if (!is_path(*left)) {
       fail(Code::E0113, left->span, "expected the name of a param or state before '<-', found an expression");
       return;
     }
@@ -351,7 +358,9 @@ void Parser::parse_expression_statement(Block& block) {
     stmt->target = std::move(left);
     stmt->a = parse_expr();
     stmt->span = span_from(begin);
-    expect_semicolon({"the next value of", stmt->target->name});
+    const bool named = stmt->target->kind == Expr::Kind::NameRef;
+    expect_semicolon(
+        {named ? "the next value of" : "the next value", named ? std::string_view(stmt->target->name) : ""});
     block.statements.push_back(std::move(stmt));
     return;
   }

@@ -216,18 +216,69 @@ Result<void> Program::bind_symbol(const std::string& symbol, int64_t value) {
   });
 }
 
+// Before a run, since the arrays of the one before are copied then.
+void Program::take_rebuilt() {
+  if (!state().rebuilder || !state().rebuilder->ready() || state().has_views()) return;
+  auto next = state().rebuilder->take();
+  next->take_over(*state_);
+  state_ = std::move(next);
+}
+
 Result<void> Program::run(const std::string& step, int times) {
   return guarded([&] {
     if (times < 1) throw Failure{"a step runs once or more often, found " + std::to_string(times)};
     for (int done = 0; done < times;) {
-      if (state().rebuilder && state().rebuilder->ready() && !state().has_views()) {
-        auto next = state().rebuilder->take();
-        next->take_over(*state_);
-        state_ = std::move(next);
-      }
+      take_rebuilt();
       done += state().run(step, times - done);
     }
   });
+}
+
+Result<void> Program::cuda_stream(void* stream) {
+  return guarded([&] { state().in_order().set_stream(stream); });
+}
+
+Result<void> Program::cuda_wait(void* stream) {
+  return guarded([&] { state().in_order().let_wait(stream); });
+}
+
+Result<CudaArray> Program::cuda_leaf(const std::string& name) {
+  return guarded([&] {
+    State& s = state();
+    const auto index = s.leaf_index(name);
+    if (s.comes_from_host(index)) throw Failure{"leaf '" + name + "' is not shared: its data comes from the host"};
+    s.in_order();
+    s.prepare_leaf(index);
+    return s.in_cuda(s.bundle.leaves[index]->resource, index);
+  });
+}
+
+Result<CudaArray> Program::cuda_output(const std::string& step, const std::string& name) {
+  return guarded([&] {
+    State& s = state();
+    const size_t index = s.step_index(step);
+    const uint32_t resource = s.output_of(index, name);
+    if (s.kept.contains(index)) throw Failure{"the program was built anew: run '" + step + "' again"};
+    s.require_run(step);
+    return s.in_cuda(resource, s.bundle.leaves.size());
+  });
+}
+
+Result<void> Program::cuda_run(const std::string& step, std::span<const Named> leaves, std::span<const Named> outputs) {
+  return guarded([&] {
+    if (!step.empty()) take_rebuilt();
+    for (const auto& [name, data] : leaves) state().copy_from_cuda(state().leaf_index(name), data);
+    if (!step.empty()) state().in_order();
+    while (!step.empty() && state().run(step, 1, false) < 1) take_rebuilt();
+    for (const auto& [name, to] : outputs) state().copy_to_cuda(step, name, to);
+  });
+}
+
+bool Program::comes_from_host(const std::string& leaf) const {
+  const State& s = known();
+  for (size_t k = 0; k < s.bundle.leaves.size(); ++k)
+    if (s.bundle.leaves[k]->name == leaf) return s.comes_from_host(k);
+  return false;
 }
 
 Result<std::vector<CommandTime>> Program::timed_run(const std::string& step) {
@@ -263,6 +314,23 @@ std::vector<std::string> Program::outputs(const std::string& step) const {
     if (s->name == step)
       for (const auto& o : s->outputs) out.push_back(o->name);
   return out;
+}
+
+bool Program::changes(const std::string& step, const std::string& leaf) const {
+  for (const auto& s : known().bundle.steps)
+    if (s->name == step)
+      return std::ranges::any_of(s->changes, [&](uint32_t k) { return known().bundle.leaves[k]->name == leaf; });
+  return false;
+}
+
+Program::LeafInfo Program::output_info(const std::string& step, const std::string& name) const {
+  for (const auto& s : known().bundle.steps)
+    for (const auto& o : s->outputs)
+      if (s->name == step && o->name == name) {
+        const bundle::TypeT& type = *known().bundle.resources[o->resource]->type;
+        return {name, components_of(type), kind_of(type)};
+      }
+  return {name, 0, io::ElementKind::Float32};
 }
 
 Result<io::Array> Program::output(const std::string& step, const std::string& name) {

@@ -136,6 +136,8 @@ void Program::State::take_over(State& old) {
     }
   }
   objects().memory.allocate(lacking);
+  order = old.order;
+  on_device->queue.set_order(order.get());
   on_device->queue.once([&](const vk::raii::CommandBuffer& commands) {
     for (const auto& [from, to] : copies) {
       const BufferObject& source = old.on_device->memory.buffer(from);

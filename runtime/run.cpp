@@ -122,14 +122,15 @@ void Program::State::count_run(size_t index, const std::vector<bool>& dirty, con
   rebuilder->watch(*this, index, *step.moving);
 }
 
-int Program::State::run(const std::string& name, int times) {
+int Program::State::run(const std::string& name, int times, bool wait) {
   const size_t index = step_index(name);
   StepState& step = prepared_step(index);
   if (step.counters.runs > INT32_MAX - int64_t{times})
     throw Failure{"step '" + name + "' has run " + std::to_string(step.counters.runs) + " times; it cannot run " +
                   std::to_string(times) + " times more, as its counter ends at 2^31 - 1"};
   int done = 0;
-  while (done < times && !(rebuilder && rebuilder->ready())) {
+  // What was built anew takes over between two runs, unless views hold the memory here.
+  while (done < times && !(rebuilder && rebuilder->ready() && !has_views())) {
     const std::vector<bool>& dirty = must_run(step);
     bool known = step.variants.count(dirty) != 0;
     if (known && !options.reuse_commands) {
@@ -145,8 +146,11 @@ int Program::State::run(const std::string& name, int times) {
     for (int k = 0; k < now; ++k) count_run(index, dirty, variant.run, variant.skipped);
     done += now;
   }
-  on_device->queue.finish();
-  require_whole_loops(index);
+  update_mirrors(index);
+  if (wait || std::ranges::any_of(bundle.steps[index]->commands, [](const auto& c) { return c->watch >= 0; })) {
+    on_device->queue.finish();
+    require_whole_loops(index);
+  }
   return done;
 }
 

@@ -69,6 +69,9 @@ class Device {
   // What the validation layer said so far; empty when all is well or it is not on.
   std::vector<std::string> validation_messages() const;
   bool validating() const;
+  // Whether it can share memory with CUDA, and the number that CUDA has for it; the error says why there is none.
+  bool shares_memory() const;
+  Result<int> cuda_device() const;
 
  private:
   std::shared_ptr<DeviceState> state_;
@@ -102,6 +105,8 @@ struct LoadOptions {
   int64_t memory_limit = 0;
   // Stores the values, too, that only their render pass needs, so that checked_run() sees them.
   bool store_all = false;
+  // Leaves and outputs stand in memory that CUDA sees, on devices that can: see Program::cuda_leaf.
+  bool share = false;
 };
 
 // What commands (dispatches, render passes, copies, fills) amount to.
@@ -165,6 +170,12 @@ struct HostArray {
   io::Array copied() const;
 };
 
+// Memory of a leaf or an output as CUDA sees it: `array.data` is an address of CUDA.
+struct CudaArray {
+  HostArray array;
+  int64_t stride = 1;  // scalars from one element to the next, which may be more than its components
+};
+
 class Program {
  public:
   // The bundle's bytes, as drc wrote them.
@@ -185,7 +196,8 @@ class Program {
   };
   std::vector<LeafInfo> leaves() const;
   bool is_input(const std::string& leaf) const;
-  // The leaves that a step reads or changes: these must be bound before it runs, unless they have initial values.
+  // The leaves that a step reads or changes: those that it reads must be bound before it runs, unless they have initial
+  // values.
   std::vector<std::string> needed_leaves(const std::string& step) const;
 
   // Gives a leaf its data; the first time this also gives values to the symbols of its extent, which later data must
@@ -212,6 +224,10 @@ class Program {
   // Results of the step's last run.
   Result<io::Array> output(const std::string& step, const std::string& name);
   std::vector<std::string> outputs(const std::string& step) const;
+  // Whether the step gives the leaf a value.
+  bool changes(const std::string& step, const std::string& leaf) const;
+  // What an output is made of; no components where there is none of that name.
+  LeafInfo output_info(const std::string& step, const std::string& name) const;
   // The leaf's content.
   Result<io::Array> leaf(const std::string& name);
   // The memory itself that a leaf, or an output of the step's last run, has on a device that is the host's processor;
@@ -222,6 +238,21 @@ class Program {
   Result<std::optional<HostArray>> output_view(const std::string& step, const std::string& name);
   // As bind(), without a copy in between where the leaf has memory already that the host sees.
   Result<void> bind(const std::string& leaf, const HostArray& data);
+  // ---- With CUDA, of a program that was loaded with LoadOptions::share. Errors say what is in the way ----
+  // The stream (a CUstream) whose work runs of the program wait for, and which waits for them: neither holds up the
+  // host. 0 at first, the default one.
+  Result<void> cuda_stream(void* stream);
+  // Another stream waits for all runs so far.
+  Result<void> cuda_wait(void* stream);
+  // As leaf_view() and output_view(); an output may be a copy that each run of its step makes anew.
+  Result<CudaArray> cuda_leaf(const std::string& name);
+  Result<CudaArray> cuda_output(const std::string& step, const std::string& name);
+  // Copies arrays of CUDA to leaves, runs the step (none: an empty name) and copies outputs to arrays of CUDA, all on
+  // the stream: it returns before any of it is done.
+  using Named = std::pair<std::string, HostArray>;
+  Result<void> cuda_run(const std::string& step, std::span<const Named> leaves, std::span<const Named> outputs);
+  // Whether a leaf's data must come from the host: faces that tables are made of, and bools.
+  bool comes_from_host(const std::string& leaf) const;
   // The discrete decisions of the step's last run: for each raster its faces and tags, rank by rank. They are there
   // until another step runs.
   Result<std::vector<std::vector<io::Array>>> rasters(const std::string& step);
@@ -237,6 +268,7 @@ class Program {
 
  private:
   Program();
+  void take_rebuilt();
   const State& known() const;  // one without tables where there is none
   std::unique_ptr<State> state_;
 };

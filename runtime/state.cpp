@@ -22,13 +22,24 @@ void collect(const bundle::CommandT& c, std::set<uint32_t>& out) {
     if (index >= 0) out.insert(static_cast<uint32_t>(index));
 }
 
+// Whether the step gives the leaf a value without a look at the one that it has.
+bool only_writes(const bundle::BundleT& bundle, const bundle::StepT& step, uint32_t leaf) {
+  const uint32_t r = bundle.leaves[leaf]->resource;
+  const auto reads = [r](const auto& c) {
+    return c->depth == static_cast<int>(r) || c->source == static_cast<int>(r) ||
+           std::ranges::any_of(c->bindings,
+                               [r](const auto& b) { return b->resource == r && b->access != bundle::Access::Write; });
+  };
+  return std::ranges::find(step.changes, leaf) != step.changes.end() && std::ranges::none_of(step.commands, reads) &&
+         std::ranges::none_of(step.outputs, [r](const auto& o) { return o->resource == r; });
+}
+
 template <class Tables>
 size_t index_of(const Tables& tables, const std::string& name, const char* what) {
-  std::string all;
-  for (size_t k = 0; k < tables.size(); ++k) {
+  for (size_t k = 0; k < tables.size(); ++k)
     if (tables[k]->name == name) return k;
-    all += (all.empty() ? "" : ", ") + tables[k]->name;
-  }
+  std::string all;
+  for (const auto& table : tables) all += (all.empty() ? "" : ", ") + table->name;
   throw Failure{std::string("there is no ") + what + " '" + name + "'; there are: " + all};
 }
 
@@ -65,23 +76,17 @@ void Program::State::make_tables() {
   }
 }
 
-void Program::State::assign(size_t index, const io::Array& data) {
+template <class Array>
+Sizes Program::State::sizes_with(size_t index, const Array& data) const {
   const bundle::LeafT& leaf = *bundle.leaves[index];
   const std::string origin = "leaf '" + leaf.name + "'";
-  if (!data.consistent())
-    throw Failure{origin + ": the array's extent of " + std::to_string(data.width) + " x " +
-                  std::to_string(data.height) + " x " + std::to_string(data.layers) + " elements of " +
-                  std::to_string(data.components) + " components and its " + std::to_string(data.bytes.size()) +
-                  " bytes do not agree, or it is empty"};
   if (data.components != components_of(*leaf.type))
     throw Failure{origin + " has " + std::to_string(components_of(*leaf.type)) +
                   " components an element, the data has " + std::to_string(data.components)};
-  auto converted = data.converted(kind_of(*leaf.type));
-  if (!converted) throw Failure{origin + ": " + converted.error()};
   const std::pair<const std::string*, int64_t> axes[] = {
       {&leaf.extent->w, data.width}, {&leaf.extent->h, data.height}, {&leaf.extent->l, data.layers}};
   const char* const axis_names[] = {"width", "height", "number of layers"};
-  Sizes agreed = sizes;  // taken over when all axes agree
+  Sizes agreed = sizes;
   for (size_t a = 0; a < 3; ++a) {
     const auto dim = ir::Dim::parse(*axes[a].first);
     if (const auto symbol = dim->as_symbol())
@@ -90,6 +95,21 @@ void Program::State::assign(size_t index, const io::Array& data) {
       throw Failure{origin + " has a " + axis_names[a] + " of " + std::to_string(axes[a].second) + ", expected " +
                     *axes[a].first + " = " + std::to_string(*value)};
   }
+  return agreed;
+}
+template Sizes Program::State::sizes_with(size_t index, const HostArray& data) const;
+
+void Program::State::assign(size_t index, const io::Array& data) {
+  const bundle::LeafT& leaf = *bundle.leaves[index];
+  const std::string origin = "leaf '" + leaf.name + "'";
+  if (!data.consistent())
+    throw Failure{origin + ": the array's extent of " + std::to_string(data.width) + " x " +
+                  std::to_string(data.height) + " x " + std::to_string(data.layers) + " elements of " +
+                  std::to_string(data.components) + " components and its " + std::to_string(data.bytes.size()) +
+                  " bytes do not agree, or it is empty"};
+  Sizes agreed = sizes_with(index, data);  // taken over when all is well
+  auto converted = data.converted(kind_of(*leaf.type));
+  if (!converted) throw Failure{origin + ": " + converted.error()};
   sizes = std::move(agreed);
   if (has_tables(index)) {
     new_faces.insert_or_assign(index, *converted);
@@ -153,7 +173,7 @@ void Program::State::prepare(const bundle::StepT& step) {
   std::string missing;
   size_t count = 0;
   for (const uint32_t k : step.leaves)
-    if (!is_bound(k)) {
+    if (!is_bound(k) && !only_writes(bundle, step, k)) {
       const int faces = bundle.leaves[k]->table_of;
       const bundle::LeafT& leaf = *bundle.leaves[faces >= 0 ? static_cast<uint32_t>(faces) : k];
       if (missing.find("'" + leaf.name + "' ") != std::string::npos) continue;

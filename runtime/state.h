@@ -41,11 +41,18 @@ struct StepState {
 // Lines of the program behind a primitive of the step: "fit.dr:3".
 std::vector<std::string> lines_of(const bundle::BundleT& bundle, const bundle::StepT& step, const Primitive& primitive);
 
+// A copy in a buffer that CUDA sees, of an output that is an image.
+struct Mirror {
+  Block block;
+  vk::raii::Buffer buffer{nullptr};
+  vk::raii::CommandBuffer copy{nullptr};
+};
+
 // What a program has on the device. Members are destroyed in reverse order.
 struct OnDevice {
   OnDevice(const std::shared_ptr<DeviceState>& device, const bundle::BundleT& bundle, const Sizes& sizes,
            const LoadOptions& options, const std::shared_ptr<Tally>& tally)
-      : memory(device, bundle, sizes, options.memory_limit, tally),
+      : memory(device, bundle, sizes, options.memory_limit, tally, options.share),
         queue(device),
         transfer(device, bundle, sizes, memory, queue),
         pipelines(device, bundle, memory, options.pipeline_folder),
@@ -59,6 +66,7 @@ struct OnDevice {
   Pipelines pipelines;
   Commands commands;
   std::vector<StepState> steps;
+  std::map<uint32_t, Mirror> mirrors;  // by resource
 };
 
 // Views of the program's memory that the host holds.
@@ -80,6 +88,7 @@ struct Program::State {
   bool run_whole = false;                         // outputs may have been written to
   LoadOptions options;
   std::shared_ptr<Tally> tally = std::make_shared<Tally>();
+  std::shared_ptr<CudaOrder> order;  // with a stream of CUDA, which has seen memory of the program
   std::optional<OnDevice> on_device;
   std::map<size_t, std::map<std::string, io::Array>> kept;  // outputs of steps that ran before the program was rebuilt
   int rebuilds = 0;
@@ -122,8 +131,8 @@ struct Program::State {
   // Submits as many runs as are worth it, `most` at most; says how many.
   int submit(const StepState& step, const std::vector<bool>& dirty, Variant& variant, int most);
   void require_run(const std::string& step) const;
-  // Says how often: less than asked for when the program was built anew meanwhile.
-  int run(const std::string& step, int times);
+  // Says how often: less than asked for when the program was built anew meanwhile. `wait`: for the device.
+  int run(const std::string& step, int times, bool wait = true);
   // One run is on its way, and saw this state.
   void count_run(size_t index, const std::vector<bool>& dirty, const Work& run, const Work& skipped);
   // Loops whose trips nothing bounds may end before their time: then what ran is not the step.
@@ -134,10 +143,25 @@ struct Program::State {
   std::optional<NotFinite> checked_run(const std::string& step);
   void set_runs(const std::string& step, int64_t runs);
 
+  // shared.cpp: with CUDA
+  CudaOrder& in_order();
+  // Of a resource that has memory; `holder` is its place in `views`, if it is lent.
+  CudaArray in_cuda(uint32_t resource, std::optional<size_t> holder);
+  void copy_from_cuda(size_t leaf, const HostArray& data);
+  void copy_to_cuda(const std::string& step, const std::string& output, const HostArray& to);
+  uint32_t output_of(size_t step, const std::string& name) const;
+  bool comes_from_host(size_t leaf) const;
+  // After a run: what CUDA sees of the step's images.
+  void update_mirrors(size_t step);
+
  private:
   // The program's step_index on the device, from the counters.
   void upload_counter(size_t step);
   void assign(size_t leaf, const io::Array& data);
+  // The sizes that data of this shape gives, if it may be the leaf's.
+  template <class Array>
+  Sizes sizes_with(size_t leaf, const Array& data) const;
+  Mirror& mirror_of(uint32_t resource);
   bool has_tables(size_t leaf) const;
   // What a step's commands, results and leaves live in.
   std::set<uint32_t> resources_of(const bundle::StepT& step) const;

@@ -6,8 +6,8 @@
 namespace dr::backend {
 
 std::variant<Compiled, Limit> compile(const ir::Graph& graph, const target::Profile& profile,
-                                      const CompileOptions& options) {
-  Compilation compilation(graph, profile, options);
+                                      const CompileOptions& options, Schedule schedule) {
+  Compilation compilation(graph, profile, options, std::move(schedule));
   if (auto limit = run_backend(compilation, backend_passes())) return *std::move(limit);
   return std::move(compilation.out);
 }

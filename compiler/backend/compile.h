@@ -32,8 +32,8 @@ struct Limit {
   std::string text;
 };
 
-// `graph` has no Grad ops.
+// `graph` has no Grad ops. `schedule`: a sound one of it that passes have run on already, as its text says.
 std::variant<Compiled, Limit> compile(const ir::Graph& graph, const target::Profile& profile,
-                                      const CompileOptions& options);
+                                      const CompileOptions& options, Schedule schedule = {});
 
 }  // namespace dr::backend

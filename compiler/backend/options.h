@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "compiler/backend/analysis/source_lines.h"
+#include "compiler/backend/bundle/bundle.h"
 #include "compiler/backend/lowering/scatter.h"
 #include "compiler/backend/pack/pack.h"
 #include "compiler/target/profile.h"
@@ -21,12 +22,12 @@ enum class RasterLower : uint8_t { Auto, Hardware, Compute };
 
 // For those who watch the passes; see pipeline.h.
 struct PassHooks {
-  bool verify_each = false;  // the schedule is checked after each pass, not only at the end
+  bool verify_each = false;  // the schedule or bundle is checked after each pass, not only at the end
   std::string stop_after;    // the last pass to run; empty: all do
-  std::string break_after;   // the pass over schedules that is made to leave an unsound one, to see what comes of it
-  // Called after each pass with its name, the graph, its schedule while there is nothing beyond it, and the
+  std::string break_after;   // the pass that is made to leave an unsound schedule or bundle, to see what comes of it
+  // Called after each pass with its name, the graph, its schedule, or null beyond schedules, the bundle so far, and the
   // milliseconds it took.
-  std::function<void(std::string_view, const ir::Graph&, const Schedule*, double)> after = {};
+  std::function<void(std::string_view, const ir::Graph&, const Schedule*, const bundle::BundleT&, double)> after = {};
 };
 
 struct CompileOptions {

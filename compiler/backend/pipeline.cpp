@@ -165,9 +165,33 @@ void require_sound(const Compilation& c, std::string_view pass) {
            print(c.graph(), c.out.schedule));
 }
 
-// As a pass with a mistake would.
-void forget_writes(Schedule& schedule) {
-  for (StepSchedule& step : schedule.steps)
+std::string wrong_bundle(const bundle::BundleT& bundle, size_t shaders, Facts have) {
+  const auto holds = [&](Fact fact) { return (have & static_cast<Facts>(fact)) != 0; };
+  for (const auto& step : bundle.steps)
+    for (const auto& command : step->commands) {
+      const std::string where = "step " + step->name + ", command " + command->label + ": ";
+      bool sound = true;
+      for_each_access(*command, [&](uint32_t r, bundle::Access) { sound = sound && r < bundle.resources.size(); });
+      if (!sound) return where + "names no resource";
+      for (const int shader : {command->compute, command->next, command->vertex, command->fragment})
+        if (shader >= static_cast<int>(shaders)) return where + "names no shader";
+      for (const uint32_t leaf : command->leaves)
+        if (leaf >= bundle.leaves.size()) return where + "depends on no leaf";
+    }
+  if (holds(Fact::Slots))
+    if (const auto problems = check_memory(bundle); !problems.empty()) return problems.front();
+  return holds(Fact::Slots) && holds(Fact::Assembled) ? bundle::check(bundle) : "";
+}
+
+void require_sound_bundle(const Compilation& c, std::string_view pass, Facts have) {
+  const std::string problem = wrong_bundle(c.out.bundle, c.out.glsl.size(), have);
+  if (!problem.empty()) DR_ICE("bundle fails verification after pass " + std::string(pass) + "\n  " + problem);
+}
+
+// As a pass with a mistake would: what schedules write, or resources that commands name, are gone.
+void make_unsound(Compiled& out, bool is_schedule) {
+  if (!is_schedule) return out.bundle.resources.clear();
+  for (StepSchedule& step : out.schedule.steps)
     for (Pass& pass : step.passes) pass.writes.clear();
 }
 
@@ -189,28 +213,42 @@ std::string_view fact_name(Fact fact) {
   return "";
 }
 
-Compilation::Compilation(const ir::Graph& g, const target::Profile& p, const CompileOptions& o)
-    : profile(p), options(o), lines(o.lines), given_(g) {}
+Compilation::Compilation(const ir::Graph& g, const target::Profile& p, const CompileOptions& o, Schedule schedule)
+    : profile(p), options(o), lines(o.lines), given_(g) {
+  out.schedule = std::move(schedule);
+}
 Compilation::~Compilation() = default;
 
 std::span<const BackendPass> backend_passes() { return kPasses; }
 
 std::optional<Limit> run_backend(Compilation& compilation, std::span<const BackendPass> passes) {
   const PassHooks& hooks = compilation.options.hooks;
+  std::string& last = compilation.out.schedule.after;
+  const std::string done = last;
+  bool is_done = !done.empty();
   Facts have = 0;
   for (const BackendPass& pass : passes) {
+    const bool skips = is_done && (pass.makes & static_cast<Facts>(Fact::Lowered)) == 0;
+    if (pass.name == done) is_done = false;
+    if (skips) {
+      have |= pass.makes;
+      continue;
+    }
     require_facts(pass, have);
     const auto start = std::chrono::steady_clock::now();
     if (auto limit = pass.run(compilation)) return limit;
     const std::chrono::duration<double, std::milli> elapsed = std::chrono::steady_clock::now() - start;
     have |= pass.makes;
-    if (pass.name == hooks.break_after) forget_writes(compilation.out.schedule);
+    if ((have & static_cast<Facts>(Fact::Emitted)) == 0) last = pass.name;
     const bool is_schedule = (have & static_cast<Facts>(Fact::Emitted)) == 0;
+    if (pass.name == hooks.break_after) make_unsound(compilation.out, is_schedule);
     // A schedule is checked where it is done; after each pass on request.
     if (is_schedule && (hooks.verify_each || (pass.makes & static_cast<Facts>(Fact::Lowered)) != 0))
       require_sound(compilation, pass.name);
+    if (!is_schedule && hooks.verify_each) require_sound_bundle(compilation, pass.name, have);
     if (hooks.after)
-      hooks.after(pass.name, compilation.graph(), is_schedule ? &compilation.out.schedule : nullptr, elapsed.count());
+      hooks.after(pass.name, compilation.graph(), is_schedule ? &compilation.out.schedule : nullptr,
+                  compilation.out.bundle, elapsed.count());
     if (pass.name == hooks.stop_after) break;
   }
   return std::nullopt;

@@ -36,7 +36,9 @@ std::string_view fact_name(Fact fact);
 
 // A program on its way through the back end.
 struct Compilation {
-  Compilation(const ir::Graph& graph, const target::Profile& profile, const CompileOptions& options);
+  // `schedule`: that of the graph, where passes have run on it already; see Schedule::after.
+  Compilation(const ir::Graph& graph, const target::Profile& profile, const CompileOptions& options,
+              Schedule schedule = {});
   ~Compilation();
 
   const ir::Graph& graph() const { return out.joined ? *out.joined : given_; }
@@ -60,8 +62,8 @@ struct BackendPass {
 };
 std::span<const BackendPass> backend_passes();
 
-// Runs passes in order. A pass whose needs do not hold, or that leaves an unsound schedule, is an internal error that
-// names it and shows the schedule.
+// Runs passes in order, from the one behind Schedule::after on; limits are checked in any case. A pass whose needs do
+// not hold, or that leaves an unsound schedule, is an internal error that names it and shows the schedule.
 std::optional<Limit> run_backend(Compilation& compilation, std::span<const BackendPass> passes);
 
 }  // namespace dr::backend

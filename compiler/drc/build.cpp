@@ -10,8 +10,10 @@
 #include <utility>
 
 #include "compiler/backend/compile.h"
+#include "compiler/backend/plan/show.h"
 #include "compiler/backend/report.h"
 #include "compiler/backend/schedule/graphviz.h"
+#include "compiler/backend/schedule/text.h"
 #include "compiler/backend/spirv/spirv.h"
 #include "compiler/drc/bundle_cache.h"
 #include "compiler/drc/command.h"
@@ -63,7 +65,7 @@ class Stages {
   const backend::AssembleTimes* assemble_times() const { return compiled_ ? &compiled_->times : nullptr; }
 
   // Whether the passes that are named are known; tells of the first that is not. What --stop-after leaves is the
-  // product: a graph after a pass over graphs, a schedule after one over schedules.
+  // product: a graph after a pass over graphs, a schedule after one over schedules, a bundle's commands after others.
   bool find_passes(std::vector<std::string>& emit) const {
     const std::vector<std::string> graphs = driver::graph_pass_names();
     for (const std::string& name : options_.passes.value_or(std::vector<std::string>{}))
@@ -71,8 +73,12 @@ class Stages {
     if (options_.stop_after.empty()) return true;
     std::vector<std::string> all = graphs;
     std::ranges::copy(driver::schedule_pass_names(), std::back_inserter(all));
-    if (std::ranges::find(all, options_.stop_after) == all.end()) return unknown_pass(options_.stop_after, all);
-    emit = {std::ranges::find(graphs, options_.stop_after) != graphs.end() ? "grad-ir" : "schedule"};
+    const size_t before_bundles = all.size();
+    std::ranges::copy(driver::bundle_pass_names(), std::back_inserter(all));
+    const auto found = std::ranges::find(all, options_.stop_after);
+    if (found == all.end()) return unknown_pass(options_.stop_after, all);
+    const auto place = static_cast<size_t>(found - all.begin());
+    emit = {place < graphs.size() ? "grad-ir" : place < before_bundles ? "schedule" : "commands"};
     return true;
   }
 
@@ -147,7 +153,7 @@ std::optional<std::string> make_grad_ir(Stages& stages) {
 
 std::optional<std::string> make_schedule(Stages& stages) {
   const backend::Compiled* compiled = stages.compiled();
-  return compiled ? std::optional(backend::print(stages.scheduled(), compiled->schedule)) : std::nullopt;
+  return compiled ? std::optional(backend::print_whole(stages.scheduled(), compiled->schedule)) : std::nullopt;
 }
 
 std::optional<std::string> make_glsl(Stages& stages) {
@@ -174,6 +180,12 @@ std::optional<std::string> make_spirv(Stages& stages) {
 std::optional<std::string> make_graphviz(Stages& stages) {
   const backend::Compiled* compiled = stages.compiled();
   return compiled ? std::optional(backend::print_graphviz(stages.scheduled(), compiled->schedule)) : std::nullopt;
+}
+
+// As `drc inspect` shows them.
+std::optional<std::string> make_commands(Stages& stages) {
+  const backend::Compiled* compiled = stages.compiled();
+  return compiled ? std::optional(backend::show(compiled->bundle)) : std::nullopt;
 }
 
 std::optional<std::string> make_bundle(Stages& stages) {
@@ -220,6 +232,7 @@ constexpr Product kProducts[] = {
     {"grad-ir", ".grad.ir", make_grad_ir},
     {"schedule", ".schedule", make_schedule},
     {"graphviz", ".dot", make_graphviz},
+    {"commands", ".commands", make_commands},
     {"glsl", ".glsl", make_glsl},
     {"spirv", ".spvasm", make_spirv},
     {"bundle", ".drb", make_bundle},

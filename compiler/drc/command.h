@@ -15,7 +15,8 @@ namespace dr::drc {
 // Documented in --help; scripts rely on them.
 enum ExitCode : int { kOk = 0, kUserError = 1, kBadUsage = 2, kInternalError = 3 };
 
-// A program and how to read it. `.ir` files are graphs in text form, anything else is source; `-` is stdin.
+// A program and how to read it. `.ir` files are graphs in text form, `.schedule` files graphs with their schedule,
+// anything else is source; `-` is stdin.
 struct InputOptions {
   std::string file;
   std::vector<std::string> defines;  // -D name=value

@@ -12,6 +12,7 @@
 #include "compiler/drc/input.h"
 #include "compiler/io/array/array.h"
 #include "compiler/io/array/decisions.h"
+#include "compiler/io/results.h"
 #include "compiler/ir/pins.h"
 #include "compiler/passes/passes.h"
 #include "compiler/reference/evaluate.h"
@@ -22,6 +23,7 @@ namespace dr::drc {
 namespace {
 
 std::string number_text(double number) {
+  if (std::isnan(number)) return "nan";  // whatever its sign
   char buffer[40];
   return std::string(buffer, std::to_chars(buffer, buffer + sizeof buffer, number).ptr);
 }
@@ -145,22 +147,13 @@ class Evaluator {
   }
 
   bool process(const std::vector<Run>& runs) {
-    if (!bind_all(options_, graph_, session_)) return false;
+    if (!find_saves(runs) || !bind_all(options_, graph_, session_)) return false;
     std::vector<std::string> names;
     for (const Run& run : runs) names.push_back(run.step->name);
     if (const auto wrong = session_.prepare(names); !names.empty() && wrong) return print_error(*wrong), false;
-    const std::set<std::string> different(names.begin(), names.end());
-    for (const Run& run : runs) {
-      const std::string prefix = different.size() > 1 ? run.step->name + "." : "";
-      for (int64_t k = 0; k < run.times; ++k) {
-        if (!run_once(*run.step, prefix)) return false;
-      }
-      if (run.times > 0 && !options_.out.empty() && !save_all(*run.step, prefix)) return false;
-    }
-    for (const std::string& save : options_.saves) {
-      if (!save_one(save)) return false;
-    }
-    return true;
+    const bool ran = run_all(runs);
+    // What ran before a mistake is not lost.
+    return ((results_.empty() || save_all()) && ran) && save_named();
   }
 
   // Of each step's last run.
@@ -176,7 +169,14 @@ class Evaluator {
     for (const std::string& note : error.notes) std::fprintf(stderr, "  %s\n", note.c_str());
   }
 
-  bool run_once(const ir::Step& step, const std::string& prefix) {
+  bool run_all(const std::vector<Run>& runs) {
+    for (const Run& run : runs)
+      for (int64_t k = 0; k < run.times; ++k)
+        if (!run_once(*run.step)) return false;
+    return true;
+  }
+
+  bool run_once(const ir::Step& step) {
     reference::Options options;
     options.check_finite = options_.check_finite == "all"       ? reference::CheckFinite::All
                            : options_.check_finite == "results" ? reference::CheckFinite::Results
@@ -201,7 +201,7 @@ class Evaluator {
     for (const ir::Output& output : step.outputs) {
       const reference::Image& image = result.outputs.at(output.name);
       if (image.count() == 1 && !options_.check_vjp)
-        std::printf("%s%s = %s\n", prefix.c_str(), output.name.c_str(), value_text(image).c_str());
+        std::printf("%s.%s = %s\n", step.name.c_str(), output.name.c_str(), value_text(image).c_str());
     }
     return options_.dump.empty() || dump(step.name, number, record);
   }
@@ -239,48 +239,73 @@ class Evaluator {
     return saved.ok() || (print_error(saved.error()), false);
   }
 
-  static bool save(const std::string& name, const reference::Image& image, const std::string& file) {
-    const auto array =
-        to_array(image).converted(image.type.is_float() ? io::ElementKind::Float32 : kind_of(image.type.scalar));
-    if (!array) return print_error("the value '" + name + "': " + array.error()), false;
-    const auto saved = io::save_array(file, *array);
-    return saved.ok() || (print_error(saved.error()), false);
+  static bool told(const io::Result<void>& done) { return done.ok() || (print_error(done.error()), false); }
+
+  // As it was computed: floats in float64.
+  static std::optional<io::Array> typed(const std::string& name, const reference::Image& image) {
+    auto array = to_array(image).converted(kind_of(image.type.scalar));
+    if (!array) return print_error("the value '" + name + "': " + array.error()), std::nullopt;
+    return *std::move(array);
   }
 
-  bool save_all(const ir::Step& step, const std::string& prefix) const {
-    for (const auto& [name, image] : results_.at(step.name).outputs) {
-      if (!save(name, image, options_.out + "/" + prefix + name + ".npy")) return false;
+  // `--out`: outputs of the steps that ran, and params and states, as drun leaves them.
+  bool save_all() const {
+    if (options_.out.empty()) return true;
+    io::ResultsFolder folder(options_.out);
+    const auto add = [&](const io::ResultName& name, const reference::Image& image) {
+      const auto array = typed(name.str(), image);
+      return array && told(folder.add(name, *array));
+    };
+    for (const auto& [step, result] : results_)
+      for (const auto& [name, image] : result.outputs)
+        if (!add({step, name}, image)) return false;
+    for (const ir::Leaf& leaf : graph_.leaves)
+      if (leaf.kind != ir::Leaf::Kind::Input && session_.has_leaf(leaf.name) &&
+          !add({"", leaf.name}, session_.leaf(leaf.name)))
+        return false;
+    for (const std::string& warning : folder.warnings()) std::fprintf(stderr, "warning: %s\n", warning.c_str());
+    return told(folder.finish(false));
+  }
+
+  // `--save NAME=FILE`, before anything runs: what is meant, and whether it can be written.
+  bool find_saves(const std::vector<Run>& runs) {
+    io::ResultNames names;
+    std::map<std::string, ir::Type> types;
+    for (const ir::Leaf& leaf : graph_.leaves) {
+      names.leaves.push_back(leaf.name);
+      types[leaf.name] = leaf.type;
+    }
+    std::set<std::string> listed;
+    for (const Run& run : runs) {
+      if (run.times == 0 || !listed.insert(run.step->name).second) continue;
+      auto& outputs = names.steps.emplace_back(run.step->name, std::vector<std::string>()).second;
+      for (const ir::Output& output : run.step->outputs) {
+        outputs.push_back(output.name);
+        types[io::ResultName{run.step->name, output.name}.str()] = graph_.value(output.value).type;
+      }
+    }
+    for (const std::string& text : options_.saves) {
+      const auto parts = split_assignment(text, "--save");
+      if (!parts) return false;
+      const auto found = io::find_result(parts->first, names);
+      if (!found) return print_error("--save " + text + ": " + found.error()), false;
+      const ir::Type& type = types.at(found->str());
+      if (!told(io::check_saved(parts->second, kind_of(type.scalar), type.components()))) return false;
+      saves_.emplace_back(*found, parts->second);
     }
     return true;
   }
 
-  // `--save NAME=FILE`: an output of a step that ran, told apart as STEP.NAME, or what a leaf holds now.
-  bool save_one(const std::string& text) const {
-    const auto parts = split_assignment(text, "--save");
-    if (!parts) return false;
-    const std::string& name = parts->first;
-    const reference::Image* found = nullptr;
-    std::vector<std::string> known;
-    size_t matches = 0;
-    for (const auto& [step, result] : results_) {
-      for (const auto& [output, image] : result.outputs) {
-        known.push_back(output);
-        if (name != output && name != step + "." + output) continue;
-        found = &image;
-        ++matches;
-      }
+  bool save_named() const {
+    for (const auto& [name, file] : saves_) {
+      if (name.step.empty() && !session_.has_leaf(name.name))
+        return print_error("leaf '" + name.name + "' has no value to save: no step that ran needs it"), false;
+      const reference::Image& image =
+          name.step.empty() ? session_.leaf(name.name) : results_.at(name.step).outputs.at(name.name);
+      const auto array = typed(name.str(), image);
+      if (!array || !told(io::save_array(file, *array))) return false;
     }
-    if (matches > 1) {
-      print_error("several steps have an output '" + name + "': write STEP." + name);
-      return false;
-    }
-    if (found == nullptr && session_.has_leaf(name)) found = &session_.leaf(name);
-    if (found != nullptr) return save(name, *found, parts->second);
-    for (const ir::Leaf& leaf : graph_.leaves) known.push_back(leaf.name);
-    const auto nearest = dsl::nearest_name(name, known);
-    print_error("there is no output or leaf '" + name + "' to save" +
-                (nearest ? ", did you mean '" + *nearest + "'?" : ""));
-    return false;
+    return true;
   }
 
   const EvalOptions& options_;
@@ -289,7 +314,8 @@ class Evaluator {
   reference::Session session_;
   std::map<std::string, ir::Type> pins_;
   std::map<std::string, int64_t> runs_done_;
-  std::map<std::string, reference::StepResult> results_;  // of each step's last run
+  std::map<std::string, reference::StepResult> results_;       // of each step's last run
+  std::vector<std::pair<io::ResultName, std::string>> saves_;  // and their files
   std::set<std::pair<uint32_t, uint32_t>> warned_;
 };
 

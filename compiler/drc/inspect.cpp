@@ -1,200 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // `drc inspect`: the tables of a bundle as text or JSON. A bundle that is not sound gets the verifier's sentence.
-#include <cstdio>
-#include <nlohmann/json.hpp>
-
 #include "compiler/backend/bundle/bundle.h"
-#include "compiler/backend/plan/dependencies.h"
-#include "compiler/backend/plan/plan_memory.h"
+#include "compiler/backend/plan/show.h"
 #include "compiler/drc/command.h"
 #include "compiler/drc/input.h"
 #include "compiler/drc/output.h"
 
 namespace dr::drc {
-namespace {
-
-using bundle::BundleT;
-
-std::string lower(std::string text) {
-  for (char& c : text) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  return text;
-}
-
-// "vec3[V]" as in the language; all resources of a bundle have scalars, vectors or matrices of floats.
-std::string type_text(const bundle::TypeT& type, const bundle::ExtentT& extent) {
-  const char* const prefixes[] = {"b", "i", "u", ""};
-  const auto scalar = static_cast<size_t>(type.scalar);
-  std::string out;
-  if (type.cols > 1)
-    out = "mat" + std::to_string(type.cols) + (type.cols == type.rows ? "" : "x" + std::to_string(type.rows));
-  else if (type.rows > 1)
-    out = std::string(prefixes[scalar]) + "vec" + std::to_string(type.rows);
-  else
-    out = lower(bundle::EnumNamesScalar()[scalar]);
-  std::string axes = extent.w;
-  if (extent.h != "1" || extent.l != "1") axes += ", " + extent.h;
-  if (extent.l != "1") axes += ", " + extent.l;
-  return out + (axes == "1" ? "" : "[" + axes + "]");
-}
-
-class Inspector {
- public:
-  explicit Inspector(const BundleT& bundle) : b_(bundle), lives_(backend::lifetimes(bundle)) {}
-
-  nlohmann::ordered_json json() const {
-    using nlohmann::ordered_json;
-    ordered_json root;
-    root["version"] = b_.version;
-    root["profile"] = b_.profile;
-    root["lowering"] = b_.lowering;
-    root["float_profile"] = b_.float_profile;
-    root["features"] = b_.features;
-    root["symbols"] = b_.symbols;
-    root["files"] = b_.files;
-    auto array = [&](const char* name) -> ordered_json& { return root[name] = ordered_json::array(); };
-    auto& leaves = array("leaves");
-    for (const auto& l : b_.leaves)
-      leaves.push_back({{"name", l->name},
-                        {"kind", lower(EnumNameLeafKind(l->kind))},
-                        {"type", type_text(*l->type, *l->extent)},
-                        {"initial", l->initial}});
-    auto& resources = array("resources");
-    for (size_t k = 0; k < b_.resources.size(); ++k) {
-      const bundle::ResourceT& r = *b_.resources[k];
-      resources.push_back({{"name", r.name},
-                           {"storage", lower(EnumNameStorage(r.storage))},
-                           {"role", lower(EnumNameRole(r.role))},
-                           {"type", type_text(*r.type, *r.extent)},
-                           {"slot", r.slot},
-                           {"alive", lifetime(k)}});
-    }
-    auto& steps = array("steps");
-    for (const auto& s : b_.steps) {
-      ordered_json step{{"name", s->name}, {"commands", ordered_json::array()}, {"outputs", ordered_json::array()}};
-      for (const auto& c : s->commands)
-        step["commands"].push_back({{"kind", lower(EnumNameCommandKind(c->kind))},
-                                    {"label", c->label},
-                                    {"elements", elements(*c)},
-                                    {"shaders", shaders_of(*c)},
-                                    {"reads", names(*c, false)},
-                                    {"writes", names(*c, true)},
-                                    {"steady", c->steady},
-                                    {"leaves", leaves_of(*c)},
-                                    {"lines", lines(*c)}});
-      for (const auto& o : s->outputs)
-        step["outputs"].push_back({{"name", o->name}, {"resource", b_.resources[o->resource]->name}});
-      steps.push_back(std::move(step));
-    }
-    auto& shaders = array("shaders");
-    for (const auto& s : b_.shaders)
-      shaders.push_back({{"name", s->name},
-                         {"stage", lower(EnumNameStage(s->stage))},
-                         {"entry", "main"},
-                         {"bytes", s->spirv.size() * 4}});
-    return root;
-  }
-
-  std::string text() const {
-    const nlohmann::ordered_json root = json();
-    auto list = [](const nlohmann::ordered_json& items, const char* between = " ") {
-      std::string out;
-      for (const auto& item : items) out += (out.empty() ? "" : between) + item.get<std::string>();
-      return out;
-    };
-    auto get = [](const nlohmann::ordered_json& item, const char* key) { return item[key].get<std::string>(); };
-    std::string out = "bundle version " + std::to_string(b_.version) + ", profile " + b_.profile + ", " +
-                      b_.float_profile + ", " + b_.lowering + "\n";
-    if (!b_.features.empty()) out += "features " + list(root["features"]) + "\n";
-    out += "symbols " + list(root["symbols"]) + "\nleaves\n";
-    for (const auto& l : root["leaves"]) {
-      out += "  " + get(l, "kind") + " " + get(l, "name") + " : " + get(l, "type");
-      if (!l["initial"].empty()) out += " = " + l["initial"].dump();
-      out += "\n";
-    }
-    for (const auto& s : root["steps"]) {
-      out += "step " + get(s, "name") + "\n";
-      size_t index = 0;
-      for (const auto& c : s["commands"]) {
-        out += "  " + std::to_string(index++) + " " + get(c, "kind") + " " + get(c, "label");
-        if (!get(c, "elements").empty()) out += " [" + get(c, "elements") + "]";
-        out += "\n";
-        if (!c["shaders"].empty()) out += "    shaders " + list(c["shaders"], ", ") + "\n";
-        if (!c["reads"].empty()) out += "    reads " + list(c["reads"]) + "\n";
-        if (!c["writes"].empty()) out += "    writes " + list(c["writes"]) + "\n";
-        if (!c["lines"].empty()) out += "    from " + list(c["lines"]) + "\n";
-      }
-      for (const auto& o : s["outputs"]) out += "  output " + get(o, "name") + " = " + get(o, "resource") + "\n";
-    }
-    out += "memory\n";
-    std::map<uint32_t, std::vector<size_t>> slots;
-    for (size_t k = 0; k < b_.resources.size(); ++k) slots[b_.resources[k]->slot].push_back(k);
-    for (const auto& [slot, members] : slots) {
-      out += "  slot " + std::to_string(slot) + " " + get(root["resources"][members[0]], "storage") + "\n";
-      for (size_t k : members) {
-        const auto& r = root["resources"][k];
-        out += "    " + get(r, "role") + " " + get(r, "name") + " : " + get(r, "type") + ", " + get(r, "alive") + "\n";
-      }
-    }
-    out += "shaders\n";
-    size_t index = 0;
-    for (const auto& s : root["shaders"])
-      out += "  " + std::to_string(index++) + " " + get(s, "stage") + " " + get(s, "name") + ", entry main, " +
-             std::to_string(s["bytes"].get<size_t>()) + " bytes\n";
-    return out;
-  }
-
- private:
-  std::string lifetime(size_t resource) const {
-    const backend::Lifetime& life = lives_[resource];
-    if (!life.transient()) return "always";
-    const std::string& step = b_.steps[static_cast<size_t>(life.step)]->name;
-    return step + " " + std::to_string(life.first) + " to " + std::to_string(life.last);
-  }
-  std::string elements(const bundle::CommandT& c) const {
-    if (c.kind == bundle::CommandKind::Reduce) return c.outs + " of " + c.count;
-    if (c.extent && c.elements == "3") return c.extent->w + ", " + c.extent->h + ", " + c.extent->l;
-    return c.elements;
-  }
-  std::vector<std::string> shaders_of(const bundle::CommandT& c) const {
-    std::vector<std::string> out;
-    for (int s : {c.compute, c.next, c.vertex, c.fragment})
-      if (s >= 0) out.push_back(b_.shaders[static_cast<size_t>(s)]->name);
-    return out;
-  }
-  std::vector<std::string> names(const bundle::CommandT& c, bool written) const {
-    std::vector<std::string> out;
-    backend::for_each_access(c, [&](uint32_t r, bundle::Access access) {
-      const bool has = access == bundle::Access::ReadWrite || (access == bundle::Access::Write) == written;
-      if (has) out.push_back(b_.resources[r]->name);
-    });
-    return out;
-  }
-  std::vector<std::string> leaves_of(const bundle::CommandT& c) const {
-    std::vector<std::string> out;
-    for (const uint32_t k : c.leaves) out.push_back(b_.leaves[k]->name);
-    return out;
-  }
-  // "fit.dr:3" and "fit.dr:7-9".
-  std::vector<std::string> lines(const bundle::CommandT& c) const {
-    std::vector<std::string> out;
-    for (size_t k = 0; k < c.lines.size();) {
-      size_t end = k + 1;
-      while (end < c.lines.size() && c.lines[end].file() == c.lines[k].file() &&
-             c.lines[end].line() == c.lines[end - 1].line() + 1)
-        ++end;
-      std::string text = b_.files[c.lines[k].file()] + ":" + std::to_string(c.lines[k].line());
-      if (end > k + 1) text += "-" + std::to_string(c.lines[end - 1].line());
-      out.push_back(std::move(text));
-      k = end;
-    }
-    return out;
-  }
-
-  const BundleT& b_;
-  std::vector<backend::Lifetime> lives_;
-};
-
-}  // namespace
 
 int inspect(const InspectOptions& options) {
   const auto bytes = read_text(options.file);
@@ -204,11 +16,10 @@ int inspect(const InspectOptions& options) {
     print_error(options.file + ": " + *problem);
     return kUserError;
   }
-  const BundleT& bundle = std::get<BundleT>(read);
-  const Inspector inspector(bundle);
+  const auto& bundle = std::get<bundle::BundleT>(read);
   const std::string text = options.graph  ? bundle.graph
-                           : options.json ? inspector.json().dump(2) + "\n"
-                                          : inspector.text();
+                           : options.json ? backend::show_json(bundle)
+                                          : backend::show(bundle);
   return write_product("-", text) ? kOk : kUserError;
 }
 

@@ -30,7 +30,8 @@ void add_modules(CLI::App& command, InputOptions& input) {
 }
 
 void add_input(CLI::App& command, InputOptions& input) {
-  command.add_option("file", input.file, "Program (.dr), graph (.ir), or - for stdin")->required();
+  command.add_option("file", input.file, "Program (.dr), graph (.ir), schedule (.schedule), or - for stdin")
+      ->required();
   add_modules(command, input);
   command.add_flag("--plain-gradients", input.compile.plain_gradients,
                    "Differentiate functions that have a @vjp by their own text");
@@ -129,13 +130,15 @@ int main(int argc, char** argv) {
   std::string dump_ir;
   const CLI::Option* dump_option =
       build_command
-          ->add_option("--dump-ir", dump_ir, "Print the graph or schedule to stderr after a pass, or after each")
+          ->add_option("--dump-ir", dump_ir,
+                       "Print the graph, schedule or bundle to stderr after a pass, or after each")
           ->expected(0, 1)
           ->type_name("PASS");
   build_command->add_flag("--verify-each,!--no-verify-each", build_options.verify_each,
-                          "Verify the graph or schedule after each pass (the default)");
+                          "Verify the graph, schedule or bundle after each pass (the default)");
   build_command
-      ->add_option("--break-after", build_options.break_after, "Make a pass over schedules leave an unsound one")
+      ->add_option("--break-after", build_options.break_after,
+                   "Make a pass over schedules or bundles leave an unsound one")
       ->group("");
   CLI::Option* stop_option =
       build_command
@@ -180,10 +183,14 @@ int main(int argc, char** argv) {
   eval_command->add_option("--steps", eval_options.times, "How often to run steps that have no number of their own")
       ->check(CLI::Range(int64_t{0}, int64_t{1} << 31))
       ->capture_default_str();
-  eval_command->add_option("--out", eval_options.out, "Folder for the last run's outputs, as name.npy")
+  eval_command
+      ->add_option(
+          "--out", eval_options.out,
+          "Folder for the last run's outputs, as STEP.NAME.npy and .png, and for params and states, as NAME.npy")
       ->type_name("DIR");
   eval_command
-      ->add_option("--save", eval_options.saves, "Write an output or leaf as .npy, .csv or .png; STEP.NAME tells apart")
+      ->add_option("--save", eval_options.saves,
+                   "Write an output, STEP.NAME, or a leaf as .npy, .csv or .png after the run")
       ->allow_extra_args(false)
       ->type_name("NAME=FILE");
   std::string check_finite = "all";

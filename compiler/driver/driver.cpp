@@ -5,6 +5,9 @@
 #include <sstream>
 
 #include "compiler/backend/pipeline.h"
+#include "compiler/backend/plan/show.h"
+#include "compiler/backend/schedule/structure.h"
+#include "compiler/backend/schedule/text.h"
 #include "compiler/backend/skips.h"
 #include "compiler/backend/spirv/shader_cache.h"
 #include "compiler/ir/internal_error.h"
@@ -52,8 +55,18 @@ std::vector<std::string> schedule_pass_names() {
   return names;
 }
 
+std::vector<std::string> bundle_pass_names() {
+  std::vector<std::string> names;
+  const size_t schedules = schedule_pass_names().size();
+  for (const backend::BackendPass& pass : backend::backend_passes().subspan(schedules)) names.emplace_back(pass.name);
+  return names;
+}
+
 Compilation::Compilation(std::string name, std::string text, Options options, Hooks hooks)
-    : options_(std::move(options)), hooks_(std::move(hooks)), is_graph_(name.ends_with(".ir")) {
+    : options_(std::move(options)),
+      hooks_(std::move(hooks)),
+      is_graph_(name.ends_with(".ir")),
+      is_schedule_(name.ends_with(".schedule")) {
   file_ = sources_.add(std::move(name), std::move(text));
 }
 
@@ -93,19 +106,52 @@ const target::Profile* Compilation::profile() {
   return &*profile_;
 }
 
+// A graph from the compiler that is unsound is the compiler's mistake; one from a file is the user's.
+const ir::Graph* Compilation::read_graph() {
+  const std::string text(sources_.text(file_));
+  if (is_schedule_) {
+    auto parsed = backend::parse_schedule(text);
+    if (const auto* problem = std::get_if<ir::ParseError>(&parsed))
+      return fail({Error::Kind::User, problem->message, problem->line});
+    lowered_ = std::get<backend::ParsedSchedule>(parsed).graph;
+    schedule_ = std::get<backend::ParsedSchedule>(std::move(parsed)).schedule;
+  } else {
+    auto parsed = ir::parse(text);
+    if (const auto* problem = std::get_if<ir::ParseError>(&parsed))
+      return fail({Error::Kind::User, problem->message, problem->line});
+    lowered_ = std::get<ir::Graph>(std::move(parsed));
+  }
+  std::optional<Error> error;
+  if (const auto violations = passes::verify(*lowered_); !violations.empty())
+    error = Error{Error::Kind::User, lines(violations)};
+  else if (is_schedule_)
+    error = wrong_schedule();
+  if (!error) return &*lowered_;
+  lowered_.reset();
+  return fail(*std::move(error));
+}
+
+std::optional<Error> Compilation::wrong_schedule() {
+  const std::vector<std::string> known = schedule_pass_names();
+  if (std::ranges::find(known, schedule_.after) == known.end()) {
+    const auto nearest = dsl::nearest_name(schedule_.after, known);
+    return Error{Error::Kind::User, "the schedule is after '" + schedule_.after + "', which is no pass over schedules" +
+                                        (nearest ? ", did you mean '" + *nearest + "'?" : "")};
+  }
+  const bool has_profile = profile_ || !options_.profile.empty();  // the evaluator needs none
+  if (has_profile && !profile()) return error_;
+  std::vector<std::string> unsound;
+  for (const backend::Violation& v : has_profile ? backend::check_schedule(*lowered_, schedule_, *profile_)
+                                                 : backend::check_structure(*lowered_, schedule_))
+    if (v.kind == backend::Violation::Kind::Unsound) unsound.push_back(v.text);
+  if (unsound.empty()) return std::nullopt;
+  return Error{Error::Kind::User, lines(unsound)};
+}
+
 const ir::Graph* Compilation::lowered() {
   if (lowered_) return &*lowered_;
   if (error_ || diagnostics_.has_errors()) return nullptr;
-  if (is_graph_) {
-    auto parsed = ir::parse(std::string(sources_.text(file_)));
-    if (const auto* problem = std::get_if<ir::ParseError>(&parsed))
-      return fail({Error::Kind::User, problem->message, problem->line});
-    // A graph from the compiler that is unsound is the compiler's mistake; one from a file is the user's.
-    if (const auto violations = passes::verify(std::get<ir::Graph>(parsed)); !violations.empty())
-      return fail({Error::Kind::User, lines(violations)});
-    lowered_ = std::get<ir::Graph>(std::move(parsed));
-    return &*lowered_;
-  }
+  if (is_graph_ || is_schedule_) return read_graph();
   lower::Options lowering;
   lowering.include_dirs = options_.include_dirs;
   lowering.plain_gradients = options_.plain_gradients;
@@ -134,6 +180,7 @@ const ir::Graph* Compilation::lowered() {
 const ir::Graph* Compilation::differentiated() {
   if (differentiated_) return &*differentiated_;
   if (!lowered()) return nullptr;
+  if (is_schedule_) return &*lowered_;
   std::vector<passes::Pass> chosen;
   const std::span<const passes::Pass> known = passes::default_passes();
   if (hooks_.passes) {
@@ -163,23 +210,23 @@ const ir::Graph* Compilation::differentiated() {
 const backend::Compiled* Compilation::compiled() {
   if (compiled_) return &*compiled_;
   if (!differentiated() || !profile()) return nullptr;
+  const ir::Graph& graph = *differentiated();
   auto options = backend::compile_options(options_.lower, options_.raster, options_.pack, options_.ablate,
                                           options_.scatter, options_.float_profile);
   if (const auto* problem = std::get_if<std::string>(&options)) return fail({Error::Kind::User, *problem});
   auto& chosen = std::get<backend::CompileOptions>(options);
-  if (!is_graph_) chosen.lines = backend::SourceLines(*differentiated_, sources_);
+  if (!is_graph_ && !is_schedule_) chosen.lines = backend::SourceLines(graph, sources_);
   if (options_.shader_cache) chosen.cache_folder = backend::default_cache_folder();
   chosen.hooks.verify_each = hooks_.verify_each;
   chosen.hooks.stop_after = hooks_.stop_after;
   chosen.hooks.break_after = hooks_.break_after;
   if (hooks_.after)
-    chosen.hooks.after = [&](std::string_view name, const ir::Graph& graph, const backend::Schedule* schedule,
-                             double milliseconds) {
+    chosen.hooks.after = [&](std::string_view name, const ir::Graph& of, const backend::Schedule* schedule,
+                             const bundle::BundleT& bundle, double milliseconds) {
       hooks_.after(
-          name, [&] { return schedule ? backend::print(graph, *schedule) : std::string(); }, milliseconds);
+          name, [&] { return schedule ? backend::print_whole(of, *schedule) : backend::show(bundle); }, milliseconds);
     };
-  auto result =
-      keeping_reproducer(*differentiated_, [&] { return backend::compile(*differentiated_, *profile_, chosen); });
+  auto result = keeping_reproducer(graph, [&] { return backend::compile(graph, *profile_, chosen, schedule_); });
   if (const auto* limit = std::get_if<backend::Limit>(&result)) return fail({Error::Kind::Limit, limit->text});
   compiled_ = std::get<backend::Compiled>(std::move(result));
   return &*compiled_;

@@ -40,7 +40,7 @@ struct Hooks {
   std::optional<std::vector<std::string>> passes;  // over graphs, instead of the default ones
   std::string stop_after;                          // the last pass to run; empty: all do
   std::string break_after;                         // a pass over schedules; see backend::PassHooks
-  // Called after each pass with its name, what prints its result (the text is empty beyond schedules), and the
+  // Called after each pass with its name, what prints its result, and the
   // milliseconds that it took.
   std::function<void(std::string_view, const std::function<std::string()>&, double)> after = {};
 };
@@ -49,13 +49,14 @@ struct Hooks {
 // diagnostics() and error().
 class Compilation {
  public:
-  // `name` stands for the file in messages; one that ends in .ir is the text of a graph.
+  // `name` stands for the file in messages; one that ends in .ir is the text of a graph, one in .schedule that of a
+  // graph and its schedule.
   Compilation(std::string name, std::string text, Options options, Hooks hooks = {});
 
   const target::Profile* profile();
   void use_profile(target::Profile profile) { profile_ = std::move(profile); }
 
-  const ir::Graph* lowered();         // as checked; it may have Grad ops
+  const ir::Graph* lowered();         // as checked; it may have Grad ops, but for that of a schedule
   const ir::Graph* differentiated();  // after the passes over graphs
   const backend::Compiled* compiled();
 
@@ -71,6 +72,8 @@ class Compilation {
 
  private:
   std::nullptr_t fail(Error error);
+  const ir::Graph* read_graph();
+  std::optional<Error> wrong_schedule();
   template <typename Make>
   auto keeping_reproducer(const ir::Graph& graph, const Make& make);
 
@@ -78,7 +81,8 @@ class Compilation {
   Hooks hooks_;
   dsl::SourceManager sources_;
   dsl::FileId file_;
-  bool is_graph_;
+  bool is_graph_, is_schedule_;
+  backend::Schedule schedule_;  // as read
   dsl::DiagnosticList diagnostics_;
   std::optional<Error> error_;
   std::optional<target::Profile> profile_;
@@ -88,9 +92,10 @@ class Compilation {
   double parse_milliseconds_ = 0;
 };
 
-// The passes that --passes and --stop-after know: those over graphs, then those over schedules.
+// The passes that --stop-after knows: those over graphs, which --passes knows, over schedules, and over bundles.
 std::vector<std::string> graph_pass_names();
 std::vector<std::string> schedule_pass_names();
+std::vector<std::string> bundle_pass_names();
 
 // The options as words of a command line, those that are not the default ones.
 std::string command_line(const Options& options);

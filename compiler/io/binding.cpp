@@ -125,17 +125,19 @@ Result<void> save_array(const std::string& path, const Array& array) {
       fail(extension.empty() ? std::string("there is no extension") : cat("unknown extension ", in_quotes(extension)),
            did_you_mean(extension, kExtensions), ", an array is saved as .png, .npy or .csv");
     }
-    if (array.layers == 1) return write_file(path, encode_png(array, 0));
-    const std::string stem = path.substr(0, path.size() - extension.size());
-    const size_t digits = cat(array.layers - 1).size();
     std::vector<OutputFile> files;
-    for (int64_t layer = 0; layer < array.layers; ++layer) {
-      std::string number = cat(layer);
-      number.insert(0, digits - number.size(), '0');
-      files.push_back({cat(stem, "_", number, path.substr(stem.size())), encode_png(array, layer)});
-    }
+    for (int64_t layer = 0; layer < array.layers; ++layer)
+      files.push_back({layer_path(path, layer, array.layers), encode_png(array, layer)});
     write_files(files);
   });
+}
+
+std::string layer_path(const std::string& path, int64_t layer, int64_t layers) {
+  if (layers == 1) return path;
+  const std::string stem = path.substr(0, path.size() - extension_of(path).size());
+  std::string number = cat(layer);
+  number.insert(0, cat(layers - 1).size() - number.size(), '0');
+  return cat(stem, "_", number, path.substr(stem.size()));
 }
 
 }  // namespace dr::io

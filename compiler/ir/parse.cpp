@@ -2,20 +2,15 @@
 // A recursive-descent parser of the text form, one rule for all ops. It takes any bytes: texts come from files.
 #include "compiler/ir/parse.h"
 
-#include <algorithm>
-#include <array>
-#include <charconv>
 #include <unordered_map>
 
 #include "compiler/ir/print.h"
+#include "compiler/ir/text_reader.h"
 
 namespace dr::ir {
 namespace {
 
 constexpr int kMaxDepth = 200;  // of regions in regions
-
-// What a message repeats of the text.
-std::string shown(std::string_view text) { return "'" + std::string(text.substr(0, 40)) + "'"; }
 
 struct Definition {
   uint64_t number = 0;
@@ -23,193 +18,19 @@ struct Definition {
   ResultType type;
 };
 
-// Every rule returns whether it succeeded; the first failure writes error_, and the callers unwind.
-class Parser {
+class Parser : private TextReader {
  public:
-  explicit Parser(std::string_view text) : text_(text) {}
+  explicit Parser(std::string_view text) : TextReader(text) {}
 
-  std::variant<Graph, ParseError> parse() {
-    for (skip_lines(); at_ < text_.size(); skip_lines()) {
+  std::variant<NumberedGraph, ParseError> parse() {
+    for (skip_lines(); !at_end(); skip_lines()) {
       const bool ok = take_word("leaf") ? leaf() : take_word("step") ? step() : op(0);
-      if (!ok) return std::move(error_);
+      if (!ok) return error();
     }
-    return std::move(builder_).finish();
+    return NumberedGraph{std::move(builder_).finish(), std::move(values_)};
   }
 
  private:
-  // Characters.
-
-  char peek() {
-    while (at_ < text_.size() && (text_[at_] == ' ' || text_[at_] == '\t' || text_[at_] == '\r')) ++at_;
-    if (text_.substr(at_).starts_with("//")) at_ = std::min(text_.find('\n', at_), text_.size());
-    return at_ < text_.size() ? text_[at_] : '\n';
-  }
-
-  void skip_lines() {
-    while (peek() == '\n' && at_ < text_.size()) {
-      ++at_;
-      ++line_;
-    }
-  }
-
-  bool fail(std::string message) {
-    error_ = {line_, std::move(message)};
-    return false;
-  }
-
-  bool expected(std::string_view what) {
-    const char c = peek();
-    std::string found;
-    if (at_ >= text_.size()) {
-      found = "the end of the text";
-    } else if (c == '\n') {
-      found = "the end of the line";
-    } else {
-      const std::string_view word = peek_word();
-      found = shown(word.empty() ? std::string_view(&c, 1) : word);
-    }
-    return fail("expected " + std::string(what) + ", found " + found);
-  }
-
-  bool take(char c) {
-    if (peek() != c || at_ >= text_.size()) return false;
-    ++at_;
-    return true;
-  }
-
-  bool expect(char c) { return take(c) || expected(std::string{'\'', c, '\''}); }
-
-  bool expect_line_end() { return peek() == '\n' || expected("the end of the line"); }
-
-  std::string_view peek_word() {
-    peek();
-    size_t end = at_;
-    while (end < text_.size() && is_name_char(text_[end])) ++end;
-    return text_.substr(at_, end - at_);
-  }
-
-  bool take_word(std::string_view word) {
-    if (peek_word() != word) return false;
-    at_ += word.size();
-    return true;
-  }
-
-  // Words, numbers, lists.
-
-  // "..." with \" \\ \n \xHH.
-  bool quoted(std::string& out) {
-    if (!expect('"')) return false;
-    out.clear();
-    while (at_ < text_.size() && text_[at_] != '\n') {
-      const char c = text_[at_++];
-      if (c == '"') return true;
-      if (c != '\\') {
-        out += c;
-        continue;
-      }
-      const char escape = at_ < text_.size() ? text_[at_++] : '\n';
-      if (escape == '"' || escape == '\\') {
-        out += escape;
-      } else if (escape == 'n') {
-        out += '\n';
-      } else if (unsigned byte = 0;
-                 escape == 'x' && at_ + 2 <= text_.size() &&
-                 std::from_chars(text_.data() + at_, text_.data() + at_ + 2, byte, 16).ptr == text_.data() + at_ + 2) {
-        out += static_cast<char>(byte);
-        at_ += 2;
-      } else {
-        return fail("expected \\\", \\\\, \\n or \\x and two hexadecimal digits in a quoted text");
-      }
-    }
-    return fail("expected '\"' at the end of a quoted text, found the end of the line");
-  }
-
-  bool name(std::string_view what, std::string& out) {
-    if (peek() == '"') return quoted(out);
-    const std::string_view word = peek_word();
-    if (word.empty()) return expected(what);
-    out = word;
-    at_ += word.size();
-    return true;
-  }
-
-  template <class T>
-  bool number(std::string_view what, T& out) {
-    peek();
-    const char* begin = text_.data() + at_;
-    const auto [end, error] = std::from_chars(begin, text_.data() + text_.size(), out);
-    if (error == std::errc::result_out_of_range)
-      return fail(std::string(what) +
-                  " out of range: " + std::string(begin, std::min<size_t>(40, static_cast<size_t>(end - begin))));
-    if (error != std::errc{}) return expected(what);
-    at_ += static_cast<size_t>(end - begin);
-    return true;
-  }
-
-  template <class Item>
-  bool comma_list(Item item) {
-    do {
-      if (!item()) return false;
-    } while (take(','));
-    return true;
-  }
-
-  template <class Item>
-  bool bracket_list(Item item) {
-    if (!expect('[')) return false;
-    if (take(']')) return true;
-    return comma_list(item) && (take(']') || expected("',' or ']'"));
-  }
-
-  bool dim(Dim& out) {
-    peek();
-    const size_t end = std::min(text_.find_first_of(",]\n", at_), text_.size());
-    const std::string_view expression = text_.substr(at_, end - at_);
-    const auto parsed = Dim::parse(expression);
-    if (!parsed) return fail("expected an extent, found " + shown(expression));
-    out = *parsed;
-    at_ = end;
-    return true;
-  }
-
-  // vec3[W, H]
-  bool type(Type& type, Extent& extent) {
-    const std::string_view word = peek_word();
-    const auto parsed = Type::parse(word);
-    if (!parsed) return expected("a type");
-    type = *parsed;
-    at_ += word.size();
-    if (peek() != '[') return true;
-    const std::array<Dim*, 3> axes = {&extent.w, &extent.h, &extent.l};
-    size_t count = 0;
-    return bracket_list(
-        [&] { return count < axes.size() ? dim(*axes[count++]) : fail("expected at most three extents, found more"); });
-  }
-
-  // %12 or %name.12
-  bool value_name(std::string& name, uint64_t& number) {
-    if (!expect('%')) return false;
-    name.clear();
-    const size_t begin = at_;
-    if (at_ < text_.size() && text_[at_] == '"') {
-      if (!quoted(name)) return false;
-      if (at_ == text_.size() || text_[at_] != '.') return expected("'.' and a number after a value's name");
-      ++at_;
-    } else if (begin < text_.size() && is_name_char(text_[begin])) {
-      const std::string_view word = peek_word();
-      if (const size_t dot = word.rfind('.'); dot != std::string_view::npos) {
-        name = word.substr(0, dot);
-        at_ += dot + 1;
-      }
-    }
-    const char* first = text_.data() + at_;
-    const auto [end, error] = std::from_chars(first, text_.data() + text_.size(), number);
-    if (error != std::errc{}) return fail("expected a value's number, as in %12 or %name.12");
-    at_ += static_cast<size_t>(end - first);
-    if (at_ < text_.size() && is_name_char(text_[at_])) return fail("expected a value's number, as in %12 or %name.12");
-    return true;
-  }
-
   bool use(ValueId& out) {
     std::string given;
     uint64_t number = 0;
@@ -316,7 +137,7 @@ class Parser {
     const std::string_view word = peek_word();
     const auto kind = op_kind(word);
     if (!kind) return expected("an op's name");
-    at_ += word.size();
+    take_word(word);
 
     std::vector<ValueId> operands;
     Attrs attrs;
@@ -374,16 +195,18 @@ class Parser {
     return expect_line_end();
   }
 
-  std::string_view text_;
-  size_t at_ = 0;
-  uint32_t line_ = 1;
   Builder builder_;
   std::unordered_map<uint64_t, ValueId> values_;
-  ParseError error_;
 };
 
 }  // namespace
 
-std::variant<Graph, ParseError> parse(std::string_view text) { return Parser(text).parse(); }
+std::variant<NumberedGraph, ParseError> parse_numbered(std::string_view text) { return Parser(text).parse(); }
+
+std::variant<Graph, ParseError> parse(std::string_view text) {
+  auto parsed = parse_numbered(text);
+  if (auto* error = std::get_if<ParseError>(&parsed)) return std::move(*error);
+  return std::get<NumberedGraph>(std::move(parsed)).graph;
+}
 
 }  // namespace dr::ir

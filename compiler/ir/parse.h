@@ -6,6 +6,7 @@
 
 #include <string>
 #include <string_view>
+#include <unordered_map>
 #include <variant>
 
 #include "compiler/ir/graph.h"
@@ -18,5 +19,12 @@ struct ParseError {
 };
 
 std::variant<Graph, ParseError> parse(std::string_view text);
+
+// The same, with the values by the numbers that the text gives them.
+struct NumberedGraph {
+  Graph graph;
+  std::unordered_map<uint64_t, ValueId> values;
+};
+std::variant<NumberedGraph, ParseError> parse_numbered(std::string_view text);
 
 }  // namespace dr::ir

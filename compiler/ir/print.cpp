@@ -6,6 +6,8 @@
 #include <charconv>
 #include <cmath>
 
+#include "compiler/ir/text_reader.h"
+
 namespace dr::ir {
 
 bool is_name_char(char c) {
@@ -66,34 +68,7 @@ class Writer {
   }
 
  private:
-  void write_quoted(std::string_view text) {
-    constexpr std::string_view kHex = "0123456789abcdef";
-    out_ += '"';
-    for (char c : text) {
-      const auto byte = static_cast<unsigned char>(c);
-      if (c == '"' || c == '\\') {
-        out_ += '\\';
-        out_ += c;
-      } else if (c == '\n') {
-        out_ += "\\n";
-      } else if (byte < 0x20 || byte == 0x7f) {
-        out_ += "\\x";
-        out_ += kHex[byte >> 4];
-        out_ += kHex[byte & 15];
-      } else {
-        out_ += c;
-      }
-    }
-    out_ += '"';
-  }
-
-  void write_name(std::string_view name) {
-    if (!name.empty() && std::all_of(name.begin(), name.end(), is_name_char)) {
-      out_ += name;
-    } else {
-      write_quoted(name);
-    }
-  }
+  void write_name(std::string_view name) { out_ += written_name(name); }
 
   template <class T>
   void write_number(T number) {
@@ -129,18 +104,7 @@ class Writer {
     out_ += ']';
   }
 
-  void write_use(ValueId id) {
-    out_ += '%';
-    if (id.index >= numbers_.size() || numbers_[id.index] == kNoNumber) {  // only in messages about unsound graphs
-      out_ += '?';
-      return;
-    }
-    if (const std::string& name = graph_.value(id).name; !name.empty()) {
-      write_name(name);
-      out_ += '.';
-    }
-    write_number(numbers_[id.index]);
-  }
+  void write_use(ValueId id) { out_ += print_use(graph_, id, numbers_); }
 
   void write_definition(ValueId id) {
     const ValueInfo& info = graph_.value(id);
@@ -176,7 +140,7 @@ class Writer {
     write_attr("yields", op.attrs.yields, [&](Yield yield) { out_ += yield_name(yield); });
     if (!op.attrs.text.empty()) {
       out_ += " text ";
-      write_quoted(op.attrs.text);
+      out_ += quoted_text(op.attrs.text);
     }
   }
 
@@ -240,6 +204,12 @@ std::vector<uint32_t> print_numbers(const Graph& graph) {
 std::string print(const Graph& graph) {
   const auto numbers = print_numbers(graph);
   return Writer(graph, numbers).graph();
+}
+
+std::string print_use(const Graph& graph, ValueId id, std::span<const uint32_t> numbers) {
+  if (id.index >= numbers.size() || numbers[id.index] == kNoNumber) return "%?";  // only of unsound graphs
+  const std::string& name = graph.value(id).name;
+  return "%" + (name.empty() ? "" : written_name(name) + ".") + std::to_string(numbers[id.index]);
 }
 
 std::string print_op(const Graph& graph, OpId op, std::span<const uint32_t> numbers) {

@@ -37,6 +37,7 @@ std::string print(const Graph& graph);
 // For messages about one op: the numbers that print() gives, by ValueId, and the op's line without the bodies of its
 // regions.
 std::vector<uint32_t> print_numbers(const Graph& graph);
+std::string print_use(const Graph& graph, ValueId value, std::span<const uint32_t> numbers);  // %moved.4
 std::string print_op(const Graph& graph, OpId op, std::span<const uint32_t> numbers);
 
 // Words of the text form.

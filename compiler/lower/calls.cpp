@@ -28,6 +28,7 @@ Value Elaborator::evaluate_call(const Expr& expr) {
     }
     return call_builtin(*builtin, std::move(args), &expr, expr.span);
   }
+  if (const auto* module = callee.get<ModuleValue>()) return instantiate_module(*module->module, expr);
   return call(callee, evaluate_args(expr.args), expr.span);
 }
 

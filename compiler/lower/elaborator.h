@@ -185,12 +185,20 @@ class Elaborator {
   static std::string suggestion(std::string_view name, const std::vector<std::string>& known);
 
   // The program (lower.cpp).
-  void declare_leaves(ModuleInfo& root);
-  void declare_leaf(ModuleInfo& root, const dsl::LeafDecl& decl);
+  void declare_leaves(ModuleInfo& module);
+  void declare_leaf(ModuleInfo& module, const dsl::LeafDecl& decl);
   std::vector<double> initial_value(const dsl::LeafDecl& decl, const Type& type, bool& ok);
-  void run_program(ModuleInfo& root);
+  void run_program(ModuleInfo& module);
+  void declare_symbols(ModuleInfo& module, const Expr& extent, bool& ok);
+  ValueId add_leaf(ir::Leaf leaf);
   void warn_of_shared_counts();
   void apply_defines(ModuleInfo& root);
+
+  // Instances of modules, and what steps leave behind (instances.cpp).
+  Value instantiate_module(ModuleInfo& base, const Expr& call);
+  bool bind_module_params(ModuleInfo& instance, std::vector<Argument> args, const Span& span, const std::string& name);
+  Value step_count(const Expr& expr);
+  void count_steps();
 
   // Modules and names (modules.cpp).
   ModuleInfo* load_module(dsl::FileId file, std::string path, std::string folder);
@@ -204,6 +212,8 @@ class Elaborator {
   Value module_field(ModuleInfo& module, const std::string& name, const Span& span);
   const Binding* find_binding(std::string_view name) const;
   std::optional<uint32_t> find_leaf(std::string_view name) const;
+  std::optional<uint32_t> find_leaf(const Expr& path);
+  ModuleInfo* module_of(const Expr& path) const;
   Scope* new_scope(Scope* parent);
   void define(Scope& scope, const dsl::Name& name, Value value, bool is_var = false);
   std::vector<std::string> visible_names() const;
@@ -516,7 +526,8 @@ class Elaborator {
   std::deque<Scope> scopes_;
   Scope* scope_ = nullptr;
   ModuleInfo* root_ = nullptr;
-  Value seed_ = Nothing{};  // the leaf 'seed' once something has read it
+  const ModuleInfo* running_ = nullptr;  // whose top level is being elaborated: the root's, or an instance's
+  Value seed_ = Nothing{};               // the leaf 'seed' once something has read it
 
   std::vector<Frame> frames_;
   std::vector<RegionFrame> regions_;
@@ -524,8 +535,25 @@ class Elaborator {
   OptimizerFrame* optimizer_ = nullptr;
   std::set<const dsl::FnDecl*> open_vjps_;  // functions whose @vjp is being elaborated: in it they are plain
   int64_t cotangents_ = 0;
-  Span let_;                                       // the top-level `let` that is being elaborated
-  std::vector<std::pair<ir::OpId, Span>> counts_;  // uses of `step_index` there
+  Span let_;  // the top-level `let` that is being elaborated
+  // Uses of `step_index` there.
+  struct Count {
+    ir::OpId op;
+    Span let;
+    std::string prefix;  // of the instance
+  };
+  std::vector<Count> counts_;
+  // The counts of steps that a program asks for by name, each a state of its own.
+  struct StepCount {
+    uint32_t leaf;
+    ValueId value;
+  };
+  std::map<std::string, StepCount, std::less<>> step_counts_;  // by the step's whole name
+  std::map<uint32_t, Value> leaf_values_;                      // of declared leaves
+  // The expression of a top-level `let` that may make an instance, and the name that it gets.
+  std::pair<const Expr*, const dsl::Name*> instance_let_{};
+  std::vector<std::pair<std::string, Span>> instances_;  // that are being elaborated, for notes
+  std::pair<const ModuleItem*, Value> projected_{};      // the param of an instance that a projection names
 
   bool parsed_ = true;  // all files
   size_t depth_ = 0;

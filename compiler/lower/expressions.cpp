@@ -28,6 +28,7 @@ Value Elaborator::evaluate_any(const Expr& expr) {
     case Expr::Kind::Bool: return make_bool(expr.bool_value);
     case Expr::Kind::String: return StringValue{expr.name};
     case Expr::Kind::NameRef: return name_value(expr.name, expr.span);
+    case Expr::Kind::StepCount: return step_count(expr);
     case Expr::Kind::Unary: return evaluate_unary(expr);
     case Expr::Kind::Binary: return evaluate_binary(expr);
     case Expr::Kind::Field: return evaluate_field(expr);

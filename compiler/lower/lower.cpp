@@ -40,6 +40,8 @@ void Elaborator::report(Code code, const Span& span, std::string message, std::v
     if (told++ == kMaxCallNotes) break;
     diagnostic.notes.push_back({frame->call, "in the call of '" + frame->name + "' here"});
   }
+  for (auto instance = instances_.rbegin(); instance != instances_.rend() && told++ < kMaxCallNotes; ++instance)
+    diagnostic.notes.push_back({instance->second, "in the instance of '" + instance->first + "' here"});
   diagnostic.help = std::move(help);
 }
 
@@ -169,8 +171,17 @@ std::optional<ir::Graph> Elaborator::run(dsl::FileId root) {
   scope_ = &root_->scope;
   b_.reserve(sources_.text(root).size() / 4);  // long programs give about an op for six characters
   apply_defines(*root_);
+  for (const dsl::Param& param : root_->syntax->params) {
+    if (param.default_value) continue;
+    report(Code::E0304, param.name.span,
+           "expected a program, found a module whose parameter '" + param.name.text + "' nothing gives", {},
+           "make an instance of it in a program, or give the parameter a default value");
+    return std::nullopt;
+  }
+  bind_module_params(*root_, {}, root_->syntax->params_span, "");
   declare_leaves(*root_);
   run_program(*root_);
+  count_steps();
   if (const auto deep = too_deep_gradient(b_.graph(), options_.max_ops)) {
     report(Code::E0503, deep->span,
            "expected a program that stays below " + std::to_string(options_.max_ops) +
@@ -189,27 +200,29 @@ std::optional<ir::Graph> Elaborator::run(dsl::FileId root) {
 // again in the second: the program may mean that, and rarely does.
 void Elaborator::warn_of_shared_counts() {
   if (counts_.empty()) return;
-  std::map<uint32_t, std::pair<Span, std::vector<std::string>>> users;  // by the start of the let
+  // By the instance and the start of the let.
+  std::map<std::pair<std::string, uint32_t>, std::pair<Span, std::vector<std::string>>> users;
   for (const ir::Step& step : b_.graph().steps) {
     if (step.updates.empty()) continue;
     std::vector<ValueId> roots;
     for (const ir::Output& output : step.outputs) roots.push_back(output.value);
     for (const ir::Update& update : step.updates) roots.push_back(update.value);
     const std::vector<bool> live = ir::live_ops(b_.graph(), roots);
-    for (const auto& [op, let] : counts_) {
+    for (const auto& [op, let, prefix] : counts_) {
       if (b_.graph().op(op).parent != b_.graph().root() || !live[op.index]) continue;
-      auto& [span, names] = users[let.begin];
+      auto& [span, names] = users[{prefix, let.begin}];
       span = let;
       if (std::ranges::find(names, step.name) == names.end()) names.push_back(step.name);
     }
   }
-  for (const auto& [begin, user] : users) {
+  for (const auto& [where, user] : users) {
     if (user.second.size() < 2) continue;
     dsl::Diagnostic& warning =
         diagnostics_.warning(Code::E0618, user.first,
                              "expected a schedule for each step, found one that the steps '" + user.second[0] +
                                  "' and '" + user.second[1] + "' share: 'step_index' starts at 0 in each of them");
-    warning.help = "write the schedule in the steps, or count in a 'state' that both go on with";
+    warning.help = "say which count is meant, as 'step_index of " + user.second[0] +
+                   "' (the schedules of std.optim take it as 'at'), or write the schedule in the steps";
   }
 }
 
@@ -252,9 +265,9 @@ void Elaborator::apply_defines(ModuleInfo& root) {
   }
 }
 
-void Elaborator::declare_leaves(ModuleInfo& root) {
-  for (const dsl::Item& item : root.syntax.items) {
-    if (item.kind == dsl::Item::Kind::Leaf) declare_leaf(root, *item.leaf);
+void Elaborator::declare_leaves(ModuleInfo& module) {
+  for (const dsl::Item& item : module.syntax->items) {
+    if (item.kind == dsl::Item::Kind::Leaf) declare_leaf(module, *item.leaf);
   }
 }
 
@@ -279,8 +292,53 @@ void collect_names(const Expr& expr, std::vector<const Expr*>& names) {
 
 }  // namespace
 
-void Elaborator::declare_leaf(ModuleInfo& root, const dsl::LeafDecl& decl) {
-  ModuleItem& item = root.items.find(decl.name.text)->second;
+// A name in an extent that means nothing else is a symbol from here on: one of the program, also in an instance.
+void Elaborator::declare_symbols(ModuleInfo& module, const Expr& extent, bool& ok) {
+  std::vector<const Expr*> names;
+  collect_names(extent, names);
+  for (const Expr* name : names) {
+    const auto found = module.items.find(name->name);
+    const bool known = found != module.items.end();
+    const auto outer = root_->items.find(name->name);
+    if (!known && &module != root_ && outer != root_->items.end() && outer->second.kind != ModuleItem::Kind::Symbol) {
+      report(Code::E0403, name->span,
+             "expected a number, a const, a parameter or a new symbol in an extent, found '" + name->name +
+                 "', which means something else in the program",
+             {{outer->second.span, "'" + name->name + "' is declared here"}}, "make it a parameter of the module");
+      ok = false;
+    } else if (!known) {
+      // Tables of a topology have symbols named after their faces.
+      const std::string_view faces = std::string_view(name->name).substr(0, name->name.rfind("_edges"));
+      const bool own = faces != name->name && module.items.find(faces) != module.items.end();
+      std::string prefix = own ? module.prefix : "";
+      std::ranges::replace(prefix, '.', '_');
+      ModuleItem symbol;
+      symbol.kind = ModuleItem::Kind::Symbol;
+      symbol.span = name->span;
+      symbol.value = Dim::symbol(prefix + name->name);
+      if (!own) root_->items.emplace(name->name, symbol);
+      module.items.emplace(name->name, std::move(symbol));
+    } else if (found->second.kind == ModuleItem::Kind::Leaf || found->second.kind == ModuleItem::Kind::Let) {
+      report(Code::E0403, name->span,
+             "expected a number, a const or a new symbol in an extent, found the value '" + name->name + "'",
+             {{found->second.span, "'" + name->name + "' is declared here"}});
+      ok = false;
+    }
+    if (!ok) return;
+  }
+}
+
+ValueId Elaborator::add_leaf(ir::Leaf leaf) {
+  ir::Attrs attrs;
+  attrs.text = leaf.name;
+  b_.graph().leaves.push_back(std::move(leaf));
+  const ValueId id = ops::emit(b_, OpKind::Leaf, {}, attrs);
+  b_.set_name(id, attrs.text);
+  return id;
+}
+
+void Elaborator::declare_leaf(ModuleInfo& module, const dsl::LeafDecl& decl) {
+  ModuleItem& item = module.items.find(decl.name.text)->second;
   if (item.kind != ModuleItem::Kind::Leaf || item.span != decl.name.span) return;  // declared twice
   item.value = Error{};
   if (!decl.type) return;  // the parser has said why
@@ -293,28 +351,13 @@ void Elaborator::declare_leaf(ModuleInfo& root, const dsl::LeafDecl& decl) {
                (type ? describe(*type) : std::string("another kind of type")));
     return;
   }
-  // A name in an extent that means nothing else is a symbol from here on.
-  ir::Leaf leaf{leaf_kind(decl.kind), decl.name.text, type->element, {}, {}, decl.span};
+  ir::Leaf leaf{leaf_kind(decl.kind), module.prefix + decl.name.text, type->element, {}, {}, decl.span};
   Dim* axes[] = {&leaf.extent.w, &leaf.extent.h, &leaf.extent.l};
+  bool ok = true;
   for (size_t i = 0; i < decl.type->extents.size(); ++i) {
     const Expr& expr = *decl.type->extents[i];
-    std::vector<const Expr*> names;
-    collect_names(expr, names);
-    for (const Expr* name : names) {
-      const auto found = root.items.find(name->name);
-      if (found == root.items.end()) {
-        ModuleItem symbol;
-        symbol.kind = ModuleItem::Kind::Symbol;
-        symbol.span = name->span;
-        symbol.value = Dim::symbol(name->name);
-        root.items.emplace(name->name, std::move(symbol));
-      } else if (found->second.kind == ModuleItem::Kind::Leaf || found->second.kind == ModuleItem::Kind::Let) {
-        report(Code::E0403, name->span,
-               "expected a number, a const or a new symbol in an extent, found the value '" + name->name + "'",
-               {{found->second.span, "'" + name->name + "' is declared here"}});
-        return;
-      }
-    }
+    declare_symbols(module, expr, ok);
+    if (!ok) return;
     const auto dim = evaluate_dim(expr, "an extent");
     if (!dim) return;
     if (dim->is_constant() && dim->constant() < 1) {
@@ -323,17 +366,12 @@ void Elaborator::declare_leaf(ModuleInfo& root, const dsl::LeafDecl& decl) {
     }
     *axes[i] = *dim;
   }
-  bool ok = true;
   if (decl.initial) leaf.initial = initial_value(decl, leaf.type, ok);
   if (!ok) return;
   const SpanScope span(*this, decl.span);
   item.leaf = static_cast<uint32_t>(b_.graph().leaves.size());
-  b_.graph().leaves.push_back(leaf);
-  ir::Attrs attrs;
-  attrs.text = leaf.name;
-  const ValueId id = ops::emit(b_, OpKind::Leaf, {}, std::move(attrs));
-  b_.set_name(id, leaf.name);
-  item.value = Image{id};
+  item.value = Image{add_leaf(std::move(leaf))};
+  leaf_values_[*item.leaf] = item.value;
   observe(decl.name.span, item.value, decl.name.span);
 }
 
@@ -368,20 +406,23 @@ std::vector<double> Elaborator::initial_value(const dsl::LeafDecl& decl, const T
   return filled;
 }
 
-void Elaborator::run_program(ModuleInfo& root) {
-  for (const dsl::Item& item : root.syntax.items) {
+void Elaborator::run_program(ModuleInfo& module) {
+  const Switched<const ModuleInfo*> running(running_, &module);
+  for (const dsl::Item& item : module.syntax->items) {
     if (over_budget({})) return;
     switch (item.kind) {
       case dsl::Item::Kind::Const: {
         // Also those that nothing uses: a mistake in one should not wait for its first use.
-        const auto found = root.items.find(item.constant->name.text);
+        const auto found = module.items.find(item.constant->name.text);
         if (found->second.constant == item.constant.get()) {
-          item_value(root, item.constant->name.text, found->second, item.constant->name.span);
+          item_value(module, item.constant->name.text, found->second, item.constant->name.span);
         }
         break;
       }
       case dsl::Item::Kind::Statement: {
         const Switched<Span> let(let_, item.statement->span);
+        const Switched<std::pair<const Expr*, const dsl::Name*>> instance(
+            instance_let_, {item.statement->a.get(), &item.statement->pattern.names.front()});
         run_statement(*item.statement);
         break;
       }

@@ -22,11 +22,11 @@ ModuleInfo* Elaborator::load_module(dsl::FileId file, std::string path, std::str
   module.scope.module = &module;
   const size_t errors = diagnostics_.error_count();
   const auto start = std::chrono::steady_clock::now();
-  module.syntax = dsl::parse(sources_, file, diagnostics_);
+  module.syntax = std::make_shared<dsl::Module>(dsl::parse(sources_, file, diagnostics_));
   const std::chrono::duration<double, std::milli> elapsed = std::chrono::steady_clock::now() - start;
   if (options_.parse_milliseconds) *options_.parse_milliseconds += elapsed.count();
   parsed_ = parsed_ && diagnostics_.error_count() == errors;
-  for (const dsl::ImportDecl& import : module.syntax.imports) load_import(module, import);
+  for (const dsl::ImportDecl& import : module.syntax->imports) load_import(module, import);
   collect_items(module);
   collect_vjps(module);
   module.loading = false;
@@ -107,6 +107,22 @@ void Elaborator::load_import(ModuleInfo& importer, const dsl::ImportDecl& import
   add_item(importer, bound, {.kind = ModuleItem::Kind::Import, .span = bound.span, .value = ModuleValue{module}});
 }
 
+namespace {
+
+// The folder of a module's file, for library modules inside the library.
+std::string folder_of(const ModuleInfo& module) {
+  if (module.folder.empty()) return module.path.substr(0, module.path.rfind('/') + 1);
+  std::error_code error;
+  return std::filesystem::weakly_canonical(module.folder, error).string() + "/";
+}
+
+std::string name_of(const ModuleInfo& module) {
+  const std::string file = module.path.substr(module.path.find_last_of("/:") + 1);
+  return file.substr(0, file.rfind(".dr"));
+}
+
+}  // namespace
+
 // ---- items ----
 
 void Elaborator::add_item(ModuleInfo& module, const dsl::Name& name, ModuleItem item) {
@@ -117,13 +133,12 @@ void Elaborator::add_item(ModuleInfo& module, const dsl::Name& name, ModuleItem 
 }
 
 void Elaborator::collect_items(ModuleInfo& module) {
-  const auto root_only = [&](const Span& span, std::string_view what) {
-    if (module.is_root) return false;
-    report(Code::E0207, span,
-           "expected functions, structs, optimizers and constants in a module, found " + std::string(what));
-    return true;
-  };
-  for (const dsl::Item& item : module.syntax.items) {
+  // What only an instance has waits for one.
+  for (const dsl::Param& param : module.syntax->params) {
+    add_item(module, param.name,
+             {.kind = ModuleItem::Kind::Parameter, .state = ModuleItem::State::Waiting, .span = param.name.span});
+  }
+  for (const dsl::Item& item : module.syntax->items) {
     switch (item.kind) {
       case dsl::Item::Kind::Const:
         add_item(module, item.constant->name,
@@ -170,25 +185,32 @@ void Elaborator::collect_items(ModuleInfo& module) {
                   .is_private = item.is_private});
         break;
       case dsl::Item::Kind::Leaf:
-        if (root_only(item.leaf->span, "the leaf '" + item.leaf->name.text + "'")) break;
         add_item(module, item.leaf->name, {.kind = ModuleItem::Kind::Leaf, .span = item.leaf->name.span});
         break;
       case dsl::Item::Kind::Statement:
-        if (root_only(item.statement->span, "a 'let'")) break;
         for (const dsl::Name& name : item.statement->pattern.names) {
           if (name.text == "_") continue;
           add_item(module, name,
                    {.kind = ModuleItem::Kind::Let, .state = ModuleItem::State::Waiting, .span = name.span});
         }
         break;
-      case dsl::Item::Kind::Step: root_only(item.step->name.span, "the step '" + item.step->name.text + "'"); break;
+      case dsl::Item::Kind::Step: break;
     }
   }
 }
 
 // The value of a top-level name; constants are computed at their first use.
 Value Elaborator::item_value(ModuleInfo& module, std::string_view name, ModuleItem& item, const Span& use) {
-  if (item.kind == ModuleItem::Kind::Let && item.state != ModuleItem::State::Done) {
+  const bool waits = item.kind == ModuleItem::Kind::Let || item.kind == ModuleItem::Kind::Parameter;
+  if (!module.runs() && (waits || item.kind == ModuleItem::Kind::Leaf)) {
+    return fail(
+        Code::E0207, use,
+        "expected an instance of the module '" + name_of(module) + "' before the use of '" + std::string(name) +
+            "', found the module",
+        {{item.span, "'" + std::string(name) + "' is declared here"}},
+        "write 'let name = " + name_of(module) + "(...);' at the top level and 'name." + std::string(name) + "'");
+  }
+  if (waits && item.state != ModuleItem::State::Done) {
     return fail(Code::E0206, use, "expected the use of '" + std::string(name) + "' after its 'let', found it before",
                 {{item.span, "'" + std::string(name) + "' is declared here"}});
   }
@@ -273,6 +295,31 @@ std::optional<uint32_t> Elaborator::find_leaf(std::string_view name) const {
   return found->second.leaf;
 }
 
+// Of an instance's too: `studio.light`.
+std::optional<uint32_t> Elaborator::find_leaf(const Expr& path) {
+  if (path.kind == Expr::Kind::NameRef) return find_leaf(path.name);
+  const ModuleInfo* module = path.kind == Expr::Kind::Field ? module_of(*path.a) : nullptr;
+  if (!module) return std::nullopt;
+  const auto found = module->items.find(path.name);
+  return found == module->items.end() ? std::nullopt : found->second.leaf;
+}
+
+// The module that an expression of names stands for, if it does; says nothing.
+ModuleInfo* Elaborator::module_of(const Expr& path) const {
+  const ModuleItem* item = nullptr;
+  if (path.kind == Expr::Kind::NameRef) {
+    if (find_binding(path.name)) return nullptr;
+    const auto found = scope_->module->items.find(path.name);
+    if (found != scope_->module->items.end()) item = &found->second;
+  } else if (path.kind == Expr::Kind::Field) {
+    const ModuleInfo* outer = module_of(*path.a);
+    const auto found = outer ? outer->items.find(path.name) : ModuleItems::const_iterator{};
+    if (outer && found != outer->items.end()) item = &found->second;
+  }
+  const auto* module = item ? item->value.get<ModuleValue>() : nullptr;
+  return module ? module->module : nullptr;
+}
+
 Value Elaborator::name_value(const std::string& name, const Span& span) {
   Span declared;
   const Value value = found_name(name, span, declared);
@@ -293,7 +340,7 @@ Value Elaborator::found_name(const std::string& name, const Span& span, Span& de
   if (name == "seed") return seed_value(span);
   if (name == "step_index") {
     const ValueId count = ops::emit(b_, OpKind::StepIndex, {});
-    if (!step_ && let_.valid()) counts_.emplace_back(b_.value(count).op, let_);
+    if (!step_ && let_.valid()) counts_.push_back({b_.value(count).op, let_, running_->prefix});
     return Image{count};
   }
   if (const Builtin* builtin = find_builtin(name)) return BuiltinValue{builtin, {}};
@@ -332,22 +379,6 @@ Value Elaborator::seed_value(const Span& span) {
   return seed_;
 }
 
-namespace {
-
-// The folder of a module's file, for library modules inside the library.
-std::string folder_of(const ModuleInfo& module) {
-  if (module.folder.empty()) return module.path.substr(0, module.path.rfind('/') + 1);
-  std::error_code error;
-  return std::filesystem::weakly_canonical(module.folder, error).string() + "/";
-}
-
-std::string name_of(const ModuleInfo& module) {
-  const std::string file = module.path.substr(module.path.find_last_of("/:") + 1);
-  return file.substr(0, file.rfind(".dr"));
-}
-
-}  // namespace
-
 Value Elaborator::module_field(ModuleInfo& module, const std::string& name, const Span& span) {
   const bool inside = folder_of(*scope_->module).starts_with(folder_of(module));
   const auto found = module.items.find(name);
@@ -364,6 +395,8 @@ Value Elaborator::module_field(ModuleInfo& module, const std::string& name, cons
                     "', which is private to its folder",
                 {{found->second.span, "'" + name + "' is declared here"}});
   }
+  // After `minimize`, in the projection of the same param, the name means the new value.
+  if (projected_.first == &found->second && frames_.empty()) return projected_.second;
   return item_value(module, name, found->second, span);
 }
 

@@ -16,6 +16,7 @@ Member::Kind kind_of(const ModuleItem& item) {
     case ModuleItem::Kind::Struct:
     case ModuleItem::Kind::Optimizer: return Member::Kind::Type;
     case ModuleItem::Kind::Import: return Member::Kind::Module;
+    case ModuleItem::Kind::Parameter:
     case ModuleItem::Kind::Leaf:
     case ModuleItem::Kind::Let:
     case ModuleItem::Kind::Symbol: return Member::Kind::Field;
@@ -39,7 +40,7 @@ std::string Elaborator::words_for_reader(const Value& value) const {
 }
 
 void Elaborator::observe(const Span& span, const Value& value, const Span& declared) {
-  if (!observation_ || !root_ || span.file != root_->syntax.file) return;
+  if (!observation_ || !root_ || span.file != root_->syntax->file) return;
   const auto [place, added] = observation_->names.try_emplace(span.begin);
   if (!added && (!place->second.type.empty() || value.is_error())) return;
   place->second.type = words_for_reader(value);
@@ -48,7 +49,7 @@ void Elaborator::observe(const Span& span, const Value& value, const Span& decla
 
 // A name behind a dot, and where it is declared.
 void Elaborator::observe_field(const Value& base, const std::string& name, const Span& span, const Value& value) {
-  if (!observation_ || !root_ || span.file != root_->syntax.file) return;
+  if (!observation_ || !root_ || span.file != root_->syntax->file) return;
   const auto length = static_cast<uint32_t>(name.size());
   const Span place{span.file, span.end - std::min(length, span.end - span.begin), span.end};
   if (place.begin == observation_->members_at && observation_->members.empty()) observe_members(base);
@@ -98,16 +99,18 @@ void Elaborator::observe_members(const Value& base) {
 // The trees leave the elaborator: nothing of it may be used behind this.
 void Elaborator::give_files() {
   std::map<const ModuleInfo*, size_t> places;
-  for (const ModuleInfo& module : modules_) places.emplace(&module, places.size());
+  for (const ModuleInfo& module : modules_)
+    if (!module.is_instance) places.emplace(&module, places.size());
   for (ModuleInfo& module : modules_) {
+    if (module.is_instance) continue;  // its file is there
     Observation::File& file = observation_->files.emplace_back();
-    file.file = module.syntax.file;
+    file.file = module.syntax->file;
     file.is_library = module.path.starts_with("library:");
     for (const auto& [name, item] : module.items) {
       const auto* import = item.value.get<ModuleValue>();
       if (item.kind == ModuleItem::Kind::Import && import) file.imports[name] = places.at(import->module);
     }
-    file.syntax = std::move(module.syntax);
+    file.syntax = std::move(*module.syntax);
   }
 }
 

@@ -21,8 +21,9 @@ std::string_view kind_word(ir::Leaf::Kind kind) {
 }  // namespace
 
 void Elaborator::run_step(const dsl::StepDecl& decl) {
+  const std::string name = scope_->module->prefix + decl.name.text;
   for (const ir::Step& other : b_.graph().steps) {
-    if (other.name != decl.name.text) continue;
+    if (other.name != name) continue;
     report(Code::E0202, decl.name.span, "expected each step once, found '" + decl.name.text + "' again");
     return;
   }
@@ -32,8 +33,8 @@ void Elaborator::run_step(const dsl::StepDecl& decl) {
     exhausted_ = true;
     return;
   }
-  b_.graph().steps.push_back({decl.name.text, {}, {}});
-  ir::Step step{decl.name.text, {}, {}};
+  b_.graph().steps.push_back({name, {}, {}});
+  ir::Step step{name, {}, {}};
   StepFrame frame;
   frame.step = &step;
   const Switched<StepFrame*> inside(step_, &frame);
@@ -112,16 +113,19 @@ std::optional<Image> Elaborator::fit_leaf(const Value& value, uint32_t leaf, con
 }
 
 void Elaborator::run_update(const dsl::Stmt& stmt) {
-  const std::string& name = stmt.target->name;
-  const auto leaf = find_leaf(name);
+  const Expr& path = *stmt.target;
+  const std::string& name = path.name;
+  const auto leaf = find_leaf(path);
   if (!leaf || b_.graph().leaves[*leaf].kind == ir::Leaf::Kind::Input) {
     std::vector<std::string> known;
     for (const ir::Leaf& other : b_.graph().leaves) {
       if (other.kind != ir::Leaf::Kind::Input) known.push_back(other.name);
     }
-    const auto item = scope_->module->items.find(name);
-    const bool failed = item != scope_->module->items.end() && item->second.kind == ModuleItem::Kind::Leaf && !leaf;
+    const ModuleInfo* module = path.kind == Expr::Kind::NameRef ? scope_->module : module_of(*path.a);
+    const auto item = module ? module->items.find(name) : ModuleItems::const_iterator{};
+    const bool failed = module && item != module->items.end() && item->second.kind == ModuleItem::Kind::Leaf && !leaf;
     if (failed) return;  // its declaration was wrong
+    if (path.kind == Expr::Kind::Field && !module && evaluate(*path.a).is_error()) return;
     report(Code::E0601, stmt.target->span,
            "expected a param or state before '<-', found " + std::string(leaf ? "the input " : "") + "'" + name + "'",
            {}, leaf ? "" : suggestion(name, known));
@@ -146,8 +150,12 @@ void Elaborator::run_update(const dsl::Stmt& stmt) {
   writer->second.span = stmt.span;
   const size_t place = writer->second.update;
   if (place >= step_->step->updates.size()) return;  // the optimizer's value was wrong
+  const Value next = Image{step_->step->updates[place].value};
+  const ModuleInfo* module = path.kind == Expr::Kind::NameRef ? nullptr : module_of(*path.a);
   Scope* scope = new_scope(scope_);
-  define(*scope, {name, stmt.target->span}, Image{step_->step->updates[place].value});
+  if (!module) define(*scope, {name, path.span}, next);
+  const ModuleItem* item = module ? &module->items.find(name)->second : nullptr;
+  const Switched<std::pair<const ModuleItem*, Value>> projected(projected_, {item, next});
   const Switched<Scope*> inside(scope_, scope);
   const auto value = fit_leaf(evaluate(*stmt.a), *leaf, stmt.a->span, what);
   if (value) step_->step->updates[place].value = value->id;
@@ -299,8 +307,9 @@ void Elaborator::run_minimize(const dsl::Stmt& stmt) {
   }
   std::vector<uint32_t> leaves;
   for (const dsl::ExprPtr& target : stmt.targets) {
-    const auto leaf = target->kind == Expr::Kind::NameRef ? find_leaf(target->name) : std::nullopt;
-    const std::string name = target->kind == Expr::Kind::NameRef ? "'" + target->name + "'" : "an expression";
+    const auto leaf = find_leaf(*target);
+    const bool named = leaf || target->kind == Expr::Kind::NameRef;
+    const std::string name = named ? "'" + target->name + "'" : "an expression";
     if (!leaf || b_.graph().leaves[*leaf].kind != ir::Leaf::Kind::Param) {
       if (!leaf && contains_error(evaluate(*target))) {
         ok = false;
@@ -345,7 +354,7 @@ void Elaborator::run_minimize(const dsl::Stmt& stmt) {
   std::vector<Value> targets;
   std::vector<ValueId> ids;
   for (const uint32_t leaf : leaves) {
-    targets.push_back(root_->items.find(b_.graph().leaves[leaf].name)->second.value);
+    targets.push_back(leaf_values_.at(leaf));
     ids.push_back(targets.back().as<Image>().id);
   }
   const std::vector<ValueId> gradients = emit_grad(objective, make_float(1), ids);

@@ -3,6 +3,8 @@
 // that says what it is a table of.
 #include "compiler/topology/topology.h"
 
+#include <algorithm>
+
 #include "compiler/lower/elaborator.h"
 #include "compiler/ops/emit.h"
 
@@ -29,7 +31,9 @@ const ir::Leaf* Elaborator::topology_faces(const BuiltinCall& call) {
 // The leaf of one table; calls for one and the same table share it.
 Value Elaborator::topology_table(const std::string& faces, const topology::Table& table, const Dim& face_count,
                                  const Dim& vertices) {
-  const Dim edges = Dim::symbol(faces + "_edges");
+  std::string symbol = faces + "_edges";
+  std::ranges::replace(symbol, '.', '_');
+  const Dim edges = Dim::symbol(symbol);
   Dim count;
   switch (table.count) {
     case topology::Count::Edges: count = edges; break;

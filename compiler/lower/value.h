@@ -9,6 +9,7 @@
 #include <deque>
 #include <functional>
 #include <map>
+#include <memory>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -187,10 +188,10 @@ struct Scope {
 
 // A name at the top level of a module.
 struct ModuleItem {
-  enum class Kind : uint8_t { Const, Fn, Struct, Optimizer, Import, Leaf, Let, Symbol };
+  enum class Kind : uint8_t { Const, Fn, Struct, Optimizer, Import, Parameter, Leaf, Let, Symbol };
   enum class State : uint8_t { Waiting, Busy, Done };
   Kind kind = Kind::Const;
-  State state = State::Done;  // Const, Let: whether `value` is there
+  State state = State::Done;  // Const, Let, Parameter: whether `value` is there
   dsl::Span span = {};
   Value value = {};
   const dsl::ConstDecl* constant = nullptr;
@@ -207,17 +208,21 @@ using ModuleItems = std::unordered_map<std::string, ModuleItem, NameHash, std::e
 // The names of those that `which` picks, sorted: the table has no order to rely on.
 std::vector<std::string> names_of(const ModuleItems& items, const std::function<bool(const ModuleItem&)>& which);
 
-// A file of the program.
+// A file of the program; or an instance of one, which has leaves, `let`s and steps of its own.
 struct ModuleInfo {
-  std::string path;    // what identifies it
-  std::string folder;  // where its imports are looked for first; empty for a library module
-  dsl::Module syntax;
+  std::string path;                     // what identifies it
+  std::string folder;                   // where its imports are looked for first; empty for a library module
+  std::shared_ptr<dsl::Module> syntax;  // an instance has its module's
   Scope scope;
   ModuleItems items;
   std::deque<StructType> structs;
   std::map<const dsl::FnDecl*, const dsl::FnDecl*> vjps;  // the function that gives the gradient of another one
   bool is_root = false;
-  bool loading = true;  // its imports are being read
+  bool is_instance = false;
+  std::string prefix = {};  // of the names of an instance's leaves and steps: "studio."
+  bool loading = true;      // its imports are being read
+
+  bool runs() const { return is_root || is_instance; }
 };
 
 }  // namespace dr::lower

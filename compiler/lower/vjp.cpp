@@ -9,7 +9,7 @@
 namespace dr::lower {
 
 void Elaborator::collect_vjps(ModuleInfo& module) {
-  for (const dsl::Item& item : module.syntax.items) {
+  for (const dsl::Item& item : module.syntax->items) {
     if (item.kind != dsl::Item::Kind::Fn || !item.fn->vjp_of) continue;
     const dsl::FnDecl& vjp = *item.fn;
     const dsl::Name& name = *vjp.vjp_of;

@@ -80,8 +80,8 @@ class Session {
   // The current content of a leaf that is bound, or prepared with a step that needs it.
   const Image& leaf(const std::string& name) const;
   bool has_leaf(const std::string& name) const;
-  // Checks that what the steps (all when none is named) read or change is bound, fills initial values. Called by run()
-  // for its step. One message names all leaves that are missing.
+  // Checks that what the steps (all when none is named) read before one of them writes it is bound, fills initial
+  // values. Called by run() for its step. One message names all leaves that are missing.
   std::optional<std::string> prepare(std::span<const std::string> steps = {});
 
   std::variant<StepResult, EvalError> run(const std::string& step, const Options& options = {});
@@ -90,7 +90,8 @@ class Session {
                                                        const Options& options = {});
 
  private:
-  std::optional<std::string> prepare_leaves(std::vector<bool> needed);
+  // `needed` get memory; those of them that are `read` must have data.
+  std::optional<std::string> prepare_leaves(std::vector<bool> needed, std::vector<bool> read);
   // Makes the tables of topologies whose faces were bound since (topology.cpp).
   std::optional<std::string> make_tables();
   std::optional<std::string> assign(uint32_t leaf, Image data);

@@ -234,27 +234,35 @@ std::vector<ir::ValueId> roots_of(const ir::Step& step) {
 }  // namespace
 
 std::optional<std::string> Session::prepare(std::span<const std::string> steps) {
-  std::vector<bool> needed(leaves_.size(), steps.empty());
+  std::vector<bool> needed(leaves_.size(), steps.empty()), read(leaves_.size(), steps.empty());
   for (const std::string& name : steps) {
     const auto index = graph_.step_index(name);
     DR_ASSERT(index.has_value());
     const ir::Step& step = graph_.steps[*index];
-    mark_leaves(graph_, roots_of(step), needed);
+    std::vector<bool> reads(leaves_.size());
+    mark_leaves(graph_, roots_of(step), reads);
+    // What a step before has written needs no data.
+    for (size_t k = 0; k < reads.size(); ++k) {
+      if (reads[k] && !needed[k]) read[k] = true;
+      needed[k] = needed[k] || reads[k];
+    }
     for (const ir::Update& update : step.updates) needed[update.leaf] = true;
   }
-  return prepare_leaves(needed);
+  return prepare_leaves(needed, read);
 }
 
-std::optional<std::string> Session::prepare_leaves(std::vector<bool> needed) {
+std::optional<std::string> Session::prepare_leaves(std::vector<bool> needed, std::vector<bool> read) {
   for (size_t k = 0; k < leaves_.size(); ++k) {
     const ir::Leaf& leaf = graph_.leaves[k];
-    if (needed[k] && !leaf.table.empty()) needed[*graph_.leaf_index(leaf.table_of)] = true;
+    if (!needed[k] || leaf.table.empty()) continue;
+    const uint32_t faces = *graph_.leaf_index(leaf.table_of);
+    needed[faces] = read[faces] = true;
   }
   std::string missing;
   size_t unbound_leaves = 0;
   for (size_t k = 0; k < leaves_.size(); ++k) {
     const ir::Leaf& leaf = graph_.leaves[k];
-    if (!needed[k] || leaves_[k] || !leaf.initial.empty() || leaf.kind == ir::Leaf::Kind::State || !leaf.table.empty())
+    if (!read[k] || leaves_[k] || !leaf.initial.empty() || leaf.kind == ir::Leaf::Kind::State || !leaf.table.empty())
       continue;
     missing += (unbound_leaves++ == 0 ? "" : ", ") + describe(leaf) + " : " + leaf.type.str() + leaf.extent.str();
   }
@@ -329,7 +337,7 @@ std::variant<std::vector<Image>, EvalError> Session::evaluate(std::span<const ir
                                                               const Options& options) {
   std::vector<bool> needed(leaves_.size());
   mark_leaves(graph_, values, needed);
-  if (auto error = prepare_leaves(needed)) return EvalError{*error, {}};
+  if (auto error = prepare_leaves(needed, needed)) return EvalError{*error, {}};
   auto result = evaluate_values(graph_, values, {.symbols = symbols_, .leaves = leaves_, .step_index = 0}, options);
   if (auto* error = std::get_if<EvalError>(&result)) return std::move(*error);
   return std::move(std::get<Evaluated>(result).images);

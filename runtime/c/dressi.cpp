@@ -1,92 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 // The C interface over the C++ API: handles are objects, exceptions and Results become dressi_error().
-#include "runtime/c/dressi.h"
-
-#include <cstring>
-#include <memory>
-#include <mutex>
 #include <nlohmann/json.hpp>
-#include <optional>
-#include <string>
-#include <variant>
-#include <vector>
 
-#include "compiler/backend/bundle/bundle.h"
-#include "compiler/ir/internal_error.h"
 #include "compiler/target/profile.h"
+#include "runtime/c/handles.h"
 #include "runtime/jit/compile_text.h"
-#include "runtime/jit/jit.h"
 #include "runtime/jit/rebuild.h"
-#include "runtime/jit/reference_program.h"
-#include "runtime/runtime.h"
 
 using Json = nlohmann::ordered_json;
-
-struct dressi_device {
-  std::optional<dr::runtime::Device> device;  // none: the reference
-  std::string info;
-};
-
-struct dressi_bundle {
-  std::vector<uint8_t> bytes;
-  dr::bundle::BundleT tables;
-  dr::jit::Options options;
-  std::string info;
-};
-
-struct dressi_run {
-  std::mutex mutex;
-  // Shared with views of its memory.
-  std::variant<std::shared_ptr<dr::runtime::Program>, std::shared_ptr<dr::jit::ReferenceProgram>> program;
-  std::string text;  // of the last answer
-};
+using namespace dr::c;
 
 namespace {
-
-thread_local std::string last_error;
-thread_local dressi_error_kind last_kind = DRESSI_NO_ERROR;
-
-struct Mistake {
-  dressi_error_kind kind;
-  std::string text;
-};
-[[noreturn]] void fail(std::string text, dressi_error_kind kind = DRESSI_USER_ERROR) {
-  throw Mistake{kind, std::move(text)};
-}
-
-template <typename T>
-T must(dr::io::Result<T> result, dressi_error_kind kind = DRESSI_USER_ERROR) {
-  if (!result) fail(result.error(), kind);
-  if constexpr (!std::is_void_v<T>) return std::move(result).value();
-}
-
-// Runs `make`; what it throws becomes the error, and the answer `failed`.
-template <typename Make, typename T>
-T guarded(T failed, const Make& make) {
-  const auto set = [&](dressi_error_kind kind, std::string text) {
-    last_kind = kind;
-    last_error = std::move(text);
-    return failed;
-  };
-  try {
-    return make();
-  } catch (Mistake& mistake) {
-    return set(mistake.kind, std::move(mistake.text));
-  } catch (const dr::ir::InternalError& error) {
-    return set(DRESSI_INTERNAL_ERROR, error.what());
-  } catch (const std::bad_alloc&) {
-    return set(DRESSI_DEVICE_ERROR, "this machine has not enough memory for the program and its data");
-  } catch (const std::exception& error) {
-    return set(DRESSI_INTERNAL_ERROR, error.what());
-  }
-}
-
-template <typename T>
-T& given(T* pointer, const char* what) {
-  if (pointer == nullptr) fail(std::string(what) + " is missing (NULL)");
-  return *pointer;
-}
-std::string word(const char* text, const char* what) { return std::string(&given(text, what)); }
 
 // Calls `use` with each pair of the list.
 template <typename Use>
@@ -111,6 +35,15 @@ std::string type_name(const dr::bundle::TypeT& type) {
 
 Json extent_of(const dr::bundle::ExtentT& extent) { return {extent.w, extent.h, extent.l}; }
 
+// As Program::comes_from_host, without a program.
+bool from_host(const dr::bundle::BundleT& bundle, const std::string& name) {
+  for (const auto& leaf : bundle.leaves) {
+    if (leaf->name == name && leaf->type->scalar == dr::bundle::Scalar::Bool) return true;
+    if (leaf->table_of >= 0 && bundle.leaves[static_cast<size_t>(leaf->table_of)]->name == name) return true;
+  }
+  return false;
+}
+
 std::string info_of(const dr::bundle::BundleT& bundle) {
   Json out;
   for (const auto& leaf : bundle.leaves) {
@@ -121,7 +54,8 @@ std::string info_of(const dr::bundle::BundleT& bundle) {
                                                                                   : "state"},
                              {"type", type_name(*leaf->type)},
                              {"extent", extent_of(*leaf->extent)},
-                             {"initial", !leaf->initial.empty() || leaf->kind == dr::bundle::LeafKind::State}});
+                             {"initial", !leaf->initial.empty() || leaf->kind == dr::bundle::LeafKind::State},
+                             {"from_host", from_host(bundle, leaf->name)}});
   }
   for (const auto& step : bundle.steps) {
     Json outputs = Json::array(), leaves = Json::array(), changes = Json::array();
@@ -147,67 +81,6 @@ std::unique_ptr<dressi_bundle> bundle_of(std::vector<uint8_t> bytes) {
   bundle->tables = std::move(std::get<dr::bundle::BundleT>(tables));
   bundle->info = info_of(bundle->tables);
   return bundle;
-}
-
-dr::runtime::HostArray array_of(const dressi_array& from) {
-  if (from.kind < DRESSI_FLOAT32 || from.kind > DRESSI_BOOL)
-    fail("unknown kind of scalar " + std::to_string(from.kind));
-  const auto kind = static_cast<dr::io::ElementKind>(from.kind);
-  const auto scalar = static_cast<int64_t>(dr::io::scalar_size(kind));
-  if (from.components < 1 || from.components > 16 || from.width < 1 || from.height < 1 || from.layers < 1)
-    fail("expected at least one element of 1 to 16 components, found " + std::to_string(from.width) + " x " +
-         std::to_string(from.height) + " x " + std::to_string(from.layers) + " of " + std::to_string(from.components));
-  int64_t bytes = scalar * from.components;
-  for (const int64_t n : {from.width, from.height, from.layers})
-    if (__builtin_mul_overflow(bytes, n, &bytes) || bytes > dr::io::kMaxArrayBytes) fail("the array is too large");
-  given(static_cast<const char*>(from.data), "the data of the array");
-  return {kind, from.components, from.width, from.height, from.layers, from.data};
-}
-
-// What an array that came out belongs to.
-struct Owner {
-  dr::io::Array copy;
-  std::shared_ptr<void> view, program;  // destroyed from the last on
-};
-
-template <typename From>
-void describe(const From& from, void* data, std::unique_ptr<Owner> owner, dressi_array& out) {
-  out.kind = static_cast<int32_t>(from.kind);
-  out.components = from.components;
-  out.width = from.width;
-  out.height = from.height;
-  out.layers = from.layers;
-  out.data = data;
-  out.owner = owner.release();
-}
-
-int give(dr::io::Array array, dressi_array& out) {
-  auto owner = std::make_unique<Owner>();
-  owner->copy = std::move(array);
-  const dr::io::Array& from = owner->copy;
-  void* const data = owner->copy.bytes.data();
-  describe(from, data, std::move(owner), out);
-  return 1;
-}
-
-int give_view(const dr::runtime::HostArray& array, std::shared_ptr<void> program, dressi_array& out) {
-  auto owner = std::make_unique<Owner>();
-  owner->view = array.held;
-  owner->program = std::move(program);
-  describe(array, array.data, std::move(owner), out);
-  return 1;
-}
-
-constexpr int kCopy = 2;
-
-// Calls `use` with the program of the run, alone with it.
-template <typename T, typename Use>
-T with_program(T failed, dressi_run* run, const Use& use) {
-  return guarded(failed, [&]() -> T {
-    dressi_run& here = given(run, "the run");
-    const std::lock_guard lock(here.mutex);
-    return std::visit([&](auto& program) { return use(*program, here); }, here.program);
-  });
 }
 
 }  // namespace
@@ -249,7 +122,8 @@ dressi_device* dressi_device_open(const char* name, int validation) {
                      {"kind", info.kind},
                      {"api_version", info.api_version},
                      {"driver", info.driver},
-                     {"profile", out->device->profile_name()}}
+                     {"profile", out->device->profile_name()},
+                     {"shares_memory", out->device->shares_memory()}}
                     .dump();
     return out.release();
   });
@@ -336,6 +210,8 @@ dressi_run* dressi_run_open(dressi_device* device, dressi_bundle* bundle, const 
         load.cache = is_on(key, value);
       else if (key == "store_all")
         load.store_all = is_on(key, value);
+      else if (key == "share")
+        load.share = is_on(key, value);
       else if (key == "rebuild")
         rebuild = is_on(key, value);
       else if (key == "memory" && !value.empty() && value.size() < 19 &&
@@ -343,7 +219,7 @@ dressi_run* dressi_run_open(dressi_device* device, dressi_bundle* bundle, const 
         load.memory_limit = std::stoll(value);
       else
         fail("unknown option '" + key + "' = '" + value +
-             "' of a run; there are cache, rebuild, store_all (on, off) and memory (bytes)");
+             "' of a run; there are cache, rebuild, store_all, share (on, off) and memory (bytes)");
     });
     if (rebuild) load.rebuild = dr::jit::rebuilder(bundle->bytes, bundle->options);
     auto program = must(dr::runtime::Program::load(*device->device, bundle->bytes, load), DRESSI_DEVICE_ERROR);
@@ -395,83 +271,5 @@ int dressi_output(dressi_run* run, const char* step, const char* name, dressi_ar
 int dressi_leaf(dressi_run* run, const char* name, dressi_array* out) {
   return with_program(0, run, [&](auto& program, dressi_run&) {
     return give(must(program.leaf(word(name, "the leaf"))), given(out, "the array"));
-  });
-}
-
-namespace {
-
-std::shared_ptr<dr::runtime::Program> device_program(dressi_run& run) {
-  auto* program = std::get_if<std::shared_ptr<dr::runtime::Program>>(&run.program);
-  return program == nullptr ? nullptr : *program;
-}
-
-dr::runtime::Program& on_device(dressi_run& run) {
-  const auto program = device_program(run);
-  if (!program) fail("the evaluator does not count or time commands");
-  return *program;
-}
-
-}  // namespace
-
-int dressi_leaf_view(dressi_run* run, const char* name, dressi_array* out) {
-  return with_program(0, run, [&](auto& program, dressi_run& here) {
-    const std::string leaf = word(name, "the leaf");
-    dressi_array& array = given(out, "the array");
-    if (const auto shared = device_program(here))
-      if (const auto view = must(shared->leaf_view(leaf))) return give_view(*view, shared, array);
-    give(must(program.leaf(leaf)), array);
-    return kCopy;
-  });
-}
-
-int dressi_output_view(dressi_run* run, const char* step, const char* name, dressi_array* out) {
-  return with_program(0, run, [&](auto& program, dressi_run& here) {
-    const std::string of = word(step, "the step"), output = word(name, "the output");
-    dressi_array& array = given(out, "the array");
-    if (const auto shared = device_program(here))
-      if (const auto view = must(shared->output_view(of, output))) return give_view(*view, shared, array);
-    give(must(program.output(of, output)), array);
-    return kCopy;
-  });
-}
-
-const char* dressi_counters(dressi_run* run, const char* step) {
-  return with_program(static_cast<const char*>(nullptr), run, [&](auto&, dressi_run& here) {
-    const auto counters = on_device(here).counters(word(step, "the step"));
-    here.text = Json{{"runs", counters.runs},
-                     {"commands", counters.run.commands},
-                     {"ops", counters.run.ops},
-                     {"bytes", counters.run.bytes},
-                     {"skipped_commands", counters.skipped.commands},
-                     {"skipped_ops", counters.skipped.ops},
-                     {"skipped_bytes", counters.skipped.bytes}}
-                    .dump();
-    return here.text.c_str();
-  });
-}
-
-const char* dressi_timed_step(dressi_run* run, const char* step) {
-  return with_program(static_cast<const char*>(nullptr), run, [&](auto&, dressi_run& here) {
-    Json out = Json::array();
-    for (const auto& time : must(on_device(here).timed_run(word(step, "the step"))))
-      out.push_back({{"label", time.label},
-                     {"nanoseconds", time.nanoseconds},
-                     {"ops", time.ops},
-                     {"bytes", time.bytes},
-                     {"lines", time.lines}});
-    here.text = out.dump();
-    return here.text.c_str();
-  });
-}
-
-const char* dressi_checked_step(dressi_run* run, const char* step) {
-  return with_program(static_cast<const char*>(nullptr), run, [&](auto&, dressi_run& here) {
-    Json out = Json::object();
-    if (const auto found = must(on_device(here).checked_run(word(step, "the step"))))
-      out = {{"label", found->label}, {"value", found->value}, {"place", dr::io::describe(found->place)},
-             {"x", found->place.x},   {"y", found->place.y},   {"layer", found->place.layer},
-             {"lines", found->lines}};
-    here.text = out.dump();
-    return here.text.c_str();
   });
 }

@@ -68,7 +68,8 @@ DRESSI_API const char* dressi_devices(void);
  * needs no Vulkan. */
 DRESSI_API dressi_device* dressi_device_open(const char* name, int validation);
 DRESSI_API void dressi_device_free(dressi_device* device);
-/* {"name", "kind", "api_version", "driver", "profile"} */
+/* {"name", "kind", "api_version", "driver", "profile", "shares_memory"}; the last says whether CUDA may see its memory.
+ */
 DRESSI_API const char* dressi_device_info(dressi_device* device);
 
 /* Compiles the text of a program; `name` stands for its file in messages, and its folder is where imports are looked
@@ -83,11 +84,12 @@ DRESSI_API dressi_bundle* dressi_bundle_read(const void* bytes, size_t size);
 DRESSI_API void dressi_bundle_free(dressi_bundle* bundle);
 DRESSI_API const void* dressi_bundle_bytes(dressi_bundle* bundle, size_t* size);
 /* {"leaves": [{"name", "kind", "type", "extent", "initial"}], "steps": [{"name", "outputs": [{"name", "type",
- * "extent"}], "leaves", "changes"}], "symbols", "profile"}; an extent has three texts, of width, height and layers. */
+ * "extent"}], "leaves", "changes"}], "symbols", "profile"}; an extent has three texts, of width, height and layers.
+ * Leaves with "from_host" true take no memory of CUDA. */
 DRESSI_API const char* dressi_bundle_info(dressi_bundle* bundle);
 
-/* `options`: pairs as above, "cache", "rebuild" and "store_all" with "on" or "off", "memory" with bytes. The bundle may
- * be freed while the run lives, the device may not be used for anything else then but other runs. */
+/* `options`: pairs as above, "cache", "rebuild", "store_all" and "share" with "on" or "off", "memory" with bytes. The
+ * bundle may be freed while the run lives, the device may not be used for anything else then but other runs. */
 DRESSI_API dressi_run* dressi_run_open(dressi_device* device, dressi_bundle* bundle, const char* const* options);
 DRESSI_API void dressi_run_free(dressi_run* run);
 DRESSI_API int dressi_bind(dressi_run* run, const char* leaf, const dressi_array* data);
@@ -104,6 +106,36 @@ DRESSI_API int dressi_leaf(dressi_run* run, const char* name, dressi_array* out)
  * step overwrites. */
 DRESSI_API int dressi_leaf_view(dressi_run* run, const char* name, dressi_array* out);
 DRESSI_API int dressi_output_view(dressi_run* run, const char* step, const char* name, dressi_array* out);
+
+/* ---- Memory shared with CUDA, on NVIDIA's devices, of a run that was opened with "share" "on" ----
+ * In arrays here `data` is an address of CUDA; `stream` is a CUstream. Where there is no sharing these fail, and
+ * dressi_error() says why. */
+/* The number that CUDA has for the device and 1 more; 0 where there is none. */
+DRESSI_API int dressi_cuda_device(dressi_device* device);
+/* The stream that runs are in order with: each waits for what the stream was given before it, and the stream for it.
+ * Neither holds up the host. NULL at first: the default stream. */
+DRESSI_API int dressi_cuda_stream(dressi_run* run, void* stream);
+/* Lets another stream wait for the runs so far. */
+DRESSI_API int dressi_cuda_wait(dressi_run* run, void* stream);
+/* A leaf, and an output of the step's last run, as dressi_leaf_view has them. `stride` (may be NULL) is how many
+ * scalars lie from one element to the next. */
+DRESSI_API int dressi_cuda_leaf(dressi_run* run, const char* name, dressi_array* out, int64_t* stride);
+DRESSI_API int dressi_cuda_output(dressi_run* run, const char* step, const char* name, dressi_array* out,
+                                  int64_t* stride);
+/* Copies arrays to leaves, runs the step once (NULL: not at all) and copies outputs to arrays, all in order on the
+ * stream: returns before any of it is done. Leaves whose `data` is NULL stay as they are. */
+typedef struct dressi_named_array {
+  const char* name;
+  dressi_array array;
+} dressi_named_array;
+DRESSI_API int dressi_cuda_run(dressi_run* run, void* stream, const char* step, const dressi_named_array* leaves,
+                               size_t leaf_count, const dressi_named_array* outputs, size_t output_count);
+
+/* A DLManagedTensor of DLPack that shows the array and frees it in the end: of the device type and number, with so many
+ * dimensions. The array is the tensor's then. */
+DRESSI_API void* dressi_dlpack(dressi_array* array, int device_type, int device_id, int dimensions,
+                               const int64_t* shape, const int64_t* strides);
+
 /* {"runs", "commands", "ops", "bytes", "skipped_commands", "skipped_ops", "skipped_bytes"} of a step */
 DRESSI_API const char* dressi_counters(dressi_run* run, const char* step);
 /* Runs a step once and says how long each of its commands took: [{"label", "nanoseconds", "ops", "bytes", "lines"}] */

@@ -31,6 +31,11 @@ Array channels(const std::optional<Array>& red, const std::optional<Array>& gree
 
 }  // namespace
 
+void MeshMaterial::check_part(const std::string& file, const std::string& part) {
+  if ((std::string(", ") + kParts + ", ").find(", " + part + ", ") == std::string::npos)
+    throw Mistake{"--mesh " + file + ": a material has no '" + part + "', it has " + kParts};
+}
+
 MeshMaterial::MeshMaterial(const std::string& file, const std::map<std::string, std::string>& parts,
                            const Values& values) {
   std::map<std::string, std::string> left = parts;
@@ -78,8 +83,7 @@ MeshMaterial::MeshMaterial(const std::string& file, const std::map<std::string, 
   if (const auto f = factor("roughness", 1)) material_.roughness = (*f)[0];
   if (material_.emission) material_.emissive = {1, 1, 1};
   if (const auto f = factor("emissive", 3)) std::ranges::copy(*f, material_.emissive.begin());
-  if (!left.empty())
-    throw Mistake{"--mesh " + file + ": a material has no '" + left.begin()->first + "', it has " + kParts};
+  if (!left.empty()) check_part(file, left.begin()->first);
 }
 
 void MeshMaterial::show(io::MeshView& view) const {

@@ -17,7 +17,8 @@ class MeshMaterial {
   // Values of so many components by the name of a leaf or output.
   using Values = std::function<io::Array(const std::string& name, int components)>;
 
-  // Throws Mistake, which names `file`.
+  // Both throw Mistake, which names `file`.
+  static void check_part(const std::string& file, const std::string& part);
   MeshMaterial(const std::string& file, const std::map<std::string, std::string>& parts, const Values& values);
 
   // Gives `view` the material. Precondition: this outlives it.

@@ -73,12 +73,37 @@ void add_once(std::vector<std::pair<std::string, std::string>>& all, const std::
   all.push_back(std::move(pair));
 }
 
+int port_of(const std::string& text) {
+  constexpr int kMost = 65535;
+  int port = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), port);
+  if (error == std::errc{} && end == text.data() + text.size() && port >= 0 && port <= kMost) return port;
+  throw CLI::ValidationError("--watch", "expected a port from 1 to 65535, or 0 for any, found '" + text + "'");
+}
+
+// `--watch 8000` as `--watch=8000`: what else follows an option that needs no value is not its own. The last word
+// first, as the parser takes them.
+std::vector<std::string> with_port_attached(int argc, char** argv) {
+  std::vector<std::string> words;
+  for (int i = 1; i < argc; ++i) {
+    const std::string word = argv[i];
+    const bool is_port = !word.empty() && word.find_first_not_of("0123456789") == std::string::npos;
+    if (is_port && !words.empty() && words.back() == "--watch") {
+      words.back() += "=" + word;
+    } else {
+      words.push_back(word);
+    }
+  }
+  std::ranges::reverse(words);
+  return words;
+}
+
 }  // namespace
 
 bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
   CLI::App app("drun runs a Dressi program (.dr) or bundle (.drb).", "drun");
   app.set_version_flag("--version", std::string("drun ") + version());
-  std::vector<std::string> bindings, symbols, steps, meshes, defines;
+  std::vector<std::string> bindings, symbols, steps, saves, meshes, defines;
   app.add_option("FILE", options.file, "a .dr program or a .drb bundle");
   app.add_option("--bind,-b", bindings,
                  "NAME=SOURCE: data of a leaf: mesh.obj:position, image.png, array.npy, =[1, 2, 3]");
@@ -86,6 +111,8 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
   app.add_option("--step", steps,
                  "NAME[=TIMES]: step to run; several run one after another (default: the only one, once)");
   const CLI::Option* out = app.add_option("--out,-o", options.out, "folder for outputs, params and the log");
+  app.add_option("--save", saves,
+                 "NAME=FILE: write an output, STEP.NAME, or a leaf as .npy, .csv or .png after the run");
   app.add_option(
       "--mesh", meshes,
       "FILE=POSITION:FACE[:UV[:UV_FACE[:TEXTURE]]][:PART=NAME ...]: write leaves or outputs as a .obj, .gltf "
@@ -142,9 +169,8 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
       "--check-finite", options.check_finite,
       "run command by command and stop after the run that stores the first NaN or Inf: names pass, element and "
       "lines (--pack naive: of one op). Slow");
-  app.add_flag(
-      "--strict-finite", options.strict_finite,
-      "stop, with exit code 1, where a printed output or, at the end, a param holds a NaN or Inf (default: warn)");
+  app.add_flag("--strict-finite", options.strict_finite,
+               "stop, with exit code 1, where a printed output or a param holds a NaN or Inf (default: warn)");
   CLI::Option* check = app.add_flag(
       "--check-against-reference{1}", options.check_runs,
       "compare the first run of each step, or the first so many (=RUNS), with the float64 evaluator: exit "
@@ -154,6 +180,13 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
   const CLI::Option* counters =
       app.add_flag("--counters{text}", options.counters,
                    "print what was done and what was left out, and the memory taken; --counters=json for programs");
+  std::string port;
+  const CLI::Option* watch =
+      app.add_flag(
+             "--watch{0}", port,
+             "serve a page about the run on this machine alone, at a port (--watch 8000) or any: losses, pictures, "
+             "speed, what is left out, and buttons to pause, step and stop")
+          ->type_name("PORT");
   app.add_flag("--validate", options.validate, "run under the Vulkan validation layer and fail on its messages");
   app.add_flag("--devices", options.list_devices, "list the Vulkan devices");
   app.add_subcommand("devices", "list the Vulkan devices")->callback([&] { options.list_devices = true; });
@@ -162,9 +195,11 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
   profile->add_option("-o", options.profile_out, "file to write; - is stdout")->capture_default_str();
   profile->callback([&] { options.measure = true; });
   try {
-    app.parse(argc, argv);
+    app.parse(with_port_attached(argc, argv));
+    if (watch->count() > 0) options.watch = port_of(port);
     for (const std::string& b : bindings) add_once(options.bindings, b, "--bind");
     for (const std::string& s : symbols) add_once(options.symbols, s, "--symbol");
+    for (const std::string& s : saves) options.saves.push_back(split(s, "--save"));
     for (const std::string& m : meshes) options.meshes.push_back(split(m, "--mesh"));
     for (const std::string& d : defines) {
       const auto [name, value] = split(d, "-D");

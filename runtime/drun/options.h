@@ -17,8 +17,9 @@ struct Options {
   std::vector<std::pair<std::string, int>> steps;             // step, times; in order
   std::string out;                                            // folder for results, or empty
   std::vector<std::pair<std::string, std::string>>
-      meshes;               // file, "position:face[:uv[:uv_face[:texture]]][:part=name ...]"
-  std::string dump_raster;  // folder for faces, tags and pinned values, or empty
+      meshes;  // file, "position:face[:uv[:uv_face[:texture]]][:part=name ...]"
+  std::vector<std::pair<std::string, std::string>> saves;  // output or leaf, file
+  std::string dump_raster;                                 // folder for faces, tags and pinned values, or empty
   std::string device;
   int log_every = 10;
   bool validate = false;
@@ -33,6 +34,7 @@ struct Options {
   int check_runs = 0;              // of each step that are compared with the reference
   bool unchecked = false;          // bound data may hold NaN and Inf
   std::string counters;            // what was done and left out: empty, text or json
+  int watch = -1;                  // the port of a page about the run, 0: any; -1: none
   bool cache = true;
   bool commands = true;   // recorded commands are used again
   bool pipelines = true;  // pipelines are kept on disk

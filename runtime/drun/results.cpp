@@ -2,11 +2,12 @@
 // Results as files.
 #include "runtime/drun/results.h"
 
+#include <algorithm>
 #include <charconv>
+#include <cmath>
 #include <cstdio>
 #include <filesystem>
 #include <map>
-#include <optional>
 #include <sstream>
 
 #include "compiler/io/mesh/mesh.h"
@@ -16,31 +17,114 @@ namespace dr::drun {
 
 using io::Array;
 
-std::string number_text(double value) {
-  char text[32];
-  return {text, std::to_chars(text, text + sizeof text, static_cast<float>(value)).ptr};
+namespace {
+
+// What --mesh asks for: POSITION, FACE, UV, UV_FACE, and parts of a material by name.
+struct MeshParts {
+  std::vector<std::string> names;
+  std::map<std::string, std::string> material;
+};
+
+MeshParts parse_mesh(const std::string& file, const std::string& what) {
+  constexpr std::string_view kExtensions[] = {".obj", ".gltf", ".glb"};
+  if (const auto checked = io::check_output_file(file, kExtensions); !checked)
+    throw Mistake{"--mesh: " + checked.error()};
+  MeshParts out;
+  std::stringstream text(what);
+  for (std::string part; std::getline(text, part, ':');)
+    if (const size_t equals = part.find('='); equals != std::string::npos)
+      out.material[part.substr(0, equals)] = part.substr(equals + 1);
+    else
+      out.names.push_back(part);
+  if (out.names.size() < 2 || out.names.size() > 5)
+    throw Mistake{"--mesh " + file + ": expected POSITION:FACE[:UV[:UV_FACE[:TEXTURE]]][:PART=NAME ...], found '" +
+                  what + "'"};
+  if (!out.material.empty() && file.ends_with(".obj"))
+    throw Mistake{"--mesh " + file + ": an .obj file has no '" + out.material.begin()->first +
+                  "', a .gltf or .glb file has"};
+  if (out.names.size() > 4) out.material["base_color_texture"] = out.names[4];
+  return out;
 }
 
-void Results::write_outputs(const std::string& folder, const std::set<std::string>& ran) const {
-  const std::filesystem::path out = folder;
-  // A name that several steps give, or that a leaf has too, is told apart by its step.
-  std::map<std::string, int> uses;
+struct Corner {
+  int components;
+  io::ElementKind kind;
+  const char* type;
+};
+constexpr Corner kCorners[] = {{3, io::ElementKind::Float32, "vec3"},
+                               {3, io::ElementKind::Int32, "ivec3"},
+                               {2, io::ElementKind::Float32, "vec2"},
+                               {3, io::ElementKind::Int32, "ivec3"}};
+
+Mistake wrong_type(const std::string& file, const std::string& name, const char* type) {
+  return Mistake{"--mesh " + file + ": '" + name + "' is not made of " + type};
+}
+
+}  // namespace
+
+std::string number_text(double value, bool whole) {
+  if (std::isnan(value)) return "nan";  // whatever its sign
+  char text[32];
+  char* const end = whole ? std::to_chars(text, text + sizeof text, value).ptr
+                          : std::to_chars(text, text + sizeof text, static_cast<float>(value)).ptr;
+  return {text, end};
+}
+
+io::ResultNames Results::names_of(const std::set<std::string>& steps) const {
+  io::ResultNames out;
+  for (const std::string& step : steps) out.steps.emplace_back(step, names_.outputs(step));
+  for (const auto& leaf : names_.leaves()) out.leaves.push_back(leaf.name);
+  return out;
+}
+
+io::ResultName Results::found(const std::string& name, const std::set<std::string>& steps) const {
+  return must(io::find_result(name, names_of(steps)));
+}
+
+runtime::Program::LeafInfo Results::info(const io::ResultName& name) const {
+  if (!name.step.empty()) return names_.output_info(name.step, name.name);
   for (const auto& leaf : names_.leaves())
-    if (changed(leaf.name)) ++uses[leaf.name];
-  for (const std::string& step : ran)
-    for (const std::string& name : names_.outputs(step)) ++uses[name];
-  for (const std::string& step : ran)
-    for (const std::string& name : names_.outputs(step)) {
-      const Array a = must(target_.output(step, name));
-      const std::string stem = uses[name] > 1 ? step + "." + name : name;
-      must(io::save_array((out / (stem + ".npy")).string(), a));
-      const bool picture = a.height > 1 && (a.components == 1 || a.components >= 3) && a.components <= 4 &&
-                           a.kind == io::ElementKind::Float32;
-      if (!picture) continue;
-      // The array is saved; a picture that cannot be (NaN) must not cost what comes after it.
-      if (auto saved = io::save_array((out / (stem + ".png")).string(), a); !saved)
-        std::fprintf(stderr, "drun: warning: %s\n", saved.error().c_str());
+    if (leaf.name == name.name) return leaf;
+  throw Mistake{"there is no leaf '" + name.name + "'"};
+}
+
+void Results::check(const Options& options) const {
+  std::set<std::string> steps;
+  for (const auto& [step, times] : options.steps)
+    if (times > 0) steps.insert(step);
+  if (options.steps.empty())
+    for (const std::string& step : names_.steps()) steps.insert(step);
+  for (const auto& [name, file] : options.saves) {
+    const auto what = io::find_result(name, names_of(steps));
+    if (!what) throw Mistake{"--save " + name + "=" + file + ": " + what.error()};
+    const auto type = info(*what);
+    must(io::check_saved(file, type.kind, type.components));
+  }
+  for (const auto& [file, text] : options.meshes) {
+    const MeshParts parts = parse_mesh(file, text);
+    for (size_t k = 0; k < std::min<size_t>(parts.names.size(), 4); ++k) {
+      const auto what = io::find_result(parts.names[k], names_of(steps));
+      if (!what) throw Mistake{"--mesh " + file + ": " + what.error()};
+      const auto type = info(*what);
+      if (type.components != kCorners[k].components || type.kind != kCorners[k].kind)
+        throw wrong_type(file, parts.names[k], kCorners[k].type);
     }
+    for (const auto& [part, name] : parts.material) {
+      MeshMaterial::check_part(file, part);
+      if (const auto what = io::find_result(name, names_of(steps)); !what)
+        throw Mistake{"--mesh " + file + ": " + what.error()};
+    }
+  }
+}
+
+void Results::write_outputs(const std::string& folder, const std::set<std::string>& ran,
+                            const std::vector<std::pair<std::string, Array>>& leaves, bool keep) const {
+  io::ResultsFolder out(folder);
+  for (const std::string& step : ran)
+    for (const std::string& name : names_.outputs(step)) must(out.add({step, name}, must(target_.output(step, name))));
+  for (const auto& [leaf, data] : leaves) must(out.add({"", leaf}, data));
+  for (const std::string& warning : out.warnings()) std::fprintf(stderr, "drun: warning: %s\n", warning.c_str());
+  must(out.finish(keep));
 }
 
 std::vector<std::pair<std::string, Array>> Results::leaves(const std::set<std::string>& ran) const {
@@ -58,45 +142,31 @@ std::vector<std::pair<std::string, Array>> Results::leaves(const std::set<std::s
 }
 
 Array Results::named(const std::string& name, const std::set<std::string>& ran) const {
-  for (const std::string& step : ran)
-    for (const std::string& output : names_.outputs(step))
-      if (output == name || step + "." + output == name) return must(target_.output(step, output));
-  return must(target_.leaf(name));
+  const io::ResultName what = found(name, ran);
+  return must(what.step.empty() ? target_.leaf(what.name) : target_.output(what.step, what.name));
+}
+
+void Results::write_asked(const Options& options, const std::set<std::string>& ran) const {
+  for (const auto& [name, file] : options.saves) must(io::save_array(file, named(name, ran)));
+  for (const auto& [file, what] : options.meshes) write_mesh(file, what, ran);
 }
 
 void Results::write_mesh(const std::string& file, const std::string& what, const std::set<std::string>& ran) const {
-  std::vector<std::string> parts;
-  std::map<std::string, std::string> material;
-  std::stringstream text(what);
-  for (std::string part; std::getline(text, part, ':');)
-    if (const size_t equals = part.find('='); equals != std::string::npos)
-      material[part.substr(0, equals)] = part.substr(equals + 1);
-    else
-      parts.push_back(part);
-  if (parts.size() < 2 || parts.size() > 5)
-    throw Mistake{"--mesh " + file + ": expected POSITION:FACE[:UV[:UV_FACE[:TEXTURE]]][:PART=NAME ...], found '" +
-                  what + "'"};
-  if (!material.empty() && file.ends_with(".obj"))
-    throw Mistake{"--mesh " + file + ": an .obj file has no '" + material.begin()->first +
-                  "', a .gltf or .glb file has"};
-  if (parts.size() > 4) material["base_color_texture"] = parts[4];
-  const auto array = [&](const std::string& name, int components, io::ElementKind kind, const char* type) {
+  const MeshParts parts = parse_mesh(file, what);
+  const auto array = [&](const std::string& name, const Corner& corner) {
     Array a = named(name, ran);
     // The reference computes in float64.
-    if (a.components == components && a.kind == io::ElementKind::Float64) a = must(a.converted(kind));
-    if (a.components != components || a.kind != kind)
-      throw Mistake{"--mesh " + file + ": '" + name + "' is not made of " + type};
+    if (a.components == corner.components && a.kind == io::ElementKind::Float64) a = must(a.converted(corner.kind));
+    if (a.components != corner.components || a.kind != corner.kind) throw wrong_type(file, name, corner.type);
     return a;
   };
-  using enum io::ElementKind;
-  const Array position = array(parts[0], 3, Float32, "vec3"), face = array(parts[1], 3, Int32, "ivec3");
-  const Array uv = parts.size() > 2 ? array(parts[2], 2, Float32, "vec2") : Array();
-  const Array uv_face = parts.size() > 3 ? array(parts[3], 3, Int32, "ivec3") : Array();
-  io::MeshView view{.positions = position.as<float>(), .indices = face.as<int32_t>()};
-  if (!uv.empty()) view.uv = uv.as<float>();
-  if (!uv_face.empty()) view.uv_indices = uv_face.as<int32_t>();
-  MeshMaterial parts_of(file, material, [&](const std::string& name, int components) {
-    return array(name, components, Float32, components == 1 ? "float" : "vec3");
+  Array corners[4];
+  for (size_t k = 0; k < std::min<size_t>(parts.names.size(), 4); ++k) corners[k] = array(parts.names[k], kCorners[k]);
+  io::MeshView view{.positions = corners[0].as<float>(), .indices = corners[1].as<int32_t>()};
+  if (!corners[2].empty()) view.uv = corners[2].as<float>();
+  if (!corners[3].empty()) view.uv_indices = corners[3].as<int32_t>();
+  MeshMaterial parts_of(file, parts.material, [&](const std::string& name, int components) {
+    return array(name, {components, io::ElementKind::Float32, components == 1 ? "float" : "vec3"});
   });
   parts_of.show(view);
   must(io::save_mesh(file, view));

@@ -2,10 +2,12 @@
 // What a run leaves behind: outputs, params and states as files, and meshes.
 #pragma once
 
+#include <map>
 #include <set>
 #include <string>
 #include <vector>
 
+#include "compiler/io/results.h"
 #include "runtime/drun/options.h"
 #include "runtime/drun/target.h"
 
@@ -15,23 +17,30 @@ class Results {
  public:
   // `names` has the tables of the program that `target` runs.
   Results(const Target& target, const runtime::Program& names) : target_(target), names_(names) {}
-  // Of the steps that ran, into a folder. All throw Mistake.
-  void write_outputs(const std::string& folder, const std::set<std::string>& ran) const;
+  // Before the steps run, finds what --save and --mesh ask for, and whether it can be written. All throw Mistake.
+  void check(const Options& options) const;
+  // Of the steps that ran, into a folder; with `keep`, what is there of earlier runs stays.
+  void write_outputs(const std::string& folder, const std::set<std::string>& ran,
+                     const std::vector<std::pair<std::string, io::Array>>& leaves, bool keep) const;
   // Params and states that have a value; what was bound as input is the user's already. Without a value is a leaf that
   // no step which ran needs.
   std::vector<std::pair<std::string, io::Array>> leaves(const std::set<std::string>& ran) const;
-  // `what` is POSITION:FACE[:UV[:UV_FACE[:TEXTURE]]][:PART=NAME ...], each name an output or a leaf.
-  void write_mesh(const std::string& file, const std::string& what, const std::set<std::string>& ran) const;
+  // What --save and --mesh ask for, of the steps that ran.
+  void write_asked(const Options& options, const std::set<std::string>& ran) const;
 
  private:
   bool changed(const std::string& leaf) const { return !names_.is_input(leaf); }
+  io::ResultNames names_of(const std::set<std::string>& steps) const;
+  io::ResultName found(const std::string& name, const std::set<std::string>& steps) const;
+  runtime::Program::LeafInfo info(const io::ResultName& name) const;
   io::Array named(const std::string& name, const std::set<std::string>& ran) const;
+  void write_mesh(const std::string& file, const std::string& what, const std::set<std::string>& ran) const;
 
   const Target& target_;
   const runtime::Program& names_;
 };
 
-// "1.5", as short as it can be.
-std::string number_text(double value);
+// "1.5", as short as it can be: a float's digits unless it is `whole`, of float64.
+std::string number_text(double value, bool whole);
 
 }  // namespace dr::drun

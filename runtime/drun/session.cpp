@@ -44,6 +44,7 @@ void Session::process() {
   if (options_.check_runs > 0 && options_.check_finite)
     throw Mistake{"--check-finite and --check-against-reference look at runs in two ways: give one of them"};
   choose_steps();
+  Results(target_, names_).check(options_);
   bind();
   if (options_.resume) resume();
   at_.steps = steps_;
@@ -51,8 +52,10 @@ void Session::process() {
     folder_.take();
     folder_.sweep(checkpoint_folder(options_.out));
   }
+  if (options_.watch >= 0) open_watch();
   try {
     run_steps();
+    if (watch_ && !ran_.empty()) watch_->end(steps_[at_.entry].first, at_.done);
   } catch (const Mistake& mistake) {
     // What ran before is not lost.
     if (!ran_.empty() && !under_way_) try {
@@ -169,6 +172,8 @@ void Session::run_step(const std::string& step, int& done, int times) {
     if (looks && now == left && now > 1) --now;
     const bool compares = done < options_.check_runs;
     if (compares) now = 1;
+    const bool is_single = compares || options_.check_finite || (looks && left == 1);
+    if (is_single && allowed(step, done, 1) == 0) break;
     std::string mistake;
     under_way_ = true;
     if (options_.check_finite)
@@ -178,8 +183,9 @@ void Session::run_step(const std::string& step, int& done, int times) {
     else if (looks && left == 1)
       timed_run(step);
     else
-      now = run_for(step, now);
+      now = run_for(step, now, done);
     under_way_ = false;
+    if (now == 0) break;
     if (first && options_.timing && left > 1)
       std::printf("%s: the first run took %.0f ms, in which some drivers compile\n", step.c_str(), ms_since(begin));
     if (ran_.insert(step).second) warn_of_open_meshes(step);
@@ -188,12 +194,13 @@ void Session::run_step(const std::string& step, int& done, int times) {
     at_.runs[step] += now;
     if (!options_.dump_raster.empty())
       must(io::save_decisions(options_.dump_raster, step, before, must(target_.decisions(step))));
-    last_values_[step] = scalars(step, done, now == line);
-    progress.show(done, last_values_[step]);
+    progress.show(done, scalars(step, done, now == line));
+    ran_for_ += ms_since(begin);
+    look_for_not_finite(step, done, done == times || is_stopping());
     if (!mistake.empty()) throw Mistake{mistake};
     checkpoint_when_due(step, 0);
   }
-  if (!last_values_[step].empty()) std::printf("%s: %s\n", step.c_str(), last_values_[step].c_str());
+  std::fputs(last_lines_[step].c_str(), stdout);
 }
 
 void Session::checkpoint_when_due(const std::string& step, int more) {
@@ -226,11 +233,12 @@ void Session::warn_of_open_meshes(const std::string& step) {
 }
 
 // Runs the step so often, or until somebody interrupts, which is looked at several times a second. Gives how often.
-int Session::run_for(const std::string& step, int times) {
+int Session::run_for(const std::string& step, int times, int before) {
   int done = 0;
   while (done < times && !(is_stopping() && done > 0)) {
-    const auto begin = Clock::now();
     int now = std::min(times - done, together_);
+    if (watch_ && (now = allowed(step, before + done, now)) == 0) break;
+    const auto begin = Clock::now();
     if (options_.checkpoint_runs > 0) now = std::clamp(options_.checkpoint_runs - runs_since_saved_, 1, now);
     must(target_.run(step, now));
     done += now;
@@ -242,6 +250,32 @@ int Session::run_for(const std::string& step, int times) {
     if (done < times) checkpoint_when_due(step, done);
   }
   return done;
+}
+
+void Session::open_watch() {
+  watch::Reader reader;
+  reader.outputs = [this](const std::string& step) { return names_.outputs(step); };
+  reader.output = target_.output;
+  if (target_.counters)
+    reader.left_out = [this](const std::string& step) -> std::vector<watch::Left> {
+      const runtime::StepCounters counters = target_.counters(step);
+      const runtime::Work &run = counters.run, &skipped = counters.skipped;
+      return {{"commands", run.commands, skipped.commands},
+              {"ops", run.ops, skipped.ops},
+              {"bytes", run.bytes, skipped.bytes}};
+    };
+  watch_ = must(watch::Watch::open(options_.watch, std::move(reader)));
+  std::fprintf(stderr, "watch: %s\n", watch_->url().c_str());
+}
+
+int Session::allowed(const std::string& step, int done, int wanted) {
+  if (!watch_) return wanted;
+  constexpr std::chrono::milliseconds kPatience{100};  // Ctrl-C and --timeout are heard meanwhile
+  while (!is_stopping()) {
+    if (const int now = watch_->allow(step, done, wanted, kPatience); now > 0) return now;
+    if (watch_->is_stopped()) stop_as_wished();
+  }
+  return 0;
 }
 
 void Session::prepare(const std::string& step) {
@@ -298,23 +332,28 @@ std::string Session::compared_run(const std::string& step, int run) {
 }
 
 std::string Session::scalars(const std::string& step, int done, bool logged) {
-  std::string values, json = "{\"step\": \"" + step + "\", \"run\": " + std::to_string(done);
+  std::string values, lines, json = "{\"step\": \"" + step + "\", \"run\": " + std::to_string(done);
   for (const std::string& name : names_.outputs(step)) {
     if (!is_short(step, name)) continue;
-    const std::vector<double> numbers = must(target_.output(step, name)).to_doubles();
+    const Array value = must(target_.output(step, name));
+    const std::vector<double> numbers = value.to_doubles();
     std::string shown, listed;
     for (const double number : numbers) {
-      const std::string text = number_text(number);
+      const std::string text = number_text(number, value.kind != io::ElementKind::Float32);
       shown += (shown.empty() ? "" : ", ") + text;
       listed += (listed.empty() ? "" : ", ") + (std::isfinite(number) ? text : "null");
     }
+    if (watch_) watch_->add(step, name, done, numbers);
     const bool several = numbers.size() > 1;
-    values += (values.empty() ? "" : "  ") + name + " = " + (several ? "(" + shown + ")" : shown);
+    if (several) shown = "(" + shown + ")";
+    values += (values.empty() ? "" : "  ") + name + " = " + shown;
+    lines += step + "." + name + " = " + shown + "\n";
     json += ", \"" + name + "\": " + (several ? "[" + listed + "]" : listed);
     if (!std::ranges::all_of(numbers, [](double x) { return std::isfinite(x); }))
-      tell_not_finite(step, name, "output '" + name + "' is " + shown + " in run " + std::to_string(done));
+      tell_not_finite(step, name, "output '" + step + "." + name + "' is " + shown + " in run " + std::to_string(done));
   }
   json += "}\n";
+  last_lines_[step] = lines;
   if (!logged) return values;
   log_.add(json, at_.log);
   at_.log += json;
@@ -326,7 +365,7 @@ bool Session::is_short(const std::string& step, const std::string& name) {
   const auto key = step + "." + name;
   if (auto it = short_.find(key); it != short_.end()) return it->second;
   const Array a = must(target_.output(step, name));
-  return short_[key] = a.components <= 4 && a.size() == 1;
+  return short_[key] = a.size() == 1;
 }
 
 // Once for each output of a step and each leaf; what is wrong then stays wrong.
@@ -336,6 +375,20 @@ void Session::tell_not_finite(const std::string& step, const std::string& name, 
       what + ": --check-finite names the pass and line where it begins (with --pack naive, the op)";
   if (options_.strict_finite) throw Mistake{message};
   std::fprintf(stderr, "drun: warning: %s\n", message.c_str());
+}
+
+void Session::look_for_not_finite(const std::string& step, int done, bool last) {
+  constexpr double kMostOfTime = 0.01;
+  if (!last && looked_ > kMostOfTime * ran_for_) return;
+  const auto begin = Clock::now();
+  for (const auto& leaf : names_.leaves()) {
+    if (leaf.kind != io::ElementKind::Float32 || !names_.changes(step, leaf.name)) continue;
+    if (const auto place = io::first_not_finite(must(target_.leaf(leaf.name))))
+      tell_not_finite("", leaf.name,
+                      "'" + leaf.name + "' has " + io::describe(*place) + " after run " + std::to_string(done) +
+                          " of step '" + step + "'");
+  }
+  looked_ += ms_since(begin);
 }
 
 void Session::print_counters() {
@@ -349,18 +402,13 @@ void Session::print_counters() {
 void Session::write_results() {
   const Results results(target_, names_);
   if (!options_.out.empty()) {
-    const std::filesystem::path out = options_.out;
-    results.write_outputs(options_.out, ran_);
     at_.leaves = results.leaves(ran_);
-    for (const auto& [leaf, data] : at_.leaves) must(io::save_array((out / (leaf + ".npy")).string(), data));
+    results.write_outputs(options_.out, ran_, at_.leaves, options_.resume || ran_.empty());
     log_.flush();
     save_checkpoint(options_.out, at_);
     has_saved_ = true;
-    for (const auto& [leaf, data] : at_.leaves)
-      if (const auto place = ran_.empty() ? std::nullopt : io::first_not_finite(data))
-        tell_not_finite("", leaf, "'" + leaf + "' ends with " + io::describe(*place));
   }
-  for (const auto& [file, what] : options_.meshes) results.write_mesh(file, what, ran_);
+  results.write_asked(options_, ran_);
 }
 
 }  // namespace dr::drun

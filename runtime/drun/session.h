@@ -17,6 +17,7 @@
 #include "runtime/drun/out_folder.h"
 #include "runtime/drun/target.h"
 #include "runtime/jit/measure.h"
+#include "runtime/watch/watch.h"
 
 namespace dr::drun {
 
@@ -44,7 +45,12 @@ class Session {
   void resume();
   // From the runs that are `done` to `times`.
   void run_step(const std::string& step, int& done, int times);
-  int run_for(const std::string& step, int times);
+  int run_for(const std::string& step, int times, int before);
+  // Opens the page of --watch.
+  void open_watch();
+  // How many of `wanted` runs may be now, after `done` ones: fewer where the page says so, which it may take its time
+  // for; 0 where the run is to stop.
+  int allowed(const std::string& step, int done, int wanted);
   // How many runs until the next line of the log, which has the first, then every --log-every-th, and the last.
   int until_line(int done, int times) const;
   // Writes one if it is time, in a run of the step of which `more` runs are not counted yet.
@@ -60,6 +66,9 @@ class Session {
   // Reads the scalar outputs for the progress line and, as `logged`, the log.
   std::string scalars(const std::string& step, int done, bool logged);
   bool is_short(const std::string& step, const std::string& name);
+  // Params and states that the step changed: reads them back, for a hundredth of the time at most, but `last` in any
+  // case.
+  void look_for_not_finite(const std::string& step, int done, bool last);
   void tell_not_finite(const std::string& step, const std::string& name, const std::string& what);
   // Warns once of each mesh that the step expects to be closed and that is not.
   void warn_of_open_meshes(const std::string& step);
@@ -75,17 +84,19 @@ class Session {
   std::vector<std::pair<std::string, int>> steps_;  // and how often
   Checkpoint at_;                                   // where it is
   LossLog log_;
+  std::unique_ptr<watch::Watch> watch_;
   OutFolder folder_;
   std::chrono::steady_clock::time_point saved_ = std::chrono::steady_clock::now();
   int runs_since_saved_ = 0;
   bool under_way_ = false;  // runs that failed half-way: nobody knows what the leaves hold
   bool has_saved_ = false;  // a checkpoint, in this run
   std::set<std::string> ran_;
-  std::set<std::string> warned_;  // leaves
-  std::map<std::string, std::string> last_values_;
+  std::set<std::string> warned_;                   // leaves
+  std::map<std::string, std::string> last_lines_;  // of each step: STEP.NAME = VALUE
   std::map<std::string, bool> short_;
-  std::set<std::string> told_;  // what is not finite
-  int together_ = 1;            // runs of a step between two looks at whether somebody interrupts
+  std::set<std::string> told_;       // what is not finite
+  double looked_ = 0, ran_for_ = 0;  // ms for NaN, and in all
+  int together_ = 1;                 // runs of a step between two looks at whether somebody interrupts
   struct Batch {
     double seconds;
     int runs;

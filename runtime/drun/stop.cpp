@@ -12,10 +12,10 @@ namespace dr::drun {
 
 namespace {
 
-constexpr int kTimedOut = -1, kTimeoutCode = 124;
+constexpr int kTimedOut = -1, kWished = -2, kTimeoutCode = 124;
 constexpr double kGrace = 5;  // seconds
 
-std::atomic<int> stopped = 0;  // the signal, or kTimedOut
+std::atomic<int> stopped = 0;  // the signal, kTimedOut or kWished
 static_assert(std::atomic<int>::is_always_lock_free, "a signal's handler stores it");
 
 void on_signal(int signal) {
@@ -30,16 +30,24 @@ void catch_signals() {
   std::signal(SIGTERM, on_signal);
 }
 
+void stop_as_wished() {
+  int running = 0;
+  stopped.compare_exchange_strong(running, kWished);
+}
+
 bool is_stopping() { return stopped != 0; }
 
 int exit_code_of_stop() {
   const int now = stopped;
-  return now == kTimedOut ? kTimeoutCode : now == 0 ? 0 : 128 + now;
+  return now == kTimedOut ? kTimeoutCode : now == 0 || now == kWished ? 0 : 128 + now;
 }
 
 const char* reason_of_stop() {
   const int now = stopped;
-  return now == kTimedOut ? "the time is over" : now == SIGTERM ? "terminated" : "interrupted";
+  return now == kTimedOut ? "the time is over"
+         : now == kWished ? "stopped on its page"
+         : now == SIGTERM ? "terminated"
+                          : "interrupted";
 }
 
 Timeout::Timeout(double seconds) {

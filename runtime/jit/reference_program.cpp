@@ -21,12 +21,24 @@ reference::Image to_image(const io::Array& array, const ir::Type& type) {
   return image;
 }
 
-io::Array to_array(const reference::Image& image) {
+io::ElementKind kind_of(ir::Scalar scalar) {
+  switch (scalar) {
+    case ir::Scalar::Bool: return io::ElementKind::Bool;
+    case ir::Scalar::Int: return io::ElementKind::Int32;
+    case ir::Scalar::Uint: return io::ElementKind::UInt32;
+    case ir::Scalar::Float: return io::ElementKind::Float64;
+  }
+  DR_ICE("a scalar of no kind");
+}
+
+// As it was computed: floats in float64.
+io::Result<io::Array> to_array(const reference::Image& image) {
   const auto n = static_cast<size_t>(image.type.components()), count = static_cast<size_t>(image.count());
   std::vector<double> values(n * count);
   for (size_t e = 0; e < count; ++e)
     for (size_t c = 0; c < n; ++c) values[e * n + c] = image.data[c * count + e];
-  return io::Array::from_doubles(values, image.type.components(), image.width, image.height, image.layers);
+  return io::Array::from_doubles(values, image.type.components(), image.width, image.height, image.layers)
+      .converted(kind_of(image.type.scalar));
 }
 
 const io::Error kMovedFrom{"the program is empty: it was moved from"};
@@ -157,7 +169,8 @@ std::vector<std::vector<io::Array>> ReferenceProgram::rasters(const std::string&
   if (it == state_->recorded.end()) return out;
   for (const auto& raster : it->second.rasters) {
     out.emplace_back();
-    for (const reference::Image& image : raster) out.back().push_back(to_array(image));
+    for (const reference::Image& image : raster)
+      if (auto array = to_array(image)) out.back().push_back(*std::move(array));
   }
   return out;
 }
@@ -167,7 +180,8 @@ std::vector<std::pair<std::string, io::Array>> ReferenceProgram::pins(const std:
   if (!state_) return out;
   const auto it = state_->recorded.find(step);
   if (it == state_->recorded.end()) return out;
-  for (const auto& [name, image] : it->second.pins) out.emplace_back(name, to_array(image));
+  for (const auto& [name, image] : it->second.pins)
+    if (auto array = to_array(image)) out.emplace_back(name, *std::move(array));
   return out;
 }
 

@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cctype>
 
+#include "runtime/vk/cuda.h"
+
 namespace dr::runtime {
 
 namespace {
@@ -113,6 +115,26 @@ bool matches(const DeviceInfo& info, size_t number, const std::string& wanted) {
   if (wanted.empty() || wanted == std::to_string(number)) return true;
   const std::string name = lower_case(info.name), want = lower_case(wanted);
   return name.find(want) != std::string::npos || (want == "lavapipe" && name.find("llvmpipe") != std::string::npos);
+}
+
+// Names what sharing memory and semaphores with CUDA takes, where the device is NVIDIA's and has all of it.
+void share_with_cuda(DeviceState& state, const std::vector<vk::ExtensionProperties>& offered,
+                     std::vector<const char*>& extensions) {
+  constexpr uint32_t kNvidia = 0x10de;
+  if (state.properties.vendorID != kNvidia) return;
+  const auto wanted = {VK_KHR_EXTERNAL_MEMORY_FD_EXTENSION_NAME, VK_KHR_EXTERNAL_SEMAPHORE_FD_EXTENSION_NAME,
+                       VK_KHR_TIMELINE_SEMAPHORE_EXTENSION_NAME};
+  for (const std::string_view name : wanted)
+    if (std::ranges::none_of(offered, [&](const auto& e) { return name == e.extensionName.data(); })) return;
+  if (!state.physical.getFeatures2<vk::PhysicalDeviceFeatures2, vk::PhysicalDeviceTimelineSemaphoreFeatures>()
+           .get<vk::PhysicalDeviceTimelineSemaphoreFeatures>()
+           .timelineSemaphore)
+    return;
+  extensions.insert(extensions.end(), wanted.begin(), wanted.end());
+  state.uuid = state.physical.getProperties2<vk::PhysicalDeviceProperties2, vk::PhysicalDeviceIDProperties>()
+                   .get<vk::PhysicalDeviceIDProperties>()
+                   .deviceUUID;
+  state.shares_memory = true;
 }
 
 }  // namespace
@@ -233,6 +255,7 @@ std::shared_ptr<DeviceState> open_device(const DeviceOptions& options) {
   vk::PhysicalDeviceShaderAtomicFloatFeaturesEXT enable_float_atomics;
   enable_float_atomics.shaderBufferFloat32AtomicAdd = VK_TRUE;
   if (state->float_atomics) extensions.push_back(VK_EXT_SHADER_ATOMIC_FLOAT_EXTENSION_NAME);
+  share_with_cuda(*state, offered, extensions);
   const float priority = 1;
   vk::DeviceQueueCreateInfo queue({}, state->family, 1, &priority);
   vk::DeviceCreateInfo info;
@@ -249,6 +272,12 @@ std::shared_ptr<DeviceState> open_device(const DeviceOptions& options) {
   if (state->multiview_views > 0) {
     enable_multiview.pNext = const_cast<void*>(info.pNext);
     info.pNext = &enable_multiview;
+  }
+  vk::PhysicalDeviceTimelineSemaphoreFeatures enable_timeline;
+  enable_timeline.timelineSemaphore = VK_TRUE;
+  if (state->shares_memory) {
+    enable_timeline.pNext = const_cast<void*>(info.pNext);
+    info.pNext = &enable_timeline;
   }
   state->device = vk::raii::Device(state->physical, info);
   state->queue = state->device.getQueue(state->family, 0);
@@ -343,6 +372,17 @@ std::vector<std::string> Device::validation_messages() const {
   if (!state_) return {};
   const std::lock_guard lock(state_->messages_lock);
   return state_->messages;
+}
+
+bool Device::shares_memory() const { return state_ && state_->shares_memory; }
+
+Result<int> Device::cuda_device() const {
+  if (!state_) return io::Error{"the device is empty: it was moved from"};
+  try {
+    return Cuda::of(*state_)->ordinal();
+  } catch (const Failure& failure) {
+    return io::Error{failure.message};
+  }
 }
 
 bool Device::validating() const { return state_ && *state_->messenger != vk::DebugUtilsMessengerEXT{}; }

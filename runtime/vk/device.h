@@ -2,6 +2,7 @@
 // A Vulkan device and what every program on it shares. Private to the runtime: it includes vulkan_raii.hpp.
 #pragma once
 
+#include <array>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -18,6 +19,8 @@ struct Failure {
   std::string message;
 };
 
+class Cuda;
+
 struct DeviceState {
   vk::raii::Context context;
   vk::raii::Instance instance{nullptr};
@@ -33,6 +36,12 @@ struct DeviceState {
   uint32_t multiview_views = 0;  // that one render pass may draw; 0: no multiview
   bool memory_budget = false;    // the device says how much memory is left
   bool int64 = false, int64_atomics = false, float_atomics = false, subgroup_arithmetic = false, debug_names = false;
+  std::mutex queue_lock;  // one thread at a time may submit
+  // Whether memory and semaphores may be shared with CUDA, whose device has this UUID; and it, when it was opened.
+  bool shares_memory = false;
+  std::array<uint8_t, VK_UUID_SIZE> uuid = {};
+  std::mutex cuda_lock;
+  std::shared_ptr<Cuda> cuda;
   std::mutex messages_lock;
   std::vector<std::string> messages;  // of the validation layer
 

@@ -3,7 +3,6 @@
 #include "runtime/vk/memory.h"
 
 #include <algorithm>
-#include <tuple>
 
 namespace dr::runtime {
 
@@ -16,6 +15,25 @@ vk::Format format_of(const bundle::TypeT& type) {
       {vk::Format::eR32Uint, vk::Format::eR32G32Uint, vk::Format::eR32G32B32A32Uint}};
   const int scalar = type.scalar == bundle::Scalar::Float ? 0 : type.scalar == bundle::Scalar::Int ? 1 : 2;
   return kFormats[scalar][std::min<int>(type.rows, 3) - 1];
+}
+
+Memory::Memory(std::shared_ptr<DeviceState> device, const bundle::BundleT& bundle, const Sizes& sizes, int64_t limit,
+               std::shared_ptr<Tally> tally, bool share)
+    : device_(std::move(device)),
+      bundle_(bundle),
+      sizes_(sizes),
+      limit_(limit),
+      tally_(std::move(tally)),
+      allocated_(bundle.resources.size()),
+      buffers_(bundle.resources.size()),
+      images_(bundle.resources.size()) {
+  if (!share || !device_->shares_memory) return;
+  for (const auto& leaf : bundle.leaves) shared_.insert(bundle.resources[leaf->resource]->slot);
+  for (const auto& step : bundle.steps)
+    for (const auto& output : step->outputs) shared_.insert(bundle.resources[output->resource]->slot);
+  // Of images only copies can be shared.
+  for (const auto& r : bundle.resources)
+    if (r->storage != Storage::Buffer) shared_.erase(r->slot);
 }
 
 // Whether anything is held in it.
@@ -40,6 +58,8 @@ vk::MemoryRequirements Memory::create_buffer(uint32_t k) {
   info.usage = vk::BufferUsageFlagBits::eStorageBuffer | vk::BufferUsageFlagBits::eUniformTexelBuffer |
                vk::BufferUsageFlagBits::eTransferSrc | vk::BufferUsageFlagBits::eTransferDst |
                vk::BufferUsageFlagBits::eIndirectBuffer;
+  const vk::ExternalMemoryBufferCreateInfo outside(vk::ExternalMemoryHandleTypeFlagBits::eOpaqueFd);
+  if (shared_.contains(r.slot)) info.pNext = &outside;
   buffers_[k].buffer = vk::raii::Buffer(d, info);
   buffers_[k].bytes = bytes;
   device_->name(buffers_[k].buffer, r.name);
@@ -88,6 +108,7 @@ void Memory::allocate(const std::vector<uint32_t>& wanted) {
     slot.alignment = std::max({slot.alignment, need.alignment, device_->properties.limits.bufferImageGranularity});
     slot.allowed &= need.memoryTypeBits;
     slot.of_tiles = r.storage == Storage::Tile;
+    slot.shared = shared_.contains(r.slot);
   }
   place(slots, resources);
   for (const uint32_t k : resources) {
@@ -116,26 +137,27 @@ void Memory::place(std::map<uint32_t, Slot>& slots, const std::vector<uint32_t>&
     added.push_back(index);
   }
   make_room(slots, added, resources);
-  std::map<std::pair<uint32_t, bool>, vk::DeviceSize> sizes;  // by memory type, and whether the host's
+  std::map<decltype(Slot().kind()), vk::DeviceSize> sizes;
   for (const uint32_t index : added) {
     Slot& slot = slots.at(index);
-    vk::DeviceSize& size = sizes[{slot.type, slot.of_host}];
+    vk::DeviceSize& size = sizes[slot.kind()];
     slot.offset = (size + slot.alignment - 1) / slot.alignment * slot.alignment;
     size = slot.offset + slot.bytes;
   }
-  std::map<std::pair<uint32_t, bool>, size_t> block_of;
-  for (const auto& [where, bytes] : sizes) {
+  std::map<decltype(Slot().kind()), size_t> block_of;
+  for (const auto& [kind, bytes] : sizes) {
+    const auto& [type, of_host, shared] = kind;
     try {
-      blocks_.emplace_back(*device_, bytes, where.first, tally_);
+      blocks_.emplace_back(*device_, bytes, type, tally_, shared);
     } catch (const vk::SystemError&) {
       throw Failure{"the device has no memory for " + std::to_string(bytes) + " bytes; the largest values are " +
                     largest(resources)};
     }
-    of_host_.push_back(where.second);
-    block_of[where] = blocks_.size() - 1;
+    of_host_.push_back(of_host);
+    block_of[kind] = blocks_.size() - 1;
   }
   for (const uint32_t index : added) {
-    slots[index].block = block_of[{slots[index].type, slots[index].of_host}];
+    slots[index].block = block_of[slots[index].kind()];
     placed_[index] = slots[index];
   }
 }
@@ -187,6 +209,7 @@ void Memory::make_room(std::map<uint32_t, Slot>& slots, std::vector<uint32_t>& a
     if (!type) continue;
     slot.type = *type;
     slot.of_host = true;
+    slot.shared = false;
     on_host_.push_back(c.resource);
     missing -= static_cast<int64_t>(slot.bytes + slot.alignment - 1);
   }
@@ -202,6 +225,7 @@ void Memory::bind(uint32_t k, const Slot& slot) {
   if (r.storage == Storage::Buffer) {
     buffers_[k].buffer.bindMemory(memory, slot.offset);
     if (std::byte* host = blocks_[slot.block].host()) buffers_[k].host = host + slot.offset;
+    if (slot.shared) buffers_[k].shared = std::pair(slot.block, slot.offset);
     return;
   }
   images_[k].image.bindMemory(memory, slot.offset);
@@ -251,14 +275,24 @@ void Tally::add(int64_t bytes) {
   }
 }
 
-Block::Block(const DeviceState& device, vk::DeviceSize bytes, uint32_t type, std::shared_ptr<Tally> tally)
-    : memory_(device.device, vk::MemoryAllocateInfo(bytes, type)), bytes_(bytes), tally_(std::move(tally)) {
+std::optional<CudaPlace> Memory::in_cuda(size_t resource) {
+  const auto& place = buffers_[resource].shared;
+  if (!place) return std::nullopt;
+  const auto& memory = blocks_[place->first].in_cuda(*device_);
+  return CudaPlace{memory->address() + place->second, memory};
+}
+
+Block::Block(const DeviceState& device, vk::DeviceSize bytes, uint32_t type, std::shared_ptr<Tally> tally, bool shared)
+    : bytes_(bytes), tally_(std::move(tally)) {
+  const vk::ExportMemoryAllocateInfo outside(vk::ExternalMemoryHandleTypeFlagBits::eOpaqueFd);
+  memory_ = vk::raii::DeviceMemory(device.device, vk::MemoryAllocateInfo(bytes, type, shared ? &outside : nullptr));
   if (device.is_host_memory(type)) host_ = static_cast<std::byte*>(memory_.mapMemory(0, VK_WHOLE_SIZE));
   tally_->add(static_cast<int64_t>(bytes));
 }
 
 Block& Block::operator=(Block&& other) noexcept {
   release();
+  in_cuda_ = std::move(other.in_cuda_);
   memory_ = std::move(other.memory_);
   bytes_ = other.bytes_;
   host_ = other.host_;
@@ -266,8 +300,17 @@ Block& Block::operator=(Block&& other) noexcept {
   return *this;
 }
 
+const std::shared_ptr<CudaMemory>& Block::in_cuda(DeviceState& device) {
+  if (!in_cuda_) {
+    const int file = device.device.getMemoryFdKHR({*memory_, vk::ExternalMemoryHandleTypeFlagBits::eOpaqueFd});
+    in_cuda_ = std::make_shared<CudaMemory>(Cuda::of(device), file, bytes_);
+  }
+  return in_cuda_;
+}
+
 void Block::release() {
   if (!tally_) return;
+  in_cuda_.reset();
   memory_ = nullptr;
   tally_->add(-static_cast<int64_t>(bytes_));
   tally_.reset();

@@ -5,11 +5,15 @@
 #include <atomic>
 #include <map>
 #include <memory>
+#include <optional>
+#include <set>
 #include <string>
+#include <tuple>
 #include <utility>
 #include <vector>
 
 #include "runtime/sizes.h"
+#include "runtime/vk/cuda.h"
 #include "runtime/vk/device.h"
 
 namespace dr::runtime {
@@ -24,7 +28,9 @@ struct Tally {
 class Block {
  public:
   Block() = default;
-  Block(const DeviceState& device, vk::DeviceSize bytes, uint32_t type, std::shared_ptr<Tally> tally);
+  // `shared`: with CUDA.
+  Block(const DeviceState& device, vk::DeviceSize bytes, uint32_t type, std::shared_ptr<Tally> tally,
+        bool shared = false);
   Block(Block&&) noexcept = default;
   Block& operator=(Block&& other) noexcept;
   ~Block() { release(); }
@@ -32,9 +38,12 @@ class Block {
   vk::DeviceSize bytes() const { return tally_ ? bytes_ : 0; }
   // Where the host sees it; null where that takes a copy.
   std::byte* host() const { return host_; }
+  // What CUDA sees, of one that is shared; made when it is first asked for.
+  const std::shared_ptr<CudaMemory>& in_cuda(DeviceState& device);
 
  private:
   void release();
+  std::shared_ptr<CudaMemory> in_cuda_;
   vk::raii::DeviceMemory memory_{nullptr};
   vk::DeviceSize bytes_ = 0;
   std::byte* host_ = nullptr;
@@ -45,6 +54,13 @@ struct BufferObject {
   vk::raii::Buffer buffer{nullptr};
   vk::DeviceSize bytes = 0;
   std::byte* host = nullptr;  // where the host sees its content; null where that takes a copy
+  std::optional<std::pair<size_t, vk::DeviceSize>> shared;  // block and offset in it, where CUDA may see it
+};
+
+// Where CUDA sees the content of a buffer.
+struct CudaPlace {
+  uint64_t address = 0;
+  std::shared_ptr<CudaMemory> held;
 };
 
 struct ImageObject {
@@ -57,17 +73,9 @@ vk::Format format_of(const bundle::TypeT& type);
 
 class Memory {
  public:
-  // Of the device at most `limit` bytes; 0: as many as it has.
+  // Of the device at most `limit` bytes; 0: as many as it has. `share`: leaves and outputs of steps with CUDA.
   Memory(std::shared_ptr<DeviceState> device, const bundle::BundleT& bundle, const Sizes& sizes, int64_t limit,
-         std::shared_ptr<Tally> tally)
-      : device_(std::move(device)),
-        bundle_(bundle),
-        sizes_(sizes),
-        limit_(limit),
-        tally_(std::move(tally)),
-        allocated_(bundle.resources.size()),
-        buffers_(bundle.resources.size()),
-        images_(bundle.resources.size()) {}
+         std::shared_ptr<Tally> tally, bool share = false);
 
   // Creates those that are not there yet. Leaves for which the device has no room stay in memory of the host, which it
   // reads directly: inputs first, those with layers before others, large and seldom used ones before others. Fails, by
@@ -78,6 +86,8 @@ class Memory {
   int64_t content_bytes(size_t resource) const;
   const BufferObject& buffer(size_t resource) const { return buffers_[resource]; }
   const ImageObject& image(size_t resource) const { return images_[resource]; }
+  // Of a buffer that has memory; nothing where it is not shared.
+  std::optional<CudaPlace> in_cuda(size_t resource);
   // What was allocated, on the device or of the host.
   vk::DeviceSize bytes(bool of_host) const;
   // Leaves in memory of the host, by resource.
@@ -89,8 +99,9 @@ class Memory {
   struct Slot {
     vk::DeviceSize bytes = 0, alignment = 1, offset = 0;
     uint32_t allowed = UINT32_MAX, type = 0;
-    bool of_host = false, of_tiles = false;
+    bool of_host = false, of_tiles = false, shared = false;
     size_t block = 0;
+    auto kind() const { return std::tuple(type, of_host, shared); }  // slots of one kind stand in one block
   };
   bool has_room(const bundle::ResourceT& resource) const;
   vk::MemoryRequirements create_buffer(uint32_t resource);
@@ -107,6 +118,7 @@ class Memory {
   const Sizes& sizes_;
   int64_t limit_;
   std::shared_ptr<Tally> tally_;
+  std::set<uint32_t> shared_;    // slots
   std::vector<bool> allocated_;  // by resource
   std::vector<BufferObject> buffers_;
   std::vector<ImageObject> images_;

@@ -26,14 +26,36 @@ void Queue::submit(const vk::raii::CommandBuffer& commands, int times, Pace* pac
   Flight& flight = flights_[next_];
   wait(flight, false);
   const std::vector<vk::CommandBuffer> handles(static_cast<size_t>(times), *commands);
-  vk::SubmitInfo submit;
-  submit.setCommandBuffers(handles);
   flight.begin = Clock::now();
   flight.runs = times * runs;
   flight.pace = pace;
-  device_->queue.submit(submit, *flight.fence);
+  give(handles, *flight.fence);
   flight.busy = true;
   next_ = (next_ + 1) % kFlights;
+}
+
+void Queue::give(const std::vector<vk::CommandBuffer>& commands, vk::Fence fence) {
+  vk::SubmitInfo submit;
+  submit.setCommandBuffers(commands);
+  if (order_ == nullptr) {
+    const std::lock_guard lock(device_->queue_lock);
+    return device_->queue.submit(submit, fence);
+  }
+  const CudaOrder::Values values = order_->before_submission();
+  const vk::Semaphore semaphore = order_->semaphore();
+  const vk::PipelineStageFlags everything = vk::PipelineStageFlagBits::eAllCommands;
+  vk::TimelineSemaphoreSubmitInfo timeline;
+  timeline.setWaitSemaphoreValues(values.wait);
+  timeline.setSignalSemaphoreValues(values.done);
+  submit.setWaitSemaphores(semaphore);
+  submit.setWaitDstStageMask(everything);
+  submit.setSignalSemaphores(semaphore);
+  submit.pNext = &timeline;
+  {
+    const std::lock_guard lock(device_->queue_lock);
+    device_->queue.submit(submit, fence);
+  }
+  order_->after_submission(values);
 }
 
 int Queue::worth_together(const Pace& pace) {
@@ -59,7 +81,10 @@ void Queue::wait(Flight& flight, bool soon) {
   if (result == vk::Result::eNotReady)
     result = device_->device.waitForFences(*flight.fence, VK_TRUE, static_cast<uint64_t>(kLong.count()));
   // What the device still uses must not be freed under it.
-  if (result != vk::Result::eSuccess) device_->device.waitIdle();
+  if (result != vk::Result::eSuccess) {
+    const std::lock_guard lock(device_->queue_lock);
+    device_->device.waitIdle();
+  }
   flight.busy = false;
   device_->device.resetFences(*flight.fence);
   if (result != vk::Result::eSuccess) throw Failure{"the device did not finish within ten minutes"};

@@ -5,7 +5,9 @@
 #include <array>
 #include <chrono>
 #include <functional>
+#include <vector>
 
+#include "runtime/vk/cuda.h"
 #include "runtime/vk/device.h"
 
 namespace dr::runtime {
@@ -19,6 +21,8 @@ class Queue {
  public:
   explicit Queue(std::shared_ptr<DeviceState> device);
   vk::raii::CommandBuffer command_buffer() const;
+  // Submissions and the stream of this order wait for each other from now on. It must outlive the queue's use.
+  void set_order(CudaOrder* order) { order_ = order; }
   // Submissions run one after the other, and a few may be under way: beyond that, submit() waits for the oldest.
   // What a submission uses must live until finish(). `times`: the commands run so often, one after the other, and are
   // `runs` runs each; `pace` is brought up to date when they are done.
@@ -36,7 +40,9 @@ class Queue {
   static void before_the_host(const vk::raii::CommandBuffer& commands);
 
  private:
+  void give(const std::vector<vk::CommandBuffer>& commands, vk::Fence fence);
   std::shared_ptr<DeviceState> device_;
+  CudaOrder* order_ = nullptr;
   vk::raii::CommandPool pool_{nullptr};
   struct Flight {
     vk::raii::Fence fence{nullptr};

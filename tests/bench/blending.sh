@@ -29,7 +29,7 @@ for way in ways:
         print(text(row), flush=True)
 
 suite.drun("blending.dr", *mesh, "--step", "target", "--out", suite.out / "target")
-mesh += ["--bind", f"image={suite.out / 'target' / 'image.npy'}"]
+mesh += ["--bind", f"image={suite.out / 'target' / 'target.image.npy'}"]
 kinds = ("radii_off", "middle_off", "color_off")
 figure, axes = plt.subplots(1, 3, figsize=(12, 3.4))
 for way, style in (("outlines", "-"), ("all edges, K = 3", "--")):

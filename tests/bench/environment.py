@@ -32,7 +32,7 @@ def exact(sky, alpha):
 
 def main():
     folder, name, roughness = Path(sys.argv[1]), sys.argv[2], float(sys.argv[3])
-    load = lambda n: np.load(folder / f"{n}.npy").astype(float)
+    load = lambda n: np.load(folder / f"filter.{n}.npy").astype(float)
     sky = load("sky")
     sky = sky.reshape(sky.shape[-3:])
     irradiance, lobe = exact(sky, roughness ** 2)

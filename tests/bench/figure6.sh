@@ -20,7 +20,7 @@ figure, panels = plt.subplots(2, len(settings), figsize=(3 * len(settings), 6.4)
 hard = None
 for (name, consts), column in zip(settings.items(), panels.T):
     suite.drun("figures.dr", *bound, *(w for k, v in consts.items() for w in ("-D", f"{k}={v}")), "--out", suite.out / "look")
-    picture, covered = (np.load(suite.out / "look" / f"{k}.npy") for k in ("picture", "covered"))
+    picture, covered = (np.load(suite.out / "look" / f"look.{k}.npy") for k in ("picture", "covered"))
     if hard is None:
         hard, inside = picture, np.squeeze(covered) == 1
     apart = np.abs(np.squeeze(picture) - np.squeeze(hard)).max(-1)[inside]

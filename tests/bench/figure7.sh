@@ -21,7 +21,7 @@ for way, kind, K in ((0, "outlines", 1), (1, "all edges, K = 1", 1), (1, "all ed
 figure, panels = plt.subplots(3, 6, figsize=(15, 8.6))
 for panel, (name, consts) in zip(panels.flat, list(settings.items())[1:]):
     suite.drun("figures.dr", "-D", "S=128", *bound, *(w for k, v in consts.items() for w in ("-D", f"{k}={v}")), "--out", suite.out / "look")
-    picture, covered, blended = (np.squeeze(np.load(suite.out / "look" / f"{k}.npy")) for k in ("picture", "covered", "blended"))
+    picture, covered, blended = (np.squeeze(np.load(suite.out / "look" / f"look.{k}.npy")) for k in ("picture", "covered", "blended"))
     plain = np.pad((blended == 0) & (covered == 1), 1)
     beside = (plain[2:, 1:-1] | plain[:-2, 1:-1] | plain[1:-1, 2:] | plain[1:-1, :-2]) & (blended == 1)
     step = float((1 - covered)[beside].max()) if beside.any() else 0.0

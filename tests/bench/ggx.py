@@ -63,8 +63,8 @@ def judge(folder):
     """D by the device's own h, V by its own cosines, the whole by the directions that were given."""
     load = lambda name, n=1: np.load(folder / f"{name}.npy").reshape(-1, n)
     normal, light, camera = (load(n, 3) for n in ("normal", "to_light", "to_camera"))
-    alpha, h, n_l, n_v = load("alpha")[:, 0], load("out/h", 3), load("out/n_l"), load("out/n_v")
-    found = {"D": load("out/density"), "V": load("out/visible"), "the whole": load("out/whole")}
+    alpha, h, n_l, n_v = load("alpha")[:, 0], load("out/terms.h", 3), load("out/terms.n_l"), load("out/terms.n_v")
+    found = {"D": load("out/terms.density"), "V": load("out/terms.visible"), "the whole": load("out/terms.whole")}
     errors = {name: [] for name in found}
     for i in range(len(alpha)):
         n, a = vector(normal[i]), mpmath.mpf(float(alpha[i]))

@@ -83,7 +83,7 @@ def measure(name, position, faces, view, moved, size, wanted):
             arguments += ["--bind", "view==[" + ",".join(repr(float(x)) for x in view.T.reshape(-1)) + "]"]
             arguments += [w for k, v in {"S": size, "white": white, **ways[way]}.items() for w in ("-D", f"{k}={v}")]
             suite.drun("gradients.dr", *arguments, "--step", "draw", "--out", suite.out / "drawn")
-            alpha, found = (np.load(suite.out / "drawn" / f"{n}.npy").astype(np.float64) for n in ("alpha", "to_slide"))
+            alpha, found = (np.load(suite.out / "drawn" / f"draw.{n}.npy").astype(np.float64) for n in ("alpha", "to_slide"))
             found, off = welded(found.reshape(-1, 2)), np.abs(alpha.reshape(size, size) - exact)
             row[loss], row[f"{loss}_whole"] = apart(found, true[loss]), apart(found.sum(0), true[loss].sum(0))
             if loss == "square":

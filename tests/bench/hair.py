@@ -98,7 +98,7 @@ def judge(folder):
     """M, N and A by the operands that the terms were given, the whole by the directions."""
     load = lambda name: np.load(folder / f"{name}.npy").astype(float)
     given = {k: load(k) for k in ("tangent", "to_light", "to_camera", "fiber", "h", "variance", "scale", "phi")}
-    found = {k: load(f"out/{k}") for k in ("light", "camera", "absorption", "m", "n", "mirrored", "tt", "trt", "rest", "whole")}
+    found = {k: load(f"out/terms.{k}") for k in ("light", "camera", "absorption", "m", "n", "mirrored", "tt", "trt", "rest", "whole")}
     errors = {k: [] for k in ("m", "n", "a", "whole")}
     exact = lambda v: [mp.mpf(float(x)) for x in v]
     for i in range(len(given["h"])):

@@ -102,8 +102,8 @@ def textures(suite):
     target, pear = suite.out / "target", here / "../../docs/examples/pear"
     suite.drun(pear / "target.dr", "-D", f"W={side}", "-D", f"H={side}", "-D", f"T={side}", "--step", "render", "--step", "meshes", "--out", target)
     bound = ["-I", pear, "-D", f"T={side}"]
-    for leaf, file in (("position", "pear_position"), ("face", "pear_face"), ("uv", "pear_uv"), ("uv_face", "pear_uv_face"),
-                       ("view", "view"), ("mask", "mask"), ("image", "image")):
+    for leaf, file in (("position", "meshes.pear_position"), ("face", "meshes.pear_face"), ("uv", "meshes.pear_uv"), ("uv_face", "meshes.pear_uv_face"),
+                       ("view", "render.view"), ("mask", "render.mask"), ("image", "render.image")):
         bound += ["--bind", f"{leaf}={target / file}.npy"]
     random = np.random.default_rng(1)
     seeds = [suite.bind(f"texels_{k}", albedo=random.uniform(size=(side, side, 3))) for k in range(1 if suite.quick else 3)]

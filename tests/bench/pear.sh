@@ -15,21 +15,21 @@ seconds=$((($(date +%s%N) - begin) / 1000000))
 run() { "$bin/drun" "$@" --device "$device"; }
 on_swiftshader() { device='' VK_ICD_FILENAMES=$DR_SWIFTSHADER_ICD VK_DRIVER_FILES=$DR_SWIFTSHADER_ICD "$@"; }
 target=$out/target
-pictures=(--bind "view=$target/view.npy" --bind "mask=$target/mask.npy" --bind "image=$target/image.npy")
-truth=(--bind "true_position=$target/pear_position.npy" --bind "true_face=$target/pear_face.npy")
+pictures=(--bind "view=$target/render.view.npy" --bind "mask=$target/render.mask.npy" --bind "image=$target/render.image.npy")
+truth=(--bind "true_position=$target/meshes.pear_position.npy" --bind "true_face=$target/meshes.pear_face.npy")
 shape() {  # shape MESH_FOLDER STEPS SMOOTHNESS OUT: fits the shape alone
   local mesh=$1 steps=$2 smoothness=$3 to=$4
-  run "$pear/fit.dr" -D "steps=$steps" -D "smoothness=$smoothness" --bind "position=$mesh/position.npy" --bind "face=$mesh/face.npy" \
+  run "$pear/fit.dr" -D "steps=$steps" -D "smoothness=$smoothness" --bind "position=$mesh/meshes.position.npy" --bind "face=$mesh/meshes.face.npy" \
     "${pictures[@]}" "${truth[@]}" --step "fit_shape=$steps" --step measure_shape --out "$to" > /dev/null
 }
 
 # With the pear's own vertices, only the texture is sought.
-exact=(--bind "position=$target/pear_position.npy" --bind "face=$target/pear_face.npy" --bind "uv=$target/pear_uv.npy"
-  --bind "uv_face=$target/pear_uv_face.npy")
+exact=(--bind "position=$target/meshes.pear_position.npy" --bind "face=$target/meshes.pear_face.npy" --bind "uv=$target/meshes.pear_uv.npy"
+  --bind "uv_face=$target/meshes.pear_uv_face.npy")
 texture() {
   run "$pear/fit.dr" "${exact[@]}" "${pictures[@]}" --step fit_texture=150 --out "$out/exact" > "$out/exact.txt"
-  run "$here/pear_texels.dr" -I "$pear" "${exact[@]}" --bind "view=$target/view.npy" \
-    --bind "mask=$target/mask.npy" --bind "albedo=$out/exact/albedo.npy" --out "$out/texels" > "$out/texels.txt"
+  run "$here/pear_texels.dr" -I "$pear" "${exact[@]}" --bind "view=$target/render.view.npy" \
+    --bind "mask=$target/render.mask.npy" --bind "albedo=$out/exact/albedo.npy" --out "$out/texels" > "$out/texels.txt"
 }
 
 rm -rf "$out/texels" "$out/swiftshader" "$out/fine"  # of an earlier run
@@ -49,7 +49,7 @@ import numpy as np
 out, milliseconds = Path(sys.argv[1]), int(sys.argv[2])
 log = lambda folder: [json.loads(line) for line in (out / folder / "log.jsonl").read_text().splitlines()]
 last = lambda folder, step: [r for r in log(folder) if r["step"] == step][-1]
-overlap = np.concatenate([np.load(out / f"held_out_{k}/overlap.npy").ravel() for k in (1, 2)])
+overlap = np.concatenate([np.load(out / f"held_out_{k}/measure_pictures.overlap.npy").ravel() for k in (1, 2)])
 noise = [10 ** (-last(f"held_out_{k}", "measure_pictures")["psnr"] / 10) for k in (1, 2)]
 figures = {
     "mean distance after 150 steps, % of the radius": 100 * last("fit", "measure_shape")["distance"],
@@ -61,7 +61,7 @@ if (out / "texels").exists():
     figures["PSNR of texels on the exact shape, dB"] = last("texels", "judge")["texel_psnr"]
 if (out / "swiftshader").exists():
     a, b = (np.load(out / f / "position.npy").astype(np.float64) for f in ("fit", "swiftshader"))
-    extent = np.linalg.norm(np.load(out / "target/pear_position.npy"), axis=1).max()
+    extent = np.linalg.norm(np.load(out / "target/meshes.pear_position.npy"), axis=1).max()
     figures["SwiftShader's mean distance, % of the radius"] = 100 * last("swiftshader", "measure_shape")["distance"]
     figures["SwiftShader and lavapipe apart, mean over vertices, % of the radius"] = float(
         100 * np.linalg.norm(a - b, axis=1).mean() / extent)

@@ -20,5 +20,5 @@ if [[ ${rest[0]-order} == order ]]; then
   "$bin/drun" render_target.dr --device "$device" --bind position=pear.obj:position --bind face=pear.obj:indices --bind view=views.json \
     --out "$work" > "$work/log"
   "$bin/bench_schedules" "$out/order.jsonl" order "${every:-1}" "$device" fit_sphere.dr V=642 F=1280 W=128 H=128 N=2 \
-    position=sphere.obj:position face=sphere.obj:indices view=views.json "target=$work/target.npy" "photo=$work/photo.npy"
+    position=sphere.obj:position face=sphere.obj:indices view=views.json "target=$work/render.target.npy" "photo=$work/render.photo.npy"
 fi

@@ -18,13 +18,13 @@ run "$root/docs/examples/studio.dr" "${obj[@]}" --step silhouettes --out "$out/t
 run "$root/docs/examples/studio.dr" "${obj[@]}" -D N=4 -D turn=22.5 -D elevation=0.0 --step silhouettes --out "$out/held_out"
 run "$pear/target.dr" -D coarse=16 --step meshes --out "$out/sphere"
 
-run "$pear/fit.dr" --bind "position=$out/sphere/position.npy" --bind "face=$out/sphere/face.npy" \
-  --bind "view=$out/train/view.npy" --bind "mask=$out/train/mask.npy" -D "steps=$steps" --step "fit_shape=$steps" --out "$out/fit" \
+run "$pear/fit.dr" --bind "position=$out/sphere/meshes.position.npy" --bind "face=$out/sphere/meshes.face.npy" \
+  --bind "view=$out/train/silhouettes.view.npy" --bind "mask=$out/train/silhouettes.mask.npy" -D "steps=$steps" --step "fit_shape=$steps" --out "$out/fit" \
   --mesh "$out/fit.glb=position:face"
 
 judge() {  # judge VIEWS: against the mesh itself
-  run "$root/tests/bench/judge_shape.dr" --bind "position=$out/fit/position.npy" --bind "face=$out/sphere/face.npy" \
-    --bind "true_position=$out/train/position.npy" --bind "true_face=$out/train/face.npy" --bind "view=$out/$1/view.npy" \
+  run "$root/tests/bench/judge_shape.dr" --bind "position=$out/fit/position.npy" --bind "face=$out/sphere/meshes.face.npy" \
+    --bind "true_position=$out/train/silhouettes.position.npy" --bind "true_face=$out/train/silhouettes.face.npy" --bind "view=$out/$1/silhouettes.view.npy" \
     --step silhouettes --step distances --out "$out/judge_$1"
 }
 judge train

@@ -115,11 +115,11 @@ class Suite:
         folder = self.out / "frame"
         shutil.rmtree(folder, ignore_errors=True)
         self.drun(program, *arguments, *options, "--step", step, "--dump-raster", folder / "decisions", "--out", folder)
-        saves = [word for name in outputs for word in ("--save", f"{name}={folder / ('expected.' + name)}.npy")]
+        saves = [word for name in outputs for word in ("--save", f"{step}.{name}={folder / ('expected.' + name)}.npy")]
         self.call("drc", "eval", here / program, *arguments, "--step", step, "--freeze", folder / "decisions", *saves)
         result = {}
         for name in outputs:
-            found, expected = (np.load(folder / file).astype(np.float64) for file in (f"{name}.npy", f"expected.{name}.npy"))
+            found, expected = (np.load(folder / file).astype(np.float64) for file in (f"{step}.{name}.npy", f"expected.{name}.npy"))
             result[name] = (found, expected, float(np.linalg.norm(found - expected) / np.linalg.norm(expected)))
         return result
 

@@ -10,5 +10,5 @@ rounds=${quick:+3} pear=$root/docs/examples/pear target=$out/target
 mkdir -p "$target"
 "$bin/drun" "$pear/target.dr" --device "$device" --step render --step meshes --out "$target" > "$target/log"
 exec "$bin/bench_table3" bench-out/table3.json "$pear/fit.dr" "$device" "${rounds:-15}" fit_shape fit_texture -- \
-  "position=$target/position.npy" "face=$target/face.npy" "uv=$target/uv.npy" "uv_face=$target/uv_face.npy" \
-  "view=$target/view.npy" "mask=$target/mask.npy" "image=$target/image.npy"
+  "position=$target/meshes.position.npy" "face=$target/meshes.face.npy" "uv=$target/meshes.uv.npy" "uv_face=$target/meshes.uv_face.npy" \
+  "view=$target/render.view.npy" "mask=$target/render.mask.npy" "image=$target/render.image.npy"

@@ -14,7 +14,8 @@ out=$(mktemp -d)
 trap 'rm -rf "$out"' EXIT
 failed=0
 run() { "$drun" "$@" > "$out/run.txt" || { cat "$out/run.txt"; exit 1; }; }
-bind() { local leaf; for leaf in "${@:2}"; do printf -- '--bind\n%s=%s/%s.npy\n' "$leaf" "$1" "$leaf"; done; }
+# bind FOLDER STEP NAME...: outputs of the step as leaves of their names.
+bind() { local leaf; for leaf in "${@:3}"; do printf -- '--bind\n%s=%s/%s.npy\n' "$leaf" "$1" "$2.$leaf"; done; }
 # holds WHAT STEP NAME CONDITION: of the values `first` and `last` that the step printed for NAME.
 holds() {
   awk -v what="$1" -v name="\"$3\": " '
@@ -32,7 +33,7 @@ run "$root/docs/examples/pear/target.dr" -D fine=8 --step meshes --out "$out/sph
 for mesh in obj/spot/cow.obj obj/blub/blub_triangulated.obj obj/bob/bob_tri.obj; do
   run "$root/docs/examples/studio.dr" -D W=64 -D H=64 -D N=4 --bind "position=$data/$mesh:position" \
     --bind "face=$data/$mesh:indices" --step silhouettes --out "$out/target"
-  mapfile -t from < <(bind "$out/sphere" position face; bind "$out/target" view mask)
+  mapfile -t from < <(bind "$out/sphere" meshes position face; bind "$out/target" silhouettes view mask)
   run "$root/docs/examples/pear/fit.dr" -D steps=40 "${from[@]}" --step fit_shape=40 --out "$out/fit"
   holds "$mesh" fit_shape loss 'last < 0.2 * first'
 done
@@ -43,7 +44,7 @@ for mesh in obj/spot/cow.obj:obj/spot/cow_texture.png gltf/Avocado/Avocado.gltf:
   file=$data/${mesh%:*} picture=$data/${mesh#*:}
   run "$root/docs/examples/studio.dr" -D W=64 -D H=64 -D N=6 --bind "position=$file:position" --bind "face=$file:indices" \
     --bind "uv=$file:uv" --bind "uv_face=$file:uv_indices" --bind "albedo=$picture" --step pictures --out "$out/target"
-  mapfile -t from < <(bind "$out/target" position face uv uv_face view mask image)
+  mapfile -t from < <(bind "$out/target" pictures position face uv uv_face view mask image)
   run "$root/docs/examples/pear/fit.dr" -D T=64 "${from[@]}" --step fit_texture=30 --out "$out/fit"
   holds "$mesh" fit_texture loss 'last < 0.05 * first'
 done
@@ -52,7 +53,7 @@ done
 file=$data/obj/spot/cow.obj picture=$data/obj/spot/cow_texture.png
 run "$root/docs/examples/studio.dr" -D N=2 --bind "position=$file:position" --bind "face=$file:indices" \
   --bind "uv=$file:uv" --bind "uv_face=$file:uv_indices" --bind "albedo=$picture" --step pictures --out "$out/target"
-mapfile -t from < <(bind "$out/target" position face uv uv_face view mask image)
+mapfile -t from < <(bind "$out/target" pictures position face uv uv_face view mask image)
 run "$root/tests/bench/pose.dr" -D steps=60 "${from[@]}" --bind "albedo=$picture" --step fit=60 --out "$out/fit"
 holds "pose of spot" fit degrees_off 'last < 0.2 && first > 0.99'
 holds "pose of spot" fit percent_off 'last < 0.1 && first > 0.99'

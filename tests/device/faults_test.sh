@@ -137,7 +137,7 @@ faults() { # DEVICE
     fit.dr "${on[@]}" --bind goal=nan.csv
   rm -rf result
   "$drun" fit.dr "${on[@]}" --unchecked --bind goal=nan.csv --out result > out 2> err || complain 'with NaN' "exit code $?"
-  grep -q 'fit: error = nan' out && grep -q '"error": null' result/log.jsonl && [[ -s result/x.npy ]] ||
+  grep -q 'fit.error = nan' out && grep -q '"error": null' result/log.jsonl && [[ -s result/x.npy ]] ||
     complain 'with NaN' 'the results do not say so'
 }
 

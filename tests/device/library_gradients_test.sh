@@ -37,12 +37,12 @@ for icd in "${devices[@]}"; do
     VK_ICD_FILENAMES=$icd VK_DRIVER_FILES=$icd "$drun" "$here/library_gradients.dr" "${inputs[@]}" --step $step \
       --dump-raster device --out out > /dev/null
     saves=()
-    for k in "${!names[@]}"; do saves+=(--save "g.$k=expected.$k.npy"); done
+    for k in "${!names[@]}"; do saves+=(--save "$step.g.$k=expected.$k.npy"); done
     "$drc" eval "$here/library_gradients.dr" "${inputs[@]}" --step $step --freeze device "${saves[@]}" > /dev/null
     for k in "${!names[@]}"; do
-      "$drc" eval compare.dr --bind "found=out/g.$k.npy" --bind "expected=expected.$k.npy" > result.txt
+      "$drc" eval compare.dr --bind "found=out/$step.g.$k.npy" --bind "expected=expected.$k.npy" > result.txt
       awk -v what="$(basename "$icd") $step ${names[$k]}" '
-        { value[$1] = $3 }
+        { value[substr($1, 9)] = $3 }
         END {
           if (what ~ /hard lamp/) exit value["size"] != 0;  # nothing is lit there
           if (!(value["size"] > 0)) { print what ": the gradient is 0"; exit 1 }

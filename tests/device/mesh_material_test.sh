@@ -41,7 +41,7 @@ of() { echo --bind "$1=ball.glb:material:$2"; }
 go read.dr $(of base base_color_texture:rgb) $(of metal metallic_texture) $(of rough roughness_texture) \
   $(of shade occlusion_texture) $(of glow emissive_texture:rgb) $(of shine emissive) > said
 failed=0
-grep -q 'off = 0  width = 4  height = 2' said || { cat said; failed=1; }
+[[ $(grep -c -e '^go.off = 0$' -e '^go.width = 4$' -e '^go.height = 2$' said) == 3 ]] || { cat said; failed=1; }
 refused() {
   if go write.dr --mesh "$1" > /dev/null 2> err || ! grep -qF -- "$2" err; then cat err; echo "not told: $2"; failed=1; fi
 }

@@ -49,5 +49,5 @@ grep -q "step 'tone' needs data for leaves 'later' \[W, Q, 1\], 'photo' \[W, H, 
 # The other step's memory is made when it runs, with extents that the first one does not know.
 "$drun" fit.dr --device llvmpipe --bind 'later=[[1, 2, 3], [4, 5, 6]]' --bind 'photo=[[1, 1, 1]]' --step tone=2 --step fit=2 \
   --step tone > tone.txt 2>&1 || { cat tone.txt; failed=1; }
-grep -q "tone: mean = 1.875" tone.txt || { echo "a step after another: $(cat tone.txt)"; failed=1; }
+grep -q "tone.mean = 1.875" tone.txt || { echo "a step after another: $(cat tone.txt)"; failed=1; }
 exit $failed

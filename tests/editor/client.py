@@ -80,7 +80,7 @@ class Client:
         self.send({"jsonrpc": "2.0", "id": identity, "method": method, "params": params})
         return identity
 
-    def wait(self, wanted, timeout=60):
+    def wait(self, wanted, timeout=200):
         """The first message that `wanted` accepts."""
         for place, message in enumerate(self.kept):
             if wanted(message):

@@ -92,6 +92,28 @@ expect 2 err "unknown pass 'pac', did you mean 'pack'?" build good.dr --stop-aft
 expect 0 out 'step s {' build good.dr --stop-after pack
 expect 0 out 'output a' build good.dr --stop-after simplify
 expect 2 err 'diagnostics=json' build good.dr --diagnostics=json --time-passes
+# So are bundles, and what each pass leaves can be seen.
+expect 3 err 'bundle fails verification after pass plan-memory' build good.dr --emit=bundle -o b.drb --no-cache --break-after=plan-memory
+rm -f "$(sed -n 's/^  drc build \(.*\.ir\) .*/\1/p' err)"
+for pass in simplify differentiate pack choose-sums check-limits emit find-dependencies clear-together plan-memory assemble; do
+  expect 0 err "// after $pass" build good.dr --emit=bundle -o b.drb --no-cache --dump-ir="$pass"
+  expect 0 out 'step s' build good.dr --stop-after="$pass"
+  expect 0 err "$pass: " build good.dr --emit=bundle -o b.drb --no-cache --time-passes
+done
+expect 0 out 'memory' build good.dr --stop-after=plan-memory
+
+# Schedules are inputs, too: compiling goes on where they stand.
+"$drc" build good.dr --stop-after=pack -o good.schedule || failed=1
+expect 0 out 'schedule after keep-sums' build good.schedule --stop-after=keep-sums
+"$drc" build good.schedule --emit=bundle -o from.drb && "$drc" build good.dr --emit=ir -o good.ir && "$drc" build good.ir --emit=bundle -o good.drb || failed=1
+cmp from.drb good.drb || { echo 'a bundle by way of a schedule is another one'; failed=1; }
+expect 0 out 'a = 1' eval good.schedule
+sed 's/^  stage 0/  stag 0/' good.schedule > wrong.schedule
+expect 1 err 'wrong.schedule:9: error: expected a stored value' build wrong.schedule --stop-after=pack
+sed 's/^schedule after pack/schedule after pac/' good.schedule > wrong.schedule
+expect 1 err "no pass over schedules, did you mean 'pack'?" build wrong.schedule --stop-after=pack
+sed 's/^    writes.*/    writes/' good.schedule > wrong.schedule
+expect 1 err "step s: output 'a' is never stored" build wrong.schedule --stop-after=pack
 
 # Whole or not at all: what cannot be written leaves nothing behind.
 expect 1 err "cannot write 'no/such/folder'" build good.dr -o no/such/folder

@@ -38,7 +38,7 @@ step second { b <- b * only_b; output total = sum(b), both = vec2(b, only_b); }
 END
 printf 'time, x\n' > table.csv
 printf '1\n2.5\n# a comment\n-3e0\n' > column.csv
-same 'a step needs only its own leaves' $'total = 0.5\ntotal = 3.5' \
+same 'a step needs only its own leaves' $'first.total = 0.5\nfirst.total = 3.5' \
   "$("$drc" eval steps.dr --bind a=column.csv --step first=2)"
 same 'steps in order with counts' $'first.total = 0.5\nsecond.total = 4\nsecond.total = 12\nfirst.total = 3.5' \
   "$("$drc" eval steps.dr --bind a=column.csv --bind 'only_b=[3, 3]' --step first --step second=2 --step first=1)"
@@ -51,11 +51,11 @@ refuses 'a wrong count' "error: expected a number of runs after 'first=', found 
   --save a=a.csv --save b=b.png > /dev/null
 same 'a list as .csv' $'2,3\n2,4' "$(cat both.csv)"
 same 'a leaf as .csv' $'2\n3.5\n-2' "$(cat a.csv)"
-same 'reads back' 'total = 3.5' "$("$drc" eval steps.dr --bind a=a.csv --step first)"
+same 'reads back' 'first.total = 3.5' "$("$drc" eval steps.dr --bind a=a.csv --step first)"
 [[ -s total.npy && -s b.png ]] || { echo "--save wrote no file"; failed=1; }
-refuses 'an output of two steps' "error: several steps have an output 'total': write STEP.total" \
+refuses 'an output of two steps' "error: --save total=t.npy: several steps have an output 'total': write first.total or second.total" \
   "$drc" eval steps.dr --bind a=column.csv --bind 'only_b=[3, 4]' --save total=t.npy
-refuses 'a name that is not there' "error: there is no output or leaf 'bots' to save, did you mean 'both'?" \
+refuses 'a name that is not there' "error: --save bots=t.npy: there is no leaf 'bots', and no such output of the steps that run (did you mean 'both'?)" \
   "$drc" eval steps.dr --bind a=column.csv --bind 'only_b=[3, 4]' --save bots=t.npy
 refuses 'a table of words' "error: cannot read 'table.csv': there are no numbers in it" \
   "$drc" eval steps.dr --bind a=table.csv --step first

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// golden_runner: runs drc on .dr and .ir files as their directives say (tests/golden/directive.h), and compares what it
-// prints with the expectation files beside them.
+// golden_runner: runs drc on .dr, .ir and .schedule files as their directives say (tests/golden/directive.h), and
+// compares what it prints with the expectation files beside them.
 
 #include <algorithm>
 #include <cstdio>
@@ -68,7 +68,7 @@ std::string replace_all(std::string text, std::string_view from, std::string_vie
   return text;
 }
 
-// The .dr and .ir files under `roots`, sorted. A root that does not exist holds none.
+// The .dr, .ir and .schedule files under `roots`, sorted. A root that does not exist holds none.
 std::vector<fs::path> sources_under(const std::vector<fs::path>& roots) {
   std::set<fs::path> files;
   for (const fs::path& root : roots) {
@@ -76,7 +76,8 @@ std::vector<fs::path> sources_under(const std::vector<fs::path>& roots) {
     if (!fs::is_directory(root)) continue;
     for (const fs::directory_entry& entry : fs::recursive_directory_iterator(root)) {
       const fs::path extension = entry.path().extension();
-      if (entry.is_regular_file() && (extension == ".dr" || extension == ".ir")) files.insert(entry.path());
+      if (entry.is_regular_file() && (extension == ".dr" || extension == ".ir" || extension == ".schedule"))
+        files.insert(entry.path());
     }
   }
   return {files.begin(), files.end()};

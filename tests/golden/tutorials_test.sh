@@ -10,7 +10,7 @@ failed=0
 finds() {
   awk '/^```dr$/ { inside = 1; next } /^```$/ { inside = 0 } inside' "$pages/$1.md" > "$folder/$1.dr"
   "$drc" eval "$folder/$1.dr" --step "fit=$2" > "$folder/out.txt" || { failed=1; return; }
-  sed -n "s/^$3 = //p" "$folder/out.txt" | tail -n 1 |
+  sed -n "s/^fit\.$3 = //p" "$folder/out.txt" | tail -n 1 |
     awk -v what="$1, $3" -v least="$4" -v most="$5" '
       { found = $1 }
       END {

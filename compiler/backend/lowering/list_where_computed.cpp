@@ -36,15 +36,10 @@ int lister(const ir::Graph& graph, const StepSchedule& step, size_t scatter) {
 // What a shader binds that does both the lister's work and the scatter's, and lists.
 Bindings joined_bindings(const Schedule& schedule, const StepSchedule& step, const Pass& scatter) {
   const Pass& pass = step.passes[static_cast<size_t>(scatter.listed_by)];
-  std::set<uint32_t> buffers, images;
-  for (const std::vector<ValueId>* reads : {&pass.reads, &scatter.reads})
-    for (const ValueId v : *reads) {
-      const uint32_t r = step.stored.at(v).index;
-      (schedule.resources[r].storage == Resource::Storage::Buffer ? buffers : images).insert(r);
-    }
+  std::vector<uint32_t> reads = resources_of(step, pass.reads);
+  for (const uint32_t r : resources_of(step, scatter.reads)) reads.push_back(r);
   constexpr size_t kLists = 1;
-  return {static_cast<uint32_t>(buffers.size()), static_cast<uint32_t>(images.size()),
-          static_cast<uint32_t>(pass.writes.size() + scatter.sums.size() + kLists), false};
+  return bindings_of(schedule.resources, std::move(reads), pass.writes.size() + scatter.sums.size() + kLists);
 }
 
 // Whether the lister can do at an active element what the scatter's first run does: all that it needs is there by then,
@@ -96,11 +91,9 @@ void list_where_computed(const ir::Graph& graph, const target::Profile& profile,
       // Both run whenever the step does: else one could be left out without the other.
       if (!pass.steady || !scatter.steady) continue;
       constexpr uint32_t kLists = 2;  // its own heavy elements, and these
-      uint32_t buffers = 0;
-      for (const ValueId v : pass.reads)
-        buffers += schedule.resources[step.stored.at(v).index].storage == Resource::Storage::Buffer ? 1 : 0;
-      const uint32_t images = static_cast<uint32_t>(pass.reads.size()) - buffers;
-      if (!fits(profile, {buffers + kLists, images, static_cast<uint32_t>(pass.writes.size()), false})) continue;
+      Bindings own = bindings_of(schedule.resources, resources_of(step, pass.reads), pass.writes.size());
+      own.buffers += kLists;
+      if (!fits(profile, own)) continue;
       taken.insert(by);
       scatter.listed_by = by;
       std::set<ValueId> elsewhere;

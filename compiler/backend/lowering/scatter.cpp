@@ -178,11 +178,9 @@ class StepLegalizer {
 
   // What a shader binds that reads and writes these, and buffers besides.
   Bindings bindings(std::span<const ValueId> reads, size_t writes, bool hardware, uint32_t more_buffers) const {
-    std::set<uint32_t> buffers, images;
-    for (const ValueId v : reads)
-      (resource(v).storage == Resource::Storage::Image ? images : buffers).insert(step_.stored.at(v).index);
-    return {static_cast<uint32_t>(buffers.size()) + more_buffers, static_cast<uint32_t>(images.size()),
-            static_cast<uint32_t>(writes), hardware};
+    Bindings out = bindings_of(schedule_.resources, resources_of(step_, reads), writes, hardware);
+    out.buffers += more_buffers;
+    return out;
   }
 
   // Makes one pass of those that scatter the terms, which then stores their sum only.

@@ -30,17 +30,13 @@ bool depends(const StepSchedule& step, const Pass& later, const Pass& pass) {
 
 bool one_shader(const StepSchedule& step, const Schedule& schedule, const target::Profile& profile, const Pass& pass,
                 const Pass& raster) {
-  std::set<uint32_t> read, written;
-  for (ValueId v : pass.writes) written.insert(step.stored.at(v).index);
-  for (const std::vector<ValueId>* reads : {&pass.reads, &raster.reads})
-    for (ValueId v : *reads)
-      if (const uint32_t r = step.stored.at(v).index; written.count(r) == 0) read.insert(r);
-  constexpr uint32_t kOwn = 2;  // entries and lists
-  Bindings bindings;
-  for (uint32_t r : read)
-    ++(schedule.resources[r].storage == Resource::Storage::Buffer ? bindings.buffers : bindings.images);
-  bindings.writes = static_cast<uint32_t>(written.size()) + kOwn;
-  return fits(profile, bindings);
+  const std::vector<uint32_t> written = resources_of(step, pass.writes);
+  std::vector<uint32_t> read = resources_of(step, pass.reads);
+  for (const uint32_t r : resources_of(step, raster.reads)) read.push_back(r);
+  std::erase_if(read, [&](uint32_t r) { return std::ranges::find(written, r) != written.end(); });
+  constexpr size_t kOwn = 2;  // entries and lists
+  return fits(profile, bindings_of(schedule.resources, std::move(read),
+                                   std::set<uint32_t>(written.begin(), written.end()).size() + kOwn));
 }
 
 // Whether to load what a face is set up from takes no more components than to store the partial results for listed

@@ -26,15 +26,11 @@ using Groups = std::vector<Group>;
 
 bool is_crowded(const Schedule& schedule, const StepSchedule& step, const Pass& pass, const target::Profile& profile) {
   if (pass.kind == Pass::Kind::Raster || pass.kind == Pass::Kind::Reduce) return false;
-  std::set<uint32_t> buffers, images, written;
-  for (const ValueId v : pass.reads) {
-    const uint32_t resource = step.stored.at(v).index;
-    (schedule.resources[resource].storage == Resource::Storage::Image ? images : buffers).insert(resource);
-  }
-  for (const ValueId v : pass.writes) written.insert(step.stored.at(v).index);
-  const auto count = [](const std::set<uint32_t>& all) { return static_cast<uint32_t>(all.size()); };
-  const uint32_t more = pass.kind == Pass::Kind::Scatter ? kScatterBuffers : 0;
-  return !fits(profile, {count(buffers) + more, count(images), count(written), pass.hardware});
+  const std::vector<uint32_t> written = resources_of(step, pass.writes);
+  Bindings all = bindings_of(schedule.resources, resources_of(step, pass.reads),
+                             std::set<uint32_t>(written.begin(), written.end()).size(), pass.hardware);
+  if (pass.kind == Pass::Kind::Scatter) all.buffers += kScatterBuffers;
+  return !fits(profile, all);
 }
 
 // Values of the root region that the op's regions take at their element, and there alone.

@@ -110,15 +110,13 @@ void StepPacker::close_over(Pass& pass, const std::vector<ValueId>& targets, int
 // ---- limits ----
 
 bool StepPacker::within_limits(const Pass& pass) const {
-  std::vector<uint32_t> buffers, images, written;
-  for (ValueId v : pass.reads)
-    (resource(v).storage == Resource::Storage::Image ? images : buffers).push_back(resource_index(v));
-  for (ValueId v : pass.writes) written.push_back(resource_index(v));
-  const auto count = [](std::vector<uint32_t>& all) {
-    std::sort(all.begin(), all.end());
-    return static_cast<uint32_t>(std::unique(all.begin(), all.end()) - all.begin());
-  };
-  return fits(profile_, {count(buffers) + more_buffers(pass), count(images), count(written), pass.hardware});
+  std::set<uint32_t> written;
+  std::vector<uint32_t> reads;
+  for (ValueId v : pass.writes) written.insert(resource_index(v));
+  for (ValueId v : pass.reads) reads.push_back(resource_index(v));
+  Bindings all = bindings_of(resources_, std::move(reads), written.size(), pass.hardware);
+  all.buffers += more_buffers(pass);
+  return fits(profile_, all);
 }
 
 // Parts of a pass that reads more than one shader may are stored by passes of their own before. Walks its ops: where
@@ -146,10 +144,9 @@ void StepPacker::spill(const Pass& pass) {
         unite(own, inside->second);
         if (inside->second.size() > most_reads) most = v, most_reads = inside->second.size();
       }
-      uint32_t images = 0;
-      for (uint32_t r : own) images += resources_[r].storage == Resource::Storage::Image ? 1 : 0;
-      const uint32_t buffers = static_cast<uint32_t>(own.size()) - images + more_buffers(pass);
-      if (fits(profile_, {buffers, images, 1, pass.hardware}) || !most.valid()) {
+      Bindings all = bindings_of(resources_, own, 1, pass.hardware);
+      all.buffers += more_buffers(pass);
+      if (fits(profile_, all) || !most.valid()) {
         reads[id] = std::move(own);
         break;
       }

@@ -23,11 +23,6 @@ using ir::OpId;
 using ir::OpKind;
 using ir::ValueId;
 
-Pass::Kind pass_kind(const Op& op);
-
-// Elements over which an op's shader runs.
-Extent domain_of(const Graph& graph, const Op& op);
-
 // Whether a value is small beside those of a domain: a number, or a list beside images.
 inline bool is_small(const Extent& extent, const Extent& domain) {
   return extent.is_unit() || (extent.h.is_one() && !domain.h.is_one());

@@ -5,6 +5,7 @@
 
 #include "compiler/backend/analysis/uses.h"
 #include "compiler/backend/schedule/schedule.h"
+#include "compiler/backend/schedule/structure.h"
 #include "compiler/backend/schedule/trips.h"
 #include "compiler/ops/op.h"
 
@@ -227,7 +228,8 @@ class StepChecker {
 }  // namespace
 
 std::vector<Violation> check_schedule(const Graph& graph, const Schedule& schedule, const target::Profile& profile) {
-  std::vector<Violation> violations;
+  std::vector<Violation> violations = check_structure(graph, schedule);
+  if (!violations.empty()) return violations;
   for (const StepSchedule& step : schedule.steps) StepChecker(graph, schedule, step, profile, violations).process();
   return violations;
 }

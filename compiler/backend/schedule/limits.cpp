@@ -1,7 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "compiler/backend/schedule/limits.h"
 
+#include <algorithm>
+
 namespace dr::backend {
+
+Bindings bindings_of(const std::vector<Resource>& resources, std::vector<uint32_t> reads, size_t writes,
+                     bool hardware) {
+  std::ranges::sort(reads);
+  reads.erase(std::ranges::unique(reads).begin(), reads.end());
+  const auto buffers = static_cast<uint32_t>(
+      std::ranges::count(reads, Resource::Storage::Buffer, [&](uint32_t r) { return resources[r].storage; }));
+  return {buffers, static_cast<uint32_t>(reads.size()) - buffers, static_cast<uint32_t>(writes), hardware};
+}
+
+std::vector<uint32_t> resources_of(const StepSchedule& step, std::span<const ir::ValueId> values) {
+  std::vector<uint32_t> out;
+  for (const ir::ValueId v : values) out.push_back(step.stored.at(v).index);
+  return out;
+}
 
 bool fits(const target::Profile& profile, const Bindings& b) {
   const uint32_t bound = b.buffers + (b.hardware ? 0 : b.writes);

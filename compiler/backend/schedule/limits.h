@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Whether a device can bind what a shader reads and writes. The schedule's checker counts for itself.
+// What a shader binds, and whether a device can: all decisions count here. The schedule's checker counts for itself.
 #pragma once
 
 #include <cstdint>
+#include <span>
+#include <vector>
 
+#include "compiler/backend/schedule/schedule.h"
 #include "compiler/target/profile.h"
 
 namespace dr::backend {
@@ -15,6 +18,12 @@ struct Bindings {
   uint32_t writes = 0;
   bool hardware = false;  // a fragment shader: what it writes are colour attachments, otherwise buffers
 };
+
+// Of a shader that reads the resources with these numbers, which may repeat.
+Bindings bindings_of(const std::vector<Resource>& resources, std::vector<uint32_t> reads, size_t writes,
+                     bool hardware = false);
+// The numbers of the resources of stored values.
+std::vector<uint32_t> resources_of(const StepSchedule& step, std::span<const ir::ValueId> values);
 
 // That lowering a scatter may add to what its pass reads and writes: sums or tables, and lists.
 inline constexpr uint32_t kScatterBuffers = 3;

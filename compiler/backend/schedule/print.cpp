@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// The schedule's text form.
-#include <algorithm>
-#include <set>
+// Writes the text form that text.h describes. It prints unsound schedules too: messages of the checker show them.
+#include "compiler/ir/print.h"
 
-#include "compiler/backend/schedule/schedule.h"
-#include "compiler/ops/op.h"
+#include <algorithm>
+#include <map>
+
+#include "compiler/backend/schedule/text.h"
+#include "compiler/ir/text_reader.h"
 
 namespace dr::backend {
 
@@ -12,87 +14,157 @@ using ir::Graph;
 using ir::OpId;
 using ir::ValueId;
 
-std::string print(const Graph& graph, const Schedule& schedule) {
-  std::string out;
-  auto resource_text = [&](const StepSchedule& step, ValueId v) {
-    const Resource& r = schedule.resources[step.stored.at(v).index];
-    if (!r.entries) return r.name;
-    const RasterPart part = raster_part(graph, v);
-    return r.name + (part.tag ? ".tag" : ".face") + std::to_string(part.rank);
-  };
-  auto value_text = [&](const StepSchedule& step, ValueId v) {
-    return step.stored.count(v) != 0 ? resource_text(step, v)
-                                     : "a " + std::string(ir::op_name(graph.op(graph.value(v).op).kind));
-  };
-  for (const StepSchedule& step : schedule.steps) {
-    out += "step " + step.name + " {\n";
-    std::set<uint32_t> declared;
-    for (const auto& [v, id] : step.stored)
-      if (declared.insert(id.index).second) {
-        const Resource& r = schedule.resources[id.index];
-        out += std::string("  ") +
-               (r.leaf >= 0                             ? "leaf"
-                : r.entries                             ? "entries"
-                : r.sums                                ? "sums"
-                : r.half                                ? "half buffer"
-                : r.storage == Resource::Storage::Image ? "image"
-                : r.storage == Resource::Storage::Tile  ? "tile"
-                                                        : "buffer") +
-               " " + r.name + " : " + r.type.str() + r.extent.str() + "\n";
-      }
-    for (size_t k = 0; k < step.passes.size(); ++k) {
-      const Pass& pass = step.passes[k];
-      if (k == 0 || step.passes[k - 1].stage != pass.stage) out += "  stage " + std::to_string(pass.stage) + "\n";
-      out += "  pass " + pass.name + " " + kind_name(pass) + " " + (pass.domain.is_unit() ? "[1]" : pass.domain.str()) +
-             "\n";
-      out += "    reads";
-      const std::vector<ValueId> inputs = stage_inputs(step, k);
-      for (ValueId v : pass.reads)
-        out += (std::find(inputs.begin(), inputs.end(), v) != inputs.end() ? " input:" : " ") + resource_text(step, v);
-      out += "\n    ops";
-      for (OpId id : pass.ops) out += " " + std::string(ir::op_name(graph.op(id).kind));
-      out += "\n    writes";
-      for (ValueId v : pass.writes) out += " " + resource_text(step, v);
-      out += "\n";
-      if (!pass.partial.empty()) out += "    partial";
-      for (const ValueId v : pass.partial) out += " " + resource_text(step, v);
-      if (!pass.partial.empty()) out += "\n";
-      for (const ScatterSum& sum : pass.sums)
-        if (sum.terms.size() > 1)
-          out += "    sum " + resource_text(step, sum.value) + " of " + std::to_string(sum.terms.size()) + "\n";
-      if (!pass.active.empty()) out += "    active";
-      for (size_t c = 0; c < pass.active.size(); ++c)
-        for (size_t i = 0; i < pass.active[c].size(); ++i)
-          out += (i > 0 ? " and " : c > 0 ? ", or " : " ") + value_text(step, pass.active[c][i]);
-      if (pass.listed_by >= 0)
-        out += std::string(pass.joins_lister ? ", joins " : ", listed by ") +
-               step.passes[static_cast<size_t>(pass.listed_by)].name;
-      if (!pass.active.empty()) out += "\n";
-      if (pass.set_up_by >= 0)
-        out += "    set up by " + step.passes[static_cast<size_t>(pass.set_up_by)].name +
-               (pass.sets_up_again ? ", twice where listed\n" : "\n");
-      if (pass.keeps_terms) out += "    keeps terms\n";
-      if (pass.join_lanes) out += "    join lanes\n";
-      if (pass.relist) out += "    relist\n";
-      if (!pass.no_rows.empty()) out += "    no rows: " + pass.no_rows + "\n";
-      if (pass.scatter == ScatterLowering::Rows && pass.rows.sorted()) {
-        out += "    rows sorted by";
-        for (const ScatterLeaf& place : pass.rows.places) out += " " + value_text(step, place.index);
-        out += " of " + pass.rows.targets.str() + "\n";
-      } else if (pass.scatter == ScatterLowering::Rows) {
-        out += "    rows " + schedule.resources[pass.rows.leaf].name + "[";
-        for (size_t c = 0; c < pass.rows.columns.size(); ++c)
-          out += (c ? ", " : "") + std::to_string(pass.rows.columns[c]);
-        out += "] of " + pass.rows.targets.str() + "\n";
-      }
-    }
-    for (const auto& [name, v] : step.outputs) out += "  output " + name + " = " + resource_text(step, v) + "\n";
-    for (const auto& [leaf, v] : step.updates)
-      out += "  update " + graph.leaves[leaf].name +
-             (step.stored.at(v).index == leaf ? " in place" : " <- " + resource_text(step, v)) + "\n";
-    out += "}\n";
+namespace {
+
+class Writer {
+ public:
+  Writer(const Graph& graph, const Schedule& schedule)
+      : graph_(graph), schedule_(schedule), numbers_(ir::print_numbers(graph)) {}
+
+  std::string text() {
+    out_ = "schedule after " + (schedule_.after.empty() ? "?" : schedule_.after) + "\n";
+    for (const Resource& r : schedule_.resources) write_resource(r);
+    for (const StepSchedule& step : schedule_.steps) write_step(step);
+    return std::move(out_);
   }
-  return out;
+
+ private:
+  static const char* storage_name(Resource::Storage storage) {
+    switch (storage) {
+      case Resource::Storage::Buffer: return "buffer ";
+      case Resource::Storage::Image: return "image ";
+      case Resource::Storage::Tile: return "tile ";
+    }
+    return "";
+  }
+
+  void write_resource(const Resource& r) {
+    if (r.leaf >= 0) out_ += "leaf ";
+    if (r.step_index) out_ += "step_index ";
+    if (r.entries) out_ += "entries ";
+    if (r.sums) out_ += "sums ";
+    if (r.half) out_ += "half ";
+    if (r.leaf < 0 || r.storage != Resource::Storage::Buffer) out_ += storage_name(r.storage);
+    out_ += ir::written_name(r.name) + " : " + r.type.str() + r.extent.str() + "\n";
+  }
+
+  std::string use(ValueId v) const { return ir::print_use(graph_, v, numbers_); }
+
+  // A stored value by its resource, and by its own name too where that holds several; any other by its own.
+  std::string at(ValueId v) const {
+    const auto stored = step_->stored.find(v);
+    if (stored == step_->stored.end() || stored->second.index >= schedule_.resources.size()) return use(v);
+    const std::string name = ir::written_name(schedule_.resources[stored->second.index].name);
+    return held_.at(stored->second.index) == 1 ? name : name + use(v);
+  }
+
+  std::string op(OpId id) const {
+    const ir::Op& op = graph_.op(id);
+    return std::string(ir::op_name(op.kind)) + " " + (op.results.empty() ? "%?" : use(op.results[0]));
+  }
+
+  // A pass by its name, and by its place too where several have that.
+  std::string pass_at(int place) const {
+    if (place < 0 || static_cast<size_t>(place) >= step_->passes.size()) return "?";
+    const std::string& name = step_->passes[static_cast<size_t>(place)].name;
+    const auto same = std::ranges::count(step_->passes, name, &Pass::name);
+    return ir::written_name(name) + (same == 1 ? "" : " at " + std::to_string(place));
+  }
+
+  void write_step(const StepSchedule& step) {
+    step_ = &step;
+    held_.clear();
+    for (const auto& [v, id] : step.stored) ++held_[id.index];
+    out_ += "step " + ir::written_name(step.name) + " {\n";
+    for (const auto& [v, id] : step.stored)
+      out_ += "  " + use(v) + " in " +
+              (id.index < schedule_.resources.size() ? ir::written_name(schedule_.resources[id.index].name) : "?") +
+              "\n";
+    for (size_t k = 0; k < step.passes.size(); ++k) {
+      if (k == 0 || step.passes[k - 1].stage != step.passes[k].stage)
+        out_ += "  stage " + std::to_string(step.passes[k].stage) + "\n";
+      write_pass(step.passes[k], stage_inputs(step, k));
+    }
+    for (const auto& [name, v] : step.outputs) out_ += "  output " + ir::written_name(name) + " = " + at(v) + "\n";
+    for (const auto& [leaf, v] : step.updates) {
+      const auto stored = step.stored.find(v);
+      const bool in_place = stored != step.stored.end() && stored->second.index == leaf;
+      out_ +=
+          "  update " + ir::written_name(graph_.leaves[leaf].name) + " <- " + at(v) + (in_place ? " in place\n" : "\n");
+    }
+    out_ += "}\n";
+  }
+
+  void write_values(const char* what, const std::vector<ValueId>& values) {
+    if (values.empty()) return;
+    out_ += what;
+    for (const ValueId v : values) out_ += " " + at(v);
+    out_ += "\n";
+  }
+
+  void write_pass(const Pass& pass, const std::vector<ValueId>& inputs) {
+    out_ += "  pass " + ir::written_name(pass.name) + " " + kind_name(pass) + " " +
+            (pass.domain.is_unit() ? "[1]" : pass.domain.str()) + (pass.steady ? "\n" : " prologue\n");
+    out_ += "    reads";
+    for (const ValueId v : pass.reads) out_ += (std::ranges::find(inputs, v) != inputs.end() ? " input:" : " ") + at(v);
+    out_ += "\n    ops";
+    for (const OpId& id : pass.ops) out_ += (&id == pass.ops.data() ? " " : ", ") + op(id);
+    out_ += "\n    writes";
+    for (const ValueId v : pass.writes) out_ += " " + at(v);
+    out_ += "\n";
+    write_values("    partial", pass.partial);
+    for (const ScatterSum& sum : pass.sums) {
+      out_ += "    sum " + at(sum.value) + " of";
+      for (const ValueId v : sum.terms) out_ += " " + use(v);
+      out_ += "\n";
+    }
+    if (!pass.active.empty()) out_ += "    active";
+    for (size_t c = 0; c < pass.active.size(); ++c)
+      for (size_t i = 0; i < pass.active[c].size(); ++i)
+        out_ += (i > 0 ? " and " : c > 0 ? ", or " : " ") + at(pass.active[c][i]);
+    if (!pass.active.empty()) out_ += "\n";
+    if (pass.listed_by >= 0)
+      out_ += (pass.joins_lister ? "    joins " : "    listed by ") + pass_at(pass.listed_by) + "\n";
+    if (pass.set_up_by >= 0)
+      out_ += "    set up by " + pass_at(pass.set_up_by) + (pass.sets_up_again ? ", twice where listed\n" : "\n");
+    if (pass.keeps_terms) out_ += "    keeps terms\n";
+    if (pass.join_lanes) out_ += "    join lanes\n";
+    if (pass.relist) out_ += "    relist\n";
+    if (!pass.no_rows.empty()) out_ += "    no rows " + ir::quoted_text(pass.no_rows) + "\n";
+    write_rows(pass.rows);
+  }
+
+  void write_rows(const RowsTable& rows) {
+    if (rows.sorted()) {
+      out_ += "    rows sorted of " + rows.targets.str() + "\n";
+      for (const ScatterLeaf& place : rows.places) {
+        out_ += "      place " + use(place.index) + " adds " + use(place.value);
+        for (const ScatterLeaf::Branch& branch : place.path)
+          out_ += (&branch == place.path.data() ? " in " : ", ") + op(branch.op) + " branch " +
+                  std::to_string(branch.region) + (branch.in_table ? " of the table" : "");
+        out_ += "\n";
+      }
+    } else if (!rows.columns.empty()) {
+      out_ += "    rows " + ir::written_name(graph_.leaves[rows.leaf].name) + "[";
+      for (size_t c = 0; c < rows.columns.size(); ++c) out_ += (c ? ", " : "") + std::to_string(rows.columns[c]);
+      out_ += "] of " + rows.targets.str() + "\n";
+    }
+  }
+
+  const Graph& graph_;
+  const Schedule& schedule_;
+  std::vector<uint32_t> numbers_;
+  const StepSchedule* step_ = nullptr;
+  std::map<uint32_t, int> held_;  // values in a resource, in this step
+  std::string out_;
+};
+
+}  // namespace
+
+std::string print(const Graph& graph, const Schedule& schedule) { return Writer(graph, schedule).text(); }
+
+std::string print_whole(const Graph& graph, const Schedule& schedule) {
+  return ir::print(graph) + print(graph, schedule);
 }
 
 }  // namespace dr::backend

@@ -58,6 +58,39 @@ void remove_resources(Schedule& schedule, const std::set<uint32_t>& unused) {
     for (auto& [value, id] : step.stored) id.index = now[id.index];
 }
 
+namespace {
+
+bool has_scatter(const Op& op) {
+  return std::find(op.attrs.yields.begin(), op.attrs.yields.end(), ir::Yield::Scatter) != op.attrs.yields.end();
+}
+
+}  // namespace
+
+Pass::Kind pass_kind(const Op& op) {
+  switch (op.kind) {
+    case OpKind::ReduceSum:
+    case OpKind::ReduceMin:
+    case OpKind::ReduceMax: return Pass::Kind::Reduce;
+    case OpKind::ScatterAdd:
+    case OpKind::ScatterMax: return Pass::Kind::Scatter;
+    case OpKind::Raster: return Pass::Kind::Raster;
+    default: return has_scatter(op) ? Pass::Kind::Scatter : Pass::Kind::Map;
+  }
+}
+
+// Elements over which an op's shader runs.
+ir::Extent domain_of(const Graph& graph, const Op& op) {
+  switch (pass_kind(op)) {
+    case Pass::Kind::Raster: return {op.attrs.dims[0], op.attrs.dims[1], op.attrs.dims[2]};
+    case Pass::Kind::Scatter:
+      if (!op.regions.empty()) return {op.attrs.dims[0], op.attrs.dims[1], op.attrs.dims[2]};
+      return *ir::broadcast(graph.value(op.operands[0]).extent, graph.value(op.operands[1]).extent);
+    case Pass::Kind::Reduce: return graph.value(op.operands[0]).extent;
+    case Pass::Kind::Map: break;
+  }
+  return graph.value(op.results[0]).extent;
+}
+
 const char* kind_name(const Pass& pass) {
   switch (pass.kind) {
     case Pass::Kind::Map: return pass.hardware ? "fragment" : "compute";

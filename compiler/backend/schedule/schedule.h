@@ -119,9 +119,14 @@ struct StepSchedule {
 };
 
 struct Schedule {
-  std::vector<Resource> resources;
+  std::string after;                // the last pass that ran on it
+  std::vector<Resource> resources;  // those of the leaves first, in the graph's order
   std::vector<StepSchedule> steps;
 };
+
+// The kind of the pass that runs an op, and the elements over which its shader runs.
+Pass::Kind pass_kind(const ir::Op& op);
+ir::Extent domain_of(const ir::Graph& graph, const ir::Op& op);
 
 // What is read when a step has run, and so needs memory of its own: outputs, updates and pinned values.
 std::set<ir::ValueId> read_afterwards(const ir::Graph& graph, const StepSchedule& step);
@@ -151,6 +156,7 @@ struct Violation {
 // are at hand, every limit of the profile holds, outputs and updates are stored.
 std::vector<Violation> check_schedule(const ir::Graph& graph, const Schedule& schedule, const target::Profile& profile);
 
+// Without the graph; text.h describes the form.
 std::string print(const ir::Graph& graph, const Schedule& schedule);
 
 // The kind of a pass in schedules and reports: "fragment", "raster compute" and so on.

@@ -135,6 +135,8 @@ Result<Array> load_binding(std::string_view source, int expected_components = 0)
 //          curve, alpha and grey stay linear; several layers go to name_0.png, name_1.png, ... with as many digits as
 //          the last one needs, so that a pattern `name_*.png` reads them back in order
 Result<void> save_array(const std::string& path, const Array& array);
+// The file of one layer of a .png: "name_07.png" of twelve, "name.png" of one.
+std::string layer_path(const std::string& path, int64_t layer, int64_t layers);
 
 // ---------------------------------------------------------------------------------------------------------------
 

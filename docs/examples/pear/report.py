@@ -103,7 +103,7 @@ def main():
 
     # Shapes on the way, and how far they are from the pear.
     path = np.concatenate([load("fit/path").reshape(-1, *load("fit/position").shape), load("fit/position")[None]])
-    vertices, faces = load("target/pear_position").astype(np.float64), load("target/pear_face")
+    vertices, faces = load("target/meshes.pear_position").astype(np.float64), load("target/meshes.pear_face")
     extent = np.linalg.norm(vertices, axis=1).max()
     stops = [10 * k for k in range(len(path) - 1)] + [shape[-1]["run"]]
     off = distance_to_surface(path.reshape(-1, 3).astype(np.float64), vertices, faces).reshape(len(path), -1)
@@ -118,16 +118,16 @@ def main():
     }
 
     # Each camera: what was given, the start, the shape, and the result.
-    mask, image = load("target/mask"), load("target/image")
-    shown = np.maximum(mask.max(axis=0), (load("start/shaded").min(axis=(0, 3)) < 1.0))
+    mask, image = load("target/render.mask"), load("target/render.image")
+    shown = np.maximum(mask.max(axis=0), (load("start/show.shaded").min(axis=(0, 3)) < 1.0))
     rows = []
     for k in range(len(mask)):
         cells = []
         for name, pixels in (
             ("target", image[k] + (1.0 - mask[k])[..., None]),
-            ("before", load("start/shaded")[k]),
-            ("shape", load("shape/shaded")[k]),
-            ("after", load("fit/picture")[k] + (load("fit/picture")[k].sum(-1) == 0)[..., None]),
+            ("before", load("start/show.shaded")[k]),
+            ("shape", load("shape/show.shaded")[k]),
+            ("after", load("fit/fit_texture.picture")[k] + (load("fit/fit_texture.picture")[k].sum(-1) == 0)[..., None]),
         ):
             data = png(picture(cropped(pixels, shown)))
             (out / f"view_{k}_{name}.png").write_bytes(data)
@@ -136,7 +136,7 @@ def main():
 
     overlap, noise = [], []
     for folder in ("held_out_1", "held_out_2"):
-        overlap += load(f"{folder}/overlap").ravel().tolist()
+        overlap += load(f"{folder}/measure_pictures.overlap").ravel().tolist()
         noise += [10.0 ** (-r["psnr"] / 10.0) for r in log(folder)]
     facts = [
         ("mean distance from the pear", f"{100.0 * final['distance']:.2f} %", "of its radius"),
@@ -145,7 +145,7 @@ def main():
         ("colours of 12 views never shown", f"{-10.0 * np.log10(np.mean(noise)):.1f} dB", "peak signal to noise"),
     ]
 
-    uv, uv_face, face = load("target/uv"), load("target/uv_face"), load("target/face")
+    uv, uv_face, face = load("target/meshes.uv"), load("target/meshes.uv_face"), load("target/meshes.face")
     data = {
         "face": face.ravel().tolist(),
         "uv": np.round(uv[uv_face.ravel()].ravel(), 5).tolist(),

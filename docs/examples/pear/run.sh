@@ -14,8 +14,8 @@ if [[ -z ${DR_DEVICE-} && -n ${DR_LAVAPIPE_ICD-} ]]; then export VK_ICD_FILENAME
 begin=$SECONDS
 run() { "$bin/drun" "$@" --device "${DR_DEVICE-}"; }
 target=$out/target
-mesh=(--bind "face=$target/face.npy" --bind "uv=$target/uv.npy" --bind "uv_face=$target/uv_face.npy")
-pictures() { echo --bind "view=$1/view.npy" --bind "mask=$1/mask.npy" --bind "image=$1/image.npy"; }
+mesh=(--bind "face=$target/meshes.face.npy" --bind "uv=$target/meshes.uv.npy" --bind "uv_face=$target/meshes.uv_face.npy")
+pictures() { echo --bind "view=$1/render.view.npy" --bind "mask=$1/render.mask.npy" --bind "image=$1/render.image.npy"; }
 
 echo "1/4 the pear's pictures: six to fit, twelve to judge by"
 run target.dr --step render --step meshes --out "$target"
@@ -23,8 +23,8 @@ for round in 1 2; do run target.dr -D "round=$round" --step render --out "$out/h
 
 echo "2/4 fit: shape from silhouettes, then colours"
 # shellcheck disable=SC2046
-run fit.dr --bind "position=$target/position.npy" "${mesh[@]}" $(pictures "$target") \
-  --bind "true_position=$target/pear_position.npy" --bind "true_face=$target/pear_face.npy" \
+run fit.dr --bind "position=$target/meshes.position.npy" "${mesh[@]}" $(pictures "$target") \
+  --bind "true_position=$target/meshes.pear_position.npy" --bind "true_face=$target/meshes.pear_face.npy" \
   --step fit_shape=150 --step fit_texture=50 --step measure_shape \
   --out "$out/fit" --mesh "$out/pear.glb=position:face:uv:uv_face:albedo"
 
@@ -36,8 +36,8 @@ for round in 1 2; do
 done
 
 echo "4/4 pictures for people"
-show=(show.dr "${mesh[@]}" --bind "view=$target/view.npy" --symbol T=1 --symbol U=1)
-run "${show[@]}" --bind "position=$target/position.npy" --out "$out/start"
+show=(show.dr "${mesh[@]}" --bind "view=$target/render.view.npy" --symbol T=1 --symbol U=1)
+run "${show[@]}" --bind "position=$target/meshes.position.npy" --out "$out/start"
 run "${show[@]}" --bind "position=$out/fit/position.npy" --out "$out/shape"
 /usr/bin/python3 report.py "$out"
 echo "$((SECONDS - begin)) seconds; open $out/report.html, or $out/pear.glb in a 3D viewer"

@@ -69,6 +69,11 @@ class Type:
         """The values that an array of this shape gives symbols that are extents of their own."""
         return {dim: size for dim, size in zip(self.dims, shape) if dim.isidentifier()}
 
+    def dense(self, shape: tuple[int, ...], address: int, kind: int | None = None) -> c.Array:
+        """As the C interface has an array of this shape there."""
+        layers, height, width = (1,) * (3 - self.rank) + shape[: self.rank]
+        return c.Array(self.kind if kind is None else kind, self.components, width, height, layers, address, None)
+
 
 def _evaluate(dim: str, symbols: Mapping[str, Any]) -> Any:
     if not re.fullmatch(r"[\w\s()+*/-]+", dim):
@@ -129,8 +134,8 @@ def to_dense(name: str, type_: Type, value: Any, exact: bool = False) -> tuple[c
     """The array that the C interface takes, and what must live as long. `exact` lets float64 be."""
     array = as_numpy(name, value)
     kind = type_.kind
-    if array.dtype.str != _TYPESTR[kind]:  # the name would not tell the order of bytes
-        if exact and kind == 0 and array.dtype.str == _TYPESTR[1]:
+    if array.dtype.str != TYPESTR[kind]:  # the name would not tell the order of bytes
+        if exact and kind == 0 and array.dtype.str == TYPESTR[1]:
             kind = 1
         else:
             array = _converted(name, type_, array)
@@ -141,9 +146,7 @@ def to_dense(name: str, type_: Type, value: Any, exact: bool = False) -> tuple[c
         array = array.swapaxes(-1, -2)
     if not array.flags.c_contiguous or not array.flags.aligned:
         array = array.copy()
-    layers, height, width = (1,) * (3 - type_.rank) + shape[: type_.rank]
-    data = array.__array_interface__["data"][0]
-    return c.Array(kind, type_.components, width, height, layers, data, None), array
+    return type_.dense(shape, array.__array_interface__["data"][0], kind), array
 
 
 class _Memory:
@@ -159,7 +162,7 @@ class _Memory:
         free(byref(self._owned))
 
 
-_TYPESTR = ["<f4", "<f8", "<i4", "<u4", "|b1"]
+TYPESTR = ["<f4", "<f8", "<i4", "<u4", "|b1"]
 
 
 def from_dense(type_: Type, dense: c.Array, writable: bool = True) -> np.ndarray:
@@ -171,7 +174,7 @@ def from_dense(type_: Type, dense: c.Array, writable: bool = True) -> np.ndarray
         "version": 3,
         "data": (dense.data, not writable),
         "shape": extent + type_.element_shape,
-        "typestr": _TYPESTR[dense.kind],
+        "typestr": TYPESTR[dense.kind],
     }
     array = np.asarray(_Memory(dense, interface))
     if dense.kind == 1 and type_.scalar != "float32":

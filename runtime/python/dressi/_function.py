@@ -6,7 +6,7 @@ import collections
 from typing import TYPE_CHECKING, Any, Mapping, Sequence
 
 from . import _library as c
-from ._program import Program, Run
+from ._program import Program, Run, _device
 
 if TYPE_CHECKING:
     import numpy as np
@@ -52,6 +52,7 @@ class Function:
             raise c.Error(f"no output of the step '{self.step}' that is asked for is made of floats")
         self.program = program.with_adjoint(self.step, self.changed, self.seeded) if self.changed else program
         self._back = f"{self.step}.adjoint"
+        self.shares = bool(_device(program._device).info.get("shares_memory"))  # memory with CUDA
         self._runs: collections.OrderedDict[Any, Run] = collections.OrderedDict()
         self._last: dict[int, Call] = {}  # by the id of a run: whose arrays it holds
 
@@ -88,7 +89,7 @@ class Function:
         missing = [name for name in self.inputs if name not in arrays]
         if missing:
             raise c.BindError(f"no data for {', '.join(missing)}")
-        key = tuple(tuple(arrays[name].shape) for name in self.inputs)
+        key = tuple(arrays[name].shape for name in self.inputs)
         run = self._runs.get(key)
         if run is None:
             run = self.program.bind(self.constants, symbols=self.symbols)

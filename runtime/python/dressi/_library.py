@@ -50,8 +50,15 @@ class Array(ctypes.Structure):
     ]
 
 
+class NamedArray(ctypes.Structure):
+    """dressi_named_array"""
+
+    _fields_ = [("name", ctypes.c_char_p), ("array", Array)]
+
+
 _text, _handle, _array = ctypes.c_char_p, ctypes.c_void_p, ctypes.POINTER(Array)
 _pairs = ctypes.POINTER(ctypes.c_char_p)
+_numbers, _named = ctypes.POINTER(ctypes.c_int64), ctypes.POINTER(NamedArray)
 _functions: dict[str, tuple[Any, list[Any]]] = {
     "dressi_abi_version": (ctypes.c_int, []),
     "dressi_version": (_text, []),
@@ -77,6 +84,13 @@ _functions: dict[str, tuple[Any, list[Any]]] = {
     "dressi_leaf": (ctypes.c_int, [_handle, _text, _array]),
     "dressi_leaf_view": (ctypes.c_int, [_handle, _text, _array]),
     "dressi_output_view": (ctypes.c_int, [_handle, _text, _text, _array]),
+    "dressi_cuda_device": (ctypes.c_int, [_handle]),
+    "dressi_cuda_stream": (ctypes.c_int, [_handle, _handle]),
+    "dressi_cuda_wait": (ctypes.c_int, [_handle, _handle]),
+    "dressi_cuda_leaf": (ctypes.c_int, [_handle, _text, _array, _numbers]),
+    "dressi_cuda_output": (ctypes.c_int, [_handle, _text, _text, _array, _numbers]),
+    "dressi_cuda_run": (ctypes.c_int, [_handle, _handle, _text, _named, ctypes.c_size_t, _named, ctypes.c_size_t]),
+    "dressi_dlpack": (_handle, [_array, ctypes.c_int, ctypes.c_int, ctypes.c_int, _numbers, _numbers]),
     "dressi_counters": (_text, [_handle, _text]),
     "dressi_timed_step": (_text, [_handle, _text]),
     "dressi_checked_step": (_text, [_handle, _text]),

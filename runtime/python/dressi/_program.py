@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Mapping, Sequence
 
 from . import _library as c
 from ._arrays import Type, from_dense, to_dense
+from ._cuda import CudaArray, current_stream, source, tell_of_copy
 from ._show import Counters, NotFinite, Timing, table
 
 if TYPE_CHECKING:
@@ -34,6 +35,17 @@ class Device:
     @property
     def name(self) -> str:
         return self.info["name"]
+
+    @functools.cached_property
+    def cuda(self) -> int | None:
+        """The number that CUDA has for it, where they share memory. Otherwise None; on an NVIDIA GPU a warning says why."""
+        if not self.info.get("shares_memory"):
+            return None
+        try:
+            return c.checked(c.library.dressi_cuda_device(self._handle)) - 1
+        except c.Error as error:
+            tell_of_copy(self, str(error))
+            return None
 
     def __repr__(self) -> str:
         return f"dressi.Device({self.name!r})"
@@ -84,6 +96,7 @@ class Program:
         self._leaves = info.get("leaves") or []
         self._steps = {step["name"]: step for step in info.get("steps") or []}
         self.leaf_types: dict[str, Type] = {leaf["name"]: Type(leaf["type"], leaf["extent"]) for leaf in self._leaves}
+        self._from_host = {leaf["name"] for leaf in self._leaves if leaf["from_host"]}
         self.output_types: dict[str, dict[str, Type]] = {
             name: {out["name"]: Type(out["type"], out["extent"]) for out in step["outputs"]}
             for name, step in self._steps.items()
@@ -181,7 +194,9 @@ class Run:
     def __init__(self, program: Program, device: Device, *, store_all: bool = False) -> None:
         self.program = program
         self.device = device
-        options = c.pairs([("store_all", "on")]) if store_all else None
+        self._shares = bool(device.info.get("shares_memory"))
+        self._stream: int | None = None  # of CUDA, once it has seen memory of the run
+        options = c.pairs([("store_all", "on" if store_all else "off"), ("share", "on" if self._shares else "off")])
         self._handle = c.checked(c.library.dressi_run_open(device._handle, program._handle, options), c.DeviceError)
         weakref.finalize(self, c.library.dressi_run_free, self._handle).atexit = False
         self.symbols: dict[str, int] = {}  # those that have values
@@ -200,6 +215,8 @@ class Run:
 
     def _bind(self, name: str, value: Any) -> None:
         type_ = self.program._leaf_type(name)
+        if self._shares and name not in self.program._from_host and self._bind_on_device(name, type_, value):
+            return
         dense, keep = to_dense(name, type_, value, self._exact)
         if not c.library.dressi_bind(self._handle, name.encode(), ctypes.byref(dense)):
             c.checked(0, c.BindError)
@@ -207,6 +224,37 @@ class Run:
             self._known.add(name)
             self.symbols.update(type_.symbols_of(keep.shape))
         del keep
+
+    def _bind_on_device(self, name: str, type_: Type, value: Any) -> bool:
+        """Whether it is an array of CUDA that could be copied there, in the order of its stream."""
+        found = source(value, type_, self.device)
+        if found is None:
+            return False
+        if not type_.fits(found.shape):
+            raise c.BindError(f"'{name}' is {type_}: expected an array of shape {type_.shape_text()}, found {found.shape}")
+        given = c.NamedArray(name.encode(), type_.dense(found.shape, found.address))
+        self._stream = found.stream
+        if not c.library.dressi_cuda_run(self._handle, found.stream, None, ctypes.byref(given), 1, None, 0):
+            c.checked(0, c.BindError)
+        if name not in self._known:
+            self._known.add(name)
+            self.symbols.update(type_.symbols_of(found.shape))
+        return True
+
+    def _use_stream(self, stream: int) -> None:
+        if stream != self._stream:
+            c.checked(c.library.dressi_cuda_stream(self._handle, stream), c.DeviceError)
+            self._stream = stream
+
+    def empty(self, leaf: str, shape: Sequence[int] | None = None) -> Any:
+        """Memory of Dressi for a leaf, to be written to: zeros of that shape, or of the one that is known. What is written to it is
+        what the leaf holds, without a copy: on a processor it is an array of NumPy, on an NVIDIA GPU one for CUDA."""
+        import numpy as np
+
+        type_ = self.program._leaf_type(leaf)
+        sizes = type_.shape(self.symbols) if shape is None else tuple(shape)
+        self[leaf] = np.zeros(sizes, type_.scalar)
+        return self[leaf]
 
     def step(
         self, name: str | None = None, times: int = 1, *, outputs: Sequence[str] | None = None, progress: bool = False
@@ -220,6 +268,8 @@ class Run:
         name = self.program._step(name)
         if times < 1:
             raise c.Error(f"expected at least one run of a step, found {times}")
+        if self._stream is not None:
+            self._use_stream(current_stream(self.device))
         types = self.program.output_types[name]
         for wanted in outputs or ():
             if wanted not in types:
@@ -253,20 +303,36 @@ class Run:
             c.checked(0)
         return from_dense(self.program.output_types[step][name], dense)
 
-    def output(self, name: str, *, step: str | None = None) -> np.ndarray:
+    def _copy(self, name: str, step: str | None) -> np.ndarray:
+        """Of a leaf, or of an output."""
+        dense = c.Array()
+        if self._stream is not None:
+            self._use_stream(current_stream(self.device))
+        if step is not None:
+            return self._fetch(step, name)
+        c.checked(c.library.dressi_leaf(self._handle, name.encode(), ctypes.byref(dense)))
+        return from_dense(self.program.leaf_types[name], dense)
+
+    def output(self, name: str, *, step: str | None = None) -> Any:
         """An output of the last run of a step. On a device that is the processor it is the memory that the device
-        computes in: the next run of any step overwrites it. Elsewhere it is a copy that is not writable."""
+        computes in: the next run of any step overwrites it. So it is on an NVIDIA GPU, as a `CudaArray`. Elsewhere it is a
+        copy that is not writable."""
         step = self.program._step(step)
         type_ = self.program._output_type(step, name)
+        if self._shares and type_.scalar != "bool":
+            return CudaArray(self, name, step, type_)
         dense = c.Array()
         found = c.checked(c.library.dressi_output_view(self._handle, step.encode(), name.encode(), ctypes.byref(dense)))
         return from_dense(type_, dense, writable=found == _VIEW)
 
-    def __getitem__(self, leaf: str) -> np.ndarray:
+    def __getitem__(self, leaf: str) -> Any:
         """What a leaf holds. On a device that is the processor it is a live view: it shows what later runs make of the leaf, and
-        what is written to it counts in the next run. Elsewhere, and of bools and faces, it is a copy that is not writable.
+        what is written to it counts in the next run. So it is on an NVIDIA GPU, as a `CudaArray`. Elsewhere, and of bools and
+        faces that tables are made of, it is a copy that is not writable.
         """
         type_ = self.program._leaf_type(leaf)
+        if self._shares and leaf not in self.program._from_host:
+            return CudaArray(self, leaf, None, type_)
         dense = c.Array()
         found = c.checked(c.library.dressi_leaf_view(self._handle, leaf.encode(), ctypes.byref(dense)))
         return from_dense(type_, dense, writable=found == _VIEW)

@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <vector>
 
+#include "compiler/backend/plan/show.h"
+#include "compiler/backend/schedule/text.h"
 #include "compiler/ir/internal_error.h"
 #include "compiler/ir/parse.h"
 #include "tests/catch.h"
@@ -57,7 +59,8 @@ TEST_CASE_METHOD(Fixture, "all passes run in the order of the table") {
   std::vector<std::string> seen, expected;
   size_t schedules = 0;
   options.hooks.verify_each = true;
-  options.hooks.after = [&](std::string_view name, const ir::Graph&, const Schedule* schedule, double milliseconds) {
+  options.hooks.after = [&](std::string_view name, const ir::Graph&, const Schedule* schedule, const bundle::BundleT&,
+                            double milliseconds) {
     seen.emplace_back(name);
     schedules += schedule != nullptr;
     CHECK(milliseconds >= 0);
@@ -96,7 +99,30 @@ TEST_CASE_METHOD(Fixture, "a schedule that a pass breaks is an internal error wi
 TEST_CASE_METHOD(Fixture, "passes stop where they are told to") {
   std::string last;
   options.hooks.stop_after = "keep-in-tiles";
-  options.hooks.after = [&](std::string_view name, const ir::Graph&, const Schedule*, double) { last = name; };
+  options.hooks.after = [&](std::string_view name, const ir::Graph&, const Schedule*, const bundle::BundleT&, double) {
+    last = name;
+  };
   CHECK(error_of({backend_passes().begin(), backend_passes().end()}) == "none");
   CHECK(last == "keep-in-tiles");
+}
+
+TEST_CASE_METHOD(Fixture, "every pass can be stopped after, dumped and verified") {
+  options.hooks.verify_each = true;
+  for (const BackendPass& pass : backend_passes()) {
+    INFO(pass.name);
+    std::string last, dump;
+    options.hooks.stop_after = pass.name;
+    options.hooks.after = [&](std::string_view name, const ir::Graph& of, const Schedule* schedule,
+                              const bundle::BundleT& bundle, double) {
+      last = name;
+      dump = schedule ? print_whole(of, *schedule) : show(bundle);
+    };
+    options.hooks.break_after.clear();
+    CHECK(error_of({backend_passes().begin(), backend_passes().end()}) == "none");
+    CHECK(last == pass.name);
+    CHECK_THAT(dump, Contains("step go"));
+    options.hooks.break_after = pass.name;
+    CHECK_THAT(error_of({backend_passes().begin(), backend_passes().end()}),
+               Contains("fails verification after pass " + std::string(pass.name)) && Contains("step go"));
+  }
 }

@@ -148,7 +148,7 @@ TEST_CASE("if without a use or without else") {
 }
 
 TEST_CASE("what cannot be assigned or updated") {
-  CHECK(body_errors("a.x <- 3;\nf() = 1;\na + b = 2;\n-a = 3;\nc[1].x = 4;") ==
+  CHECK(body_errors("a[0] <- 3;\nf() = 1;\na + b = 2;\n-a = 3;\nc[1].x = 4;") ==
         "E0113 3:1 expected the name of a param or state before '<-', found an expression\n"
         "E0113 4:1 expected a variable, a field or an item before '=', found another expression\n"
         "E0113 5:1 expected a variable, a field or an item before '=', found another expression\n"

@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: Apache-2.0
+// The schedule's text form, behind the text of its graph (ir/print.h):
+//
+//   schedule after keep-sums                    // the pass that left it; compiling goes on with the next one
+//   leaf position : vec3[V]                     // resources: leaves first, in the graph's order
+//   half buffer normal : vec3[V]                // words before the storage: step_index, entries, sums, half
+//   image shade : float[W, H]
+//   step fit {
+//     %0 in position                            // values that are stored, and where
+//     %normal.7 in normal
+//     stage 0
+//     pass normal compute [V] prologue          // name, kind, domain; `prologue`: the step changes nothing it needs
+//       reads position
+//       ops mul %5, normalize %normal.7         // an op by its first result
+//       writes normal
+//     pass shade fragment [W, H]
+//       ...
+//     output error = loss
+//     update position <- position%40 in place   // a resource that holds several values: which one, too
+//   }
+//
+// Behind `writes` stand the decisions about a pass, as far as there are any:
+//
+//   partial clip pixel                          // stored for listed elements only
+//   sum grad of %31 %33                         // what a scatter sums up
+//   active hit and %12, or weight               // elements that may add something
+//   listed by seen                              // or: joins seen
+//   set up by clip_pixel, twice where listed
+//   keeps terms
+//   join lanes
+//   relist
+//   no rows "why"
+//   rows face[0, 1, 2] of V                     // or: rows sorted of W * H, and lines of places:
+//     place %12 adds %13 in if %40 branch 0 of the table, if %41 branch 1
+//
+// `input:` before a value that a pass reads as an input attachment, and `in place`, follow from the rest.
+#pragma once
+
+#include <string>
+#include <string_view>
+#include <variant>
+
+#include "compiler/backend/schedule/schedule.h"
+#include "compiler/ir/parse.h"
+
+namespace dr::backend {
+
+// The graph's text and the schedule's.
+std::string print_whole(const ir::Graph& graph, const Schedule& schedule);
+
+struct ParsedSchedule {
+  ir::Graph graph;
+  Schedule schedule;
+};
+
+// print_whole(parse_schedule(text)) == text. What it accepts may still fail check_schedule(), which takes anything that
+// it accepts.
+std::variant<ParsedSchedule, ir::ParseError> parse_schedule(std::string_view text);
+
+}  // namespace dr::backend

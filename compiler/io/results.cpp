@@ -1,0 +1,146 @@
+// SPDX-License-Identifier: Apache-2.0
+// Results by name and as files.
+#include "compiler/io/results.h"
+
+#include <algorithm>
+#include <filesystem>
+#include <sstream>
+
+#include "compiler/io/file/failure.h"
+#include "compiler/io/file/file.h"
+
+namespace dr::io {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+constexpr const char* kList = "results.txt";
+constexpr const char* kHeading = "# Files of a run of drun or drc eval; the next run into this folder removes them.\n";
+
+bool is_picture(const Array& a) {
+  const bool floats = a.kind == ElementKind::Float32 || a.kind == ElementKind::Float64;
+  return floats && a.height > 1 && a.components <= 4 && a.components != 2;
+}
+
+// The list is a file that anybody may have written: only names of results in the folder itself count.
+bool is_result(std::string_view name) {
+  return name.find('/') == std::string_view::npos && !name.starts_with(".") &&
+         (name.ends_with(".npy") || name.ends_with(".png"));
+}
+
+std::string list_of(std::vector<std::string> names) {
+  std::sort(names.begin(), names.end());
+  std::string out;
+  for (const std::string& name : names) out += (out.empty() ? "" : ", ") + name;
+  return out;
+}
+
+}  // namespace
+
+Result<ResultName> find_result(const std::string& text, const ResultNames& names) {
+  if (std::ranges::find(names.leaves, text) != names.leaves.end()) return ResultName{"", text};
+  std::vector<std::string> all = names.leaves, whole, short_names;
+  std::vector<ResultName> found;
+  for (const auto& [step, outputs] : names.steps)
+    for (const std::string& output : outputs) {
+      const ResultName name{step, output};
+      if (text == name.str()) return name;
+      if (text == output) found.push_back(name);
+      whole.push_back(name.str());
+      short_names.push_back(output);
+    }
+  if (found.size() == 1) return found[0];
+  if (found.size() > 1) {
+    std::string which;
+    for (const ResultName& name : found) which += (which.empty() ? "" : " or ") + name.str();
+    return Error{"several steps have an output '" + text + "': write " + which};
+  }
+  all.insert(all.end(), whole.begin(), whole.end());
+  std::vector<std::string_view> words(all.begin(), all.end());
+  words.insert(words.end(), short_names.begin(), short_names.end());
+  const std::string near = did_you_mean(text, words);
+  return Error{"there is no leaf '" + text + "', and no such output of the steps that run" +
+               (near.empty() ? "; there are: " + list_of(all) : near)};
+}
+
+Result<void> check_output_file(const std::string& path, std::span<const std::string_view> extensions) {
+  return guarded(cat("cannot write ", path_in_quotes(path), ": "), [&] {
+    const std::string extension = extension_of(path);
+    if (std::ranges::find(extensions, extension) == extensions.end()) {
+      std::string all;
+      for (const std::string_view e : extensions) all += cat(all.empty() ? "" : ", ", e);
+      fail(extension.empty() ? std::string("there is no extension") : cat("unknown extension ", in_quotes(extension)),
+           did_you_mean(extension, extensions), ", expected one of ", all);
+    }
+    const fs::path folder = fs::path(path).parent_path();
+    std::error_code error;
+    if (!folder.empty() && !fs::is_directory(folder, error))
+      fail("there is no folder ", path_in_quotes(folder.string()));
+    if (fs::is_directory(path, error)) fail("it is a folder");
+  });
+}
+
+Result<void> check_saved(const std::string& path, ElementKind kind, int components) {
+  constexpr std::string_view kExtensions[] = {".png", ".npy", ".csv"};
+  if (auto checked = check_output_file(path, kExtensions); !checked) return checked;
+  if (extension_of(path) != ".png") return {};
+  return guarded(cat("cannot write ", path_in_quotes(path), ": "), [&] {
+    if (kind == ElementKind::Int32 || kind == ElementKind::UInt32)
+      fail("a PNG holds floats in 0 to 1 or bools, found ", kind_name(kind), "; .npy holds any kind");
+    if (components > 4) fail("a PNG holds 1 to 4 components, found ", components);
+  });
+}
+
+ResultsFolder::ResultsFolder(std::string path) : path_(std::move(path)) {
+  std::error_code error;
+  if (!fs::is_regular_file(file(kList), error)) return;
+  try {
+    const Bytes bytes = read_file(file(kList));
+    std::stringstream text{std::string(as_text(bytes))};
+    for (std::string line; std::getline(text, line);)
+      if (is_result(line)) known_.insert(line);
+  } catch (const Failure&) {  // then nothing is known of what is there
+  }
+}
+
+Result<void> ResultsFolder::write_list(const std::set<std::string>& names) const {
+  std::string text = kHeading;
+  for (const std::string& name : names) text += name + "\n";
+  return guarded(cat("cannot write ", path_in_quotes(file(kList)), ": "), [&] {
+    write_file(file(kList), {text.begin(), text.end()});
+  });
+}
+
+Result<void> ResultsFolder::add(const ResultName& result, const Array& array) {
+  const std::string name = result.str();
+  std::set<std::string> names = {name + ".npy"};
+  const bool pictured = !result.step.empty() && is_picture(array);
+  if (pictured)
+    for (int64_t layer = 0; layer < array.layers; ++layer) names.insert(layer_path(name + ".png", layer, array.layers));
+  written_.insert(names.begin(), names.end());
+  // The list is there before the files are: whoever ends the program in between leaves nothing that is unknown.
+  if (!std::ranges::includes(known_, names)) {
+    known_.insert(names.begin(), names.end());
+    if (auto listed = write_list(known_); !listed) return listed;
+  }
+  if (auto saved = save_array(file(name + ".npy"), array); !saved) return saved;
+  if (!pictured) return {};
+  // The array is saved; a picture that cannot be (NaN) must not cost what comes after it.
+  if (auto saved = save_array(file(name + ".png"), array); !saved) warnings_.push_back(saved.error());
+  return {};
+}
+
+Result<void> ResultsFolder::finish(bool keep) {
+  if (keep) return {};
+  for (const std::string& name : known_)
+    if (!written_.contains(name)) {
+      std::error_code error;
+      fs::remove(file(name), error);
+      if (error) return Error{"cannot remove '" + file(name) + "' of an earlier run: " + error.message()};
+    }
+  known_ = written_;
+  return write_list(known_);
+}
+
+}  // namespace dr::io

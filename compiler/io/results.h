@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: Apache-2.0
+// The results of runs by name and as files, for drun and drc alike: an output is STEP.NAME, a leaf NAME.
+#pragma once
+
+#include <set>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "compiler/io/array/array.h"
+
+namespace dr::io {
+
+// What a run gives: its steps with the names of their outputs, and leaves.
+struct ResultNames {
+  std::vector<std::pair<std::string, std::vector<std::string>>> steps;
+  std::vector<std::string> leaves;
+};
+
+struct ResultName {
+  std::string step, name;  // no step: a leaf
+  std::string str() const { return step.empty() ? name : step + "." + name; }
+};
+
+// What a user means by STEP.NAME, or by NAME: a leaf or, where none has the name, the output of the one step that has
+// it.
+Result<ResultName> find_result(const std::string& text, const ResultNames& names);
+
+// "name=file" of `--save`. Whether it can be written is known before a run that takes hours: the extension, the folder,
+// and whether a picture can hold such elements.
+Result<void> check_output_file(const std::string& path, std::span<const std::string_view> extensions);
+Result<void> check_saved(const std::string& path, ElementKind kind, int components);
+
+// A folder of results. The files that runs wrote stand in its list, `results.txt`: what the run before left, and this
+// one does not write anew, goes when finish() is called. Until then it stays. Nothing else is touched.
+class ResultsFolder {
+ public:
+  explicit ResultsFolder(std::string path);
+  // NAME.npy and, of an output of floats with a height above 1 that a picture can hold, NAME.png. A picture with a NaN
+  // is left out with a warning.
+  Result<void> add(const ResultName& name, const Array& array);
+  // With `keep`, what the run before left stays: this one went on with it.
+  Result<void> finish(bool keep);
+  const std::vector<std::string>& warnings() const { return warnings_; }
+
+ private:
+  std::string file(const std::string& name) const { return path_ + "/" + name; }
+  Result<void> write_list(const std::set<std::string>& names) const;
+
+  std::string path_;
+  std::set<std::string> known_, written_;  // in the list, of this run
+  std::vector<std::string> warnings_;
+};
+
+}  // namespace dr::io

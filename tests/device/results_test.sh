@@ -1,0 +1,124 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# What drun and drc eval leave behind: the same files under the same names, checked before anything runs; and what drun says of NaN and of
+# commands that are not run again. On the reference and, where there is one, on lavapipe. usage: results_test.sh DRC DRUN
+set -euo pipefail
+drc=$(realpath "$1") drun=$(realpath "$2")
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+cd "$work"
+failed=0
+fail() { printf 'FAILED: %s\n' "$*"; failed=1; }
+same() { [[ $2 == "$3" ]] || fail "$1: expected '$2', found '$3'"; }
+
+cat > two.dr << 'END'
+edition 1;
+param x : vec2[W] = vec2(1.0, 3.0);
+param unused : float[Q];
+state runs : int = 0;
+let p = coord(4, 2).xy;
+step first { x <- 0.5 * x; runs <- runs + 1; output total = sum(x) / 3.0, count = runs, frame = mat2(1.0, 0.0, 0.0, 2.0); }
+step second { output total = sum(x), picture = vec3(p.x, p.y, 1) / 4.0, grey = float(p.x) / 3.0, number = p.x; }
+END
+both=(two.dr --symbol W=4 --step first=2 --step second)
+"$drc" eval "${both[@]}" --out by_drc > drc.txt
+"$drun" "${both[@]}" --device reference --out by_drun > drun.txt
+expected='first.count.npy first.frame.npy first.total.npy results.txt runs.npy second.grey.npy second.grey.png second.number.npy second.picture.npy second.picture.png second.total.npy x.npy'
+files() { (cd "$1" && find . -maxdepth 1 '(' -name '*.npy' -o -name '*.png' -o -name results.txt ')' | sed 's#^./##' | LC_ALL=C sort | tr '\n' ' ' | sed 's/ $//'); }
+same 'files of drc eval' "$expected" "$(files by_drc)"
+same 'files of drun' "$expected" "$(files by_drun)"
+for file in $(files by_drc); do cmp "by_drc/$file" "by_drun/$file" || fail "$file differs"; done
+grep -q "'<f8'" by_drc/first.total.npy || fail 'a number of the evaluator is no float64'
+same 'prints of drun' $'first.total = (0.6666666666666666, 2)\nfirst.count = 1\nfirst.frame = (1, 0, 0, 2)\nsecond.total = (1, 3)' "$(cat drun.txt)"
+same 'prints of drc eval' "$(sed -n '1,4p' drun.txt)" "$(tail -n 4 drc.txt)"
+
+# What an older run left goes when a new one has ended; what is not of a run stays.
+for tool in "$drc eval" "$drun --device reference"; do
+  rm -rf again
+  $tool two.dr --symbol W=4 --step first --step second --out again > /dev/null
+  touch again/mine.npy
+  $tool two.dr --symbol W=4 --step first --out again > /dev/null
+  same "$tool: an older run's files" 'first.count.npy first.frame.npy first.total.npy mine.npy results.txt runs.npy x.npy' \
+    "$(files again)"
+done
+
+# --save and --mesh: STEP.NAME, a leaf or a name that one step alone has; told before anything runs.
+cat > shape.dr << 'END'
+edition 1;
+param position : vec3[3] = 1.0;
+input face : ivec3[1];
+step go { position <- 2.0 * position; output moved = position, total = 1.0; }
+step say { output total = 2.0, face; }
+END
+shape=(shape.dr --bind 'face=[[0, 1, 2]]' --step go)
+refuses() { # TEXT COMMAND...
+  local text=$1 status=0
+  shift
+  "$@" > out 2> err || status=$?
+  [[ $status == 1 && ! -s out ]] && grep -qF -- "$text" err || fail "expected '$text' of: $* ($status): $(cat out err)"
+}
+"$drun" "${shape[@]}" --device reference --save go.moved=m.npy --save position=p.csv --save total=t.npy --mesh a.glb=go.moved:face > /dev/null
+same 'a leaf at the end' $'2,2,2\n2,2,2\n2,2,2' "$(cat p.csv)"
+[[ -s m.npy && -s t.npy && -s a.glb ]] || fail '--save and --mesh wrote nothing'
+for tool in "$drc eval" "$drun --device reference"; do
+  go="$tool shape.dr --bind face=[[0,1,2]] --step go --step say"
+  refuses "several steps have an output 'total': write go.total or say.total" $go --save total=t.npy
+  refuses "did you mean 'position'" $go --save positon=t.npy
+  refuses "there is no leaf 'say.total', and no such output of the steps that run" $tool "${shape[@]}" --save say.total=t.npy
+  refuses "there is no folder 'none'" $go --save position=none/t.npy
+  refuses "unknown extension '.pgn' (did you mean '.png'?)" $go --save position=t.pgn
+  refuses 'a PNG holds floats' $go --save face=t.png
+done
+go=("$drun" "${shape[@]}" --device reference)
+refuses "did you mean 'position'" "${go[@]}" --mesh a.glb=positon:face
+refuses "'total' is not made of vec3" "${go[@]}" --mesh a.glb=total:face
+refuses "a material has no 'rough'" "${go[@]}" --mesh a.glb=position:face:rough=total
+refuses "there is no folder 'none'" "${go[@]}" --mesh none/a.glb=position:face
+refuses "unknown extension '.fbx'" "${go[@]}" --mesh a.fbx=position:face
+
+# A step that only writes a param does not want it bound; one that reads it first does.
+cat > start.dr << 'END'
+edition 1;
+param x : float[W];
+step start { x <- float(coord(W).x); }
+step fit { x <- x + 1.0; output total = sum(x); }
+END
+nan() { # DEVICE
+  same "$1: a step that only writes" 'fit.total = 6' "$("$drun" start.dr --device "$1" --symbol W=4 --step start --step fit)"
+  refuses "'x'" "$drun" start.dr --device "$1" --symbol W=4 --step fit --step start
+  # NaN in a param or a loss is told while steps run, once, and --strict-finite stops there.
+  "$drun" nan.dr --device "$1" --step fit=60 > out 2> err || fail "$1: NaN is no warning: $(cat err)"
+  same "$1: warnings" 1 "$(grep -c "^drun: warning: 'x' has NaN at element (2, 0, 0) after run [0-9]* of step 'fit': --check-finite names" err)"
+  local status=0
+  "$drun" nan.dr --device "$1" --step fit=60 --strict-finite --out strict > out 2> err || status=$?
+  [[ $status == 1 ]] && grep -q 'after run [0-9]* of' err || fail "$1: --strict-finite: $status $(cat err)"
+  status=0
+  "$drun" loss.dr --device "$1" --step fit=60 --strict-finite > out 2> err || status=$?
+  [[ $status == 1 ]] && grep -q "output 'fit.error' is nan in run 11" err || fail "$1: a loss: $status $(cat err)"
+}
+cat > nan.dr << 'END'
+edition 1;
+param x : float[4] = 1.0;
+let i = coord(4).x;
+step fit { x <- if i == 2 { sqrt(x - 0.4) } else { x }; }
+END
+cat > loss.dr << 'END'
+edition 1;
+state x : float = 5.0;
+step fit { x <- x - 1.0; output error = sqrt(x); }
+END
+same 'drc eval: a step that only writes' 'fit.total = 6' "$("$drc" eval start.dr --symbol W=4 --step start --step fit)"
+refuses "param 'x' : float[W] has no data" "$drc" eval start.dr --symbol W=4 --step fit --step start
+nan reference
+if [[ -n ${DR_LAVAPIPE_ICD-} ]]; then
+  export VK_ICD_FILENAMES=$DR_LAVAPIPE_ICD VK_DRIVER_FILES=$DR_LAVAPIPE_ICD
+  nan llvmpipe
+  "$drun" "${both[@]}" --device llvmpipe --out by_device > device.txt
+  same 'files of a device' "$expected" "$(files by_device)"
+  same 'prints of a device' "$(sed 's/0.6666666666666666/0.6666667/' drun.txt)" "$(cat device.txt)"
+  grep -q "'<f4'" by_device/first.total.npy || fail 'a number of the device is no float32'
+  # Where nothing depends on what changed, nothing runs again.
+  "$drun" two.dr --device llvmpipe --symbol W=4 --step second=3 --timing > timing.txt
+  grep -q '^second: nothing ran: all that it gives was there from the run before' timing.txt || fail "--timing: $(cat timing.txt)"
+fi
+exit $failed
