@@ -4,6 +4,7 @@
 #include <map>
 
 #include "compiler/backend/bundle/check_shaders.h"
+#include "runtime/check_trips.h"
 #include "runtime/state.h"
 
 namespace dr::runtime {
@@ -161,6 +162,7 @@ Result<Program> Program::load(const Device& device, std::span<const uint8_t> byt
     Program program;
     if (!device.state()) throw Failure{"the device is empty: it was moved from"};
     program.state_ = State::load(device.state(), bytes, options);
+    if (const auto problem = check_trips(program.state_->bundle, device.profile_name())) throw Failure{*problem};
     if (options.cache && options.rebuild && options.memory_limit == 0) program.state_->rebuilder.emplace();
     return program;
   });

@@ -171,7 +171,7 @@ void Program::State::require_whole_loops(size_t index) {
       where += (where.empty() ? " (" : ", ") + bundle.files[line.file()] + ":" + std::to_string(line.line());
     throw Failure{"a loop of pass '" + c->label + "'" + where + (where.empty() ? "" : ")") +
                   " takes more trips than this device gives one whose range depends on data: say how many it takes at "
-                  "most, as in reduce(sum, i in a..b, max = 1000000). Loops that carry values cannot be given more"};
+                  "most, as in reduce(sum, i in a..b, max = 1000000)"};
   }
 }
 

@@ -33,7 +33,7 @@ compiler/io/file
 compiler/io/array        compiler/io/file/
 compiler/io/picture      compiler/io/file/ compiler/io/array/
 compiler/io/mesh         compiler/io/file/ compiler/io/array/ compiler/io/picture/
-runtime                  compiler/backend/bundle/ compiler/io/ compiler/ir/dim.h compiler/ir/internal_error.h compiler/topology/
+runtime                  compiler/backend/bundle/ compiler/io/ compiler/ir/dim.h compiler/ir/internal_error.h compiler/target/ compiler/topology/
 runtime/watch            compiler/io/
 runtime/jit              runtime/ compiler/ dsl/
 runtime/c                runtime/ compiler/backend/bundle/ compiler/ir/internal_error.h compiler/target/

@@ -4,8 +4,8 @@
 #include <bit>
 #include <chrono>
 
+#include "compiler/backend/analysis/fold_memory.h"
 #include "compiler/backend/emit/generator.h"
-#include "compiler/backend/glsl/fold_memory.h"
 #include "compiler/backend/lowering/keep_in_tiles.h"
 #include "compiler/backend/lowering/keep_sums.h"
 #include "compiler/backend/lowering/list_where_computed.h"
@@ -77,7 +77,7 @@ Outcome run_check_limits(Compilation& c) {
   std::string limits;
   for (const Violation& v : check_schedule(c.graph(), c.out.schedule, c.profile))
     if (v.kind == Violation::Kind::Limit) limits += (limits.empty() ? "" : "\n") + v.text;
-  if (const auto loops = glsl::folds_over_limit(c.graph())) limits += (limits.empty() ? "" : "\n") + *loops;
+  if (const auto loops = folds_over_limit(c.graph())) limits += (limits.empty() ? "" : "\n") + *loops;
   if (limits.empty()) return std::nullopt;
   return Limit{limits};
 }

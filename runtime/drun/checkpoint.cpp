@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
+#include "compiler/backend/bundle/bundle.h"
 #include "runtime/drun/out_folder.h"
 #include "runtime/drun/target.h"
 
@@ -35,6 +36,20 @@ std::string folder_in_use(const std::string& out) {
   if (!file) return {};
   const ordered_json json = ordered_json::parse(file, nullptr, false);
   return json.is_object() && json.contains("folder") && json["folder"].is_string() ? json["folder"] : "";
+}
+
+// Of what a file holds, against accidents: a run must not go on from numbers that nobody computed.
+std::string checksum_of(const void* data, size_t bytes) {
+  std::ostringstream text;
+  text << std::hex << bundle::checksum(data, bytes);
+  return text.str();
+}
+std::string checksum_of(const std::string& text) { return checksum_of(text.data(), text.size()); }
+std::string checksum_of(const io::Array& array) { return checksum_of(array.bytes.data(), array.bytes.size()); }
+
+// Throws where the content of `path` is not what was written.
+void expect(const ordered_json& checksum, const std::string& found, const fs::path& path) {
+  if (checksum != found) throw Mistake{"'" + path.string() + "' is damaged, its checksum differs"};
 }
 
 // Whether it is the name of a folder that save_checkpoint() made: nothing else is read or removed.
@@ -69,9 +84,11 @@ void save_checkpoint(const std::string& out, const Checkpoint& c) {
     const std::string file = (fs::path(out) / name / (leaf + ".npy")).string();
     must(io::save_array(file, data));
     sync_to_disk(file);
-    json["leaves"].push_back({{"name", leaf}, {"components", data.components}});
+    json["leaves"].push_back({{"name", leaf}, {"components", data.components}, {"checksum", checksum_of(data)}});
   }
+  json["log"] = checksum_of(c.log);
   write_text((fs::path(out) / name / "log.jsonl").string(), c.log);
+  json["checksum"] = checksum_of(json.dump());
   // All that the file names is on the disk before the file is, and the file before what it named goes.
   sync_to_disk((fs::path(out) / name).string());
   sync_to_disk(out);
@@ -88,9 +105,12 @@ std::string checkpoint_folder(const std::string& out) {
 
 Checkpoint load_checkpoint(const std::string& out) {
   const fs::path file = fs::path(out) / kFile;
-  const ordered_json json = read_json(file);
+  ordered_json json = read_json(file);
   Checkpoint c;
   try {
+    const ordered_json checksum = json.at("checksum");
+    json.erase("checksum");
+    expect(checksum, checksum_of(json.dump()), file);
     const std::string folder = json.at("folder");
     if (!is_own_folder(folder)) throw Mistake{"'" + file.string() + "' is no checkpoint of drun"};
     c.steps = json.at("steps").get<std::vector<std::pair<std::string, int>>>();
@@ -104,13 +124,16 @@ Checkpoint load_checkpoint(const std::string& out) {
       const std::string name = leaf.at("name");
       const int components = leaf.at("components");
       if (components < 1) throw Mistake{"'" + file.string() + "' is no checkpoint of drun"};
-      c.leaves.emplace_back(name,
-                            must(io::load_binding((fs::path(out) / folder / (name + ".npy")).string(), components)));
+      const fs::path array = fs::path(out) / folder / (name + ".npy");
+      c.leaves.emplace_back(name, must(io::load_binding(array.string(), components)));
+      expect(leaf.at("checksum"), checksum_of(c.leaves.back().second), array);
     }
-    std::ifstream log(fs::path(out) / folder / "log.jsonl", std::ios::binary);
+    const fs::path lines = fs::path(out) / folder / "log.jsonl";
+    std::ifstream log(lines, std::ios::binary);
     std::stringstream text;
     text << log.rdbuf();
     c.log = text.str();
+    expect(json.at("log"), checksum_of(c.log), lines);
   } catch (const nlohmann::json::exception&) {
     throw Mistake{"'" + file.string() + "' is no checkpoint of drun"};
   }

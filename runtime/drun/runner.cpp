@@ -10,7 +10,6 @@
 #include "compiler/ir/internal_error.h"
 #include "runtime/drun/session.h"
 #include "runtime/drun/stop.h"
-#include "runtime/jit/check_trips.h"
 #include "runtime/jit/measure.h"
 #include "runtime/jit/rebuild.h"
 
@@ -96,7 +95,6 @@ int run_program(const Options& options) {
     const runtime::Device device = must(runtime::Device::open({options.device, options.validate}));
     const auto begin = std::chrono::steady_clock::now();
     const std::vector<uint8_t> bundle = load_or_compile(options, device.profile_name(), skips);
-    if (const auto problem = jit::check_trips(bundle, device.profile_name())) throw Mistake{*problem};
     if (options.timing) std::printf("%s: compiled or read in %.0f ms\n", options.file.c_str(), ms_since(begin));
     runtime::LoadOptions load{.trusted = options.trusted || !options.file.ends_with(".drb"),
                               .cache = options.cache,

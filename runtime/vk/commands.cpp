@@ -110,12 +110,16 @@ int64_t Commands::parts_of(const bundle::CommandT& c) const {
   auto trips = dim ? dim->evaluate(sizes_.symbols()) : std::nullopt;
   constexpr int64_t kMaxParts = 1 << 20;
   if (trips && *trips <= c.most_trips) return 1;
+  // What data decides on may promise any number: the shader tells where so many were not enough.
+  constexpr int64_t kMaxWatchedParts = 1 << 13;
   if (trips && c.part_trips == 0)
     throw Failure{"the loops of pass '" + c.label + "' may take " + std::to_string(*trips) +
                   " trips in an invocation, the device lets them have " + std::to_string(c.most_trips) +
-                  ", and they cannot be taken in parts, as a 'fold' or a function of a 'raster' is among them: promise "
-                  "fewer trips with 'max'"};
-  if (trips && c.watch >= 0) *trips += c.most_trips;  // for loops that are not among them
+                  ", and those in a function of a 'raster' cannot be taken in parts: promise fewer trips with 'max'"};
+  if (c.watch >= 0) {
+    if (!trips || *trips > kMaxWatchedParts * c.part_trips) return kMaxWatchedParts;
+    *trips += c.most_trips;  // for loops that are not among them
+  }
   if (!trips || *trips > kMaxParts * c.part_trips)
     throw Failure{"the loops of pass '" + c.label + "' may take " + (trips ? std::to_string(*trips) : "over 2^63") +
                   " trips in an invocation, the device is given " + std::to_string(kMaxParts * c.part_trips) +

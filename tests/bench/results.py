@@ -113,6 +113,7 @@ def page(figures):
              "- [The notebook](notebook.md): every benchmark, how it was measured, what was tried, and where we lose. Its figures are of the",
              "  builds that its history names, so some differ in the last digit from those above.",
              "- [Limits](limits.md): what devices and the interface allow, and what happens there.",
+             "- [Faults](faults.md): damaged files, hostile bundles, kills and misuse, counted by how they end.",
              "- [Accuracy](accuracy.md): the error of each op and each function of the library on each device.",
              "- `./dr bench` lists the benchmarks; `./dr bench results` takes what they left into this page.", ""]
     return "\n".join(text), plots

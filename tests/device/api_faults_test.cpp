@@ -226,6 +226,21 @@ TEST_CASE("odd options and odd bundles are answered") {
   });
 }
 
+TEST_CASE("a device that ends loops refuses a bundle that lets them run on") {
+  const char* text = R"(edition 1;
+input a : float[N];
+step go { output total = reduce(sum, i in 0..N) { a.at(i) }; }
+)";
+  const auto bundle = test::compile_text("api_faults_loops.dr", text, "swiftshader");
+  everywhere([&](runtime::Device& device, const std::vector<uint8_t>&) {
+    const auto program = runtime::Program::load(device, bundle);
+    if (device.profile_name() == "lavapipe")
+      refuses(program, "built for profile 'swiftshader', whose devices let loops run on");
+    else if (device.profile_name() == "swiftshader")
+      REQUIRE(program);
+  });
+}
+
 TEST_CASE("the reference answers alike") {
   auto program = test::must(jit::ReferenceProgram::load(fit_bundle("lavapipe")));
   Array bad = ones(8);

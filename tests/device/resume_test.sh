@@ -97,6 +97,16 @@ status=0; run --step fit=1 --resume --out nowhere > /dev/null 2> err.txt || stat
 mkdir -p broken; echo '{"folder": "../a"}' > broken/checkpoint.json
 status=0; run --step fit=1 --resume --out broken > /dev/null 2> err.txt || status=$?
 [[ $status == 1 ]] && grep -q "is no checkpoint of drun" err.txt || fail "resuming from anything: $(cat err.txt)"
+# One byte of a param, of the log, or of the counts: nothing goes on from numbers that nobody computed.
+run --step fit=3 --out damaged > /dev/null
+for file in checkpoint-0/a.npy checkpoint-0/log.jsonl checkpoint.json; do
+  rm -rf copy && cp -r damaged copy
+  at=$(($(stat -c %s "copy/$file") - 3)) # a number, not the header
+  byte=$(od -An -tu1 -j $at -N 1 "copy/$file")
+  printf "\\x$(printf %02x $((byte ^ 1)))" | dd of="copy/$file" bs=1 seek=$at conv=notrunc status=none
+  status=0; run --step fit=4 --resume --out copy > /dev/null 2> err.txt || status=$?
+  [[ $status == 1 ]] && grep -qE "is damaged|is no checkpoint of drun" err.txt || fail "$file changed: $status, $(cat err.txt)"
+done
 status=0; run --step fit=1 --resume > /dev/null 2> err.txt || status=$?
 [[ $status == 2 ]] || fail "--resume without --out"
 

@@ -263,3 +263,14 @@ def test_import_is_quick_and_needs_no_vulkan():
     seconds, numpy = subprocess.check_output([sys.executable, "-c", code], env=environment, text=True).split()
     assert numpy == "False"
     assert float(seconds) < 5  # it takes some hundredths of a second; a loaded machine may take longer
+
+
+def test_a_bundle_that_lets_loops_run_on(device):
+    text = "edition 1;\ninput a : float[W];\nstep s { output b = reduce(sum, i in 0..W) { a.at(i) }; }\n"
+    bundle = dressi.compile(text, device="reference", profile="swiftshader").bundle
+    program = dressi.load(bundle, device=device)
+    if device != "lavapipe":
+        assert program.bind(a=np.ones(9)).step()["b"] == 9
+        return
+    with pytest.raises(dressi.Error, match="whose devices let loops run on"):
+        program.bind(a=np.ones(9))

@@ -24,16 +24,13 @@ Generator::Cut Generator::cut(Shader& s, const Pass& pass, const Trips& trips, c
   if (!long_ones && !unknown) return cut;
   cut.most = profile_.loop_trips;
   cut.trips = (trips.most + ir::Dim(each > 1 ? 2 : 0)) * ir::Dim(each);
-  // What carries values cannot go on later: the runtime says so where its trips are too many. Where data decides on
-  // them, the shader tells whether the driver has ended a loop.
-  if (trips.folds > 0 && !unknown && trips.promised == 0) return cut;
   cut.cuts = true;
+  // Where data decides, the shader tells whether a loop did not come to its end.
   cut.watched = unknown || trips.promised > 0;
   cut.element = element;
   // Lanes that go different ways take their trips one after the other, as the driver counts.
   const int64_t lanes = trips.even ? 1 : std::max<int64_t>(profile_.subgroup_size, 1);
   cut.part = static_cast<uint32_t>(std::max<int64_t>(int64_t{cut.most} / lanes - overhead(trips, each), 1));
-  if (trips.folds > 0) cut.part = 0;  // the runtime refuses it where its trips are too many
   s.cut_loops();
   const std::string number = std::to_string(bundle_->resources.size());  // a pass may have several such shaders
   // The words of an element are known when its code is.
@@ -70,11 +67,6 @@ void Generator::end_cut(Shader& s, const Cut& cut) {
   if (!cut.cuts) return;
   s.pop_scope();
   s.body().line("}");
-}
-
-bool Generator::runs_of_elements(const Trips& trips) const {
-  constexpr int64_t kRun = 32;
-  return profile_.lanes_in_turn && (trips.folds == 0 || !may_pass_limit(trips, profile_, kRun));
 }
 
 void Generator::set_trips(bundle::CommandT& command, const Cut& cut) {

@@ -317,7 +317,7 @@ void Generator::map_pass(const Pass& pass) {
   const Trips trips = trips_of(graph_, pass.ops);
   if (const auto heavy = heavy_branches(pass, trips); !heavy.empty()) return listed_map_pass(pass, trips, heavy);
   Shader s = shader();
-  ListingLoop loop(s, pass.domain, runs_of_elements(trips) && listed_for(pass) != nullptr);
+  ListingLoop loop(s, pass.domain, profile_.lanes_in_turn && listed_for(pass) != nullptr);
   const Cut cut = this->cut(s, pass, trips, loop.element(), loop.each());
   open_cut(s, cut, loop.skip());
   s.element_ops(pass.ops);

@@ -74,8 +74,6 @@ class Generator {
   static void open_cut(glsl::Shader& shader, const Cut& cut, const std::string& skip);
   void close_cut(glsl::Shader& shader, const Cut& cut);
   static void end_cut(glsl::Shader& shader, const Cut& cut);
-  // Whether invocations may compute several elements: where loops cannot be cut, these share the trips.
-  bool runs_of_elements(const Trips& trips) const;
   static void set_trips(bundle::CommandT& command, const Cut& cut);
   void reduce_pass(const Pass& pass);
   void scatter_pass(const Pass& pass);

@@ -69,7 +69,7 @@ void Generator::listed_map_pass(const Pass& pass, const Trips& trips, const std:
   const std::string count = element_count(pass.domain).str();
   {
     Shader s = shader();
-    ListingLoop loop(s, pass.domain, runs_of_elements(trips));
+    ListingLoop loop(s, pass.domain, profile_.lanes_in_turn);
     // Where no condition holds, `false` stands for all: nothing is read that only a branch left out needs. Elsewhere
     // what follows a condition that holds is wrong, another condition too, and does not count.
     std::set<ValueId> conditions;

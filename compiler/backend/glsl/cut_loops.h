@@ -5,6 +5,7 @@
 // as graphs are pure.
 #pragma once
 
+#include <algorithm>
 #include <string>
 #include <vector>
 
@@ -16,16 +17,19 @@ class CutLoops {
  public:
   // A variable of the element, kept; its name comes back. `from_zero`: it starts as zero, otherwise a loop sets it.
   std::string keep(const ir::Type& type, std::string name, bool from_zero = false);
+  // An array of the element, kept: an expression of an item, and a statement that sets one.
+  std::string keep_array(const ir::Type& type, std::string name, int64_t count);
+  static std::string item(const std::string& array, const std::string& index);
+  static std::string set_item(const std::string& array, const std::string& index, const std::string& value);
   // A statement that takes effect once an element, or once a trip of the loop that it stands in.
   std::string once(const std::string& statement);
 
-  // A loop: `enter` are the statements that set what it keeps. Behind its body comes finish_trip(), then what a trip
-  // that is complete combines, then close().
-  void open(Writer& body, const std::vector<std::string>& enter, const std::string& trip, const std::string& end);
+  // A loop: `enter` are the statements that set what it keeps, `goes_on` and `advance` those of its head. Behind its
+  // body comes finish_trip(), then what a trip that is complete combines, then close().
+  void open(Writer& body, const std::vector<std::string>& enter, const std::string& goes_on,
+            const std::string& advance);
   void finish_trip(Writer& body);
   void close(Writer& body);
-  // A loop that cannot stop and go on: after it, whether the driver has ended it.
-  static void require_whole(Writer& body, const std::string& unfinished);
 
   // Where the words of all elements are kept.
   void set_state(std::string buffer) { state_ = std::move(buffer); }
@@ -34,18 +38,21 @@ class CutLoops {
   // the driver ended one.
   std::string variables() const;
   //   bool resume_loops(int element)   takes the variables from the words; false where the element's loops are done
-  //   void keep_loops(int element)     puts them there
+  //   void keep_loops(int element)     puts them there; arrays are there all the time
   std::string functions() const;
-  int words() const;  // of an element
+  int64_t words() const;  // of an element
 
  private:
   struct Variable {
     ir::Type type;
     std::string name;
-    bool from_zero;
+    bool from_zero = false;
+    int64_t count = 0;  // of an array's items
+    int64_t words() const { return std::max<int64_t>(count, 1) * type.components(); }
   };
+  std::string array_functions(const Variable& array, int64_t at) const;
   struct Loop {
-    std::string trip, end;
+    std::string goes_on;
     std::vector<int> bits;  // of what stands in its body
     bool has_loops = false;
   };

@@ -421,7 +421,7 @@ void Shader::yields(const Op& op, ir::RegionId region, const std::vector<std::st
     std::string index = part.index.valid() ? use(part.index) : "";
     all.push_back({std::move(index), graph_.value(part.value).accumulation ? "" : use(part.value)});
   }
-  const bool in_loop = op.kind == OpKind::Reduce;
+  const bool in_loop = ir::is_loop(op.kind);
   if (in_loop && cut_) cut_->finish_trip(body_);
   for (size_t k = 0; k < op.results.size(); ++k) {
     const Type& type = graph_.value(op.results[k]).type;
@@ -480,12 +480,8 @@ void Shader::if_op(const Op& op) {
 void Shader::reduce_op(const Op& op) {
   const std::string begin = use(op.operands[0]), end = use(op.operands[1]);
   std::vector<std::string> names, enter;
-  // What the loop combines starts as `first`.
   const auto variable = [&](const Type& type, const std::string& name, const std::string& first) {
-    if (cut_)
-      enter.push_back(cut_->keep(type, name) + " = " + first + ";");
-    else
-      body_.line(type.str() + " " + name + " = " + first + ";");
+    loop_variable(enter, type, name, first);
   };
   for (size_t k = 0; k < op.results.size(); ++k) {
     const ir::ValueInfo& info = graph_.value(op.results[k]);
@@ -503,8 +499,8 @@ void Shader::reduce_op(const Op& op) {
   forward_accumulators(op, op.regions[0]);
   const std::string trip = unique("i");
   if (cut_) {
-    enter.push_back(cut_->keep(ir::kInt, trip) + " = " + begin + ";");
-    cut_->open(body_, enter, trip, end);
+    variable(ir::kInt, trip, begin);
+    open_loop(enter, trip + " < " + end, "++" + trip);
   } else {
     body_.line("for (int " + trip + " = " + begin + "; " + trip + " < " + end + "; ++" + trip + ") {");
   }
@@ -512,10 +508,28 @@ void Shader::reduce_op(const Op& op) {
   define(graph_.region(op.regions[0]).params[0], trip);
   yields(op, op.regions[0], names, trip);
   pop_scope();
-  cut_ ? cut_->close(body_) : body_.line("}");
+  close_loop();
   for (size_t k = 0; k < op.results.size(); ++k)
     if (!names[k].empty()) define(op.results[k], names[k]);
 }
+
+// What a loop combines or counts, which starts as `first`; `enter` are the statements that a cut loop begins with.
+void Shader::loop_variable(std::vector<std::string>& enter, const Type& type, const std::string& name,
+                           const std::string& first) {
+  if (cut_)
+    enter.push_back(cut_->keep(type, name) + " = " + first + ";");
+  else
+    body_.line(type.str() + " " + name + " = " + first + ";");
+}
+
+void Shader::open_loop(const std::vector<std::string>& enter, const std::string& goes_on, const std::string& advance) {
+  if (cut_)
+    cut_->open(body_, enter, goes_on, advance);
+  else
+    body_.line("for (; " + goes_on + "; " + advance + ") {");
+}
+
+void Shader::close_loop() { cut_ ? cut_->close(body_) : body_.line("}"); }
 
 void Shader::choose_texels() {
   if (!lanes_in_turn_) return;

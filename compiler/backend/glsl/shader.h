@@ -123,18 +123,24 @@ class Shader {
   void op(const ir::Op& op);
   void if_op(const ir::Op& op);
   void reduce_op(const ir::Op& op);
+  void loop_variable(std::vector<std::string>& enter, const ir::Type& type, const std::string& name,
+                     const std::string& first);
+  void open_loop(const std::vector<std::string>& enter, const std::string& goes_on, const std::string& advance);
+  void close_loop();
   // shader_fold.cpp
   struct FoldLoops;
   void fold_op(const ir::Op& op);
-  std::string fold_head(const FoldLoops& loops, const std::string& count) const;
-  // Behind the loop of a fold's first sweep, and behind others that `unfinished` says of.
-  void require_first_sweep(const FoldLoops& loops);
-  void require_whole(const std::string& unfinished);
+  std::string fold_goes_on(const FoldLoops& loops, const std::string& count) const;
+  void loop_statement(std::vector<std::string>& enter, std::string statement);
+  std::string kept_array(const ir::Type& type, int64_t count);
+  std::string kept_item(const std::string& array, const std::string& index) const;
+  std::string keep_item(const std::string& array, const std::string& index, const std::string& value) const;
   void fold_storing(FoldLoops& loops, const std::vector<std::string>& results);
   void fold_parameters(const FoldLoops& loops, size_t sweep, const std::string& trip);
   void fold_trip(const FoldLoops& loops, size_t sweep, const std::string& trip,
                  const std::vector<std::string>& results);
   void fold_advance(const FoldLoops& loops, size_t sweep);
+  void fold_count_trips(FoldLoops& loops, const std::vector<std::string>& results);
   void fold_from_checkpoints(FoldLoops& loops, int64_t slots, const std::vector<std::string>& results);
   // A statement that takes effect outside of the shader.
   void effect(const std::string& statement) { body_.line(cut_ ? cut_->once(statement) : statement); }

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // Fold as loops of a shader: one for each sweep. What a later sweep sees of the states before a trip is stored in an
 // array of the invocation where all trips have room there. Where they have not, and two sweeps are all, the states
-// before some trips are stored, and those between are computed again from the nearest.
+// before some trips are stored, and those between are computed again from the nearest. All that loops may stop and go
+// on with is kept by loop_variable() and kept_array(): states change where a trip is complete.
 #include <algorithm>
 
+#include "compiler/backend/analysis/fold_memory.h"
 #include "compiler/backend/analysis/uses.h"
-#include "compiler/backend/glsl/fold_memory.h"
 #include "compiler/backend/glsl/shader.h"
 #include "compiler/ir/yields.h"
 
@@ -37,7 +38,8 @@ struct Shader::FoldLoops {
   std::string trips;                           // how many were run
   std::vector<std::vector<std::string>> now;   // variables: by sweep, by state
   std::vector<std::vector<std::string>> kept;  // arrays, by sweep, by state; empty: nobody asks
-  std::string stopped = {};                    // whether the first sweep ended by its own condition; empty: nobody asks
+  std::vector<std::string> enter = {};         // statements before the first sweep
+  std::string stopped = {};                    // whether it ended by its own condition; empty: nobody asks
   size_t sweeps() const { return op.regions.size(); }
 };
 
@@ -51,7 +53,7 @@ void Shader::fold_op(const Op& op) {
     for (const ValueId start : ir::fold_starts(op, s)) {
       const std::string from = use(start);
       names.push_back(unique("state"));
-      body_.line(graph_.value(start).type.str() + " " + names.back() + " = " + from + ";");
+      loop_variable(loops.enter, graph_.value(start).type, names.back(), from);
     }
   }
   std::vector<std::string> results = loops.now.back();
@@ -59,12 +61,12 @@ void Shader::fold_op(const Op& op) {
     const ir::ValueInfo& info = graph_.value(op.results[k]);
     const bool scatter = op.attrs.yields[k] == Yield::Scatter;
     results.push_back(scatter ? std::string() : unique(info.name.empty() ? "fold" : info.name));
-    if (!scatter) body_.line(info.type.str() + " " + results.back() + " = " + zero(info.type) + ";");
+    if (!scatter) loop_variable(loops.enter, info.type, results.back(), zero(info.type));
   }
   forward_accumulators(op, op.regions.back());
   if (cut_ && ir::fold_stops(op)) {
     loops.stopped = unique("stopped");
-    body_.line("bool " + loops.stopped + " = false;");
+    loop_variable(loops.enter, ir::kBool, loops.stopped, "false");
   }
 
   const FoldMemory memory = fold_memory(graph_, op);
@@ -77,21 +79,29 @@ void Shader::fold_op(const Op& op) {
     if (!results[k].empty()) define(op.results[k], results[k]);
 }
 
-// The head of a loop over the trips from the first on, that counts them in `count`.
-std::string Shader::fold_head(const FoldLoops& loops, const std::string& count) const {
+// Whether one more trip comes after `count`.
+std::string Shader::fold_goes_on(const FoldLoops& loops, const std::string& count) const {
   const int64_t bound = ir::fold_bound(loops.op);
-  return "for (; " + loops.begin + " + " + count + " < " + loops.end +
-         (bound < 0 ? "" : " && " + count + " < " + std::to_string(bound)) + "; ) {";
+  return (loops.stopped.empty() ? "" : "!" + loops.stopped + " && ") + loops.begin + " + " + count + " < " + loops.end +
+         (bound < 0 ? "" : " && " + count + " < " + std::to_string(bound));
 }
 
-void Shader::require_whole(const std::string& unfinished) {
-  if (cut_) CutLoops::require_whole(body_, unfinished);
+// An array that loops keep, and its items.
+std::string Shader::kept_array(const Type& type, int64_t count) {
+  const std::string name = unique("kept");
+  if (cut_) return cut_->keep_array(type, name, count);
+  body_.line(type.str() + " " + name + "[" + std::to_string(count) + "];");
+  return name;
 }
-
-void Shader::require_first_sweep(const FoldLoops& loops) {
-  const int64_t bound = ir::fold_bound(loops.op);
-  require_whole((loops.stopped.empty() ? "" : "!" + loops.stopped + " && ") + loops.begin + " + " + loops.trips +
-                " < " + loops.end + (bound < 0 ? "" : " && " + loops.trips + " < " + std::to_string(bound)));
+// A statement before a loop.
+void Shader::loop_statement(std::vector<std::string>& enter, std::string statement) {
+  cut_ ? enter.push_back(std::move(statement)) : body_.line(statement);
+}
+std::string Shader::kept_item(const std::string& array, const std::string& index) const {
+  return cut_ ? CutLoops::item(array, index) : array + "[" + index + "]";
+}
+std::string Shader::keep_item(const std::string& array, const std::string& index, const std::string& value) const {
+  return cut_ ? CutLoops::set_item(array, index, value) : array + "[" + index + "] = " + value + ";";
 }
 
 void Shader::fold_storing(FoldLoops& loops, const std::vector<std::string>& results) {
@@ -104,31 +114,26 @@ void Shader::fold_storing(FoldLoops& loops, const std::vector<std::string>& resu
       for (size_t later = s + 1; later <= last; ++later)
         wanted = wanted || reads(graph_, op.regions[later], ir::fold_params(graph_, op, later, s)[k]);
       if (!wanted) continue;
-      arrays[k] = unique("kept");
-      body_.line(graph_.value(ir::fold_starts(op, s)[k]).type.str() + " " + arrays[k] + "[" +
-                 std::to_string(std::max<int64_t>(1, ir::fold_bound(op))) + "];");
+      arrays[k] = kept_array(graph_.value(ir::fold_starts(op, s)[k]).type, std::max<int64_t>(1, ir::fold_bound(op)));
     }
   }
-  body_.line("int " + loops.trips + " = 0;");
+  loop_variable(loops.enter, ir::kInt, loops.trips, "0");
   for (size_t s = 0; s <= last; ++s) {
     const std::string trip = s == 0 ? loops.trips : unique("trip");
+    std::vector<std::string> enter;
     if (s == 0) {
-      body_.line(fold_head(loops, trip));
+      open_loop(loops.enter, fold_goes_on(loops, trip), "");
     } else if (s % 2 == 1) {
-      body_.line("int " + trip + " = " + loops.trips + " - 1;");
-      body_.line("for (; " + trip + " >= 0; --" + trip + ") {");
+      loop_variable(enter, ir::kInt, trip, loops.trips + " - 1");
+      open_loop(enter, trip + " >= 0", "--" + trip);
     } else {
-      body_.line("int " + trip + " = 0;");
-      body_.line("for (; " + trip + " < " + loops.trips + "; ++" + trip + ") {");
+      loop_variable(enter, ir::kInt, trip, "0");
+      open_loop(enter, trip + " < " + loops.trips, "++" + trip);
     }
     push_scope();
     fold_trip(loops, s, trip, results);
     pop_scope();
-    body_.line("}");
-    if (s == 0)
-      require_first_sweep(loops);
-    else
-      require_whole(s % 2 == 1 ? trip + " >= 0" : trip + " < " + loops.trips);
+    close_loop();
   }
 }
 
@@ -145,9 +150,8 @@ void Shader::fold_parameters(const FoldLoops& loops, size_t sweep, const std::st
       if (of < sweep && array.empty()) continue;
       const ir::ValueInfo& info = graph_.value(params[k]);
       const std::string name = unique(info.name.empty() ? "state" : info.name);
-      body_.line(info.type.str() + " " + name + " = " + (of < sweep ? array + "[" + trip + "]" : loops.now[of][k]) +
-                 ";");
-      if (of == sweep && !array.empty()) body_.line(array + "[" + trip + "] = " + name + ";");
+      body_.line(info.type.str() + " " + name + " = " + (of < sweep ? kept_item(array, trip) : loops.now[of][k]) + ";");
+      if (of == sweep && !array.empty()) body_.line(keep_item(array, trip, name));
       define(params[k], name);
     }
   }
@@ -178,6 +182,7 @@ void Shader::fold_advance(const FoldLoops& loops, size_t sweep) {
   const std::span<const ValueId> next = ir::fold_next(graph_, loops.op, sweep);
   std::vector<std::string> values;
   for (const ValueId v : next) values.push_back(use(v));
+  if (cut_) cut_->finish_trip(body_);
   for (size_t k = 0; k < values.size(); ++k) body_.line(loops.now[sweep][k] + " = " + values[k] + ";");
 }
 
@@ -185,43 +190,31 @@ void Shader::fold_advance(const FoldLoops& loops, size_t sweep) {
 // closer to the trip: half of those that are free at equal distances, and so on.
 void Shader::fold_from_checkpoints(FoldLoops& loops, int64_t slots, const std::vector<std::string>& results) {
   const Op& op = loops.op;
-  const std::string count = std::to_string(slots), top = unique("top"), places = unique("place"), trip = unique("trip"),
-                    at = unique("at"), next = unique("next"), free = unique("free");
-  body_.line("int " + loops.trips + " = 0;");
-  std::vector<std::string> starts, arrays;
-  for (size_t k = 0; k < loops.now[0].size(); ++k) {
-    const std::string type = graph_.value(ir::fold_starts(op, 0)[k]).type.str();
-    arrays.push_back(unique("kept"));
-    body_.line(type + " " + arrays[k] + "[" + count + "];");
-    body_.line(arrays[k] + "[0] = " + loops.now[0][k] + ";");
+  const std::string count = std::to_string(slots), top = unique("top"), trip = unique("trip"), at = unique("at"),
+                    next = unique("next"), free = unique("free");
+  const std::vector<std::string>& now = loops.now[0];
+  std::vector<std::string> arrays;
+  for (size_t k = 0; k < now.size(); ++k) {
+    arrays.push_back(kept_array(graph_.value(ir::fold_starts(op, 0)[k]).type, slots));
+    loop_statement(loops.enter, keep_item(arrays[k], "0", now[k]));
   }
-  if (ir::fold_stops(op)) {
-    body_.line(fold_head(loops, loops.trips));
-    push_scope();
-    fold_trip(loops, 0, loops.trips, results);
-    pop_scope();
-    body_.line("}");
-    require_first_sweep(loops);
-  } else {
-    const std::string all = "max(" + loops.end + " - " + loops.begin + ", 0)";
-    const int64_t bound = ir::fold_bound(op);
-    body_.line(loops.trips + " = " + (bound < 0 ? all : "min(" + all + ", " + std::to_string(bound) + ")") + ";");
-  }
-  body_.line("int " + places + "[" + count + "];");
-  body_.line(places + "[0] = 0;");
-  body_.line("int " + top + " = 0;");
-  body_.line("int " + trip + " = " + loops.trips + " - 1;");
-  body_.line("for (; " + trip + " >= 0; --" + trip + ") {");
-  for (size_t k = 0; k < arrays.size(); ++k) body_.line(loops.now[0][k] + " = " + arrays[k] + "[" + top + "];");
-  body_.line("int " + at + " = " + places + "[" + top + "];");
-  const auto choose_next = [&] {
-    body_.line(free + " = " + count + " - 1 - " + top + ";");
-    body_.line(next + " = " + at + " + (" + free + " >= " + trip + " - " + at + " ? 1 : (" + trip + " - " + at +
-               " + (" + free + " + 1) / 2) / ((" + free + " + 1) / 2 + 1));");
-  };
-  body_.line("int " + free + ", " + next + ";");
-  choose_next();
-  body_.line("for (; " + at + " < " + trip + "; ) {");
+  const std::string places = kept_array(ir::kInt, slots);
+  loop_statement(loops.enter, keep_item(places, "0", "0"));
+  loop_variable(loops.enter, ir::kInt, top, "0");
+  fold_count_trips(loops, results);
+
+  loop_variable(loops.enter, ir::kInt, trip, loops.trips + " - 1");
+  open_loop(loops.enter, trip + " >= 0", "--" + trip);
+  std::vector<std::string> enter;
+  for (size_t k = 0; k < arrays.size(); ++k) loop_statement(enter, now[k] + " = " + kept_item(arrays[k], top) + ";");
+  body_.line("int " + free + ";");
+  const std::string set_free = free + " = " + count + " - 1 - " + top + ";",
+                    after = at + " + (" + free + " >= " + trip + " - " + at + " ? 1 : (" + trip + " - " + at + " + (" +
+                            free + " + 1) / 2) / ((" + free + " + 1) / 2 + 1))";
+  loop_variable(enter, ir::kInt, at, kept_item(places, top));
+  loop_statement(enter, set_free);
+  loop_variable(enter, ir::kInt, next, after);
+  open_loop(enter, at + " < " + trip, "");
   push_scope();
   fold_parameters(loops, 0, at);
   fold_advance(loops, 0);
@@ -229,20 +222,37 @@ void Shader::fold_from_checkpoints(FoldLoops& loops, int64_t slots, const std::v
   body_.line("++" + at + ";");
   body_.line("if (" + top + " < " + count + " - 1 && " + at + " >= " + next + " && " + at + " < " + trip + ") {");
   body_.line("++" + top + ";");
-  body_.line(places + "[" + top + "] = " + at + ";");
-  for (size_t k = 0; k < arrays.size(); ++k) body_.line(arrays[k] + "[" + top + "] = " + loops.now[0][k] + ";");
-  choose_next();
+  body_.line(keep_item(places, top, at));
+  for (size_t k = 0; k < arrays.size(); ++k) body_.line(keep_item(arrays[k], top, now[k]));
+  body_.line(set_free);
+  body_.line(next + " = " + after + ";");
   body_.line("}");
-  body_.line("}");
-  require_whole(at + " < " + trip);
+  close_loop();
   push_scope();
   const std::span<const ValueId> before = ir::fold_params(graph_, op, 1, 0);
-  for (size_t k = 0; k < before.size(); ++k) define(before[k], loops.now[0][k]);
+  for (size_t k = 0; k < before.size(); ++k) define(before[k], now[k]);
   fold_trip(loops, 1, trip, results);
   pop_scope();
-  body_.line("if (" + top + " > 0 && " + places + "[" + top + "] == " + trip + ") --" + top + ";");
-  body_.line("}");
-  require_whole(trip + " >= 0");
+  body_.line("if (" + top + " > 0 && " + kept_item(places, top) + " == " + trip + ") --" + top + ";");
+  close_loop();
+}
+
+// How many trips the first sweep takes: those that its own condition leaves, or what the range says.
+void Shader::fold_count_trips(FoldLoops& loops, const std::vector<std::string>& results) {
+  if (ir::fold_stops(loops.op)) {
+    loop_variable(loops.enter, ir::kInt, loops.trips, "0");
+    open_loop(loops.enter, fold_goes_on(loops, loops.trips), "");
+    push_scope();
+    fold_trip(loops, 0, loops.trips, results);
+    pop_scope();
+    close_loop();
+    loops.enter.clear();
+    return;
+  }
+  const std::string all = "max(" + loops.end + " - " + loops.begin + ", 0)";
+  const int64_t bound = ir::fold_bound(loops.op);
+  body_.line("int " + loops.trips + " = " + (bound < 0 ? all : "min(" + all + ", " + std::to_string(bound) + ")") +
+             ";");
 }
 
 }  // namespace dr::backend::glsl

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "compiler/backend/analysis/fold_memory.h"
 #include "compiler/ir/dim_bound.h"
 #include "compiler/ir/yields.h"
 
@@ -222,7 +223,6 @@ Trips& Trips::operator+=(const Trips& other) {
   loops += other.loops;
   unknown += other.unknown;
   promised += other.promised;
-  folds += other.folds;
   even = even && other.even;
   return *this;
 }
@@ -243,18 +243,19 @@ Trips trips_of(const Graph& graph, std::span<const ir::OpId> ops) {
     if (op.kind == OpKind::If) {
       inside.even = inside.loops == 0 || (inside.even && alike(op.operands[0]));
     } else if (op.kind == OpKind::Fold) {
-      // Each sweep is a loop of as many trips as the first. Without a bound, states may be computed again and again.
+      // Each sweep is a loop of as many trips as the first. What was not kept is computed again.
       const Dim sweeps(static_cast<int64_t>(ir::fold_sweeps(op)));
+      const FoldMemory memory = fold_memory(graph, op);
       Bound most = Finder(graph).difference(op.operands[1], op.operands[0]);
       const bool has_max = ir::fold_bound(op) >= 0;
       if (!most) ++(has_max ? inside.promised : inside.unknown);
-      if (most && !has_max && ir::fold_sweeps(op) > 1) ++inside.unknown;
       if (most) most = most_of(*most);
       if (has_max) most = either(most, Dim(ir::fold_bound(op)), true);
-      inside.most = sweeps + (most ? *most : Dim(1)) * (sweeps + inside.most);
+      const Dim trips = most ? *most : Dim(1), again = trips_again(memory, trips);
+      const int again_loops = memory.how == FoldMemory::How::Checkpoints ? 1 : 0;
+      inside.most = sweeps + trips * (sweeps + Dim(again_loops) + inside.most) + again * (Dim(1) + inside.most);
       inside.even = inside.even && alike(op.operands[0]) && alike(op.operands[1]) && !ir::fold_stops(op);
-      inside.loops += static_cast<int>(ir::fold_sweeps(op));
-      ++inside.folds;
+      inside.loops += static_cast<int>(ir::fold_sweeps(op)) + again_loops;
     } else {
       Bound most = Finder(graph).difference(op.operands[1], op.operands[0]);
       const bool has_max = op.attrs.ints[0] >= 0;

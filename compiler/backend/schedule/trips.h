@@ -19,7 +19,6 @@ struct Trips {
   int loops = 0;     // in the text
   int unknown = 0;   // their range depends on data and nothing bounds it: `most` is without their trips
   int promised = 0;  // their range depends on data, and what bounds it is the program's `max`
-  int folds = 0;     // loops that carry values: these cannot go on in a later dispatch
   bool even = true;  // all invocations take the same trips
 
   Trips& operator+=(const Trips& other);

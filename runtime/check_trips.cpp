@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "runtime/jit/check_trips.h"
+#include "runtime/check_trips.h"
 
 #include <algorithm>
 
-#include "compiler/backend/bundle/bundle.h"
 #include "compiler/target/profile.h"
 
-namespace dr::jit {
+namespace dr::runtime {
 
 namespace {
 
@@ -26,18 +25,17 @@ uint32_t trips_of_profile(const std::string& name) {
 
 }  // namespace
 
-std::optional<std::string> check_trips(std::span<const uint8_t> bytes, const std::string& device_profile) {
+std::optional<std::string> check_trips(const bundle::BundleT& bundle, const std::string& device_profile) {
+  if (bundle.profile == device_profile) return std::nullopt;
   const uint32_t limit = trips_of_profile(device_profile);
-  const auto read = bundle::read(bytes);
-  const auto* bundle = std::get_if<bundle::BundleT>(&read);
-  if (limit == 0 || bundle == nullptr) return std::nullopt;  // what cannot be read is told of where it is loaded
+  if (limit == 0) return std::nullopt;
   const std::vector<std::string> all = target::builtin_profiles();
-  const bool known = std::ranges::find(all, bundle->profile) != all.end();
-  if (!known || trips_of_profile(bundle->profile) > 0) return std::nullopt;
-  if (std::ranges::none_of(bundle->shaders, [](const auto& s) { return has_loops(s->spirv); })) return std::nullopt;
-  return "the bundle was built for profile '" + bundle->profile +
+  const bool known = std::ranges::find(all, bundle.profile) != all.end();
+  if (!known || trips_of_profile(bundle.profile) > 0) return std::nullopt;
+  if (std::ranges::none_of(bundle.shaders, [](const auto& s) { return has_loops(s->spirv); })) return std::nullopt;
+  return "the bundle was built for profile '" + bundle.profile +
          "', whose devices let loops run on; this device ends " + "them after " + std::to_string(limit) +
          " trips: build it with --profile=" + device_profile;
 }
 
-}  // namespace dr::jit
+}  // namespace dr::runtime

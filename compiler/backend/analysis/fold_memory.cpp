@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "compiler/backend/glsl/fold_memory.h"
+#include "compiler/backend/analysis/fold_memory.h"
 
 #include <algorithm>
 
 #include "compiler/ir/yields.h"
 
-namespace dr::backend::glsl {
+namespace dr::backend {
 
 namespace {
 
@@ -55,4 +55,17 @@ FoldMemory fold_memory(const ir::Graph& graph, const ir::Op& op) {
   return {.how = FoldMemory::How::Checkpoints, .slots = slots};
 }
 
-}  // namespace dr::backend::glsl
+// Each time, half of the slots that are free part the way to a trip. When none is left, a trip is as far from the
+// nearest as these parts are long.
+ir::Dim trips_again(const FoldMemory& memory, const ir::Dim& trips) {
+  if (memory.how != FoldMemory::How::Checkpoints) return 0;
+  int64_t parts = 1, times = 1;
+  for (int64_t free = memory.slots - 1; free > 0; ++times) {
+    const int64_t taken = (free + 1) / 2;
+    parts = std::min(parts * (taken + 1), int64_t{INT32_MAX});
+    free -= taken;
+  }
+  return trips * (ir::Dim(times) + trips.divided_by(parts));
+}
+
+}  // namespace dr::backend

@@ -8,7 +8,7 @@
 
 #include "compiler/ir/graph.h"
 
-namespace dr::backend::glsl {
+namespace dr::backend {
 
 struct FoldMemory {
   enum class How : uint8_t {
@@ -22,7 +22,10 @@ struct FoldMemory {
 
 FoldMemory fold_memory(const ir::Graph& graph, const ir::Op& op);
 
+// How many trips of the first sweep are run once more, at most, if it takes at most so many.
+ir::Dim trips_again(const FoldMemory& memory, const ir::Dim& trips);
+
 // What is wrong with the loops of a graph, one sentence a line: where all states have to be stored they must have room.
 std::optional<std::string> folds_over_limit(const ir::Graph& graph);
 
-}  // namespace dr::backend::glsl
+}  // namespace dr::backend
