@@ -26,20 +26,22 @@ VkResult error_of(std::string_view call) {
 }
 
 // How many of each kind of object there are.
-#define DR_OBJECTS(X)                                                                                   \
-  X(Buffer)                                                                                             \
-  X(BufferView)                                                                                         \
-  X(Image) X(ImageView) X(Fence) X(Semaphore) X(Event) X(CommandPool) X(ShaderModule) X(PipelineLayout) \
-      X(DescriptorSetLayout) X(DescriptorPool) X(PipelineCache) X(RenderPass) X(Framebuffer) X(QueryPool) X(Sampler)
+#define DR_OBJECTS(X)                                                                                                 \
+  X(Buffer)                                                                                                           \
+  X(BufferView)                                                                                                       \
+  X(Image)                                                                                                            \
+  X(ImageView) X(Fence) X(Semaphore) X(Event) X(CommandPool) X(ShaderModule) X(PipelineLayout) X(DescriptorSetLayout) \
+      X(DescriptorPool) X(PipelineCache) X(RenderPass) X(Framebuffer) X(QueryPool) X(Sampler)
 // Other calls that may fail.
-#define DR_CALLS(X)                                                                                               \
-  X(MapMemory)                                                                                                    \
-  X(BindBufferMemory)                                                                                             \
-  X(BindImageMemory) X(ResetFences) X(WaitForFences) X(GetFenceStatus) X(QueueSubmit) X(QueueWaitIdle)            \
-      X(DeviceWaitIdle) X(AllocateCommandBuffers) X(BeginCommandBuffer) X(EndCommandBuffer) X(ResetCommandBuffer) \
-          X(ResetCommandPool) X(AllocateDescriptorSets) X(GetPipelineCacheData) X(MergePipelineCaches)            \
-              X(GetQueryPoolResults) X(FlushMappedMemoryRanges) X(InvalidateMappedMemoryRanges)                   \
-                  X(SetDebugUtilsObjectNameEXT) X(FreeDescriptorSets)
+#define DR_CALLS(X)                                                                                                 \
+  X(MapMemory)                                                                                                      \
+  X(BindBufferMemory)                                                                                               \
+  X(BindImageMemory)                                                                                                \
+  X(ResetFences) X(WaitForFences) X(GetFenceStatus) X(QueueSubmit) X(QueueWaitIdle) X(DeviceWaitIdle)               \
+      X(AllocateCommandBuffers) X(BeginCommandBuffer) X(EndCommandBuffer) X(ResetCommandBuffer) X(ResetCommandPool) \
+          X(AllocateDescriptorSets) X(GetPipelineCacheData) X(MergePipelineCaches) X(GetQueryPoolResults)           \
+              X(FlushMappedMemoryRanges) X(InvalidateMappedMemoryRanges) X(SetDebugUtilsObjectNameEXT)              \
+                  X(FreeDescriptorSets)
 #define DR_INSTANCE_CALLS(X) X(EnumeratePhysicalDevices) X(EnumerateDeviceExtensionProperties)
 
 std::atomic<long> instances, devices, memories, pipelines;
@@ -63,7 +65,8 @@ DR_CALLS(X)
 DR_INSTANCE_CALLS(X)
 #undef X
 DR_TAG(AllocateMemory, &memories)
-DR_TAG(FreeMemory, &memories) DR_TAG(CreateComputePipelines, &pipelines) DR_TAG(CreateGraphicsPipelines, &pipelines)
+DR_TAG(FreeMemory, &memories)
+DR_TAG(CreateComputePipelines, &pipelines) DR_TAG(CreateGraphicsPipelines, &pipelines)
     DR_TAG(DestroyPipeline, &pipelines) DR_TAG(DestroyInstance, &instances) DR_TAG(DestroyDevice, &devices)
 }  // namespace call
 
@@ -140,7 +143,8 @@ VKAPI_ATTR VkResult VKAPI_CALL create_device(VkPhysicalDevice physical, const Vk
   DR_CALLS(X)
   X(AllocateMemory)
   X(FreeMemory)
-  X(CreateComputePipelines) X(CreateGraphicsPipelines) X(DestroyPipeline) X(DestroyDevice)
+  X(CreateComputePipelines)
+  X(CreateGraphicsPipelines) X(DestroyPipeline) X(DestroyDevice)
 #undef X
 #define X(name)                                                                                    \
   call::Create##name::next = reinterpret_cast<PFN_vkCreate##name>(get(*device, "vkCreate" #name)); \
@@ -164,7 +168,8 @@ PFN_vkVoidFunction hook_of(std::string_view name, bool of_device) {
   DR_CALLS(X)
   X(AllocateMemory)
   X(FreeMemory)
-  X(CreateComputePipelines) X(CreateGraphicsPipelines) X(DestroyPipeline)
+  X(CreateComputePipelines)
+  X(CreateGraphicsPipelines) X(DestroyPipeline)
       X(DestroyDevice) if (!of_device){DR_INSTANCE_CALLS(X) X(DestroyInstance)}
 #undef X
 #define X(object)                                                                                       \

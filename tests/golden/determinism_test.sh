@@ -14,6 +14,8 @@ for program in $(readlink -f "$@"); do
   for copy in one another/much/deeper; do
     mkdir -p "$folder/$name/$copy/products"
     cp "$program" "$folder/$name/$copy/"
+    modules=$(dirname "$program")/modules
+    [[ ! -d $modules ]] || cp -r "$modules" "$folder/$name/$copy/"
     cd "$folder/$name/$copy"
     "$drc" build "$name.dr" --emit=ast,ir,grad-ir,schedule,glsl,bundle --profile=lavapipe -o products
     threads=1
