@@ -26,22 +26,39 @@ VkResult error_of(std::string_view call) {
 }
 
 // How many of each kind of object there are.
-#define DR_OBJECTS(X)                                                                                                 \
-  X(Buffer)                                                                                                           \
-  X(BufferView)                                                                                                       \
-  X(Image)                                                                                                            \
-  X(ImageView) X(Fence) X(Semaphore) X(Event) X(CommandPool) X(ShaderModule) X(PipelineLayout) X(DescriptorSetLayout) \
-      X(DescriptorPool) X(PipelineCache) X(RenderPass) X(Framebuffer) X(QueryPool) X(Sampler)
+#define DR_OBJECTS(X) \
+  X(Buffer)           \
+  X(BufferView)       \
+  X(Image)            \
+  X(ImageView)        \
+  X(Fence)            \
+  X(Semaphore)        \
+  X(Event)            \
+  X(CommandPool)      \
+  X(ShaderModule)     \
+  X(PipelineLayout)   \
+  X(DescriptorSetLayout) X(DescriptorPool) X(PipelineCache) X(RenderPass) X(Framebuffer) X(QueryPool) X(Sampler)
 // Other calls that may fail.
-#define DR_CALLS(X)                                                                                                 \
-  X(MapMemory)                                                                                                      \
-  X(BindBufferMemory)                                                                                               \
-  X(BindImageMemory)                                                                                                \
-  X(ResetFences) X(WaitForFences) X(GetFenceStatus) X(QueueSubmit) X(QueueWaitIdle) X(DeviceWaitIdle)               \
-      X(AllocateCommandBuffers) X(BeginCommandBuffer) X(EndCommandBuffer) X(ResetCommandBuffer) X(ResetCommandPool) \
-          X(AllocateDescriptorSets) X(GetPipelineCacheData) X(MergePipelineCaches) X(GetQueryPoolResults)           \
-              X(FlushMappedMemoryRanges) X(InvalidateMappedMemoryRanges) X(SetDebugUtilsObjectNameEXT)              \
-                  X(FreeDescriptorSets)
+#define DR_CALLS(X)                                                                                               \
+  X(MapMemory)                                                                                                    \
+  X(BindBufferMemory)                                                                                             \
+  X(BindImageMemory)                                                                                              \
+  X(ResetFences)                                                                                                  \
+  X(WaitForFences)                                                                                                \
+  X(GetFenceStatus)                                                                                               \
+  X(QueueSubmit)                                                                                                  \
+  X(QueueWaitIdle)                                                                                                \
+  X(DeviceWaitIdle)                                                                                               \
+  X(AllocateCommandBuffers)                                                                                       \
+  X(BeginCommandBuffer)                                                                                           \
+  X(EndCommandBuffer)                                                                                             \
+  X(ResetCommandBuffer)                                                                                           \
+  X(ResetCommandPool)                                                                                             \
+  X(AllocateDescriptorSets)                                                                                       \
+  X(GetPipelineCacheData)                                                                                         \
+  X(MergePipelineCaches)                                                                                          \
+  X(GetQueryPoolResults) X(FlushMappedMemoryRanges) X(InvalidateMappedMemoryRanges) X(SetDebugUtilsObjectNameEXT) \
+      X(FreeDescriptorSets)
 #define DR_INSTANCE_CALLS(X) X(EnumeratePhysicalDevices) X(EnumerateDeviceExtensionProperties)
 
 std::atomic<long> instances, devices, memories, pipelines;
@@ -66,8 +83,9 @@ DR_INSTANCE_CALLS(X)
 #undef X
 DR_TAG(AllocateMemory, &memories)
 DR_TAG(FreeMemory, &memories)
-DR_TAG(CreateComputePipelines, &pipelines) DR_TAG(CreateGraphicsPipelines, &pipelines)
-    DR_TAG(DestroyPipeline, &pipelines) DR_TAG(DestroyInstance, &instances) DR_TAG(DestroyDevice, &devices)
+DR_TAG(CreateComputePipelines, &pipelines)
+DR_TAG(CreateGraphicsPipelines, &pipelines)
+DR_TAG(DestroyPipeline, &pipelines) DR_TAG(DestroyInstance, &instances) DR_TAG(DestroyDevice, &devices)
 }  // namespace call
 
 template <class Tag, class F>
@@ -144,14 +162,16 @@ VKAPI_ATTR VkResult VKAPI_CALL create_device(VkPhysicalDevice physical, const Vk
   X(AllocateMemory)
   X(FreeMemory)
   X(CreateComputePipelines)
-  X(CreateGraphicsPipelines) X(DestroyPipeline) X(DestroyDevice)
+  X(CreateGraphicsPipelines)
+  X(DestroyPipeline)
+  X(DestroyDevice)
 #undef X
 #define X(name)                                                                                    \
   call::Create##name::next = reinterpret_cast<PFN_vkCreate##name>(get(*device, "vkCreate" #name)); \
   call::Destroy##name::next = reinterpret_cast<PFN_vkDestroy##name>(get(*device, "vkDestroy" #name));
-      DR_OBJECTS(X)
+  DR_OBJECTS(X)
 #undef X
-          return result;
+  return result;
 }
 
 VKAPI_ATTR PFN_vkVoidFunction VKAPI_CALL get_device_call(VkDevice device, const char* name);
@@ -169,15 +189,19 @@ PFN_vkVoidFunction hook_of(std::string_view name, bool of_device) {
   X(AllocateMemory)
   X(FreeMemory)
   X(CreateComputePipelines)
-  X(CreateGraphicsPipelines) X(DestroyPipeline)
-      X(DestroyDevice) if (!of_device){DR_INSTANCE_CALLS(X) X(DestroyInstance)}
+  X(CreateGraphicsPipelines)
+  X(DestroyPipeline)
+  X(DestroyDevice)
+  if (!of_device) {
+    DR_INSTANCE_CALLS(X) X(DestroyInstance)
+  }
 #undef X
 #define X(object)                                                                                       \
   if (name == "vkCreate" #object) return as_call(Hook<call::Create##object, PFN_vkCreate##object>::go); \
   if (name == "vkDestroy" #object) return as_call(Hook<call::Destroy##object, PFN_vkDestroy##object>::go);
   DR_OBJECTS(X)
 #undef X
-      if (name == "vkGetDeviceProcAddr") return as_call(get_device_call);
+  if (name == "vkGetDeviceProcAddr") return as_call(get_device_call);
   if (of_device) return nullptr;
   if (name == "vkGetInstanceProcAddr") return as_call(get_instance_call);
   if (name == "vkCreateInstance") return as_call(create_instance);
