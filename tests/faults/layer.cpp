@@ -25,40 +25,24 @@ VkResult error_of(std::string_view call) {
   return VK_ERROR_OUT_OF_HOST_MEMORY;
 }
 
+// Lists of a macro's uses are no statements.
+// clang-format off
+
 // How many of each kind of object there are.
-#define DR_OBJECTS(X) \
-  X(Buffer)           \
-  X(BufferView)       \
-  X(Image)            \
-  X(ImageView)        \
-  X(Fence)            \
-  X(Semaphore)        \
-  X(Event)            \
-  X(CommandPool)      \
-  X(ShaderModule)     \
-  X(PipelineLayout)   \
-  X(DescriptorSetLayout) X(DescriptorPool) X(PipelineCache) X(RenderPass) X(Framebuffer) X(QueryPool) X(Sampler)
+#define DR_OBJECTS(X)                                                                                   \
+  X(Buffer)                                                                                             \
+  X(BufferView)                                                                                         \
+  X(Image) X(ImageView) X(Fence) X(Semaphore) X(Event) X(CommandPool) X(ShaderModule) X(PipelineLayout) \
+      X(DescriptorSetLayout) X(DescriptorPool) X(PipelineCache) X(RenderPass) X(Framebuffer) X(QueryPool) X(Sampler)
 // Other calls that may fail.
 #define DR_CALLS(X)                                                                                               \
   X(MapMemory)                                                                                                    \
   X(BindBufferMemory)                                                                                             \
-  X(BindImageMemory)                                                                                              \
-  X(ResetFences)                                                                                                  \
-  X(WaitForFences)                                                                                                \
-  X(GetFenceStatus)                                                                                               \
-  X(QueueSubmit)                                                                                                  \
-  X(QueueWaitIdle)                                                                                                \
-  X(DeviceWaitIdle)                                                                                               \
-  X(AllocateCommandBuffers)                                                                                       \
-  X(BeginCommandBuffer)                                                                                           \
-  X(EndCommandBuffer)                                                                                             \
-  X(ResetCommandBuffer)                                                                                           \
-  X(ResetCommandPool)                                                                                             \
-  X(AllocateDescriptorSets)                                                                                       \
-  X(GetPipelineCacheData)                                                                                         \
-  X(MergePipelineCaches)                                                                                          \
-  X(GetQueryPoolResults) X(FlushMappedMemoryRanges) X(InvalidateMappedMemoryRanges) X(SetDebugUtilsObjectNameEXT) \
-      X(FreeDescriptorSets)
+  X(BindImageMemory) X(ResetFences) X(WaitForFences) X(GetFenceStatus) X(QueueSubmit) X(QueueWaitIdle)            \
+      X(DeviceWaitIdle) X(AllocateCommandBuffers) X(BeginCommandBuffer) X(EndCommandBuffer) X(ResetCommandBuffer) \
+          X(ResetCommandPool) X(AllocateDescriptorSets) X(GetPipelineCacheData) X(MergePipelineCaches)            \
+              X(GetQueryPoolResults) X(FlushMappedMemoryRanges) X(InvalidateMappedMemoryRanges)                   \
+                  X(SetDebugUtilsObjectNameEXT) X(FreeDescriptorSets)
 #define DR_INSTANCE_CALLS(X) X(EnumeratePhysicalDevices) X(EnumerateDeviceExtensionProperties)
 
 std::atomic<long> instances, devices, memories, pipelines;
@@ -82,11 +66,10 @@ DR_CALLS(X)
 DR_INSTANCE_CALLS(X)
 #undef X
 DR_TAG(AllocateMemory, &memories)
-DR_TAG(FreeMemory, &memories)
-DR_TAG(CreateComputePipelines, &pipelines)
-DR_TAG(CreateGraphicsPipelines, &pipelines)
-DR_TAG(DestroyPipeline, &pipelines) DR_TAG(DestroyInstance, &instances) DR_TAG(DestroyDevice, &devices)
+DR_TAG(FreeMemory, &memories) DR_TAG(CreateComputePipelines, &pipelines) DR_TAG(CreateGraphicsPipelines, &pipelines)
+    DR_TAG(DestroyPipeline, &pipelines) DR_TAG(DestroyInstance, &instances) DR_TAG(DestroyDevice, &devices)
 }  // namespace call
+// clang-format on
 
 template <class Tag, class F>
 struct Hook;
@@ -137,10 +120,12 @@ VKAPI_ATTR VkResult VKAPI_CALL create_instance(const VkInstanceCreateInfo* info,
   if (result != VK_SUCCESS) return result;
   ++instances;
   next_instance_call = get;
+  // clang-format off
 #define X(name) call::name::next = reinterpret_cast<PFN_vk##name>(get(*instance, "vk" #name));
   DR_INSTANCE_CALLS(X)
   X(DestroyInstance)
 #undef X
+  // clang-format on
   return result;
 }
 
@@ -157,6 +142,7 @@ VKAPI_ATTR VkResult VKAPI_CALL create_device(VkPhysicalDevice physical, const Vk
   if (result != VK_SUCCESS) return result;
   ++devices;
   next_device_call = get;
+  // clang-format off
 #define X(name) call::name::next = reinterpret_cast<PFN_vk##name>(get(*device, "vk" #name));
   DR_CALLS(X)
   X(AllocateMemory)
@@ -171,6 +157,7 @@ VKAPI_ATTR VkResult VKAPI_CALL create_device(VkPhysicalDevice physical, const Vk
   call::Destroy##name::next = reinterpret_cast<PFN_vkDestroy##name>(get(*device, "vkDestroy" #name));
   DR_OBJECTS(X)
 #undef X
+  // clang-format on
   return result;
 }
 
@@ -183,6 +170,7 @@ PFN_vkVoidFunction as_call(F* function) {
 }
 
 PFN_vkVoidFunction hook_of(std::string_view name, bool of_device) {
+  // clang-format off
 #define X(tag) \
   if (name == "vk" #tag && (call::tag::next != nullptr || !of_device)) return as_call(Hook<call::tag, PFN_vk##tag>::go);
   DR_CALLS(X)
@@ -193,7 +181,8 @@ PFN_vkVoidFunction hook_of(std::string_view name, bool of_device) {
   X(DestroyPipeline)
   X(DestroyDevice)
   if (!of_device) {
-    DR_INSTANCE_CALLS(X) X(DestroyInstance)
+    DR_INSTANCE_CALLS(X)
+    X(DestroyInstance)
   }
 #undef X
 #define X(object)                                                                                       \
@@ -201,6 +190,7 @@ PFN_vkVoidFunction hook_of(std::string_view name, bool of_device) {
   if (name == "vkDestroy" #object) return as_call(Hook<call::Destroy##object, PFN_vkDestroy##object>::go);
   DR_OBJECTS(X)
 #undef X
+  // clang-format on
   if (name == "vkGetDeviceProcAddr") return as_call(get_device_call);
   if (of_device) return nullptr;
   if (name == "vkGetInstanceProcAddr") return as_call(get_instance_call);
@@ -233,9 +223,11 @@ std::string alive() {
   tell("Device", devices);
   tell("DeviceMemory", memories);
   tell("Pipeline", pipelines);
+  // clang-format off
 #define X(name) tell(#name, name##s);
   DR_OBJECTS(X)
 #undef X
+  // clang-format on
   return out;
 }
 
