@@ -236,6 +236,7 @@ void Program::State::give_memory(const std::set<uint32_t>& wanted) {
                       std::to_string(data.height) + " x " + std::to_string(data.layers) + ", expected " +
                       std::to_string(s.w) + " x " + std::to_string(s.h) + " x " + std::to_string(s.l)};
     }
+  on_device->memory.check_sizes(resources);
   std::map<size_t, io::Array> initial;
   for (const size_t k : leaves)
     if (!pending[k]) initial.emplace(k, initial_value(k));
