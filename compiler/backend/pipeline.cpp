@@ -29,7 +29,10 @@ Outcome run_pack(Compilation& c) {
   const PackOptions options = pack_options(c.profile, c.options);
   for (;;) {
     c.out.schedule = pack(c.graph(), c.profile, options);
-    auto joined = join_captures(c.graph(), c.out.schedule, c.profile);
+    // What a raster found is one buffer to those that read it.
+    Schedule counted = c.out.schedule;
+    keep_entries(c.graph(), c.profile, counted);
+    auto joined = join_captures(c.graph(), counted, c.profile);
     if (!joined) return std::nullopt;
     c.lines = c.lines.moved(joined->from);
     c.out.joined = std::move(joined->graph);

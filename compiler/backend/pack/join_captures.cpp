@@ -33,14 +33,17 @@ bool is_crowded(const Schedule& schedule, const StepSchedule& step, const Pass& 
   return !fits(profile, all);
 }
 
-// Values of the root region that the op's regions take at their element, and there alone.
-std::set<ValueId> captured(const Graph& graph, const Op& op) {
+// Values of the root region that the op's regions take at their element, and there alone. Entries of a raster have one
+// buffer already.
+std::set<ValueId> captured(const Graph& graph, const Schedule& schedule, const StepSchedule& step, const Op& op) {
   std::set<ValueId> out;
   for (const RegionId region : op.regions)
     for (const ValueId v : ir::captures(graph, region)) out.insert(v);
   for (const ValueId v : uses_of(graph, op).elsewhere) out.erase(v);
   std::erase_if(out, [&](ValueId v) {
     const ir::ValueInfo& info = graph.value(v);
+    const auto stored = step.stored.find(v);
+    if (stored != step.stored.end() && schedule.resources[stored->second.index].entries) return true;
     return is_inline(graph.op(info.op)) || info.type.is_matrix() || (!info.type.is_float() && !info.type.is_scalar());
   });
   return out;
@@ -165,7 +168,7 @@ std::optional<Joined> join_captures(const Graph& graph, const Schedule& schedule
         if (groups.count(id) != 0) continue;
         using Key = std::tuple<std::string, ir::Extent, bool>;
         std::map<Key, Group> alike;
-        for (const ValueId v : captured(graph, graph.op(id))) {
+        for (const ValueId v : captured(graph, schedule, step, graph.op(id))) {
           const ir::ValueInfo& info = graph.value(v);
           alike[{info.type.str(), info.extent, steady[info.op.index]}].push_back(v);
         }
