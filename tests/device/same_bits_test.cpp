@@ -34,6 +34,7 @@ struct Job {
   std::map<std::string, std::string> sources;  // by leaf
   Values data;                                 // by leaf
   std::map<std::string, std::string, std::less<>> defines = {};
+  std::map<std::string, int64_t> symbols = {};
 };
 
 // What the program's own //TEST lines bind.
@@ -42,9 +43,16 @@ Job job_of(const fs::path& file) {
   std::ifstream text(file);
   for (std::string line; std::getline(text, line) && line.starts_with("//TEST");) {
     std::stringstream words(line);
-    for (std::string word; words >> word;)
-      if (word == "--bind" && words >> word)
-        job.sources[word.substr(0, word.find('='))] = word.substr(word.find('=') + 1);
+    for (std::string word; words >> word;) {
+      if (word != "--bind" && word != "--symbol") continue;
+      const bool is_symbol = word == "--symbol";
+      words >> word;
+      const std::string name = word.substr(0, word.find('=')), value = word.substr(word.find('=') + 1);
+      if (is_symbol)
+        job.symbols[name] = std::stoll(value);
+      else
+        job.sources[name] = value;
+    }
   }
   return job;
 }
@@ -93,6 +101,7 @@ Values check_job(const test::NamedDevice& device, const Job& job, int runs) {
   for (int build = 0; build < (wanted() ? 2 : 1); ++build) {
     // Without the cache all of it runs each time.
     Program program = must(Program::load(device.device, bundle, {.cache = false}));
+    for (const auto& [symbol, value] : job.symbols) must(program.bind_symbol(symbol, value));
     for (const auto& leaf : program.leaves())
       if (const auto it = job.sources.find(leaf.name); it != job.sources.end())
         start.insert_or_assign(leaf.name, must(io::load_binding(it->second, leaf.components)));
