@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """Makes the pictures of the documentation from the programs that stand in it: those of the tutorial, by running each page's
-program, those of docs/examples/gallery/, and the README's pear, of what `./dr demo` left.
+program, those of docs/examples/, and the README's pear, of what `./dr demo` left.
 
 usage: pictures.py DRUN [DEMO_OUT_FOLDER]     DR_DEVICE chooses the device; lavapipe without it
 """
@@ -86,15 +86,15 @@ def tutorial(name, steps, size):
         save(docs / "tutorial" / f"{name}.png", side_by_side(seen))
 
 
-def gallery(name, options):
-    """What was seen, and what was found, of a program's step `look`."""
+def example(path, options, keys=("photo", "truth", "drawn")):
+    """What was seen, and what was found, of a program's step `look`; beside the program."""
     options = [word.replace("PEAR", str(docs / "examples/pear.obj")) for word in options]
     with tempfile.TemporaryDirectory() as folder:
-        run(docs / f"examples/gallery/{name}.dr", folder, *options, "--step", "look")
-        seen = [np.load(file) for key in ("photo", "truth", "drawn") if (file := Path(folder) / f"look.{key}.npy").exists()]
+        run(docs / f"examples/{path}.dr", folder, *options, "--step", "look")
+        seen = [np.load(file) for key in keys if (file := Path(folder) / f"look.{key}.npy").exists()]
     pictures = [np.concatenate(list(srgb(a)) if a.ndim == 4 else [srgb(a)], axis=1) if a.ndim != 3 or a.shape[-1] == 3
                 else np.concatenate([srgb(layer) for layer in a], axis=1) for a in seen]
-    save(docs / f"examples/gallery/{name}.png", side_by_side(pictures))
+    save(docs / f"examples/{path}.png", side_by_side(pictures))
 
 
 def pear(out):
@@ -116,7 +116,10 @@ def pear(out):
 
 for page in PAGES:
     tutorial(*page)
-for program in GALLERY.items():
-    gallery(*program)
+for name, options in GALLERY.items():
+    example(f"gallery/{name}", options)
+example("normal_map", ["--step", "fit=150"], ("photo", "coarse", "drawn"))
+ball = docs / "examples/sphere.obj"
+example("shape_and_texture", ["--bind", f"start={ball}:position", "--bind", f"face={ball}:indices", "--step", "together=200"])
 if len(sys.argv) > 2:
     pear(Path(sys.argv[2]))

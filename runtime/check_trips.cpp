@@ -26,16 +26,13 @@ uint32_t trips_of_profile(const std::string& name) {
 }  // namespace
 
 std::optional<std::string> check_trips(const bundle::BundleT& bundle, const std::string& device_profile) {
-  if (bundle.profile == device_profile) return std::nullopt;
+  if (bundle.profile == device_profile) return std::nullopt;  // it says what it knows of this device
   const uint32_t limit = trips_of_profile(device_profile);
-  if (limit == 0) return std::nullopt;
-  const std::vector<std::string> all = target::builtin_profiles();
-  const bool known = std::ranges::find(all, bundle.profile) != all.end();
-  if (!known || trips_of_profile(bundle.profile) > 0) return std::nullopt;
+  if (limit == 0 || (bundle.loop_trips > 0 && bundle.loop_trips <= limit)) return std::nullopt;
   if (std::ranges::none_of(bundle.shaders, [](const auto& s) { return has_loops(s->spirv); })) return std::nullopt;
-  return "the bundle was built for profile '" + bundle.profile +
-         "', whose devices let loops run on; this device ends " + "them after " + std::to_string(limit) +
-         " trips: build it with --profile=" + device_profile;
+  return "the bundle was built for profile '" + bundle.profile + "', whose devices let loops " +
+         (bundle.loop_trips == 0 ? "run on" : "take " + std::to_string(bundle.loop_trips) + " trips") +
+         "; this device ends them after " + std::to_string(limit) + " trips: build it with --profile=" + device_profile;
 }
 
 }  // namespace dr::runtime

@@ -4,6 +4,7 @@
 #include <map>
 
 #include "compiler/backend/bundle/check_shaders.h"
+#include "compiler/ir/initial_step.h"
 #include "runtime/check_trips.h"
 #include "runtime/state.h"
 
@@ -184,7 +185,8 @@ bool Program::is_input(const std::string& leaf) const {
 
 std::vector<std::string> Program::steps() const {
   std::vector<std::string> out;
-  for (const auto& s : known().bundle.steps) out.push_back(s->name);
+  for (const auto& s : known().bundle.steps)
+    if (ir::leaf_of_initial_step(s->name).empty()) out.push_back(s->name);
   return out;
 }
 

@@ -24,14 +24,27 @@ std::vector<const Primitive*> StepState::chosen(const std::vector<bool>& dirty) 
 StepState& Program::State::prepared_step(size_t index) {
   OnDevice& o = objects();
   make_tables();
-  count_written();
   StepState& step = o.steps[index];
-  if (step.list) return step;
   const bundle::StepT& table = *bundle.steps[index];
-  prepare(table);
+  const bool is_new = !step.list;
+  if (is_new) prepare(table);
+  count_written();
+  if (!is_new) return step;
   make_ready(index);
   upload_counter(index);
   return step;
+}
+
+void Program::State::fill(size_t leaf) {
+  const std::optional<size_t> index = initial_step(leaf);
+  if (!index) return;
+  StepState& step = prepared_step(*index);
+  const std::vector<bool>& dirty = must_run(step);
+  Variant& variant = recorded(step, dirty);
+  submit(step, dirty, variant, 1);
+  count_run(*index, dirty, variant.run, variant.skipped);
+  on_device->queue.finish();
+  require_whole_loops(*index);
 }
 
 void Program::State::make_ready(size_t index) {

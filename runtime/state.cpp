@@ -6,6 +6,7 @@
 #include <cstring>
 #include <utility>
 
+#include "compiler/ir/initial_step.h"
 #include "runtime/topology.h"
 
 namespace dr::runtime {
@@ -162,6 +163,14 @@ bool Program::State::has_tables(size_t leaf) const {
   return std::ranges::any_of(bundle.leaves, [&](const auto& l) { return l->table_of == static_cast<int>(leaf); });
 }
 
+std::optional<size_t> Program::State::initial_step(size_t leaf) const {
+  if (pending[leaf] || has_memory(bundle.leaves[leaf]->resource)) return std::nullopt;
+  const std::string name = ir::initial_step_of(bundle.leaves[leaf]->name);
+  for (size_t k = 0; k < bundle.steps.size(); ++k)
+    if (bundle.steps[k]->name == name) return k;
+  return std::nullopt;
+}
+
 bool Program::State::is_bound(size_t leaf) const {
   const bundle::LeafT& l = *bundle.leaves[leaf];
   return pending[leaf] || has_memory(l.resource) || !l.initial.empty() || l.kind == bundle::LeafKind::State;
@@ -170,6 +179,8 @@ bool Program::State::is_bound(size_t leaf) const {
 // Memory and contents for a step: what only other steps need may stay unbound.
 void Program::State::prepare(const bundle::StepT& step) {
   objects();
+  for (const uint32_t k : step.leaves)
+    if (!only_writes(bundle, step, k)) fill(k);
   std::string missing;
   size_t count = 0;
   for (const uint32_t k : step.leaves)
@@ -201,6 +212,7 @@ std::set<uint32_t> Program::State::resources_of(const bundle::StepT& step) const
 
 void Program::State::prepare_leaf(size_t leaf) {
   objects();
+  fill(leaf);
   if (!is_bound(leaf)) throw Failure{"leaf '" + bundle.leaves[leaf]->name + "' is not bound"};
   give_memory({bundle.leaves[leaf]->resource});
 }
@@ -224,6 +236,7 @@ void Program::State::give_memory(const std::set<uint32_t>& wanted) {
                       std::to_string(data.height) + " x " + std::to_string(data.layers) + ", expected " +
                       std::to_string(s.w) + " x " + std::to_string(s.h) + " x " + std::to_string(s.l)};
     }
+  on_device->memory.check_sizes(resources);
   std::map<size_t, io::Array> initial;
   for (const size_t k : leaves)
     if (!pending[k]) initial.emplace(k, initial_value(k));

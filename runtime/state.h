@@ -116,6 +116,8 @@ struct Program::State {
   void prepare(const bundle::StepT& step);
   // Memory without contents, pipelines and commands for a step, whose symbols have values.
   void make_ready(size_t step);
+  // The step that fills the leaf, where it has no data and its initial value is computed.
+  std::optional<size_t> initial_step(size_t leaf) const;
   bool has_memory(size_t resource) const { return on_device && on_device->memory.has(resource); }
   // What does not wait for sizes.
   OnDevice& objects();
@@ -124,6 +126,8 @@ struct Program::State {
 
   // run.cpp: steps
   StepState& prepared_step(size_t index);
+  // Runs the step that computes the leaf's initial value, if that is needed.
+  void fill(size_t leaf);
   void count_written();
   // By group of the step's commands.
   const std::vector<bool>& must_run(StepState& step) const;

@@ -33,10 +33,10 @@ compiler/io/file
 compiler/io/array        compiler/io/file/
 compiler/io/picture      compiler/io/file/ compiler/io/array/
 compiler/io/mesh         compiler/io/file/ compiler/io/array/ compiler/io/picture/
-runtime                  compiler/backend/bundle/ compiler/io/ compiler/ir/dim.h compiler/ir/internal_error.h compiler/target/ compiler/topology/
+runtime                  compiler/backend/bundle/ compiler/io/ compiler/ir/dim.h compiler/ir/initial_step.h compiler/ir/internal_error.h compiler/target/ compiler/topology/
 runtime/watch            compiler/io/
 runtime/jit              runtime/ compiler/ dsl/
-runtime/c                runtime/ compiler/backend/bundle/ compiler/ir/internal_error.h compiler/target/
+runtime/c                runtime/ compiler/backend/bundle/ compiler/ir/initial_step.h compiler/ir/internal_error.h compiler/target/
 '
 # Short names: B is the back end, BUNDLE its contract with the runtime, GRAPH what all that read a graph may use.
 rules=${rules//BUNDLE/B/bundle/}

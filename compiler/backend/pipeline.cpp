@@ -90,6 +90,7 @@ Outcome run_emit(Compilation& c) {
   const PackOptions packing = pack_options(c.profile, c.options);
   bundle.version = bundle::kVersion;
   bundle.profile = c.profile.name;
+  bundle.loop_trips = c.profile.loop_trips;
   bundle.float_profile = c.options.native_floats ? "native" : "strict";
   const bool naive = !packing.fused && !packing.recompute && !packing.stages;
   bundle.lowering = std::string(naive ? "naive," : "fused,") + (packing.fragment ? "fragment," : "compute,") +

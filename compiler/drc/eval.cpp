@@ -13,6 +13,7 @@
 #include "compiler/io/array/array.h"
 #include "compiler/io/array/decisions.h"
 #include "compiler/io/results.h"
+#include "compiler/ir/initial_step.h"
 #include "compiler/ir/pins.h"
 #include "compiler/passes/passes.h"
 #include "compiler/reference/evaluate.h"
@@ -112,7 +113,8 @@ struct Run {
 std::optional<std::vector<Run>> runs_of(const EvalOptions& options, const ir::Graph& graph) {
   std::vector<Run> runs;
   if (options.steps.empty()) {
-    for (const ir::Step& step : graph.steps) runs.push_back({&step, options.times});
+    for (const ir::Step& step : graph.steps)
+      if (ir::leaf_of_initial_step(step.name).empty()) runs.push_back({&step, options.times});
     return runs;
   }
   for (const std::string& text : options.steps) {
@@ -121,7 +123,8 @@ std::optional<std::vector<Run>> runs_of(const EvalOptions& options, const ir::Gr
     const auto index = graph.step_index(name);
     if (!index) {
       std::string known;
-      for (const ir::Step& step : graph.steps) known += (known.empty() ? "'" : ", '") + step.name + "'";
+      for (const ir::Step& step : graph.steps)
+        if (ir::leaf_of_initial_step(step.name).empty()) known += (known.empty() ? "'" : ", '") + step.name + "'";
       print_error("the program has no step '" + name + "', only " + (known.empty() ? "none" : known));
       return std::nullopt;
     }

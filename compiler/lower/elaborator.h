@@ -187,7 +187,9 @@ class Elaborator {
   // The program (lower.cpp).
   void declare_leaves(ModuleInfo& module);
   void declare_leaf(ModuleInfo& module, const dsl::LeafDecl& decl);
-  std::vector<double> initial_value(const dsl::LeafDecl& decl, const Type& type, bool& ok);
+  void begin_leaf(ModuleInfo& module, const dsl::LeafDecl& decl);
+  // Components known at compile time, or, where `computed` takes one, an image that fills the leaf.
+  std::vector<double> initial_value(const dsl::LeafDecl& decl, const Type& type, bool& ok, Value* computed = nullptr);
   void run_program(ModuleInfo& module);
   void declare_symbols(ModuleInfo& module, const Expr& extent, bool& ok);
   ValueId add_leaf(ir::Leaf leaf);
@@ -199,6 +201,8 @@ class Elaborator {
   bool bind_module_params(ModuleInfo& instance, std::vector<Argument> args, const Span& span, const std::string& name);
   Value step_count(const Expr& expr);
   void count_steps();
+  std::optional<ValueId> computed_initial(const dsl::LeafDecl& decl, const Value& value, const ir::Leaf& leaf);
+  void add_initial_steps();
 
   // Modules and names (modules.cpp).
   ModuleInfo* load_module(dsl::FileId file, std::string path, std::string folder);
@@ -549,6 +553,7 @@ class Elaborator {
     ValueId value;
   };
   std::map<std::string, StepCount, std::less<>> step_counts_;  // by the step's whole name
+  std::vector<std::pair<uint32_t, ValueId>> initials_;         // leaves and the images that fill them
   std::map<uint32_t, Value> leaf_values_;                      // of declared leaves
   // The expression of a top-level `let` that may make an instance, and the name that it gets.
   std::pair<const Expr*, const dsl::Name*> instance_let_{};

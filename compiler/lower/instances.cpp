@@ -4,6 +4,7 @@
 // with.
 #include <algorithm>
 
+#include "compiler/ir/initial_step.h"
 #include "compiler/lower/elaborator.h"
 #include "compiler/ops/emit.h"
 
@@ -110,6 +111,43 @@ void Elaborator::count_steps() {
     if (!index) continue;  // it was wrong
     const ValueId next = ops::add(b_, count.value, ops::constant(b_, ir::kInt, 1.0));
     b_.graph().steps[*index].updates.push_back({count.leaf, next});
+  }
+}
+
+// ---- initial values that are computed ----
+
+// The image that fills the leaf, of its type and extent.
+std::optional<ValueId> Elaborator::computed_initial(const dsl::LeafDecl& decl, const Value& value,
+                                                    const ir::Leaf& leaf) {
+  const auto wrong = [&](const std::string& found, std::vector<dsl::Note> notes = {}) {
+    report(Code::E0612, decl.initial->span,
+           "expected a value of type " + leaf.type.str() + leaf.extent.str() + " for '" + decl.name.text + "', found " +
+               found,
+           std::move(notes));
+    return std::nullopt;
+  };
+  const Type found = element_type(value);
+  if (found != leaf.type && (found != leaf.type.element() || leaf.type.is_matrix())) return wrong(describe(value));
+  const auto both = ir::broadcast(extent_of(value), leaf.extent);
+  if (!both || *both != leaf.extent) return wrong(describe(value));
+  const ValueId id = ops::broadcast(b_, materialize(found == leaf.type ? value : splat(value, leaf.type)), leaf.extent);
+  const std::vector<bool> live = ir::live_ops(b_.graph(), {&id, 1});
+  for (const ir::OpId op : b_.graph().region(b_.graph().root()).ops) {
+    const ir::Op& read = b_.graph().op(op);
+    if (!live[op.index] || read.kind != OpKind::Leaf) continue;
+    const ir::Leaf& other = b_.graph().leaves[*b_.graph().leaf_index(read.attrs.text)];
+    if (other.kind == ir::Leaf::Kind::Input) continue;
+    return wrong("one that reads '" + other.name + "', which steps change",
+                 {{other.span, "'" + other.name + "' is declared here"}});
+  }
+  return id;
+}
+
+// Each is a step with one update, which the host runs before a step first needs the leaf.
+void Elaborator::add_initial_steps() {
+  for (const auto& [leaf, value] : initials_) {
+    const std::string name = ir::initial_step_of(b_.graph().leaves[leaf].name);
+    b_.graph().steps.push_back({name, {}, {{leaf, value}}});
   }
 }
 

@@ -182,6 +182,7 @@ std::optional<ir::Graph> Elaborator::run(dsl::FileId root) {
   declare_leaves(*root_);
   run_program(*root_);
   count_steps();
+  add_initial_steps();
   if (const auto deep = too_deep_gradient(b_.graph(), options_.max_ops)) {
     report(Code::E0503, deep->span,
            "expected a program that stays below " + std::to_string(options_.max_ops) +
@@ -268,6 +269,10 @@ void Elaborator::apply_defines(ModuleInfo& root) {
 void Elaborator::declare_leaves(ModuleInfo& module) {
   for (const dsl::Item& item : module.syntax->items) {
     if (item.kind == dsl::Item::Kind::Leaf) declare_leaf(module, *item.leaf);
+  }
+  // An initial value may read inputs, wherever they are declared.
+  for (const dsl::Item& item : module.syntax->items) {
+    if (item.kind == dsl::Item::Kind::Leaf && item.leaf->initial) begin_leaf(module, *item.leaf);
   }
 }
 
@@ -366,8 +371,6 @@ void Elaborator::declare_leaf(ModuleInfo& module, const dsl::LeafDecl& decl) {
     }
     *axes[i] = *dim;
   }
-  if (decl.initial) leaf.initial = initial_value(decl, leaf.type, ok);
-  if (!ok) return;
   const SpanScope span(*this, decl.span);
   item.leaf = static_cast<uint32_t>(b_.graph().leaves.size());
   item.value = Image{add_leaf(std::move(leaf))};
@@ -375,8 +378,22 @@ void Elaborator::declare_leaf(ModuleInfo& module, const dsl::LeafDecl& decl) {
   observe(decl.name.span, item.value, decl.name.span);
 }
 
+void Elaborator::begin_leaf(ModuleInfo& module, const dsl::LeafDecl& decl) {
+  const ModuleItem& item = module.items.find(decl.name.text)->second;
+  if (!item.leaf || item.span != decl.name.span) return;  // it was wrong
+  bool ok = true;
+  Value computed;
+  const Type type = b_.graph().leaves[*item.leaf].type;
+  std::vector<double> known = initial_value(decl, type, ok, &computed);
+  ir::Leaf& leaf = b_.graph().leaves[*item.leaf];
+  if (ok) leaf.initial = std::move(known);
+  if (!ok || !computed.is_numeric()) return;
+  const SpanScope here(*this, decl.initial->span);
+  if (const auto filling = computed_initial(decl, computed, leaf)) initials_.emplace_back(*item.leaf, *filling);
+}
+
 // The components that fill a leaf. A scalar fills all components of a vector.
-std::vector<double> Elaborator::initial_value(const dsl::LeafDecl& decl, const Type& type, bool& ok) {
+std::vector<double> Elaborator::initial_value(const dsl::LeafDecl& decl, const Type& type, bool& ok, Value* computed) {
   ok = false;
   Value value = evaluate(*decl.initial);
   if (value.is_error()) return {};
@@ -384,6 +401,11 @@ std::vector<double> Elaborator::initial_value(const dsl::LeafDecl& decl, const T
       "expected a value of type " + type.str() + " that is known at compile time for '" + decl.name.text + "', found ";
   convert_known_int(value, type.scalar);
   const auto components = known_components(value);
+  if (!components && value.is_numeric() && computed) {
+    *computed = value;
+    ok = true;
+    return {};
+  }
   if (!components) {
     report(Code::E0612, decl.initial->span,
            wanted + describe(value) + (value.is_numeric() ? " computed at run time" : ""));

@@ -121,6 +121,19 @@ std::string name_of(const ModuleInfo& module) {
   return file.substr(0, file.rfind(".dr"));
 }
 
+// What to write where the name is also that of an import: the module takes another. Nothing where it is not.
+std::string import_as(const dsl::Module& module, const std::string& name) {
+  for (const dsl::ImportDecl& import : module.imports) {
+    if (import.path.empty() || (import.alias ? import.alias->text : import.path.back().text) != name) continue;
+    std::string path;
+    for (const dsl::Name& part : import.path) path += (path.empty() ? "" : ".") + part.text;
+    const bool is_picture = path == "std.image";
+    return "give the module another name: 'import " + path + " as " + (is_picture ? "pictures" : name + "_module") +
+           ";'";
+  }
+  return {};
+}
+
 }  // namespace
 
 // ---- items ----
@@ -129,7 +142,7 @@ void Elaborator::add_item(ModuleInfo& module, const dsl::Name& name, ModuleItem 
   const auto [found, added] = module.items.emplace(name.text, std::move(item));
   if (added) return;
   report(Code::E0202, name.span, "expected each name once in a file, found '" + name.text + "' again",
-         {{found->second.span, "the first '" + name.text + "' is here"}});
+         {{found->second.span, "the first '" + name.text + "' is here"}}, import_as(*module.syntax, name.text));
 }
 
 void Elaborator::collect_items(ModuleInfo& module) {

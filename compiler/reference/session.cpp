@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "compiler/ir/initial_step.h"
 #include "compiler/reference/batch.h"
 #include "compiler/reference/evaluation.h"
 
@@ -251,7 +252,20 @@ std::optional<std::string> Session::prepare(std::span<const std::string> steps) 
   return prepare_leaves(needed, read);
 }
 
+// Leaves that have no data get what their steps for it compute, before a step reads them.
+std::optional<std::string> Session::fill(const std::vector<bool>& read) {
+  for (size_t k = 0; k < leaves_.size(); ++k) {
+    if (!read[k] || leaves_[k]) continue;
+    const std::string step = ir::initial_step_of(graph_.leaves[k].name);
+    if (!graph_.step_index(step)) continue;
+    auto result = run(step);
+    if (auto* error = std::get_if<EvalError>(&result)) return describe(graph_.leaves[k]) + ": " + error->message;
+  }
+  return std::nullopt;
+}
+
 std::optional<std::string> Session::prepare_leaves(std::vector<bool> needed, std::vector<bool> read) {
+  if (auto error = fill(read)) return error;
   for (size_t k = 0; k < leaves_.size(); ++k) {
     const ir::Leaf& leaf = graph_.leaves[k];
     if (!needed[k] || leaf.table.empty()) continue;

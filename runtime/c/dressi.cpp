@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // The C interface over the C++ API: handles are objects, exceptions and Results become dressi_error().
+#include <algorithm>
 #include <cstdio>
 #include <nlohmann/json.hpp>
 
+#include "compiler/ir/initial_step.h"
 #include "compiler/target/profile.h"
 #include "runtime/c/handles.h"
 #include "runtime/jit/compile_text.h"
@@ -45,6 +47,13 @@ bool from_host(const dr::bundle::BundleT& bundle, const std::string& name) {
   return false;
 }
 
+// Whether it need not be bound.
+bool has_initial(const dr::bundle::BundleT& bundle, const dr::bundle::LeafT& leaf) {
+  const std::string step = dr::ir::initial_step_of(leaf.name);
+  return !leaf.initial.empty() || leaf.kind == dr::bundle::LeafKind::State ||
+         std::ranges::any_of(bundle.steps, [&](const auto& s) { return s->name == step; });
+}
+
 std::string info_of(const dr::bundle::BundleT& bundle) {
   Json out;
   for (const auto& leaf : bundle.leaves) {
@@ -55,10 +64,11 @@ std::string info_of(const dr::bundle::BundleT& bundle) {
                                                                                   : "state"},
                              {"type", type_name(*leaf->type)},
                              {"extent", extent_of(*leaf->extent)},
-                             {"initial", !leaf->initial.empty() || leaf->kind == dr::bundle::LeafKind::State},
+                             {"initial", has_initial(bundle, *leaf)},
                              {"from_host", from_host(bundle, leaf->name)}});
   }
   for (const auto& step : bundle.steps) {
+    if (!dr::ir::leaf_of_initial_step(step->name).empty()) continue;
     Json outputs = Json::array(), leaves = Json::array(), changes = Json::array();
     for (const auto& output : step->outputs) {
       const auto& resource = *bundle.resources.at(output->resource);

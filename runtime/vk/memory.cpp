@@ -43,8 +43,7 @@ bool Memory::has_room(const bundle::ResourceT& r) const {
   return !above || *above > 0;
 }
 
-vk::MemoryRequirements Memory::create_buffer(uint32_t k) {
-  const auto& d = device_->device;
+vk::DeviceSize Memory::buffer_bytes(uint32_t k) const {
   const bundle::ResourceT& r = *bundle_.resources[k];
   const Size s = has_room(r) ? sizes_.size_of(*r.extent, "'" + r.name + "'") : Size{};
   const vk::DeviceSize bytes =
@@ -53,6 +52,18 @@ vk::MemoryRequirements Memory::create_buffer(uint32_t k) {
   if (bytes > device_->properties.limits.maxStorageBufferRange)
     throw Failure{"'" + r.name + "' takes " + std::to_string(bytes) + " bytes, the device allows " +
                   std::to_string(device_->properties.limits.maxStorageBufferRange) + " in one buffer"};
+  return bytes;
+}
+
+void Memory::check_sizes(const std::vector<uint32_t>& resources) const {
+  for (const uint32_t k : resources)
+    if (bundle_.resources[k]->storage == Storage::Buffer) buffer_bytes(k);
+}
+
+vk::MemoryRequirements Memory::create_buffer(uint32_t k) {
+  const auto& d = device_->device;
+  const bundle::ResourceT& r = *bundle_.resources[k];
+  const vk::DeviceSize bytes = buffer_bytes(k);
   vk::BufferCreateInfo info;
   info.size = bytes;
   info.usage = vk::BufferUsageFlagBits::eStorageBuffer | vk::BufferUsageFlagBits::eUniformTexelBuffer |

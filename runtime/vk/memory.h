@@ -81,6 +81,8 @@ class Memory {
   // reads directly: inputs first, those with layers before others, large and seldom used ones before others. Fails, by
   // name, when that is not enough.
   void allocate(const std::vector<uint32_t>& resources);
+  // Ends with a Failure where one is larger than a buffer of the device may be.
+  void check_sizes(const std::vector<uint32_t>& resources) const;
   bool has(size_t resource) const { return allocated_[resource]; }
   // Of a resource that has memory, as the bundle lays it out; 0 for a tile, whose content stays in its render pass.
   int64_t content_bytes(size_t resource) const;
@@ -104,6 +106,7 @@ class Memory {
     auto kind() const { return std::tuple(type, of_host, shared); }  // slots of one kind stand in one block
   };
   bool has_room(const bundle::ResourceT& resource) const;
+  vk::DeviceSize buffer_bytes(uint32_t resource) const;
   vk::MemoryRequirements create_buffer(uint32_t resource);
   vk::MemoryRequirements create_image(uint32_t resource);
   void place(std::map<uint32_t, Slot>& slots, const std::vector<uint32_t>& resources);

@@ -99,7 +99,7 @@ for program in kinds orders; do
     sed "s/\"loop_trips\": 65535/\"loop_trips\": $trips/" "$profiles/lavapipe.json" > parts.json
     for road in '' '--pack naive' '--lower fragment'; do
       # shellcheck disable=SC2086
-      expect 0 'fit: e' $program.dr --bind "$counts" --profile parts.json --out parts $road
+      expect 0 'fit.e = ' $program.dr --bind "$counts" --profile parts.json --out parts $road
       for file in whole/*.npy; do
         cmp "$file" "parts/${file##*/}" || { echo "$program.dr, parts of $trips trips, $road: other bits"; failed=1; }
       done

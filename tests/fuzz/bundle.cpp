@@ -18,6 +18,7 @@ using namespace dr;
 
 constexpr size_t kMaxInput = size_t{1} << 17, kChecksum = sizeof(uint64_t);
 
+#if DR_CHANGE < 2
 // The tables as they are, sound or not; nothing where there are none.
 std::optional<bundle::BundleT> tables_of(const uint8_t* data, size_t size) {
   std::vector<uint64_t> aligned((size + 7) / 8);
@@ -29,6 +30,7 @@ std::optional<bundle::BundleT> tables_of(const uint8_t* data, size_t size) {
   bundle::GetSizePrefixedBundle(bytes)->UnPackTo(&tables);
   return tables;
 }
+#endif
 
 std::vector<uint8_t> with_checksum(const uint8_t* data, size_t size) {
   std::vector<uint8_t> bytes(data, data + size);

@@ -86,6 +86,8 @@ bool Checker::bindings(const CommandT& c, const std::string& where) {
 // In how many dispatches a command's loops run, and where they say that they did not come to their end.
 bool Checker::trips(const CommandT& c, const std::string& where) {
   if (!c.trips.empty() && (!expression(c.trips, where) || c.most_trips == 0)) return fail(where + " takes no trips");
+  if (c.most_trips != 0 && c.most_trips != b_.loop_trips)
+    return fail(where + " takes other trips at most than the bundle says");
   if (c.watch < 0) return c.watch == -1 || fail(where + " is watched by no resource");
   for (const auto& binding : c.bindings)
     if (binding->resource == static_cast<uint32_t>(c.watch))

@@ -31,6 +31,14 @@ std::vector<Function> networks() {
        l2("x", 4e-6, "a cosine of three times those of `dense`"),
        l2("weight", 4e-6, "a cosine of three times those of `dense`"),
        l2("bias", 4e-6, "a cosine of three times those of `dense`")});
+  const Operand right = whole(floats("right", -1, 1, 1e-3), "[7, 6]");
+  add("matmul", "float[7, 150]", "x, right", {x, right},
+      {over("value", 8 * u, "6.0 + 0.0 * y", "the sum of the largest terms", kFew), to_x, l2("right", 1e-6, kDot)});
+  const Operand features = whole(floats("features", -1, 1, 1e-3), "[14, 9, 3]"),
+                kernel = whole(floats("kernel", -1, 1, 1e-3), "[4, 3, 6]");
+  add("conv", "float[14, 9, 2]", "features, kernel", {features, kernel},
+      {over("value", 16 * u, "36.0 + 0.0 * y", "the sum of the largest terms", kFew), l2("features", 1e-6, kDot),
+       l2("kernel", 1e-6, kDot)});
   add("positional", "float[36, 150]", "x, 3", {x},
       {over("value", 16 * u, "1.0 + 0.0 * y", "1", "angles up to 4 pi, rounded"), l2("x", 2e-6, "angles, rounded")});
   add("places", "float[2, 63]", "9, 7", {floats("unused", 0, 1)}, {relative("value", 2 * u, kFew)});
