@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <chrono>
 #include <functional>
+#include <utility>
 
 #include "runtime/jit/compile_text.h"
 
@@ -206,11 +207,13 @@ class Measurement {
   // A sum of ones, which is as long as the driver lets a loop run: a limit beyond a million trips is not found.
   uint32_t loop_trips(const Options& options) {
     constexpr int kTrips = 1 << 20;
+    const std::string name = std::exchange(profile_.name, device_.profile_name());  // for others the loop is refused
     profile_.loop_trips = 0;
     profile_.lanes_in_turn = false;
     runtime::Program program = load(wrapped("step go { p <- p + 1.0; output y = reduce(sum, i in 0.." +
                                             std::to_string(kTrips) + ") { min(p, 1.0) }; }\n"),
                                     1, options);
+    profile_.name = name;
     must(program.run("go"));
     const double trips = must(program.output("go", "y")).to_doubles()[0];
     return trips < kTrips ? static_cast<uint32_t>(trips) : 0;

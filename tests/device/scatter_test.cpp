@@ -234,8 +234,7 @@ step run { tone <- tone - 1e-3 * moving; output first, second, largest, moving, 
 )";
   auto gpu = std::get<target::Profile>(target::load_profile(narrow()));
   gpu.subgroup_size = 32;
-  const auto by_fills = compile(path, narrow(), "exact"),
-             by_dispatch = compile(path, written(gpu, "wide"), "exact");
+  const auto by_fills = compile(path, narrow(), "exact"), by_dispatch = compile(path, written(gpu, "wide"), "exact");
   const auto clears = [](const std::vector<uint8_t>& bytes, bundle::CommandKind kind) {
     const auto bundle = std::get<bundle::BundleT>(bundle::read(bytes));
     return std::ranges::count_if(bundle.steps[0]->commands,
