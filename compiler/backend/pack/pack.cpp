@@ -17,6 +17,18 @@ namespace {
 
 constexpr int kNotCheap = 1 << 20;
 
+// `base` as an identifier, with a number where others have that name.
+std::string unique_name(Names& names, std::string base) {
+  for (char& c : base)
+    if (!std::isalnum(static_cast<unsigned char>(c))) c = '_';
+  const auto [given, first] = names.try_emplace(base, 1);
+  if (first) return base;
+  for (;;) {
+    std::string name = base + "_" + std::to_string(++given->second);
+    if (names.try_emplace(name, 1).second) return name;
+  }
+}
+
 }  // namespace
 
 StepPacker::StepPacker(const Graph& graph, const ir::Step& step, const target::Profile& profile,
@@ -246,7 +258,7 @@ void StepPacker::add_resource(ValueId v, const Op& op) {
   r.type = info.type;
   r.extent = info.extent;
   r.step_index = op.kind == OpKind::StepIndex;
-  r.name = unique_name(r.step_index ? "step_index" : info.name.empty() ? std::string(ir::op_name(op.kind)) : info.name);
+  r.name = unique_name(names_, r.step_index ? "step_index" : info.name.empty() ? std::string(ir::op_name(op.kind)) : info.name);
   if (is_image(v)) r.storage = Resource::Storage::Image;
   // What the host reads and what leaves take is whole.
   const bool output = std::ranges::any_of(step_.outputs, [&](const ir::Output& o) { return o.value == v; });
@@ -256,30 +268,16 @@ void StepPacker::add_resource(ValueId v, const Op& op) {
   out_.stored[v] = ResourceId{resource_[v.index]};
 }
 
-std::string StepPacker::unique_name(std::string base) {
-  for (char& c : base)
-    if (!std::isalnum(static_cast<unsigned char>(c))) c = '_';
-  const auto [given, first] = names_.try_emplace(base, 1);
-  if (first) return base;
-  for (;;) {
-    std::string name = base + "_" + std::to_string(++given->second);
-    if (names_.try_emplace(name, 1).second) return name;
-  }
-}
-
 Schedule pack(const Graph& graph, const target::Profile& profile, const PackOptions& options) {
   Schedule schedule;
   Names names;
   for (size_t k = 0; k < graph.leaves.size(); ++k) {
     const ir::Leaf& leaf = graph.leaves[k];
     Resource r;
-    r.name = leaf.name;
-    for (char& c : r.name)
-      if (!std::isalnum(static_cast<unsigned char>(c))) c = '_';
+    r.name = unique_name(names, leaf.name);  // `a.b` of an instance and `a_b` are two
     r.type = leaf.type;
     r.extent = leaf.extent;
     r.leaf = static_cast<int>(k);
-    names.try_emplace(r.name, 1);
     schedule.resources.push_back(std::move(r));
   }
   for (const ir::Step& step : graph.steps)

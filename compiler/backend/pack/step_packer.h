@@ -76,7 +76,6 @@ class StepPacker {
   void find_stored();
   bool any_stored(const Op& op) const;
   void add_resource(ValueId v, const Op& op);
-  std::string unique_name(std::string base);
   uint32_t resource_index(ValueId v) const { return resource_[v.index]; }
   Resource& resource(ValueId v) { return resources_[resource_[v.index]]; }
   const Resource& resource(ValueId v) const { return resources_[resource_[v.index]]; }
