@@ -258,7 +258,9 @@ void StepPacker::add_resource(ValueId v, const Op& op) {
   r.type = info.type;
   r.extent = info.extent;
   r.step_index = op.kind == OpKind::StepIndex;
-  r.name = unique_name(names_, r.step_index ? "step_index" : info.name.empty() ? std::string(ir::op_name(op.kind)) : info.name);
+  r.name = unique_name(names_, r.step_index        ? "step_index"
+                               : info.name.empty() ? std::string(ir::op_name(op.kind))
+                                                   : info.name);
   if (is_image(v)) r.storage = Resource::Storage::Image;
   // What the host reads and what leaves take is whole.
   const bool output = std::ranges::any_of(step_.outputs, [&](const ir::Output& o) { return o.value == v; });
