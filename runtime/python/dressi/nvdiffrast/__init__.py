@@ -268,16 +268,29 @@ def antialias_construct_topology_hash(tri: Any) -> _TopologyHash:
 
 
 def antialias(
-    color: Any, rast: Any, pos: Any, tri: Any, topology_hash: _TopologyHash | None = None, pos_gradient_boost: float = 1.0
+    color: Any,
+    rast: Any,
+    pos: Any,
+    tri: Any,
+    topology_hash: _TopologyHash | None = None,
+    pos_gradient_boost: float = 1.0,
+    *,
+    exact: bool = False,
+    outlines: int = 8,
 ) -> Any:
     """`color` [minibatch, height, width, channels] with soft edges, through which gradients reach `pos`.
 
-    Of faces smaller than a pixel most outlines are not found, as in nvdiffrast: `std.coverage` of the language has exact ones.
+    Of faces smaller than a pixel most outlines are not found, as in nvdiffrast. `exact=True` finds all: each pixel has the colours
+    of both sides by the area that they cover of it, and gradients are those of the area. Of at most so many `outlines` in a pixel
+    that is exact, in time and memory that grow with them. It needs no `topology_hash`, and no part of the mesh before the near plane.
     """
     tri, rast = _array(tri), _array(rast)
     opposite = None if topology_hash is None else topology_hash.opposite
 
     def operation(arrays: dict[str, Any]) -> tuple[list[Any], Any]:
-        return _core.antialias(_device, arrays["color"], rast, arrays["pos"], tri, opposite, pos_gradient_boost)
+        given = (_device, arrays["color"], rast, arrays["pos"], tri)
+        if exact:
+            return _core.antialias_exact(*given, outlines, pos_gradient_boost)
+        return _core.antialias(*given, opposite, pos_gradient_boost)
 
     return _apply(operation, {"color": color, "pos": pos})[0]

@@ -189,29 +189,56 @@ def opposite_vertices(tri: np.ndarray) -> np.ndarray:
     return np.where(beyond >= 0, beyond, own).reshape(3, count).T.astype(np.int32).copy()
 
 
+def _blended(color: Any, rast: Any, pos: Any, tri: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """What `antialias` takes, checked."""
+    color, rast = _floats("color", color, (4,)), _floats("rast", rast, (4,), (4,))
+    pos, tri = _floats("pos", pos, (2, 3), (4,)), _faces(tri)
+    _check(color.shape[:3] == rast.shape[:3], f"color and rast: expected pictures of one size, found shapes {color.shape} and {rast.shape}")
+    layers = 1 if pos.ndim == 2 else len(pos)
+    _check(layers in (1, len(color)), f"pos: expected 1 or {len(color)} in the first dimension, found shape {pos.shape}")
+    _in_range(tri, pos.shape[-2], "pos")
+    return color, rast, pos, tri
+
+
 def antialias(
     device: str, color: Any, rast: Any, pos: Any, tri: Any, opposite: np.ndarray | None = None, boost: float = 1.0
 ) -> tuple[list[np.ndarray], Back]:
     """[out] and the way back to color and pos."""
-    color, rast = _floats("color", color, (4,)), _floats("rast", rast, (4,), (4,))
-    pos, tri = _floats("pos", pos, (2, 3), (4,)), _faces(tri)
-    _check(color.shape[:3] == rast.shape[:3], f"color and rast: expected pictures of one size, found shapes {color.shape} and {rast.shape}")
-    stack = pos[None] if pos.ndim == 2 else pos
-    n, h, w, channels = color.shape
-    _check(len(stack) in (1, n), f"pos: expected 1 or {n} in the first dimension, found shape {pos.shape}")
-    _in_range(tri, stack.shape[1], "pos")
+    color, rast, pos, tri = _blended(color, rast, pos, tri)
+    n, h, w, _ = color.shape
     if opposite is None:
         opposite = opposite_vertices(tri)
     _check(opposite.shape == tri.shape, "topology_hash: it was made of other triangles")
-    arrays = {
-        "color": color.reshape(n, h * w, channels),
-        "rast": rast.reshape(n, h * w, 1, 4),
-        "pos": stack[:, None],
-        "tri": tri,
-        "opposite": opposite,
-        "picture": np.array([w, h], np.int32),
-    }
-    blend = _function("antialias", device, (("STRIDE", int(len(stack) > 1)),), "blend", tuple(arrays), ("out",))
+    arrays = {"rast": rast.reshape(n, h * w, 1, 4), "opposite": opposite, "picture": np.array([w, h], np.int32)}
+    return _blend("antialias", device, (), (), color, pos, tri, arrays, boost)
+
+
+def antialias_exact(
+    device: str, color: Any, rast: Any, pos: Any, tri: Any, outlines: int = 8, boost: float = 1.0
+) -> tuple[list[np.ndarray], Back]:
+    """As `antialias`, by the area that each face covers of a pixel; at most so many `outlines` may cross one."""
+    color, rast, pos, tri = _blended(color, rast, pos, tri)
+    _check(1 <= outlines <= 32, f"outlines: expected 1 to 32 in a pixel, found {outlines}")
+    sizes = (("W", color.shape[2]), ("H", color.shape[1]))
+    return _blend("exact", device, (("OUTLINES", int(outlines)),), sizes, color, pos, tri, {"rast": rast}, boost)
+
+
+def _blend(
+    name: str,
+    device: str,
+    defines: tuple[tuple[str, int], ...],
+    symbols: tuple[tuple[str, int], ...],
+    color: np.ndarray,
+    pos: np.ndarray,
+    tri: np.ndarray,
+    more: dict[str, np.ndarray],
+    boost: float,
+) -> tuple[list[np.ndarray], Back]:
+    n, h, w, channels = color.shape
+    stack = pos[None] if pos.ndim == 2 else pos
+    arrays = {"color": color.reshape(n, h * w, channels), "pos": stack[:, None], "tri": tri, **more}
+    options = (("STRIDE", int(len(stack) > 1)), *defines)
+    blend = _function(name, device, options, "blend", tuple(arrays), ("out",), symbols)
     results, call = blend.forward(arrays)
 
     def back(seeds: Sequence[Any]) -> dict[str, np.ndarray]:
