@@ -136,7 +136,7 @@ const Case kCases[] = {
       };
       fn along(a: float[W, H]) { scan(k in 0..H, s = vec2(0.0), max = 8) { vec2(0.9 * s.x + a.at(ivec2(coord(W).x, k)), s.x * s.y - 1e-6) } }
       let c = along(a);
-      let t = scan(k in 0..70000, s = 1e-20 + 0.0 * w.at(0).y) { 0.999 * s + 1e-9 * w.at(k % V).y };
+      let t = scan(k in 0..70000, s = 1e-20 + 0.0 * w.at(0).y) { 0.9375 * s + 1e-9 * w.at(k % V).y };
       let total = mean(dot(c, c)) + mean(dot(s.at, s.at)) + 1e7 * mean(t);
       let g = grad(mean(dot(c, c)), a);
       step go { output total, n, at = s.at, c, late = t.at(69999), early = t.at(0), of_w = grad(total, w), of_a = g,
