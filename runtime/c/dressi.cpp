@@ -209,9 +209,13 @@ dressi_run* dressi_run_open(dressi_device* device, dressi_bundle* bundle, const 
   return guarded(static_cast<dressi_run*>(nullptr), [&]() -> dressi_run* {
     given(device, "the device");
     given(bundle, "the bundle");
-    if (!device->device)
-      return new dressi_run{
-          {}, std::make_shared<dr::jit::ReferenceProgram>(must(dr::jit::ReferenceProgram::load(bundle->bytes))), {}};
+    auto run = std::make_unique<dressi_run>();
+    for (const auto& step : bundle->tables.steps)
+      for (const auto& output : step->outputs) run->outputs[step->name].push_back(output->name);
+    if (!device->device) {
+      run->program = std::make_shared<dr::jit::ReferenceProgram>(must(dr::jit::ReferenceProgram::load(bundle->bytes)));
+      return run.release();
+    }
     dr::runtime::LoadOptions load;
     bool rebuild = true;
     const auto is_on = [](const std::string& key, const std::string& value) {
@@ -236,7 +240,8 @@ dressi_run* dressi_run_open(dressi_device* device, dressi_bundle* bundle, const 
     });
     if (rebuild) load.rebuild = dr::jit::rebuilder(bundle->bytes, bundle->options);
     auto program = must(dr::runtime::Program::load(*device->device, bundle->bytes, load), DRESSI_DEVICE_ERROR);
-    return new dressi_run{{}, std::make_shared<dr::runtime::Program>(std::move(program)), {}};
+    run->program = std::make_shared<dr::runtime::Program>(std::move(program));
+    return run.release();
   });
 }
 

@@ -136,6 +136,16 @@ DRESSI_API int dressi_cuda_run(dressi_run* run, void* stream, const char* step, 
 DRESSI_API void* dressi_dlpack(dressi_array* array, int device_type, int device_id, int dimensions,
                                const int64_t* shape, const int64_t* strides);
 
+/* Serves a page about the run on this machine's loopback address, at a port or, with 0, at any that is free, and gives
+ * its address. Runs of dressi_watched_step() show there. */
+DRESSI_API const char* dressi_watch(dressi_run* run, int port);
+/* The page says that the run is over, and is no more. */
+DRESSI_API int dressi_watch_end(dressi_run* run);
+/* As dressi_step() for at most so many runs of the step, as the page has it: `made` says how many, which is 0 while it
+ * is paused (after a tenth of a second, so that the caller may look at other things). Gives 2 once its stop was
+ * pressed. */
+DRESSI_API int dressi_watched_step(dressi_run* run, const char* step, int times, int* made);
+
 /* {"runs", "commands", "ops", "bytes", "skipped_commands", "skipped_ops", "skipped_bytes"} of a step */
 DRESSI_API const char* dressi_counters(dressi_run* run, const char* step);
 /* Runs a step once and says how long each of its commands took: [{"label", "nanoseconds", "ops", "bytes", "lines"}] */

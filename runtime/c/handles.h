@@ -2,6 +2,7 @@
 // What the files of the C interface share: handles, errors, arrays. Private to them.
 #pragma once
 
+#include <map>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -16,6 +17,7 @@
 #include "runtime/jit/jit.h"
 #include "runtime/jit/reference_program.h"
 #include "runtime/runtime.h"
+#include "runtime/watch/watch.h"
 
 struct dressi_device {
   std::optional<dr::runtime::Device> device;  // none: the reference
@@ -33,7 +35,11 @@ struct dressi_run {
   std::mutex mutex;
   // Shared with views of its memory.
   std::variant<std::shared_ptr<dr::runtime::Program>, std::shared_ptr<dr::jit::ReferenceProgram>> program;
-  std::string text;  // of the last answer
+  std::string text;                                         // of the last answer
+  std::map<std::string, std::vector<std::string>> outputs;  // by step
+  std::unique_ptr<dr::watch::Watch> watch;                  // its page, if there is one, and how often steps ran by it
+  std::map<std::string, int64_t> watched_runs;
+  std::string watched_step;  // the last one
 };
 
 namespace dr::c {

@@ -10,8 +10,8 @@
 Arrays have their natural shapes: `vec3[V]` is (V, 3), `vec3[W, H, N]` is (N, H, W, 3), `mat4[N]` is (N, 4, 4), rows first.
 """
 from ._cuda import CudaArray
-from ._library import BindError, CompileError, DeviceError, Error, InternalError, library as _c
-from ._program import Device, Program, Run, compile, devices, load, reference
+from ._library import BindError, CompileError, DeviceError, Error, InternalError, Stopped, library as _c
+from ._program import Device, Program, Run, Watch, compile, devices, load, reference
 from ._show import Picture
 
 __version__: str = _c.dressi_version().decode()
@@ -26,6 +26,8 @@ __all__ = [
     "Picture",
     "Program",
     "Run",
+    "Stopped",
+    "Watch",
     "compile",
     "devices",
     "load",

@@ -32,6 +32,10 @@ class DeviceError(Error, RuntimeError):
     """No such device, no memory, a limit of the device, or the device was lost."""
 
 
+class Stopped(Error):
+    """The page of `Run.watch` was told to stop the run. Leaves hold what the runs so far made."""
+
+
 class InternalError(Error):
     """A mistake of Dressi itself. The message says where what reproduces it is kept."""
 
@@ -91,6 +95,9 @@ _functions: dict[str, tuple[Any, list[Any]]] = {
     "dressi_cuda_output": (ctypes.c_int, [_handle, _text, _text, _array, _numbers]),
     "dressi_cuda_run": (ctypes.c_int, [_handle, _handle, _text, _named, ctypes.c_size_t, _named, ctypes.c_size_t]),
     "dressi_dlpack": (_handle, [_array, ctypes.c_int, ctypes.c_int, ctypes.c_int, _numbers, _numbers]),
+    "dressi_watch": (_text, [_handle, ctypes.c_int]),
+    "dressi_watch_end": (ctypes.c_int, [_handle]),
+    "dressi_watched_step": (ctypes.c_int, [_handle, _text, ctypes.c_int, ctypes.POINTER(ctypes.c_int)]),
     "dressi_counters": (_text, [_handle, _text]),
     "dressi_timed_step": (_text, [_handle, _text]),
     "dressi_checked_step": (_text, [_handle, _text]),

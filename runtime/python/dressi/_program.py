@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import numpy as np
 
 _VIEW = 1  # of dressi_leaf_view
+_STOPPED = 2  # of dressi_watched_step
 
 
 class Device:
@@ -202,6 +203,7 @@ class Run:
         self.symbols: dict[str, int] = {}  # those that have values
         self._known: set[str] = set()  # leaves that gave theirs
         self._exact = device.name == "reference"  # it computes in float64
+        self._watch: Watch | None = None
 
     def bind(self, arrays: Mapping[str, Any] | None = None, /, *, symbols: Mapping[str, int] | None = None, **more: Any) -> Run:
         """Gives leaves their data, which is copied, and symbols that no leaf determines their values. Returns the run."""
@@ -274,7 +276,7 @@ class Run:
         for wanted in outputs or ():
             if wanted not in types:
                 self.program._output_type(name, wanted)
-        if times == 1 and not progress:
+        if times == 1 and not progress and self._watch is None:
             if not c.library.dressi_step(self._handle, name.encode(), 1):
                 c.checked(0)
         else:
@@ -286,16 +288,38 @@ class Run:
         while done < times:
             start = time.monotonic()
             count = min(chunk, times - done)
-            c.checked(c.library.dressi_step(self._handle, name.encode(), count), c.Error)
+            if self._watch is None:
+                c.checked(c.library.dressi_step(self._handle, name.encode(), count), c.Error)
+            else:
+                count = self._watched_step(name, count)
             done += count
             now = time.monotonic()
             if now - start < 0.05:
                 chunk *= 2  # so that Ctrl-C is heard soon, and short steps are not held up
             elif now - start > 0.2:
                 chunk = max(1, chunk // 2)
-            if progress and (now - shown > 0.5 or done == times):
+            if progress and count and (now - shown > 0.5 or done == times):
                 shown = now
                 self._show_progress(name, done, times)
+
+    def _watched_step(self, name: str, count: int) -> int:
+        """As many runs as the page of `watch` wants now."""
+        made = ctypes.c_int()
+        answer = c.checked(c.library.dressi_watched_step(self._handle, name.encode(), count, ctypes.byref(made)))
+        if answer == _STOPPED:
+            assert self._watch is not None
+            self._watch.close()
+            raise c.Stopped("the page of watch() was told to stop the run")
+        return made.value
+
+    def watch(self, port: int = 0) -> Watch:
+        """Serves a page about this run on the loopback address, at `port` or any that is free: numbers that steps give as curves,
+        outputs as pictures, speed, what was left out, and buttons to pause, step and stop. Stop raises `Stopped` from `step`.
+        While nobody looks it costs next to nothing. The page ends with `close`, with `with`, or with the run."""
+        self.device._check_process()
+        address = c.checked(c.library.dressi_watch(self._handle, port))
+        self._watch = Watch(self, address.decode())
+        return self._watch
 
     def _fetch(self, step: str, name: str) -> np.ndarray:
         dense = c.Array()
@@ -381,6 +405,33 @@ class Run:
         ]
         end = "\n" if done == times else ""
         print(f"\r{step} {done}/{times}  {'  '.join(numbers)}", end=end, file=sys.stderr, flush=True)
+
+
+class Watch:
+    """The page of a run that is watched: `url` is its address, with the token that it asks for."""
+
+    def __init__(self, run: Run, url: str) -> None:
+        self.url = url
+        self._run = weakref.ref(run)
+
+    def close(self) -> None:
+        """The page says that the run is over, and is no more."""
+        run = self._run()
+        if run is not None and run._watch is self:
+            run._watch = None
+            c.checked(c.library.dressi_watch_end(run._handle))
+
+    def __enter__(self) -> Watch:
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"dressi.Watch({self.url!r})"
+
+    def _repr_html_(self) -> str:
+        return f'<a href="{self.url}" target="_blank" rel="noopener">watch the run</a>'
 
 
 def compile(
