@@ -87,7 +87,7 @@ struct Expr {
     Lambda,     // fn
     If,         // a = condition, then_block, else_block (always present for an expression); is_const: `const if`
     Reduce,     // reduce(name = sum|min|max|argmin, loop_var in a..b, max = c) body=then_block
-    Fold,       // fold(loop_var in a..b, args, max = c) body=then_block; args have names: what the loop carries
+    Fold,       // name(loop_var in a..b, args, max = c) body=then_block, name = fold|scan; args: what the loop carries
     Tuple,      // items, 0 or 2+ of them
     Array,      // items
     Raster,     // args as of a call; raster_fns

@@ -199,7 +199,7 @@ List expr_list(const Expr& expr) {
       return list;
     }
     case Expr::Kind::Fold: {
-      List list{"fold", expr.inner->loop_var.text, expr_list(expr.a), expr_list(expr.b)};
+      List list{expr.name, expr.inner->loop_var.text, expr_list(expr.a), expr_list(expr.b)};
       add_args(list, expr.args);
       if (expr.c) list.add({"max", expr_list(expr.c)});
       list.add(block_list(expr.inner->then_block));

@@ -427,10 +427,12 @@ class TreeBuilder {
     }
   }
 
-  // `(k in` behind the word `fold`
+  // `(k in` behind the word `fold` or `scan`
   bool at_fold() const {
-    return at(TokenKind::LeftParen) && position_ > 0 && tokens_[position_ - 1].text == "fold" &&
-           next().kind == TokenKind::Name && position_ + 2 < tokens_.size() && tokens_[position_ + 2].text == "in";
+    if (!at(TokenKind::LeftParen) || position_ == 0) return false;
+    const std::string_view word = tokens_[position_ - 1].text;
+    return (word == "fold" || word == "scan") && next().kind == TokenKind::Name && position_ + 2 < tokens_.size() &&
+           tokens_[position_ + 2].text == "in";
   }
 
   // `0 .5` is a field of 0, if a senseless one; without the blank it is a number.

@@ -160,7 +160,7 @@ ExprPtr Parser::parse_postfix_rest(ExprPtr expr) {
       expect_close(TokenKind::RightBracket, open, {"the index"});
       expr = std::move(index);
     } else if (at_fold(*expr)) {
-      expr = parse_fold(begin);
+      expr = parse_fold(std::move(expr->name), begin);
     } else if (at(TokenKind::LeftParen)) {
       ExprPtr call = node(Expr::Kind::Call);
       call->a = std::move(expr);
@@ -430,9 +430,10 @@ ExprPtr Parser::parse_reduce() {
   return expr;
 }
 
-// `fold` is a word only where `(k in` follows: elsewhere it is a name like any other.
+// `fold` and `scan` are words only where `(k in` follows: elsewhere they are names like any other.
 bool Parser::at_fold(const Expr& callee) const {
-  if (callee.kind != Expr::Kind::NameRef || callee.name != "fold" || !at(TokenKind::LeftParen)) return false;
+  if (callee.kind != Expr::Kind::NameRef || !at(TokenKind::LeftParen)) return false;
+  if (callee.name != "fold" && callee.name != "scan") return false;
   if (!next_at(TokenKind::Name)) return false;
   return after_next_is("in");
 }
@@ -448,8 +449,9 @@ bool Parser::after_next_is(std::string_view wanted) const {
   return !is_word(wanted.back()) || rest.size() == wanted.size() || !is_word(rest[wanted.size()]);
 }
 
-ExprPtr Parser::parse_fold(uint32_t begin) {
+ExprPtr Parser::parse_fold(std::string word, uint32_t begin) {
   ExprPtr expr = node(Expr::Kind::Fold);
+  expr->name = std::move(word);
   const Token open = token_;
   advance();
   {

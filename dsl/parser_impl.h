@@ -179,7 +179,7 @@ class Parser {
   ExprPtr parse_reduce();
   bool after_next_is(std::string_view text) const;
   bool at_fold(const Expr& callee) const;
-  ExprPtr parse_fold(uint32_t begin);
+  ExprPtr parse_fold(std::string word, uint32_t begin);
   ExprPtr parse_lambda();
   ExprPtr parse_raster();
   void parse_raster_fn(std::vector<FnDecl>& fns);

@@ -169,11 +169,11 @@ class Collector {
     const Expr::Inner& inner = *expr->inner;
     const Span& body = inner.then_block.span;
     if (expr->kind == Expr::Kind::Reduce || expr->kind == Expr::Kind::Fold)
-      add_local(Kind::Loop, std::string_view(expr->kind == Expr::Kind::Fold ? "fold" : "reduce"), inner.loop_var,
+      add_local(Kind::Loop, expr->kind == Expr::Kind::Fold ? std::string_view(expr->name) : "reduce", inner.loop_var,
                 nullptr, body.begin, body.end);
     if (expr->kind == Expr::Kind::Fold) {
       for (const dsl::Arg& arg : expr->args)
-        if (arg.name) add_local(Kind::Loop, "fold", *arg.name, nullptr, body.begin, body.end);
+        if (arg.name) add_local(Kind::Loop, expr->name, *arg.name, nullptr, body.begin, body.end);
     }
     walk(inner.then_block);
     if (inner.else_block) walk(*inner.else_block);

@@ -383,6 +383,7 @@ class Elaborator {
     int64_t bound = -1;
     std::string_view loop;  // "'for'"
     Span span;
+    bool scans = false;  // what the states are after each trip is wanted, not after the last one
   };
   // What a loop carries: the states of a trip and its number in, whether it is the last one and the next states out.
   using Trip = std::function<std::pair<Value, std::vector<Value>>(const Value& i, const std::vector<Value>& states)>;
@@ -390,6 +391,8 @@ class Elaborator {
                                       const Span& span);
   std::vector<Value> emit_fold(const Range& range, const std::vector<Value>& starts, const Span& span,
                                const Trip& trip);
+  bool keep_trips(const Range& range, Extent domain, const std::vector<ValueId>& next, ir::Attrs& attrs,
+                  std::vector<ValueId>& yields);
   Value fit_state(const Value& state, const Value& next, const Span& span);
   Value evaluate_fold(const Expr& expr);
   void run_loop(const dsl::Stmt& stmt);

@@ -241,8 +241,17 @@ std::vector<Value> Elaborator::emit_fold(const Range& range, const std::vector<V
     for (const Value& leaf : leaves_of(value))
       if (leaf.is_numeric()) next_leaves.push_back(leaf);
   }
+  std::vector<ValueId> ids;
   for (const Value& leaf : next_leaves)
-    if (ok) yields.push_back(materialize(leaf));
+    if (ok) ids.push_back(materialize(leaf));
+  yields.insert(yields.end(), ids.begin(), ids.end());
+  ir::Attrs attrs;
+  attrs.yields.assign(start_leaves.size(), ir::Yield::Element);
+  if (ok && range.scans) {
+    const auto element = [&](const Value& value) { return refuse_element(value, "'scan'", span); };
+    ok = std::ranges::none_of(all, element) && std::ranges::none_of(next_leaves, element) &&
+         keep_trips(range, extent, ids, attrs, yields);
+  }
   b_.end_region(std::move(yields));
   regions_.pop_back();
   if (!ok || diagnostics_.has_errors()) return failed;
@@ -250,12 +259,10 @@ std::vector<Value> Elaborator::emit_fold(const Range& range, const std::vector<V
 
   const auto domain = region_domain(extent, {&region, 1}, span);
   if (!domain) return failed;
-  ir::Attrs attrs;
   attrs.ints = {range.bound, stops ? 1 : 0, static_cast<int64_t>(start_leaves.size())};
-  attrs.dims = {domain->w, domain->h, domain->l};
-  attrs.yields.assign(start_leaves.size(), ir::Yield::Element);
-  const std::vector<ValueId> results =
-      ops::emit_multi(b_, OpKind::Fold, std::move(operands), std::move(attrs), {region});
+  attrs.dims.insert(attrs.dims.begin(), {domain->w, domain->h, domain->l});
+  std::vector<ValueId> results = ops::emit_multi(b_, OpKind::Fold, std::move(operands), std::move(attrs), {region});
+  if (range.scans) results.erase(results.begin(), results.begin() + static_cast<ptrdiff_t>(ids.size()));
   std::vector<Value> out;
   size_t k = 0;
   for (const Value& start : starts) {
@@ -263,7 +270,8 @@ std::vector<Value> Elaborator::emit_fold(const Range& range, const std::vector<V
       if (!leaf.is_numeric()) return leaf;
       const Value& last = next_leaves[k];
       // What no trip changes stays what it was, and known where it was.
-      const bool same = last.is<Image>() && last.as<Image>().id == b_.graph().region(region).params[1 + k];
+      const bool same =
+          !range.scans && last.is<Image>() && last.as<Image>().id == b_.graph().region(region).params[1 + k];
       const ValueId result = results[k++];
       return same ? leaf : Value(image(result, {&range.begin, &range.end, &leaf, &last}));
     }));
@@ -271,8 +279,68 @@ std::vector<Value> Elaborator::emit_fold(const Range& range, const std::vector<V
   return out;
 }
 
+// The states after each trip of a scan, which stand along the first axis that the elements leave free: a scatter to
+// places of their own. The region is still open.
+bool Elaborator::keep_trips(const Range& range, Extent domain, const std::vector<ValueId>& next, ir::Attrs& attrs,
+                            std::vector<ValueId>& yields) {
+  const auto refuse = [&](const std::string& message, const std::string& help = "") {
+    report(Code::E0713, range.span, message, {}, help);
+    return false;
+  };
+  const bool known = range.begin.is<Dim>() && range.end.is<Dim>();
+  const Dim trips = known ? range.end.as<Dim>() - range.begin.as<Dim>() : Dim(range.bound);
+  if (!known && range.bound < 0)
+    return refuse("expected a range between extents, or 'max = M', which says how many trips have room",
+                  "write 'scan(k in 0..n, max = 64, ...)'");
+  if (trips.is_constant() && trips.constant() < 1)
+    return refuse("expected at least one trip to keep, found " + std::to_string(trips.constant()));
+  if (regions_.size() > 1)
+    return refuse("expected 'scan' outside of regions, found it in " + std::string(regions_[regions_.size() - 2].what),
+                  "carry what is needed with 'fold'");
+  const auto own = region_domain(domain, {{b_.current_region()}}, range.span);
+  if (!own) return false;
+  domain = *own;
+  for (const ValueId v : next) {
+    const auto both = ir::broadcast(domain, b_.value(v).extent);
+    if (!both)
+      return refuse("expected values of one extent, found " + domain.str() + " and " + b_.value(v).extent.str());
+    domain = *both;
+    if (b_.value(v).type.is_bool())
+      return refuse("expected numbers to keep of each trip, found " + b_.value(v).type.str(),
+                    "carry an int: 'if c { 1 } else { 0 }'");
+  }
+  Extent image = domain;
+  Dim* const axes[] = {&image.w, &image.h, &image.l};
+  Dim* const* const free = std::ranges::find_if(axes, [](const Dim* axis) { return axis->is_one(); });
+  if (free == std::end(axes))
+    return refuse("expected an axis of extent 1 for the trips, found values of the extent " + domain.str());
+  **free = trips;
+  std::vector<Value> place;
+  for (int axis = 0; axis < 3; ++axis) {
+    if (axes[axis] == *free) {
+      place.push_back(apply(OpKind::Sub, {Image{b_.graph().region(b_.current_region()).params[0]}, range.begin}));
+    } else if (axes[axis]->is_one()) {
+      place.emplace_back(Dim(0));
+    } else {
+      ValueId at;
+      b_.at_root([&] { at = ops::coord(b_, axis, domain); });
+      place.emplace_back(Image{at});
+    }
+  }
+  const ValueId index = materialize(compose(std::move(place), ir::vec(3, Scalar::Int)));
+  for (const ValueId v : next) {
+    attrs.yields.push_back(ir::Yield::Scatter);
+    attrs.dims.insert(attrs.dims.end(), {image.w, image.h, image.l});
+    yields.push_back(index);
+    yields.push_back(v);
+  }
+  return true;
+}
+
 Value Elaborator::evaluate_fold(const Expr& expr) {
-  const auto range = evaluate_range(*expr.a, *expr.b, expr.c.get(), "'fold'", expr.span);
+  const bool scans = expr.name == "scan";
+  auto range = evaluate_range(*expr.a, *expr.b, expr.c.get(), scans ? "'scan'" : "'fold'", expr.span);
+  if (range) range->scans = scans;
   std::vector<Value> starts;
   bool ok = range.has_value();
   for (const dsl::Arg& arg : expr.args) {

@@ -125,6 +125,23 @@ const Case kCases[] = {
       let g = grad(mean(dot(y, y)), w);
       step go { output total, gradient = grad(total, w), y, z, second = grad(sum(dot(g, g)), w); })",
      {"go"}},
+    {"scans: a loop that breaks, one along the columns of a picture, and one of a number that takes many trips",
+     R"(
+      param w : vec2[V] = vec2(0.5, -0.25);
+      input a : float[W, H];
+      struct Spring { at: vec2; speed: float; }
+      let (n, s) = scan(k in 2..V + 9, max = 40, n = 1, s = Spring(vec2(0.1, 0.2), 0.0)) {
+        break if s.speed > 0.9;
+        (n + k, Spring(s.at + 0.1 * s.speed, 0.95 * s.speed + w.at(k % V).x - 0.4 * s.at.x))
+      };
+      fn along(a: float[W, H]) { scan(k in 0..H, s = vec2(0.0), max = 8) { vec2(0.9 * s.x + a.at(ivec2(coord(W).x, k)), s.x * s.y - 1e-6) } }
+      let c = along(a);
+      let t = scan(k in 0..70000, s = 1e-20 + 0.0 * w.at(0).y) { 0.9375 * s + 1e-9 * w.at(k % V).y };
+      let total = mean(dot(c, c)) + mean(dot(s.at, s.at)) + 1e7 * mean(t);
+      let g = grad(mean(dot(c, c)), a);
+      step go { output total, n, at = s.at, c, late = t.at(69999), early = t.at(0), of_w = grad(total, w), of_a = g,
+                       second = grad(sum(g * g), a); })",
+     {"go"}},
     {"many outputs, layers and shifts",
      R"(
       input a : float[W, H];

@@ -51,7 +51,8 @@ std::vector<ValueId> make_reduce(Builder& b, ValueId begin, ValueId end, const E
 }
 
 std::vector<ValueId> make_fold(Builder& b, ValueId begin, ValueId end, const Extent& domain,
-                               const std::vector<ValueId>& starts, const FoldBody& body, int64_t bound) {
+                               const std::vector<ValueId>& starts, const FoldBody& body, int64_t bound,
+                               const std::vector<Extent>& images) {
   std::vector<ir::ResultType> params{{.type = ir::kInt, .extent = {}}};
   std::vector<ValueId> operands{begin, end};
   for (const ValueId start : starts) {
@@ -62,9 +63,11 @@ std::vector<ValueId> make_fold(Builder& b, ValueId begin, ValueId end, const Ext
   const std::vector<ValueId> given = b.graph().region(region).params;
   const Trip trip = body(given[0], {given.begin() + 1, given.end()});
   std::vector<ValueId> yields = trip.next;
+  yields.insert(yields.end(), trip.scattered.begin(), trip.scattered.end());
   if (trip.stop.valid()) yields.insert(yields.begin(), trip.stop);
   b.end_region(std::move(yields));
-  ir::Attrs attrs = region_attrs(domain, std::vector(starts.size(), Yield::Element), {});
+  ir::Attrs attrs = region_attrs(domain, std::vector(starts.size(), Yield::Element), images);
+  attrs.yields.resize(starts.size() + images.size(), Yield::Scatter);
   attrs.ints = {bound, trip.stop.valid() ? 1 : 0, static_cast<int64_t>(starts.size())};
   return ops::emit_multi(b, OpKind::Fold, std::move(operands), std::move(attrs), {region});
 }

@@ -54,10 +54,12 @@ std::vector<ValueId> make_reduce(Builder& b, ValueId begin, ValueId end, const E
 struct Trip {
   ValueId stop;
   std::vector<ValueId> next;
+  std::vector<ValueId> scattered = {};  // index and value, for each image
 };
 using FoldBody = std::function<Trip(ValueId i, const std::vector<ValueId>& states)>;
 std::vector<ValueId> make_fold(Builder& b, ValueId begin, ValueId end, const Extent& domain,
-                               const std::vector<ValueId>& starts, const FoldBody& body, int64_t bound = -1);
+                               const std::vector<ValueId>& starts, const FoldBody& body, int64_t bound = -1,
+                               const std::vector<Extent>& images = {});
 
 // Sum of all elements and components: float, extent 1.
 ValueId total(Builder& b, ValueId x);

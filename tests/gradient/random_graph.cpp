@@ -142,6 +142,7 @@ class Generator {
     for (const ValueId x : pool_) {
       if (ir::broadcast(domain, b_.value(x).extent) == domain) fitting.push_back(x);
     }
+    if (fitting.empty()) fitting.push_back(number(0.5));
     std::vector<ValueId> chosen;
     for (int k = 0; k < 4; ++k)
       chosen.push_back(fitting[static_cast<size_t>(random_.integer(static_cast<int>(fitting.size())))]);
@@ -260,6 +261,32 @@ class Generator {
     return op(OpKind::Tanh, make_reduce(b_, integer(0), end, domain, {Yield::Sum}, trips));
   }
 
+  // What a loop carries after each trip, along an axis that its elements leave free.
+  ValueId scan() {
+    Extent domain = any_extent();
+    const auto free = static_cast<size_t>(random_.integer(3));
+    *std::array{&domain.w, &domain.h, &domain.l}[free] = 1;
+    Extent image = domain;
+    const int64_t trips = std::array{4, 3, 2}[free];
+    *std::array{&image.w, &image.h, &image.l}[free] = trips;
+    const std::vector<ValueId> values = within(domain);
+    const Type type = any_type();
+    const bool stops = random_.chance(0.3);
+    const int first = random_.integer(2);
+    const ValueId begin = integer(first), end = integer(static_cast<double>(first + trips));
+    const auto body_of = [&](ValueId i, const std::vector<ValueId>& states) {
+      std::vector<ValueId> here = values, place;
+      here.push_back(states[0]);
+      for (size_t axis = 0; axis < 3; ++axis)
+        place.push_back(axis == free ? ops::sub(b_, i, begin) : ops::coord(b_, static_cast<int>(axis), domain));
+      const ValueId next = op(OpKind::Tanh, {ops::add(b_, body(here, {i}, domain, type, 1), scaled(states[0], 0.5))});
+      Trip trip{{}, {next}, {ops::compose(b_, place, vec(3, Scalar::Int)), next}};
+      if (stops) trip.stop = op(OpKind::Less, {number(0.75), as(next, kFloat)});
+      return trip;
+    };
+    return make_fold(b_, begin, end, domain, {as(values[0], type)}, body_of, 4, {image})[1];
+  }
+
   void step() {
     const ValueId x = any();
     const Extent extent = b_.value(x).extent;
@@ -296,6 +323,8 @@ class Generator {
       pool_.push_back(op(OpKind::Tanh, {scaled(jvp(b_, y, x, along), 0.25)}));
     } else if (choice < 0.63) {
       pool_.push_back(contraction());
+    } else if (choice < 0.67) {
+      pool_.push_back(scan());
     } else {
       pool_.push_back(elementwise(pool_));
     }

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <set>
 
+#include "compiler/backend/analysis/named_once.h"
 #include "compiler/backend/analysis/uses.h"
 #include "compiler/backend/emit/generator.h"
 #include "compiler/backend/glsl/fixed_point.h"
@@ -173,7 +174,7 @@ std::vector<Generator::Target> Generator::scatter_targets(const Pass& pass) {
     const Resource& r = resource(sum.value);
     const bool maximum = graph_.op(graph_.value(sum.value).op).kind == OpKind::ScatterMax;
     Target t{sum, {std::to_string(targets.size()), r.type, r.extent}, resource_index(sum.value), 0};
-    t.fixed = r.type.is_float() && pass.scatter != ScatterLowering::Atomic;
+    t.fixed = r.type.is_float() && pass.scatter != ScatterLowering::Atomic && !named_once(graph_, sum.terms);
     if (t.fixed) {
       t.most = contributions(sum);
       if (!r.sums) t.words = add_scratch(r.name + "_sums", words_of_sums(r.type, r.extent, wide_atomics()).str());
@@ -267,14 +268,19 @@ std::string Generator::declare_target(Shader& s, const Pass& pass, const Target&
   } else {
     const bool maximum = graph_.op(graph_.value(t.sum.value).op).kind == OpKind::ScatterMax;
     const std::string buffer = s.bind(step_->stored.at(t.sum.value), bundle::Access::ReadWrite);
-    if (r.type.is_float()) s.extension("GL_EXT_shader_atomic_float");
+    const bool stored = named_once(graph_, t.sum.terms);
+    if (r.type.is_float() && !stored) s.extension("GL_EXT_shader_atomic_float");
     if (runs == Runs::Both) body = "  if (pc.a != 0) {\n";  // needs no first run
     // Elements that add nothing may all name one element, such as the first, and would wait for each other there.
     const bool tests = r.type.is_float() && !profile_.lanes_in_turn;
     for (int c = 0; c < n; ++c) {
       const std::string x = component(r.type, "value", c);
-      body += "  " + (tests ? "if (" + x + " != 0.0) " : std::string()) + (maximum ? "atomicMax(" : "atomicAdd(") +
-              buffer + ".d[element * " + std::to_string(n) + " + " + std::to_string(c) + "], " + x + ");\n";
+      const std::string to = buffer + ".d[element * " + std::to_string(n) + " + " + std::to_string(c) + "]";
+      if (stored)
+        body += "  " + to + " = " + x + ";\n";
+      else
+        body += "  " + (tests ? "if (" + x + " != 0.0) " : std::string()) + (maximum ? "atomicMax(" : "atomicAdd(") +
+                to + ", " + x + ");\n";
     }
     if (runs == Runs::Both) body += "  }\n";
   }
@@ -425,7 +431,7 @@ void Generator::scatter_resolve(const Pass& pass, const Target& target) {
     dispatch(pass, "_resolve", s, count.str());
     return;
   }
-  if (pass.scatter == ScatterLowering::Atomic) return;
+  if (!target.fixed) return;
   const ir::Dim count = element_count(accumulator.extent);
   Shader s = shader();
   linear_index(s, dim_expression(count));

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+#include "compiler/backend/analysis/named_once.h"
 #include "compiler/backend/analysis/uses.h"
 
 namespace dr::backend {
@@ -29,7 +30,7 @@ void keep_sums(const ir::Graph& graph, Schedule& schedule) {
       if (pass.kind != Pass::Kind::Scatter || pass.scatter != ScatterLowering::Exact) continue;
       for (const ScatterSum& sum : pass.sums) {
         const ValueId v = sum.value;
-        if (!graph.value(v).type.is_float() || kept.count(v) != 0) continue;
+        if (!graph.value(v).type.is_float() || kept.count(v) != 0 || named_once(graph, sum.terms)) continue;
         std::vector<const Pass*> readers;
         for (const Pass& other : step.passes)
           if (std::ranges::find(other.reads, v) != other.reads.end()) readers.push_back(&other);

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <set>
 
+#include "compiler/backend/analysis/named_once.h"
 #include "compiler/backend/analysis/uses.h"
 #include "compiler/backend/lowering/scatter_active.h"
 #include "compiler/backend/pack/stages.h"
@@ -286,6 +287,7 @@ class StepLegalizer {
     if (pass.scatter == ScatterLowering::Rows || pass.writes.size() != pass.sums.size()) return;
     const auto is_float = [&](const ScatterSum& sum) { return graph_.value(sum.value).type.is_float(); };
     if (!std::all_of(pass.sums.begin(), pass.sums.end(), is_float)) return;
+    if (std::ranges::any_of(pass.sums, [&](const ScatterSum& sum) { return named_once(graph_, sum.terms); })) return;
     pass.active = active_elements(graph_, pass);
     pass.relist = pass.scatter == ScatterLowering::Exact;
   }
