@@ -10,6 +10,7 @@
 #include "compiler/backend/analysis/uses.h"
 #include "compiler/backend/cost/cost.h"
 #include "compiler/backend/plan/dependencies.h"
+#include "compiler/ir/initial_step.h"
 
 namespace dr::backend {
 
@@ -109,9 +110,9 @@ std::string print(const Report& report) {
   for (const StepReport& step : report.steps) {
     std::string kinds;
     for (const auto& [kind, n] : step.passes) kinds += (kinds.empty() ? "" : ", ") + std::to_string(n) + " " + kind;
-    out += "step " + step.name + ": " + std::to_string(step.ops) + " ops in " + std::to_string(step.first.passes) +
-           " passes (" + kinds + ") in " + std::to_string(step.first.stages) + " stages, " +
-           std::to_string(step.commands) + " commands\n";
+    out += ir::step_title(step.name) + ": " + std::to_string(step.ops) + " ops in " +
+           std::to_string(step.first.passes) + " passes (" + kinds + ") in " + std::to_string(step.first.stages) +
+           " stages, " + std::to_string(step.commands) + " commands\n";
     char expected[64];
     std::snprintf(expected, sizeof expected, "  expected time: %.3f ms\n", step.first.expected_ns * 1e-6);
     out += expected;

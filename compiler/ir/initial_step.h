@@ -18,4 +18,10 @@ inline std::string_view leaf_of_initial_step(std::string_view step) {
   return step.ends_with(kInitialStep) ? step.substr(0, step.size() - kInitialStep.size()) : std::string_view();
 }
 
+// As people read about it: "step fit", "initial value of ramp".
+inline std::string step_title(const std::string& step) {
+  const std::string_view leaf = leaf_of_initial_step(step);
+  return leaf.empty() ? "step " + step : "initial value of " + std::string(leaf);
+}
+
 }  // namespace dr::ir

@@ -8,6 +8,7 @@
 #include "compiler/target/profile.h"
 #include "runtime/c/handles.h"
 #include "runtime/jit/compile_text.h"
+#include "runtime/jit/explain_gradient.h"
 #include "runtime/jit/rebuild.h"
 
 using Json = nlohmann::ordered_json;
@@ -84,6 +85,37 @@ std::string info_of(const dr::bundle::BundleT& bundle) {
   return out.dump();
 }
 
+dr::jit::Options compile_options(const char* const* options) {
+  dr::jit::Options chosen;
+  for_each_option(options, [&](const std::string& key, const std::string& value) {
+    if (key == "profile")
+      chosen.profile = value;
+    else if (key == "lower")
+      chosen.lower = value;
+    else if (key == "raster")
+      chosen.raster = value;
+    else if (key == "pack")
+      chosen.pack = value;
+    else if (key == "scatter")
+      chosen.scatter = value;
+    else if (key == "float")
+      chosen.float_profile = value;
+    else if (key == "ablate")
+      chosen.ablate.push_back(value);
+    else if (key == "include")
+      chosen.include_dirs.push_back(value);
+    else if (key == "adjoint")
+      chosen.adjoints.push_back(value);
+    else if (key.starts_with("define:"))
+      chosen.defines[key.substr(7)] = value;
+    else
+      fail("unknown option '" + key +
+           "' of compiling; there are profile, lower, raster, pack, scatter, float, ablate, adjoint, include and "
+           "define:NAME");
+  });
+  return chosen;
+}
+
 std::unique_ptr<dressi_bundle> bundle_of(std::vector<uint8_t> bytes) {
   auto tables = dr::bundle::read(bytes);
   if (const auto* problem = std::get_if<std::string>(&tables)) fail(*problem);
@@ -145,33 +177,7 @@ const char* dressi_device_info(dressi_device* device) { return device == nullptr
 
 dressi_bundle* dressi_compile(const char* name, const char* text, dressi_device* device, const char* const* options) {
   return guarded(static_cast<dressi_bundle*>(nullptr), [&] {
-    dr::jit::Options chosen;
-    for_each_option(options, [&](const std::string& key, const std::string& value) {
-      if (key == "profile")
-        chosen.profile = value;
-      else if (key == "lower")
-        chosen.lower = value;
-      else if (key == "raster")
-        chosen.raster = value;
-      else if (key == "pack")
-        chosen.pack = value;
-      else if (key == "scatter")
-        chosen.scatter = value;
-      else if (key == "float")
-        chosen.float_profile = value;
-      else if (key == "ablate")
-        chosen.ablate.push_back(value);
-      else if (key == "include")
-        chosen.include_dirs.push_back(value);
-      else if (key == "adjoint")
-        chosen.adjoints.push_back(value);
-      else if (key.starts_with("define:"))
-        chosen.defines[key.substr(7)] = value;
-      else
-        fail("unknown option '" + key +
-             "' of compiling; there are profile, lower, raster, pack, scatter, float, ablate, adjoint, include and "
-             "define:NAME");
-    });
+    dr::jit::Options chosen = compile_options(options);
     if (chosen.profile.empty() && device != nullptr && device->device) chosen.profile = device->device->profile_name();
     if (chosen.profile.empty()) chosen.profile = "lavapipe";  // what runs on the evaluator is the graph alone
     const auto profile = dr::target::load_profile(chosen.profile);
@@ -184,6 +190,18 @@ dressi_bundle* dressi_compile(const char* name, const char* text, dressi_device*
     auto out = bundle_of(std::get<std::vector<uint8_t>>(std::move(bytes)));
     out->options = std::move(chosen);
     return out.release();
+  });
+}
+
+const char* dressi_explain_gradient(const char* name, const char* text, const char* const* options, const char* loss,
+                                    const char* with_respect_to) {
+  thread_local std::string answer;
+  return guarded(static_cast<const char*>(nullptr), [&] {
+    auto explained = dr::jit::explain_gradient(word(name, "the name"), word(text, "the text"), compile_options(options),
+                                               word(loss, "the loss"), word(with_respect_to, "the leaf"));
+    if (auto* problem = std::get_if<std::string>(&explained)) fail(std::move(*problem));
+    answer = std::get<dr::jit::Explanation>(std::move(explained)).json;
+    return answer.c_str();
   });
 }
 

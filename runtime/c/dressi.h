@@ -79,6 +79,11 @@ DRESSI_API const char* dressi_device_info(dressi_device* device);
  * of the sum over the outputs, each times an input STEP.adjoint.OUTPUT of its type and extent. */
 DRESSI_API dressi_bundle* dressi_compile(const char* name, const char* text, dressi_device* device,
                                          const char* const* options);
+/* Why the gradient of an output or `let` with respect to a leaf or `let` is what it is, of the program of this text, as
+ * {"flows", "summary", "text", "paths": [[{"name", "place", "through"}]], "more_paths", "clamps", "cuts": [{"place",
+ * "reason"}]}: what drc explain-grad prints is `text`. The answer lives until this thread asks again. */
+DRESSI_API const char* dressi_explain_gradient(const char* name, const char* text, const char* const* options,
+                                               const char* loss, const char* with_respect_to);
 /* Reads a compiled bundle. */
 DRESSI_API dressi_bundle* dressi_bundle_read(const void* bytes, size_t size);
 DRESSI_API void dressi_bundle_free(dressi_bundle* bundle);
@@ -87,6 +92,11 @@ DRESSI_API const void* dressi_bundle_bytes(dressi_bundle* bundle, size_t* size);
  * "extent"}], "leaves", "changes"}], "symbols", "profile"}; an extent has three texts, of width, height and layers.
  * Leaves with "from_host" true take no memory of CUDA. */
 DRESSI_API const char* dressi_bundle_info(dressi_bundle* bundle);
+
+/* The commands of a step in the order in which they run: [{"kind", "label", "ops", "lines", "reads", "writes", "joins",
+ * "steady"}]; kinds are dispatch, draw, fill, copy and reduce, `reads` and `writes` names of resources. A draw that
+ * joins belongs to the render pass before it; what is steady changes in each run and is never left out. */
+DRESSI_API const char* dressi_schedule(dressi_bundle* bundle, const char* step);
 
 /* `options`: pairs as above, "cache", "rebuild", "store_all" and "share" with "on" or "off", "memory" with bytes. The
  * bundle may be freed while the run lives, the device may not be used for anything else then but other runs. */

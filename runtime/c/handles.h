@@ -28,7 +28,7 @@ struct dressi_bundle {
   std::vector<uint8_t> bytes;
   dr::bundle::BundleT tables;
   dr::jit::Options options;
-  std::string info;
+  std::string info, schedule;
 };
 
 struct dressi_run {

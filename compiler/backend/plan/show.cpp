@@ -7,6 +7,7 @@
 
 #include "compiler/backend/plan/dependencies.h"
 #include "compiler/backend/plan/plan_memory.h"
+#include "compiler/ir/initial_step.h"
 
 namespace dr::backend {
 namespace {
@@ -110,7 +111,7 @@ class Inspector {
       out += "\n";
     }
     for (const auto& s : root["steps"]) {
-      out += "step " + get(s, "name") + "\n";
+      out += ir::step_title(get(s, "name")) + "\n";
       size_t index = 0;
       for (const auto& c : s["commands"]) {
         out += "  " + std::to_string(index++) + " " + get(c, "kind") + " " + get(c, "label");

@@ -6,6 +6,7 @@
 #include <set>
 
 #include "compiler/backend/analysis/uses.h"
+#include "compiler/ir/initial_step.h"
 
 namespace dr::backend {
 
@@ -40,7 +41,7 @@ std::string print_graphviz(const ir::Graph& graph, const Schedule& schedule) {
     const StepSchedule& step = schedule.steps[s];
     const std::string prefix = "s" + std::to_string(s) + "_";
     auto resource = [&](ir::ValueId v) -> const Resource& { return schedule.resources[step.stored.at(v).index]; };
-    out += "  subgraph cluster_" + prefix + "step {\n    label = \"step " + step.name + "\";\n";
+    out += "  subgraph cluster_" + prefix + "step {\n    label = \"" + ir::step_title(step.name) + "\";\n";
     std::map<ir::ValueId, size_t> writer;
     std::set<std::string> leaves;
     for (size_t k = 0; k < step.passes.size(); ++k) {

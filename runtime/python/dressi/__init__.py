@@ -12,21 +12,26 @@ Arrays have their natural shapes: `vec3[V]` is (V, 3), `vec3[W, H, N]` is (N, H,
 from ._cuda import CudaArray
 from ._library import BindError, CompileError, DeviceError, Error, InternalError, Stopped, library as _c
 from ._program import Device, Program, Run, Watch, compile, devices, load, reference
-from ._show import Picture
+from ._show import Counters, GradientExplanation, NotFinite, Picture, Schedule, Timing
 
 __version__: str = _c.dressi_version().decode()
 __all__ = [
     "BindError",
     "CompileError",
+    "Counters",
     "CudaArray",
     "Device",
     "DeviceError",
     "Error",
+    "GradientExplanation",
     "InternalError",
+    "NotFinite",
     "Picture",
     "Program",
     "Run",
+    "Schedule",
     "Stopped",
+    "Timing",
     "Watch",
     "compile",
     "devices",

@@ -78,6 +78,8 @@ _functions: dict[str, tuple[Any, list[Any]]] = {
     "dressi_bundle_free": (None, [_handle]),
     "dressi_bundle_bytes": (ctypes.c_void_p, [_handle, ctypes.POINTER(ctypes.c_size_t)]),
     "dressi_bundle_info": (_text, [_handle]),
+    "dressi_explain_gradient": (_text, [_text, _text, _pairs, _text, _text]),
+    "dressi_schedule": (_text, [_handle, _text]),
     "dressi_run_open": (_handle, [_handle, _handle, _pairs]),
     "dressi_run_free": (None, [_handle]),
     "dressi_bind": (ctypes.c_int, [_handle, _text, _array]),
@@ -114,12 +116,15 @@ def _load() -> ctypes.CDLL:
         raise ImportError(
             f"cannot load {path}: {error}. Install the package (pip install .), or set DRESSI_LIBRARY to {name} of a build"
         ) from error
-    for function, (result, arguments) in _functions.items():
-        entry = getattr(library, function)
-        entry.restype, entry.argtypes = result, arguments
-    found = library.dressi_abi_version()
+    version = getattr(library, "dressi_abi_version", None)
+    found = version() if version else "none"
     if found != ABI_VERSION:
         raise ImportError(f"{path} has version {found} of the C interface, expected {ABI_VERSION}")
+    for function, (result, arguments) in _functions.items():
+        entry = getattr(library, function, None)
+        if entry is None:
+            raise ImportError(f"{path} is older than this package: it has no function {function}")
+        entry.restype, entry.argtypes = result, arguments
     return library
 
 

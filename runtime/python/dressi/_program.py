@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Mapping, Sequence
 from . import _library as c
 from ._arrays import Type, from_dense, to_dense
 from ._cuda import CudaArray, current_stream, source, tell_of_copy
-from ._show import Counters, NotFinite, Timing, table
+from ._show import Counters, GradientExplanation, NotFinite, Schedule, Timing, table
 
 if TYPE_CHECKING:
     import numpy as np
@@ -146,6 +146,20 @@ class Program:
         name, text, options = self._source
         adjoint = f"{self._step(step)}:{','.join(inputs)}:{','.join(outputs)}"
         return _compiled(name, text, [*options, ("adjoint", adjoint)], self._device)
+
+    def explain_grad(self, loss: str, leaf: str) -> GradientExplanation:
+        """Why the gradient of an output or `let` with respect to a leaf or `let` is what it is: along which values it flows, and
+        where it is cut. No number is computed."""
+        if self._source is None:
+            raise c.Error("a bundle holds no program text to explain: compile the program from its text")
+        name, text, options = self._source
+        answer = c.library.dressi_explain_gradient(name.encode(), text.encode(), c.pairs(options), loss.encode(), leaf.encode())
+        return GradientExplanation(json.loads(c.checked(answer)))
+
+    def schedule(self, step: str | None = None) -> Schedule:
+        """The commands of a step, with what each reads and writes. Notebooks show them as a picture."""
+        step = self._step(step)
+        return Schedule(step, json.loads(c.checked(c.library.dressi_schedule(self._handle, step.encode()))))
 
     def bind(self, arrays: Mapping[str, Any] | None = None, /, *, symbols: Mapping[str, int] | None = None, **more: Any) -> Run:
         """A run with these leaves bound: `program.bind(position=v, face=f)`, or a dict for names that are no words of Python."""
