@@ -160,9 +160,11 @@ AdjointOutput normalize_adjoint(const AdjointInput& in) {
   // Divided, not multiplied by 1 / |v|: that overflows for the shortest vectors, where `across` is as good as 0.
   const ValueId length = apply(b, OpKind::Length, in.operands[0]);
   const ValueId none = apply(b, OpKind::Equal, length, zero_like(b, length));
-  const ValueId divisor = splat(b, select(b, none, like(b, length, 1.0), length), b.value(n).type.rows);
-  const ValueId strong_zero = apply(b, OpKind::Equal, across, zero_like(b, across));
-  return {drop_where(b, none, drop_where(b, strong_zero, div(b, across, divisor)))};
+  // By 1 where the length is NaN, as `across` is then but for a g of 0. What is dropped must not depend on g: the
+  // gradient is linear in it, and a forward derivative is its transpose.
+  const ValueId some = apply(b, OpKind::Less, zero_like(b, length), length);
+  const ValueId divisor = splat(b, select(b, some, length, like(b, length, 1.0)), b.value(n).type.rows);
+  return {drop_where(b, none, div(b, across, divisor))};
 }
 
 }  // namespace

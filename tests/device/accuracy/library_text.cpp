@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/device/accuracy/library_text.h"
 
+#include <algorithm>
 #include <cstdio>
 #include <cstdlib>
 
@@ -146,6 +147,9 @@ std::string leaf_name(size_t function, const Operand& operand) {
   return name;
 }
 std::string seed_name(size_t function) { return "x" + std::to_string(function) + "_g"; }
+std::string along_name(size_t function, const std::string& operand) {
+  return "x" + std::to_string(function) + "_along_" + operand;
+}
 bool is_next(const Direction& direction) { return direction.of.starts_with("next "); }
 std::string output_name(const Direction& direction) {
   if (direction.of == "value") return "value";
@@ -154,6 +158,33 @@ std::string output_name(const Direction& direction) {
 
 std::string device_text(std::span<const Function> functions) { return program(functions, false); }
 std::string judge_text(std::span<const Function> functions) { return program(functions, true); }
+
+std::vector<std::string> moved_operands(const Function& f) {
+  std::vector<std::string> out;
+  for (const Direction& d : f.directions)
+    if (d.of != "value" && !is_next(d)) out.push_back(d.of);
+  return out;
+}
+
+std::string transpose_text(std::span<const Function> functions) {
+  std::string text = kPrelude + leaves(functions, false);
+  for (size_t k = 0; k < functions.size(); ++k) {
+    const Function& f = functions[k];
+    std::string body, outputs;
+    for (const Operand& o : f.operands)
+      if (!only_drawn(o) && o.leaf.empty()) body += "  let " + o.name + " = $" + o.name + ";\n";
+    body += f.before + "  let y = " + f.value + ";\n  let g = " + seed_name(k) + ";\n";
+    for (const std::string& x : moved_operands(f)) {
+      const auto o = std::ranges::find(f.operands, x, &Operand::name);
+      text += "param " + along_name(k, x) + " : " + o->type + extent_of(*o) + ";\n";
+      outputs +=
+          ", j_" + x + " = jvp(y, " + x + ", " + along_name(k, x) + "), d_" + x + " = grad(y, " + x + ", seed = g)";
+    }
+    if (outputs.empty()) continue;
+    text += "step " + step_name(k) + " {\n" + resolved(body, f, k) + "  output " + outputs.substr(2) + ";\n}\n";
+  }
+  return text;
+}
 
 std::string draw_text(std::span<const Function> functions) {
   std::string text = kPrelude + leaves(functions, true);
