@@ -8,6 +8,7 @@ from __future__ import annotations
 import ctypes
 import os
 import pathlib
+import weakref
 from typing import Any
 
 ABI_VERSION = 1
@@ -140,6 +141,16 @@ def checked(result: Any, mistake: type[Error] = Error) -> Any:
         return result
     text = (library.dressi_error() or b"").decode(errors="replace").rstrip()
     raise _kinds.get(library.dressi_error_kind_of_last(), mistake)(text)
+
+
+def freed_with(owner: Any, free: Any, handle: Any) -> None:
+    """Frees a handle when its owner is gone; not in a process that was forked since, where its device is not to be touched."""
+
+    def free_here(process: int) -> None:
+        if process == os.getpid():
+            free(handle)
+
+    weakref.finalize(owner, free_here, os.getpid()).atexit = False
 
 
 def pairs(options: list[tuple[str, str]]) -> Any:

@@ -29,7 +29,7 @@ class Device:
 
     def __init__(self, name: str = "", *, validation: bool = False) -> None:
         self._handle = c.checked(c.library.dressi_device_open(str(name).encode(), validation), c.DeviceError)
-        weakref.finalize(self, c.library.dressi_device_free, self._handle).atexit = False
+        c.freed_with(self, c.library.dressi_device_free, self._handle)
         self.info: dict[str, str] = json.loads(c.library.dressi_device_info(self._handle))
         self._process = os.getpid()
 
@@ -90,7 +90,7 @@ class Program:
         _source: tuple[str, str, list[tuple[str, str]]] | None = None,
     ) -> None:
         self._handle = _handle or c.checked(c.library.dressi_bundle_read(bundle, len(bundle)), c.Error)
-        weakref.finalize(self, c.library.dressi_bundle_free, self._handle).atexit = False
+        c.freed_with(self, c.library.dressi_bundle_free, self._handle)
         self._device = device
         self._source = _source  # name, text, options; none of a bundle
         info = json.loads(c.library.dressi_bundle_info(self._handle))
@@ -169,7 +169,7 @@ class Program:
         return f"dressi.Program(steps={self.steps}, leaves={self.leaves})"
 
     def _repr_html_(self) -> str:
-        leaves = [(leaf["kind"], leaf["name"], self.leaf_types[leaf["name"]]) for leaf in self._leaves]
+        leaves = [(leaf["kind"], leaf["name"], str(self.leaf_types[leaf["name"]])) for leaf in self._leaves]
         outputs = [(f"output of {step}", *pair) for step in self._steps for pair in self.outputs(step).items()]
         return table(("", "name", "type"), leaves + outputs)
 
@@ -213,7 +213,7 @@ class Run:
         self._stream: int | None = None  # of CUDA, once it has seen memory of the run
         options = c.pairs([("store_all", "on" if store_all else "off"), ("share", "on" if self._shares else "off")])
         self._handle = c.checked(c.library.dressi_run_open(device._handle, program._handle, options), c.DeviceError)
-        weakref.finalize(self, c.library.dressi_run_free, self._handle).atexit = False
+        c.freed_with(self, c.library.dressi_run_free, self._handle)
         self.symbols: dict[str, int] = {}  # those that have values
         self._known: set[str] = set()  # leaves that gave theirs
         self._exact = device.name == "reference"  # it computes in float64
@@ -265,6 +265,7 @@ class Run:
     def empty(self, leaf: str, shape: Sequence[int] | None = None) -> Any:
         """Memory of Dressi for a leaf, to be written to: zeros of that shape, or of the one that is known. What is written to it is
         what the leaf holds, without a copy: on a processor it is an array of NumPy, on an NVIDIA GPU one for CUDA."""
+        self.device._check_process()
         import numpy as np
 
         type_ = self.program._leaf_type(leaf)
@@ -343,6 +344,7 @@ class Run:
 
     def _copy(self, name: str, step: str | None) -> np.ndarray:
         """Of a leaf, or of an output."""
+        self.device._check_process()
         dense = c.Array()
         if self._stream is not None:
             self._use_stream(current_stream(self.device))
@@ -355,6 +357,7 @@ class Run:
         """An output of the last run of a step. On a device that is the processor it is the memory that the device
         computes in: the next run of any step overwrites it. So it is on an NVIDIA GPU, as a `CudaArray`. Elsewhere it is a
         copy that is not writable."""
+        self.device._check_process()
         step = self.program._step(step)
         type_ = self.program._output_type(step, name)
         if self._shares and type_.scalar != "bool":
@@ -368,6 +371,7 @@ class Run:
         what is written to it counts in the next run. So it is on an NVIDIA GPU, as a `CudaArray`. Elsewhere, and of bools and
         faces that tables are made of, it is a copy that is not writable.
         """
+        self.device._check_process()
         type_ = self.program._leaf_type(leaf)
         if self._shares and leaf not in self.program._from_host:
             return CudaArray(self, leaf, None, type_)
@@ -381,19 +385,23 @@ class Run:
 
     def set_runs(self, step: str, runs: int) -> None:
         """How often the step counts as having run: its `step_index` in the next run."""
+        self.device._check_process()
         c.checked(c.library.dressi_set_runs(self._handle, self.program._step(step).encode(), runs), c.Error)
 
     def counters(self, step: str | None = None) -> Counters:
         """What the runs of a step did, and what they left out."""
+        self.device._check_process()
         return Counters(json.loads(c.checked(c.library.dressi_counters(self._handle, self.program._step(step).encode()))))
 
     def timing(self, step: str | None = None) -> Timing:
         """Runs a step once, and says how many nanoseconds each of its commands took on the device, with their lines."""
+        self.device._check_process()
         return Timing(json.loads(c.checked(c.library.dressi_timed_step(self._handle, self.program._step(step).encode()))))
 
     def check_finite(self, step: str | None = None) -> NotFinite | None:
         """The first NaN or Inf that the next run of a step would store, with the lines of the program that make it; None where all
         is finite. A second run beside this one looks: this one stays as it is."""
+        self.device._check_process()
         step = self.program._step(step)
         runs = self.counters(step)["runs"]
         other = Run(self.program, self.device, store_all=True)
@@ -499,12 +507,13 @@ def _define(value: Any) -> str:
 
 def load(bundle: bytes | str | os.PathLike[str], *, device: Device | str | None = None) -> Program:
     """A program that `drc build --emit=bundle` or `Program.save` wrote: its bytes, or its file."""
-    if not isinstance(bundle, (bytes, bytearray, memoryview)):
-        try:
-            bundle = pathlib.Path(bundle).read_bytes()
-        except OSError as error:
-            raise c.Error(f"cannot read '{bundle}': {error.strerror}") from error
-    return Program(bytes(bundle), device)
+    if isinstance(bundle, (bytes, bytearray, memoryview)):
+        return Program(bytes(bundle), device)
+    path = pathlib.Path(bundle)
+    try:
+        return Program(path.read_bytes(), device)
+    except OSError as error:
+        raise c.Error(f"cannot read '{path}': {error.strerror}") from error
 
 
 def reference(program: Program | str | os.PathLike[str], **options: Any) -> Program:

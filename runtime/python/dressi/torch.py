@@ -76,6 +76,7 @@ class _OnCuda:
     """Calls of a run with tensors of its GPU, in the order of torch's stream: the host waits for nothing."""
 
     def __init__(self, core: Function, run: Run) -> None:
+        assert run.device.cuda is not None  # _on_cuda asked
         self.core, self.run, self.number = core, run, run.device.cuda
         program = run.program
         self.types = [program.leaf_types[name] for name in core.inputs]

@@ -28,7 +28,9 @@ class Node(torch.autograd.Function):
         gradients = ctx.back([None if s is None else s.detach().cpu().numpy() for s in seeds])
         out: list[Any] = []
         for name, is_tensor in zip(ctx.names, ctx.is_tensor):
-            tensor = next(saved) if is_tensor else None
-            found = gradients.get(name) if is_tensor else None
+            if not is_tensor:
+                out.append(None)
+                continue
+            tensor, found = next(saved), gradients.get(name)
             out.append(None if found is None else torch.from_numpy(found.copy()).to(tensor.device, tensor.dtype))
         return (None, None, *out)
