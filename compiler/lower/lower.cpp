@@ -8,6 +8,7 @@
 #include <limits>
 #include <set>
 
+#include "compiler/ir/initial_step.h"
 #include "compiler/lower/elaborator.h"
 #include "compiler/ops/emit.h"
 #include "dsl/parser.h"
@@ -197,32 +198,46 @@ std::optional<ir::Graph> Elaborator::run(dsl::FileId root) {
   return std::move(b_).finish();
 }
 
-// `step_index` counts the runs of the step that runs. Where two steps that change something use one schedule, it starts
-// again in the second: the program may mean that, and rarely does.
+// `step_index` counts the runs of the step that runs. Where a step uses a schedule that a step which changes something
+// uses too, it starts again there, and a step that only looks sees another model: a program rarely means that.
 void Elaborator::warn_of_shared_counts() {
   if (counts_.empty()) return;
   // By the instance and the start of the let.
-  std::map<std::pair<std::string, uint32_t>, std::pair<Span, std::vector<std::string>>> users;
-  for (const ir::Step& step : b_.graph().steps) {
-    if (step.updates.empty()) continue;
+  struct Users {
+    Span let;
+    std::vector<std::string> steps;  // those that change something first
+    bool changes = false;
+  };
+  std::map<std::pair<std::string, uint32_t>, Users> users;
+  std::vector<const ir::Step*> steps;
+  for (const ir::Step& step : b_.graph().steps)
+    if (ir::leaf_of_initial_step(step.name).empty()) steps.push_back(&step);  // they count nothing
+  std::ranges::stable_partition(steps, [](const ir::Step* step) { return !step->updates.empty(); });
+  for (const ir::Step* const of : steps) {
+    const ir::Step& step = *of;
     std::vector<ValueId> roots;
     for (const ir::Output& output : step.outputs) roots.push_back(output.value);
     for (const ir::Update& update : step.updates) roots.push_back(update.value);
     const std::vector<bool> live = ir::live_ops(b_.graph(), roots);
     for (const auto& [op, let, prefix] : counts_) {
       if (b_.graph().op(op).parent != b_.graph().root() || !live[op.index]) continue;
-      auto& [span, names] = users[{prefix, let.begin}];
-      span = let;
-      if (std::ranges::find(names, step.name) == names.end()) names.push_back(step.name);
+      Users& found = users[{prefix, let.begin}];
+      found.let = let;
+      found.changes = found.changes || !step.updates.empty();
+      if (std::ranges::find(found.steps, step.name) == found.steps.end()) found.steps.push_back(step.name);
     }
   }
-  for (const auto& [where, user] : users) {
-    if (user.second.size() < 2) continue;
+  // One warning for all the schedules that the same steps share.
+  std::map<std::vector<std::string>, std::vector<Span>> shared;
+  for (const auto& [where, user] : users)
+    if (user.steps.size() > 1 && user.changes) shared[user.steps].push_back(user.let);
+  for (const auto& [names, lets] : shared) {
     dsl::Diagnostic& warning =
-        diagnostics_.warning(Code::E0618, user.first,
-                             "expected a schedule for each step, found one that the steps '" + user.second[0] +
-                                 "' and '" + user.second[1] + "' share: 'step_index' starts at 0 in each of them");
-    warning.help = "say which count is meant, as 'step_index of " + user.second[0] +
+        diagnostics_.warning(Code::E0618, lets[0],
+                             "expected a schedule for each step, found one that the steps '" + names[0] + "' and '" +
+                                 names[1] + "' share: 'step_index' starts at 0 in each of them");
+    for (size_t k = 1; k < lets.size(); ++k) warning.notes.push_back({lets[k], "this one, too"});
+    warning.help = "say which count is meant, as 'step_index of " + names[0] +
                    "' (the schedules of std.optim take it as 'at'), or write the schedule in the steps";
   }
 }
