@@ -9,7 +9,8 @@ fi
 site=$(mktemp -d)
 trap 'rm -rf "$site"' EXIT
 export PYTHONDONTWRITEBYTECODE=1
-python3 -m mkdocs build --strict --quiet -f "$1/docs/site/mkdocs.yml" -d "$site"
+# Not --quiet, which keeps warnings from being counted.
+python3 -m mkdocs build --strict -f "$1/docs/site/mkdocs.yml" -d "$site"
 [[ -f $site/howto/python/index.html && -f $site/files/dsl/explanations/index.html ]]
 # A link to the tree leads to the copy in the site, and code is left as it is.
 grep -q 'href="../../files/dsl/explanations/#e0001"' "$site/reference/errors/index.html"

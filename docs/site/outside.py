@@ -21,6 +21,12 @@ def path_in_tree(file):
     return file.src_uri.removeprefix("files/") if file.src_uri.startswith("files/") else f"docs/{file.src_uri}"
 
 
+def on_config(config):
+    # Headings have the names that hosts of repositories give them.
+    config.mdx_configs["toc"] = {"slugify": lambda text, _: re.sub(r"[^\w\- ]", "", text.lower()).replace(" ", "-")}
+    return config
+
+
 def on_files(files, config):
     left = list(files.documentation_pages())
     while left:
