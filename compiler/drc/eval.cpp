@@ -97,6 +97,8 @@ bool bind_all(const EvalOptions& options, const ir::Graph& graph, reference::Ses
     const ir::Type type = graph.leaves[*leaf].type;
     auto loaded = io::load_binding(parts->second, type.components());
     if (!loaded) return print_error(loaded.error()), false;
+    if (const auto doubt = io::doubt_about(parts->second, *loaded))
+      print_warning("leaf '" + parts->first + "': " + *doubt);
     const auto converted = loaded->converted(kind_of(type.scalar));
     if (!converted) return print_error("the data for '" + parts->first + "': " + converted.error()), false;
     if (const auto wrong = session.bind(parts->first, to_image(*converted, type))) return print_error(*wrong), false;
@@ -266,7 +268,7 @@ class Evaluator {
       if (leaf.kind != ir::Leaf::Kind::Input && session_.has_leaf(leaf.name) &&
           !add({"", leaf.name}, session_.leaf(leaf.name)))
         return false;
-    for (const std::string& warning : folder.warnings()) std::fprintf(stderr, "warning: %s\n", warning.c_str());
+    for (const std::string& warning : folder.warnings()) print_warning(warning);
     return told(folder.finish(false));
   }
 

@@ -65,13 +65,20 @@ void report(const dsl::DiagnosticList& diagnostics, const dsl::SourceManager& so
   }
 }
 
-void print_error(const std::string& message) {
+namespace {
+
+void print_message(const char* severity, const std::string& message) {
   if (collected()) {
-    collected()->push_back(message_json("error", message));
+    collected()->push_back(message_json(severity, message));
   } else {
-    std::fprintf(stderr, "error: %s\n", message.c_str());
+    std::fprintf(stderr, "%s: %s\n", severity, message.c_str());
   }
 }
+
+}  // namespace
+
+void print_error(const std::string& message) { print_message("error", message); }
+void print_warning(const std::string& message) { print_message("warning", message); }
 
 void print_line_error(const dsl::SourceManager& sources, dsl::FileId file, uint32_t line, const std::string& message) {
   const std::string name(sources.name(file));

@@ -22,6 +22,7 @@ void report(const dsl::DiagnosticList& diagnostics, const dsl::SourceManager& so
 
 // "error: message": what has no place in a program, as a file that cannot be read.
 void print_error(const std::string& message);
+void print_warning(const std::string& message);
 
 // "file:line: error: message": a line of a file that is no program, counted from 1.
 void print_line_error(const dsl::SourceManager& sources, dsl::FileId file, uint32_t line, const std::string& message);

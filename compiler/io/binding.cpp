@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <utility>
 
 #include "compiler/io/array/array.h"
@@ -112,6 +113,34 @@ Result<Array> load_binding(std::string_view source, int expected_components) {
     check_expected(array, expected_components);
     return array;
   });
+}
+
+// The texels of a normal map are unit vectors that look up, as a half of themselves and a half; the curve of sRGB bends
+// them, and nothing that follows says so.
+std::optional<std::string> doubt_about(std::string_view source, const Array& array) {
+  if (source.starts_with('=') || looks_like_literal(source)) return std::nullopt;
+  const Source file = split_source(source);
+  const std::string extension = extension_of(file.path);
+  const bool has_curve = extension == ".png" || extension == ".jpg" || extension == ".jpeg";
+  if (!has_curve || array.components < 3 || array.kind != ElementKind::Float32) return std::nullopt;
+  if (std::ranges::find(file.selectors, "raw") != file.selectors.end()) return std::nullopt;
+  constexpr size_t kLooks = 4096;
+  constexpr double kOff = 0.08, kMost = 0.7;
+  const auto n = static_cast<size_t>(array.components), count = static_cast<size_t>(array.size());
+  const std::vector<double> values = array.to_doubles();
+  const size_t step = std::max<size_t>(1, count / kLooks);
+  size_t looked = 0, unit = 0;
+  for (size_t k = 0; k < count; k += step, ++looked) {
+    double square = 0, up = 0;
+    for (size_t c = 0; c < 3; ++c) {
+      up = 2 * linear_to_srgb(values[k * n + c]) - 1;
+      square += up * up;
+    }
+    if (up > 0 && std::abs(std::sqrt(square) - 1) < kOff) ++unit;
+  }
+  if (static_cast<double>(unit) < kMost * static_cast<double>(looked)) return std::nullopt;
+  return cat(path_in_quotes(file.path), " looks like a normal map, whose texels were bent as colours are: bind '",
+             file.path, ":raw'");
 }
 
 Result<void> save_array(const std::string& path, const Array& array) {

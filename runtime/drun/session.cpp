@@ -120,6 +120,8 @@ void Session::bind() {
     }
     if (components == 0) throw Mistake{"there is no leaf '" + name + "'; there are " + list(all)};
     Array data = must(io::load_binding(source, components));
+    if (const auto doubt = options_.unchecked ? std::nullopt : io::doubt_about(source, data))
+      std::fprintf(stderr, "drun: warning: leaf '%s': %s\n", name.c_str(), doubt->c_str());
     if (const auto place = options_.unchecked ? std::nullopt : io::first_not_finite(data))
       throw Mistake{"leaf '" + name + "': '" + source + "' has " + io::describe(*place) +
                     "; if the program expects such, give --unchecked"};

@@ -59,6 +59,11 @@ bool is_tag(std::string_view tag) {
   });
 }
 
+// As the name of a directive is written.
+bool is_capital(std::string_view name) {
+  return name.size() > 1 && std::ranges::all_of(name, [](char c) { return (c >= 'A' && c <= 'Z') || c == '-'; });
+}
+
 bool is_error_code(std::string_view code) {
   return code.size() >= 2 && code[0] == 'E' && std::all_of(code.begin() + 1, code.end(), [](char c) {
            return std::isdigit(static_cast<unsigned char>(c)) != 0;
@@ -94,7 +99,11 @@ class Parser {
     const std::string_view name = body.substr(0, name_end);
     const bool is_directive =
         name == "TEST" || name == "EXIT" || name == "ERROR" || name == "SKIP" || name == "COMPARE";
-    if (!is_directive && !name.starts_with("CHECK")) return;
+    if (!is_directive && !name.starts_with("CHECK")) {
+      if (is_capital(name) && body.substr(name_end).starts_with(':'))
+        problem(line, "unknown directive //" + std::string(name) + "; a comment has a blank behind its //");
+      return;
+    }
 
     std::string_view rest = body.substr(name_end);
     std::string tag;

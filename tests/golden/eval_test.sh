@@ -165,6 +165,28 @@ paste <(sed 's/.* //' one.txt) <(sed 's/.* //' float32.txt) |
   awk '{ d = $1 - $2; if (d < 0) d = -d; if (d > 1e-5 * $1) { print "--float32 is off by " d; bad = 1 } } END { exit bad }' ||
   failed=1
 
+# ---- normal maps ------------------------------------------------------------------------------------------------------
+
+cat > bumps.dr << 'END'
+edition 1;
+import std.image;
+let p = 0.1 * vec2(coord(64, 64).xy);
+let bumps = normalize(vec3(sin(p.x), cos(p.y), 1.5));
+step draw { output bumps = image.from_srgb(0.5 * bumps + 0.5), colours = image.from_srgb(vec3(0.5 + 0.5 * bumps.xy, 0.5)); }
+END
+"$drc" eval bumps.dr --out drawn > /dev/null
+cat > lit.dr << 'END'
+edition 1;
+input texel : vec3[W, H];
+step look { output up = mean(texel.z); }
+END
+same 'a normal map without :raw' \
+  "warning: leaf 'texel': 'drawn/draw.bumps.png' looks like a normal map, whose texels were bent as colours are: bind 'drawn/draw.bumps.png:raw'" \
+  "$("$drc" eval lit.dr --bind texel=drawn/draw.bumps.png 2>&1 > /dev/null)"
+for fine in drawn/draw.bumps.png:raw drawn/draw.colours.png; do
+  same "no doubt about $fine" '' "$("$drc" eval lit.dr --bind texel=$fine 2>&1 > /dev/null)"
+done
+
 # ---- explain-grad ---------------------------------------------------------------------------------------------------
 
 refuses 'an unknown loss' "error: the program has no output or let 'eror', did you mean 'error'?" \

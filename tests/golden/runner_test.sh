@@ -133,6 +133,7 @@ let x = 1;|no //TEST and no //ERROR
 //TEST: "a|quote is not closed
 //TEST: a\n//EXIT: one|takes a number
 //TEST: a\n//CHECK-NEXT: b|unknown directive //CHECK-NEXT
+//TEST: a\n//HELP: b|unknown directive //HELP
 //CHECK: b|//CHECK without a //TEST
 //ERROR: E0312|no code above
 let x = 1;\n//ERROR: cannot add|takes a code
