@@ -41,7 +41,7 @@ void Program::State::fill(size_t leaf) {
   StepState& step = prepared_step(*index);
   const std::vector<bool>& dirty = must_run(step);
   Variant& variant = recorded(step, dirty);
-  submit(step, dirty, variant, 1);
+  submit(step, dirty, variant, 1, {});
   count_run(*index, dirty, variant.run, variant.skipped);
   on_device->queue.finish();
   require_whole_loops(*index);
@@ -73,16 +73,19 @@ vk::raii::CommandBuffer Program::State::record(const StepState& step, const std:
   return commands;
 }
 
-int Program::State::submit(const StepState& step, const std::vector<bool>& dirty, Variant& variant, int most) {
+int Program::State::submit(const StepState& step, const std::vector<bool>& dirty, Variant& variant, int most,
+                           const std::vector<vk::CommandBuffer>& after) {
   constexpr int kSeveral = Variant::kSeveral;
-  const int times = std::min(Queue::worth_together(variant.pace), most);
+  const int together = std::min(Queue::worth_together(variant.pace), most);
+  const int times = together < kSeveral ? together : together - together % kSeveral;
+  const std::vector<vk::CommandBuffer> last = times == most ? after : std::vector<vk::CommandBuffer>();
   if (times < kSeveral) {
-    on_device->queue.submit(variant.commands, times, &variant.pace);
-    return times;
+    on_device->queue.submit(variant.commands, times, &variant.pace, 1, last);
+  } else {
+    if (!*variant.several) variant.several = record(step, dirty, kSeveral);
+    on_device->queue.submit(variant.several, times / kSeveral, &variant.pace, kSeveral, last);
   }
-  if (!*variant.several) variant.several = record(step, dirty, kSeveral);
-  on_device->queue.submit(variant.several, times / kSeveral, &variant.pace, kSeveral);
-  return times - times % kSeveral;
+  return times;
 }
 
 // The host may have written to what it has views of, also just before it gave the last one back.
@@ -141,6 +144,7 @@ int Program::State::run(const std::string& name, int times, bool wait) {
   if (step.counters.runs > INT32_MAX - int64_t{times})
     throw Failure{"step '" + name + "' has run " + std::to_string(step.counters.runs) + " times; it cannot run " +
                   std::to_string(times) + " times more, as its counter ends at 2^31 - 1"};
+  const std::vector<vk::CommandBuffer> copies = mirror_copies(index);
   int done = 0;
   // What was built anew takes over between two runs, unless views hold the memory here.
   while (done < times && !(rebuilder && rebuilder->ready() && !has_views())) {
@@ -155,11 +159,11 @@ int Program::State::run(const std::string& name, int times, bool wait) {
     Variant& variant = recorded(step, dirty);
     // What no run of the step changes is clean from the second run on.
     const bool alike = options.reuse_commands && (done > 0 || !options.cache);
-    const int now = submit(step, dirty, variant, alike ? times - done : 1);
+    const int left = times - done, most = alike ? left : 1;
+    const int now = submit(step, dirty, variant, most, most == left ? copies : std::vector<vk::CommandBuffer>());
     for (int k = 0; k < now; ++k) count_run(index, dirty, variant.run, variant.skipped);
     done += now;
   }
-  update_mirrors(index);
   if (wait || std::ranges::any_of(bundle.steps[index]->commands, [](const auto& c) { return c->watch >= 0; })) {
     on_device->queue.finish();
     require_whole_loops(index);

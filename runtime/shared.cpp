@@ -11,9 +11,8 @@ CudaOrder& Program::State::in_order() {
   if (!options.share) throw Failure{"the program was not loaded to share its memory with CUDA"};
   OnDevice& o = objects();
   auto cuda = Cuda::of(*device);
-  o.queue.finish();  // what follows is in order
   order = std::make_shared<CudaOrder>(device, std::move(cuda));
-  o.queue.set_order(order.get());
+  o.queue.set_order(order.get());  // what follows is in order
   return *order;
 }
 
@@ -77,11 +76,13 @@ Mirror& Program::State::mirror_of(uint32_t resource) {
   return on_device->mirrors.emplace(resource, std::move(mirror)).first->second;
 }
 
-void Program::State::update_mirrors(size_t step) {
-  if (on_device->mirrors.empty()) return;
+std::vector<vk::CommandBuffer> Program::State::mirror_copies(size_t step) const {
+  std::vector<vk::CommandBuffer> copies;
+  if (on_device->mirrors.empty()) return copies;
   for (const auto& output : bundle.steps[step]->outputs)
     if (const auto it = on_device->mirrors.find(output->resource); it != on_device->mirrors.end())
-      on_device->queue.submit(it->second.copy);
+      copies.push_back(*it->second.copy);
+  return copies;
 }
 
 void Program::State::copy_from_cuda(size_t index, const HostArray& data) {

@@ -133,8 +133,9 @@ struct Program::State {
   const std::vector<bool>& must_run(StepState& step) const;
   Variant& recorded(StepState& step, const std::vector<bool>& dirty);
   vk::raii::CommandBuffer record(const StepState& step, const std::vector<bool>& dirty, int times);
-  // Submits as many runs as are worth it, `most` at most; says how many.
-  int submit(const StepState& step, const std::vector<bool>& dirty, Variant& variant, int most);
+  // Submits as many runs as are worth it, `most` at most; says how many. `after` goes with them if they are `most`.
+  int submit(const StepState& step, const std::vector<bool>& dirty, Variant& variant, int most,
+             const std::vector<vk::CommandBuffer>& after);
   void require_run(const std::string& step) const;
   // Says how often: less than asked for when the program was built anew meanwhile. `wait`: for the device.
   int run(const std::string& step, int times, bool wait = true);
@@ -156,8 +157,8 @@ struct Program::State {
   void copy_to_cuda(const std::string& step, const std::string& output, const HostArray& to);
   uint32_t output_of(size_t step, const std::string& name) const;
   bool comes_from_host(size_t leaf) const;
-  // After a run: what CUDA sees of the step's images.
-  void update_mirrors(size_t step);
+  // What brings up to date, after a run, what CUDA sees of the step's images.
+  std::vector<vk::CommandBuffer> mirror_copies(size_t step) const;
 
  private:
   // The program's step_index on the device, from the counters.

@@ -21,7 +21,7 @@ compiler/backend/cost      BUNDLE GRAPH compiler/target/ B/analysis/ B/schedule/
 compiler/backend/pack      BUNDLE GRAPH compiler/target/ B/analysis/ B/schedule/ B/cost/
 compiler/backend/lowering  BUNDLE GRAPH compiler/target/ B/analysis/ B/schedule/ B/cost/ B/pack/
 compiler/backend/glsl      BUNDLE GRAPH B/analysis/ B/schedule/
-compiler/backend/plan      BUNDLE compiler/ir/dim.h
+compiler/backend/plan      BUNDLE compiler/ir/dim.h compiler/ir/initial_step.h
 compiler/backend/emit      BUNDLE GRAPH compiler/target/ B/analysis/ B/schedule/ B/cost/ B/glsl/ B/plan/
 compiler/backend/spirv     BUNDLE compiler/ir/ B/glsl/source.h
 compiler/backend           dsl/ GRAPH compiler/target/ compiler/passes/ compiler/backend/

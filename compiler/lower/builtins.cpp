@@ -9,40 +9,26 @@
 namespace dr::lower {
 
 struct BuiltinTable {
+  // The functions that entries of the op table offer, and those below.
   static const std::vector<Builtin>& rows() {
+    static const std::vector<Builtin> kRows = [] {
+      std::vector<Builtin> all;
+      for (const OpKind kind : ir::all_op_kinds()) {
+        const size_t operands = ops::info(kind).domains.size();
+        if (ops::info(kind).is_function)
+          all.push_back({ir::op_name(kind), operands, operands, &Elaborator::float_function, kind});
+      }
+      all.insert(all.end(), own_rows().begin(), own_rows().end());
+      return all;
+    }();
+    return kRows;
+  }
+
+ private:
+  static const std::vector<Builtin>& own_rows() {
     using E = Elaborator;
     static const std::vector<Builtin> kRows = {
-        // Float functions of one operand.
-        {"sin", 1, 1, &E::float_function, OpKind::Sin},
-        {"cos", 1, 1, &E::float_function, OpKind::Cos},
-        {"tan", 1, 1, &E::float_function, OpKind::Tan},
-        {"asin", 1, 1, &E::float_function, OpKind::Asin},
-        {"acos", 1, 1, &E::float_function, OpKind::Acos},
-        {"sinh", 1, 1, &E::float_function, OpKind::Sinh},
-        {"cosh", 1, 1, &E::float_function, OpKind::Cosh},
-        {"tanh", 1, 1, &E::float_function, OpKind::Tanh},
-        {"asinh", 1, 1, &E::float_function, OpKind::Asinh},
-        {"acosh", 1, 1, &E::float_function, OpKind::Acosh},
-        {"atanh", 1, 1, &E::float_function, OpKind::Atanh},
-        {"exp", 1, 1, &E::float_function, OpKind::Exp},
-        {"log", 1, 1, &E::float_function, OpKind::Log},
-        {"exp2", 1, 1, &E::float_function, OpKind::Exp2},
-        {"log2", 1, 1, &E::float_function, OpKind::Log2},
-        {"sqrt", 1, 1, &E::float_function, OpKind::Sqrt},
-        {"inversesqrt", 1, 1, &E::float_function, OpKind::InverseSqrt},
-        {"floor", 1, 1, &E::float_function, OpKind::Floor},
-        {"ceil", 1, 1, &E::float_function, OpKind::Ceil},
-        {"round", 1, 1, &E::float_function, OpKind::Round},
         {"roundEven", 1, 1, &E::float_function, OpKind::Round},
-        {"trunc", 1, 1, &E::float_function, OpKind::Trunc},
-        {"fract", 1, 1, &E::float_function, OpKind::Fract},
-        {"half", 1, 1, &E::float_function, OpKind::Half},
-        {"sigmoid", 1, 1, &E::float_function, OpKind::Sigmoid},
-        {"softplus", 1, 1, &E::float_function, OpKind::Softplus},
-        {"log1p", 1, 1, &E::float_function, OpKind::Log1p},
-        {"expm1", 1, 1, &E::float_function, OpKind::Expm1},
-        {"erf", 1, 1, &E::float_function, OpKind::Erf},
-        {"pow", 2, 2, &E::float_function, OpKind::Pow},
         {"atan", 1, 2, &E::builtin_atan},
         {"radians", 1, 1, &E::builtin_angle},
         {"degrees", 1, 1, &E::builtin_angle},

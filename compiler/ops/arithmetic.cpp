@@ -112,6 +112,12 @@ std::vector<OpInfo> arithmetic_ops() {
       {.kind = OpKind::Add,
        .shape = Shape::Elementwise,
        .doc = "x + y, of matrices too.",
+       .cost = 1,
+       .commutes = true,
+       .light = true,
+       .recompute = Recompute::OfConstant,
+       .folds = Folds::Rounds,
+       .zero = ZeroWhere::AllAre,
        .infer = component_wise<2, kNumbers | kMatrices>,
        .eval =
            [](const EvalBatch& e) {
@@ -128,6 +134,11 @@ std::vector<OpInfo> arithmetic_ops() {
       {.kind = OpKind::Sub,
        .shape = Shape::Elementwise,
        .doc = "x - y, of matrices too.",
+       .cost = 1,
+       .light = true,
+       .recompute = Recompute::OfConstant,
+       .folds = Folds::Rounds,
+       .zero = ZeroWhere::AllAre,
        .infer = component_wise<2, kNumbers | kMatrices>,
        .eval =
            [](const EvalBatch& e) {
@@ -144,6 +155,12 @@ std::vector<OpInfo> arithmetic_ops() {
       {.kind = OpKind::Mul,
        .shape = Shape::Elementwise,
        .doc = "x * y, component by component.",
+       .cost = 1,
+       .commutes = true,
+       .light = true,
+       .recompute = Recompute::OfConstant,
+       .folds = Folds::Rounds,
+       .zero = ZeroWhere::AFactorIs,
        .infer = component_wise<2, kNumbers>,
        .eval =
            [](const EvalBatch& e) {
@@ -196,6 +213,11 @@ std::vector<OpInfo> arithmetic_ops() {
       {.kind = OpKind::Neg,
        .shape = Shape::Elementwise,
        .doc = "-x, of matrices too.",
+       .cost = 1,
+       .light = true,
+       .recompute = Recompute::Always,
+       .folds = Folds::Moves,
+       .zero = ZeroWhere::FirstIs,
        .infer = component_wise<1, kNumbers | kMatrices>,
        .eval =
            [](const EvalBatch& e) {
@@ -213,6 +235,9 @@ std::vector<OpInfo> arithmetic_ops() {
       {.kind = OpKind::Abs,
        .shape = Shape::Elementwise,
        .doc = "Absolute value. Derivative 0 at 0; the least integer is its own.",
+       .cost = 1,
+       .recompute = Recompute::Always,
+       .folds = Folds::Moves,
        .infer = component_wise<1, kNumbers>,
        .eval =
            [](const EvalBatch& e) {
@@ -235,6 +260,7 @@ std::vector<OpInfo> arithmetic_ops() {
       {.kind = OpKind::Sign,
        .shape = Shape::Elementwise,
        .doc = "-1, 0 or 1. Derivative 0.",
+       .no_gradient = "$ is constant between its jumps, its derivative is zero",
        .infer = component_wise<1, kNumbers>,
        .eval =
            [](const EvalBatch& e) {
@@ -253,6 +279,7 @@ std::vector<OpInfo> arithmetic_ops() {
       {.kind = OpKind::Min,
        .shape = Shape::Elementwise,
        .doc = "The smaller operand; a NaN loses. On a tie both have half the derivative.",
+       .cost = 1,
        .infer = component_wise<2, kNumbers>,
        .eval = [](const EvalBatch& e) { numbers2(e, smaller, [](int64_t x, int64_t y) { return std::min(x, y); }); },
        .glsl = [](const GlslInput& in) { return call(is_float(in) ? "dr_min" : "min", in); },
@@ -267,6 +294,7 @@ std::vector<OpInfo> arithmetic_ops() {
       {.kind = OpKind::Max,
        .shape = Shape::Elementwise,
        .doc = "The larger operand; a NaN loses. On a tie both have half the derivative.",
+       .cost = 1,
        .infer = component_wise<2, kNumbers>,
        .eval = [](const EvalBatch& e) { numbers2(e, larger, [](int64_t x, int64_t y) { return std::max(x, y); }); },
        .glsl = [](const GlslInput& in) { return call(is_float(in) ? "dr_max" : "max", in); },
@@ -281,6 +309,7 @@ std::vector<OpInfo> arithmetic_ops() {
       {.kind = OpKind::Clamp,
        .shape = Shape::Elementwise,
        .doc = "min(max(x, low), high). x has the derivative from low to high inclusive, outside the bound has it.",
+       .cost = 1,
        .infer = component_wise<3, kNumbers>,
        .eval =
            [](const EvalBatch& e) {
@@ -306,6 +335,11 @@ std::vector<OpInfo> arithmetic_ops() {
        .doc = "g * x, and 0 where g is 0 whatever x is: the product of an adjoint and a derivative. Of matrices "
               "component by "
               "component.",
+       .cost = 1,
+       .light = true,
+       .recompute = Recompute::OfConstant,
+       .folds = Folds::Rounds,
+       .zero = ZeroWhere::FirstIs,
        .infer = component_wise<2, kFloats | kMatrices>,
        .eval = [](const EvalBatch& e) { map2(e, [](double g, double x) { return g == 0 ? 0.0 : g * x; }); },
        .glsl = smul_glsl,

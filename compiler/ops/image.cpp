@@ -127,11 +127,17 @@ std::vector<OpInfo> image_ops() {
       {.kind = OpKind::Gather,
        .shape = Shape::Image,
        .doc = "The elements of x at computed places; 0 out of range.",
+       .light = true,
+       .reads = Reads::FirstElsewhere,
+       .runs_as = RunsAs::Map,
+       .no_gradient = "the index of a read is an integer and has no derivative",
        .infer = infer_gather,
        .adjoint = gather_adjoint},
       {.kind = OpKind::ScatterAdd,
        .shape = Shape::Image,
        .doc = "An image whose elements are the sums of the values that name them; names out of range are dropped.",
+       .reads = Reads::AtElement,
+       .runs_as = RunsAs::Scatter,
        .infer = infer_scatter_add,
        .adjoint = scatter_add_adjoint},
       {.kind = OpKind::ScatterMax,
@@ -139,11 +145,15 @@ std::vector<OpInfo> image_ops() {
        .doc =
            "An image whose elements are the largest of the values that name them, and 0 where none does. Int only; the "
            "least one counts as nothing.",
+       .reads = Reads::AtElement,
+       .runs_as = RunsAs::Scatter,
        .infer = infer_scatter_max,
        .differentiable = false},
       {.kind = OpKind::Shift,
        .shape = Shape::Image,
        .doc = "The neighbour at a constant distance in the same layer; 0 outside.",
+       .reads = Reads::Elsewhere,
+       .runs_as = RunsAs::Map,
        .infer = infer_shift,
        .adjoint = [](const AdjointInput& in) -> AdjointOutput {
          Attrs back;
@@ -153,6 +163,8 @@ std::vector<OpInfo> image_ops() {
       {.kind = OpKind::ReduceSum,
        .shape = Shape::Image,
        .doc = "The sum along the axes taken away.",
+       .reads = Reads::Elsewhere,
+       .runs_as = RunsAs::Reduce,
        .infer = infer_reduce,
        .adjoint = [](const AdjointInput& in) -> AdjointOutput {
          return {broadcast(in.builder, in.adjoint, in.builder.value(in.operands[0]).extent)};
@@ -161,17 +173,28 @@ std::vector<OpInfo> image_ops() {
        .shape = Shape::Image,
        .doc =
            "The minimum along the axes taken away; a NaN loses. Elements that share it share its derivative equally.",
+       .reads = Reads::Elsewhere,
+       .runs_as = RunsAs::Reduce,
        .infer = infer_reduce,
        .adjoint = reduce_extreme_adjoint},
       {.kind = OpKind::ReduceMax,
        .shape = Shape::Image,
        .doc =
            "The maximum along the axes taken away; a NaN loses. Elements that share it share its derivative equally.",
+       .reads = Reads::Elsewhere,
+       .runs_as = RunsAs::Reduce,
        .infer = infer_reduce,
        .adjoint = reduce_extreme_adjoint},
       {.kind = OpKind::Broadcast,
        .shape = Shape::Image,
        .doc = "x stretched along axes of extent 1.",
+       .cost = 0,
+       .moves = true,
+       .light = true,
+       .recompute = Recompute::Always,
+       .zero = ZeroWhere::FirstIs,
+       .reads = Reads::AtElement,
+       .runs_as = RunsAs::Map,
        .infer = infer_broadcast,
        .adjoint = [](const AdjointInput& in) -> AdjointOutput {
          return {reduce_to(in.builder, in.adjoint, in.builder.value(in.operands[0]).extent)};

@@ -158,10 +158,8 @@ std::string_view native_prelude(std::string_view strict) {
 }
 
 std::optional<std::string> native_glsl(ir::OpKind kind, const GlslInput& in) {
-  if (kind == ir::OpKind::InverseSqrt) return "inversesqrt(" + in.operands[0] + ")";
-  if (kind == ir::OpKind::Dot && !in.operand_types[0].is_scalar())
-    return "dot(" + in.operands[0] + ", " + in.operands[1] + ")";
-  return std::nullopt;
+  const auto own = info(kind).native;
+  return own != nullptr ? own(in) : std::nullopt;
 }
 
 }  // namespace dr::ops

@@ -19,6 +19,10 @@ void check_entry(const OpInfo& info) {
     require(info.eval != nullptr, "its evaluation");
     require(info.glsl != nullptr, "its GLSL");
   }
+  if (info.shape == Shape::Image || info.shape == Shape::Region) {
+    require(info.reads.has_value(), "where it reads its operands");
+    require(info.runs_as.has_value(), "the kind of pass that computes it");
+  }
   if (info.shape == Shape::Elementwise || info.shape == Shape::Image) {
     require((info.adjoint != nullptr) == info.differentiable, "either an adjoint or the word that it has none");
   }

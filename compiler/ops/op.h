@@ -87,10 +87,58 @@ struct Domain {
   double high = 3;
 };
 
+// Where an op reads the operands that are images.
+enum class Reads : uint8_t {
+  AtElement,       // at the place of its result
+  Elsewhere,       // all of them at other places
+  FirstElsewhere,  // the first one at other places, at the place of its result the others
+  PerFace,         // all of them, but for constants, which are written down
+};
+
+// The kind of pass that computes an op.
+enum class RunsAs : uint8_t { Map, Reduce, Scatter, Raster };
+
+// What becomes of an op of constants. Integers and Bools fold where floats do not.
+enum class Folds : uint8_t {
+  Integers,  // devices compute floats within a bound only
+  Moves,     // a result is an operand's component, or that with another sign
+  Rounds,    // one correctly rounded operation
+  Never,     // a barrier to passes
+};
+
+// Where the result is surely 0.
+enum class ZeroWhere : uint8_t {
+  Unknown,
+  FirstIs,       // where the first operand is
+  AllAre,        // where all operands are
+  AFactorIs,     // where an operand is and the other one is a finite constant
+  BothSidesAre,  // where the second and the third operand are
+  BranchesAre,   // where all regions yield 0
+  ItsValueIs,    // a constant
+};
+
+// Whether loading the result from memory costs less than computing it beside what uses it.
+enum class Recompute : uint8_t { Load, OfConstant, Always };
+
 struct OpInfo {
   ir::OpKind kind;
   Shape shape;
   std::string_view doc;  // one line: meaning, policy at singular points
+
+  // Operations a component that a shader takes for it, in additions.
+  int cost = 4;
+  bool commutes = false;  // the order of two operands changes no bit of the result
+  bool moves = false;     // the result's components are components of the operands
+  bool light = false;     // computed anew at another place it costs no more than loading it
+  Recompute recompute = Recompute::Load;
+  Folds folds = Folds::Integers;
+  ZeroWhere zero = ZeroWhere::Unknown;
+  // Image and Region ops say both; all others read at the element, in a map.
+  std::optional<Reads> reads = std::nullopt;
+  std::optional<RunsAs> runs_as = std::nullopt;
+  // Why no gradient goes through, where it is not that the result is no float. $ is the op's name.
+  std::string_view no_gradient = {};
+  bool is_function = false;  // programs call it by its name, of floats
 
   // The type rule: every op has one of these two; ops::infer calls it.
   InferResult (*infer)(const InferInput&) = nullptr;
@@ -103,6 +151,8 @@ struct OpInfo {
   std::vector<std::string_view> prelude = {};
   std::string_view vector_prelude = {};
   std::vector<std::string_view> (*prelude_of)(const GlslInput&) = nullptr;
+  // GLSL's own, where the float profile is `native`, and nothing where `glsl` is taken there too.
+  std::optional<std::string> (*native)(const GlslInput&) = nullptr;
 
   // Elementwise, Image. Not differentiable: the adjoint is zero by definition (integers, comparisons, Detach).
   AdjointOutput (*adjoint)(const AdjointInput&) = nullptr;

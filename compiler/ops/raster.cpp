@@ -71,6 +71,9 @@ std::vector<OpInfo> raster_ops() {
       {.kind = OpKind::Raster,
        .shape = Shape::Region,
        .doc = "Which faces a pixel sees, nearest first, as numbers. No derivative.",
+       .reads = Reads::PerFace,
+       .runs_as = RunsAs::Raster,
+       .no_gradient = "$ gives faces and tags, and integers have no derivative",
        .infer_in_graph = infer_raster,
        .differentiable = false},
   };

@@ -215,16 +215,26 @@ std::vector<OpInfo> region_ops() {
       {.kind = OpKind::If,
        .shape = Shape::Region,
        .doc = "One of two regions, chosen for each element; the other is not run.",
+       .zero = ZeroWhere::BranchesAre,
+       .reads = Reads::AtElement,
+       .runs_as = RunsAs::Map,
+       .no_gradient = "the condition of $ has no derivative",
        .infer_in_graph = infer_if},
       {.kind = OpKind::Reduce,
        .shape = Shape::Region,
        .doc = "A region run for each number of a range, its results combined.",
+       .reads = Reads::AtElement,
+       .runs_as = RunsAs::Map,
+       .no_gradient = "the range of $ is made of integers, which have no derivative",
        .infer_in_graph = infer_reduce},
       {.kind = OpKind::Fold,
        .shape = Shape::Region,
        .doc = "A region run for each number of a range with the states that it gave before; regions after it go back "
               "and forth "
               "over its trips.",
+       .reads = Reads::AtElement,
+       .runs_as = RunsAs::Map,
+       .no_gradient = "the range of $ is made of integers, which have no derivative",
        .infer_in_graph = infer_fold},
   };
 }

@@ -13,29 +13,6 @@ using namespace ir;
 
 namespace {
 
-// Ops that cost no more than loading their result.
-bool costs_little(OpKind kind) {
-  switch (kind) {
-    case OpKind::Add:
-    case OpKind::Sub:
-    case OpKind::Mul:
-    case OpKind::SMul:
-    case OpKind::Neg:
-    case OpKind::Extract:
-    case OpKind::Compose:
-    case OpKind::Splat:
-    case OpKind::Convert:
-    case OpKind::Select:
-    case OpKind::Less:
-    case OpKind::LessEqual:
-    case OpKind::Equal:
-    case OpKind::NotEqual:
-    case OpKind::Broadcast:
-    case OpKind::Gather: return true;
-    default: return false;
-  }
-}
-
 constexpr int kDepth = 6;
 
 }  // namespace
@@ -128,7 +105,7 @@ bool AtPlaces::is_cheap(ValueId v, int depth, std::set<ValueId>& loads) {
   if (is_pure(v) || from_.value(v).extent.is_unit()) return true;
   const Op& op = *maker(v);
   if (op.kind == OpKind::Leaf) return true;
-  if (!costs_little(op.kind) || depth == 0 || (op.kind == OpKind::Gather && !is_pure(op.operands[1]))) {
+  if (!ops::info(op.kind).light || depth == 0 || (op.kind == OpKind::Gather && !is_pure(op.operands[1]))) {
     loads.insert(v);
     return depth < kDepth;
   }

@@ -83,20 +83,9 @@ std::vector<uint32_t> distances(const std::vector<std::vector<Edge>>& edges, std
 
 std::string reason_of(const Graph& graph, const Op& op) {
   const std::string name = "'" + std::string(ir::op_name(op.kind)) + "'";
-  switch (op.kind) {
-    case OpKind::Detach: return "'detach' lets no gradient through";
-    case OpKind::Raster: return "'raster' gives faces and tags, and integers have no derivative";
-    case OpKind::Floor:
-    case OpKind::Ceil:
-    case OpKind::Round:
-    case OpKind::Trunc:
-    case OpKind::Sign: return name + " is constant between its jumps, its derivative is zero";
-    case OpKind::Gather: return "the index of a read is an integer and has no derivative";
-    case OpKind::Reduce:
-    case OpKind::Fold: return "the range of " + name + " is made of integers, which have no derivative";
-    case OpKind::If:
-    case OpKind::Select: return "the condition of '" + std::string(ir::op_name(op.kind)) + "' has no derivative";
-    default: break;
+  if (std::string reason(ops::info(op.kind).no_gradient); !reason.empty()) {
+    if (const size_t at = reason.find('$'); at != std::string::npos) reason.replace(at, 1, name);
+    return reason;
   }
   return name + " gives " + graph.value(op.results[0]).type.str() + ", which has no derivative";
 }

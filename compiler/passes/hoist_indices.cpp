@@ -10,6 +10,7 @@
 #include <string>
 
 #include "compiler/ir/yields.h"
+#include "compiler/ops/op.h"
 #include "compiler/passes/copy_steps.h"
 #include "compiler/passes/passes.h"
 
@@ -21,23 +22,15 @@ namespace {
 
 // Ops that are no more than what it costs to load their result.
 bool is_tail(const Graph& graph, const Op& op) {
-  switch (op.kind) {
-    case OpKind::Extract:
-    case OpKind::Compose:
-    case OpKind::Splat:
-    case OpKind::Broadcast:
-    case OpKind::Convert:
-    case OpKind::Neg:
-    case OpKind::Abs: return true;
-    case OpKind::Add:
-    case OpKind::Sub:
-    case OpKind::Mul:
-    case OpKind::SMul:
+  switch (ops::info(op.kind).recompute) {
+    case ops::Recompute::Load: return false;
+    case ops::Recompute::Always: return true;
+    case ops::Recompute::OfConstant:
       return std::ranges::any_of(op.operands, [&](ValueId v) {
         return graph.value(v).op.valid() && graph.op(graph.value(v).op).kind == OpKind::Const;
       });
-    default: return false;
   }
+  return false;
 }
 
 bool is_inline(const Op& op) {

@@ -18,26 +18,6 @@ using namespace ir;
 
 namespace {
 
-enum class FloatRule { None, Move, Round };
-
-FloatRule float_rule(OpKind kind) {
-  switch (kind) {
-    case OpKind::Neg:
-    case OpKind::Abs:
-    case OpKind::Select:
-    case OpKind::Splat:
-    case OpKind::Compose:
-    case OpKind::Extract: return FloatRule::Move;
-    case OpKind::Add:
-    case OpKind::Sub:
-    case OpKind::Mul:
-    case OpKind::SMul:
-    case OpKind::Convert: return FloatRule::Round;
-    default:  // what devices compute within a bound only
-      return FloatRule::None;
-  }
-}
-
 double round_to_float(double x) { return static_cast<double>(static_cast<float>(x)); }
 
 bool is_plain(double x) { return x == 0 || (std::isfinite(x) && std::abs(x) >= static_cast<double>(FLT_MIN)); }
@@ -47,10 +27,9 @@ bool is_plain(double x) { return x == 0 || (std::isfinite(x) && std::abs(x) >= s
 std::optional<ValueId> fold(Emitter& emitter, const Candidate& candidate) {
   const ops::OpInfo& info = ops::info(candidate.kind);
   if (info.shape != ops::Shape::Elementwise || !info.eval || candidate.operands.empty()) return std::nullopt;
-  // Barriers to passes: a constant behind one must not be seen.
-  if (candidate.kind == OpKind::Detach || candidate.kind == OpKind::Pin) return std::nullopt;
-  const FloatRule rule = candidate.type.is_float() ? float_rule(candidate.kind) : FloatRule::Move;
-  if (rule == FloatRule::None) return std::nullopt;
+  if (info.folds == ops::Folds::Never) return std::nullopt;
+  const bool is_float = candidate.type.is_float(), rounds = is_float && info.folds == ops::Folds::Rounds;
+  if (is_float && info.folds == ops::Folds::Integers) return std::nullopt;
 
   std::vector<std::vector<double>> operands;
   std::vector<const double*> planes;
@@ -64,7 +43,7 @@ std::optional<ValueId> fold(Emitter& emitter, const Candidate& candidate) {
     std::vector<double>& components = operands.emplace_back(*constant);
     if (types.back().is_float())
       std::transform(components.begin(), components.end(), components.begin(), round_to_float);
-    if (rule == FloatRule::Round && !std::all_of(components.begin(), components.end(), is_plain)) return std::nullopt;
+    if (rounds && !std::all_of(components.begin(), components.end(), is_plain)) return std::nullopt;
     planes.push_back(components.data());
   }
 
@@ -81,7 +60,7 @@ std::optional<ValueId> fold(Emitter& emitter, const Candidate& candidate) {
     for (double& component : result) {
       const double exact = component;
       component = round_to_float(exact);
-      if (rule == FloatRule::Round && !(is_plain(component) && (component != 0 || exact == 0))) return std::nullopt;
+      if (rounds && !(is_plain(component) && (component != 0 || exact == 0))) return std::nullopt;
     }
   }
   return emitter.make_constant(candidate.type, std::move(result));

@@ -6,6 +6,7 @@
 #include <unordered_map>
 #include <utility>
 
+#include "compiler/ops/op.h"
 #include "compiler/passes/simplify.h"
 
 namespace dr::passes {
@@ -20,20 +21,7 @@ uint64_t mix(uint64_t seed, uint64_t value) {
 }
 
 // Does the order of the two operands matter to no bit of the result?
-bool commutes(OpKind kind) {
-  switch (kind) {
-    case OpKind::Add:
-    case OpKind::Mul:
-    case OpKind::Equal:
-    case OpKind::NotEqual:
-    case OpKind::BitAnd:
-    case OpKind::BitOr:
-    case OpKind::BitXor:
-    case OpKind::LogicalAnd:
-    case OpKind::LogicalOr: return true;
-    default: return false;
-  }
-}
+bool commutes(OpKind kind) { return ops::info(kind).commutes; }
 
 uint64_t hash_attrs(const Attrs& attrs, uint64_t seed) {
   for (int64_t number : attrs.ints) seed = mix(seed, static_cast<uint64_t>(number));

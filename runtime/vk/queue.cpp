@@ -23,10 +23,19 @@ vk::raii::CommandBuffer Queue::command_buffer() const {
   return std::move(vk::raii::CommandBuffers(device_->device, one).front());
 }
 
-void Queue::submit(const vk::raii::CommandBuffer& commands, int times, Pace* pace, int runs) {
+void Queue::set_order(CudaOrder* order) {
+  finish();
+  order_ = order;
+  under_way_ = order_ != nullptr ? kFlightsInOrder : kFlights;
+  next_ = 0;
+}
+
+void Queue::submit(const vk::raii::CommandBuffer& commands, int times, Pace* pace, int runs,
+                   const std::vector<vk::CommandBuffer>& after) {
   Flight& flight = flights_[next_];
   wait(flight, false);
-  const std::vector<vk::CommandBuffer> handles(static_cast<size_t>(times), *commands);
+  std::vector<vk::CommandBuffer> handles(static_cast<size_t>(times), *commands);
+  handles.insert(handles.end(), after.begin(), after.end());
   // Here, and not after the wait: that may have failed.
   device_->device.resetFences(*flight.fence);
   flight.begin = Clock::now();
@@ -34,7 +43,7 @@ void Queue::submit(const vk::raii::CommandBuffer& commands, int times, Pace* pac
   flight.pace = pace;
   give(handles, *flight.fence);
   flight.busy = true;
-  next_ = (next_ + 1) % kFlights;
+  next_ = (next_ + 1) % under_way_;
 }
 
 void Queue::give(const std::vector<vk::CommandBuffer>& commands, vk::Fence fence) {
@@ -68,7 +77,7 @@ int Queue::worth_together(const Pace& pace) {
 }
 
 void Queue::finish() {
-  for (size_t k = 0; k < kFlights; ++k) wait(flights_[(next_ + k) % kFlights], true);
+  for (size_t k = 0; k < under_way_; ++k) wait(flights_[(next_ + k) % under_way_], true);
 }
 
 void Queue::wait(Flight& flight, bool soon) {

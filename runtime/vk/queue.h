@@ -22,11 +22,13 @@ class Queue {
   explicit Queue(std::shared_ptr<DeviceState> device);
   vk::raii::CommandBuffer command_buffer() const;
   // Submissions and the stream of this order wait for each other from now on. It must outlive the queue's use.
-  void set_order(CudaOrder* order) { order_ = order; }
+  void set_order(CudaOrder* order);
   // Submissions run one after the other, and a few may be under way: beyond that, submit() waits for the oldest.
   // What a submission uses must live until finish(). `times`: the commands run so often, one after the other, and are
-  // `runs` runs each; `pace` is brought up to date when they are done.
-  void submit(const vk::raii::CommandBuffer& commands, int times = 1, Pace* pace = nullptr, int runs = 1);
+  // `runs` runs each; `pace` is brought up to date when they are done. `after` comes once, behind them: a submission of
+  // its own would wait for the order's stream, and the stream for it, once more.
+  void submit(const vk::raii::CommandBuffer& commands, int times = 1, Pace* pace = nullptr, int runs = 1,
+              const std::vector<vk::CommandBuffer>& after = {});
   // How many runs of this pace are worth submitting at once. A GPU does nothing for some seven microseconds
   // between submissions. Long runs go alone, so that no submission takes long.
   static int worth_together(const Pace& pace);
@@ -55,8 +57,10 @@ class Queue {
   void wait(Flight& flight, bool soon);
   bool is_over(const Flight& flight, bool soon) const;
   bool is_gpu() const { return device_->properties.deviceType != vk::PhysicalDeviceType::eCpu; }
-  static constexpr size_t kFlights = 3;
-  std::array<Flight, kFlights> flights_;
+  // How many may be under way. A stream's owner submits a few for each frame, and is to be frames ahead.
+  static constexpr size_t kFlights = 3, kFlightsInOrder = 8;
+  std::array<Flight, kFlightsInOrder> flights_;
+  size_t under_way_ = kFlights;
   size_t next_ = 0;                            // the oldest
   std::chrono::steady_clock::time_point end_;  // of the last that is done
 };

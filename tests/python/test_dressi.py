@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import dressi
+from conftest import DEVICES
 
 FIT = """edition 1;
 param offset : vec3;
@@ -97,6 +98,49 @@ def test_wrong_data_is_told_with_what_was_expected(name, value, words):
         program.bind({name: value})
     for word in words:
         assert word in str(error.value)
+
+
+def masked():
+    return np.ma.masked_array(np.zeros((5, 3)), np.eye(5, 3) > 0)
+
+
+@pytest.mark.parametrize(
+    "call, kind, words",
+    [
+        (lambda p: p.bind(position=masked()), dressi.BindError, "masked array"),
+        (lambda p: p.bind(position=np.full((5, 3), 1e300)), dressi.BindError, "1e\\+300 does not fit float32"),
+        (lambda p: p.bind({1: 2}), TypeError, "a leaf is named by text, such as 'offset', found 1"),
+        (lambda p: p.bind(symbols={"V": 2.5}), TypeError, "symbol 'V': expected a whole number, found 2.5"),
+        (lambda p: p.bind(symbols={"V": 2**70}), dressi.BindError, "is too large"),
+        (lambda p: p.bind(symbols={"V": 0}), dressi.BindError, "not between 1 and 2\\^31"),
+        (lambda p: p.bind().step("fit", times=1.5), TypeError, "times: expected a whole number, found 1.5"),
+        (lambda p: p.bind().empty("position"), dressi.BindError, "V have no value yet"),
+        (lambda p: p.bind().empty("position", (-1, 3)), dressi.BindError, "found \\(-1, 3\\)"),
+        (lambda p: p.bind().watch("here"), TypeError, "port: expected a whole number, found 'here'"),
+        (lambda p: dressi.compile("edition 1;\n\0\n", device="lavapipe"), dressi.CompileError, "zero byte"),
+        (lambda p: dressi.compile("edition 1;\n// \udc80\n"), dressi.CompileError, "the program is not valid Unicode"),
+        (lambda p: dressi.compile(""), dressi.CompileError, "expected the name of a file or the text of a program"),
+        (lambda p: dressi.compile(None), TypeError, "expected the name of a file or the text of a program, found a NoneType"),
+    ],
+)
+def test_what_was_not_meant_is_told(call, kind, words):
+    program = dressi.compile(FIT, device="reference")
+    if kind is dressi.BindError and "1e" in words:
+        program = dressi.compile(FIT, device=DEVICES[-1]) if len(DEVICES) > 1 else pytest.skip("the evaluator takes it")
+    with pytest.raises(kind, match=words):
+        call(program)
+
+
+def test_tensors_of_torch_that_are_no_arrays():
+    torch = pytest.importorskip("torch")
+    run = dressi.compile(FIT, device="reference").bind(target=np.zeros((2, 3)), offset=np.zeros(3))
+    for tensor in (torch.ones(2, 3).bfloat16(), torch._neg_view(-torch.ones(2, 3)), torch.ones(2, 3, requires_grad=True)):
+        assert run.bind(position=tensor).step("fit", outputs="error")["error"] > 0
+    for tensor in (torch.ones(2, 3).to_sparse(), torch.ones(2, 3, device="meta")):
+        with pytest.raises(dressi.BindError, match="'position' cannot be read as an array"):
+            run.bind(position=tensor)
+    with pytest.raises(dressi.BindError, match="complex"):
+        run.bind(position=torch.ones(2, 3, dtype=torch.complex64).conj())
 
 
 def test_integers_that_do_not_fit_are_told():

@@ -29,6 +29,12 @@ def data(w=4, h=3, seed=1):
     }
 
 
+def test_a_step_that_changes_leaves_is_no_function():
+    text = "edition 1;\nparam x : float[W];\nstep s { x <- x * 0.5; output y = sum(x * x); }\n"
+    with pytest.raises(dressi.Error, match="the step 's' changes x: .* give a step that only has outputs"):
+        Function(dressi.compile(text, device="reference"), "s", ["x"], ["y"])
+
+
 def test_gradients_are_those_of_finite_differences():
     function = Function(dressi.compile(PROGRAM, device="reference"), "make", INPUTS, OUTPUTS)
     arrays = data()

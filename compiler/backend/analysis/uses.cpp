@@ -3,8 +3,11 @@
 #include "compiler/backend/analysis/uses.h"
 
 #include <algorithm>
+#include <iterator>
 #include <set>
 #include <string>
+
+#include "compiler/ops/op.h"
 
 namespace dr::backend {
 
@@ -28,7 +31,8 @@ void add_region_uses(const Graph& graph, ir::RegionId region, Uses& uses) {
     const Op& op = graph.op(id);
     for (size_t k = 0; k < op.operands.size(); ++k) {
       if (!is_root(op.operands[k])) continue;
-      (op.kind == OpKind::Gather && k == 0 ? uses.elsewhere : uses.at_element).push_back(op.operands[k]);
+      (k == 0 && ops::info(op.kind).reads == ops::Reads::FirstElsewhere ? uses.elsewhere : uses.at_element)
+          .push_back(op.operands[k]);
     }
     for (ir::RegionId inner : op.regions) add_region_uses(graph, inner, uses);
   }
@@ -40,20 +44,15 @@ void add_region_uses(const Graph& graph, ir::RegionId region, Uses& uses) {
 
 Uses uses_of(const Graph& graph, const Op& op) {
   Uses uses;
-  switch (op.kind) {
-    case OpKind::Gather:
+  const auto is_constant = [&](ValueId v) { return graph.op(graph.value(v).op).kind == OpKind::Const; };
+  switch (ops::info(op.kind).reads.value_or(ops::Reads::AtElement)) {
+    case ops::Reads::AtElement: uses.at_element = op.operands; break;
+    case ops::Reads::Elsewhere: uses.elsewhere = op.operands; break;
+    case ops::Reads::FirstElsewhere:
       uses.elsewhere.push_back(op.operands[0]);
-      uses.at_element.push_back(op.operands[1]);
+      uses.at_element.assign(op.operands.begin() + 1, op.operands.end());
       break;
-    case OpKind::Shift:
-    case OpKind::ReduceSum:
-    case OpKind::ReduceMin:
-    case OpKind::ReduceMax: uses.elsewhere = op.operands; break;
-    case OpKind::Raster:  // reads its operands per face; constants are written down
-      for (ValueId v : op.operands)
-        if (graph.op(graph.value(v).op).kind != OpKind::Const) uses.elsewhere.push_back(v);
-      break;
-    default: uses.at_element = op.operands; break;
+    case ops::Reads::PerFace: std::ranges::remove_copy_if(op.operands, std::back_inserter(uses.elsewhere), is_constant);
   }
   for (ir::RegionId region : op.regions) add_region_uses(graph, region, uses);
   return uses;

@@ -6,6 +6,7 @@
 
 #include "compiler/backend/analysis/uses.h"
 #include "compiler/ir/yields.h"
+#include "compiler/ops/op.h"
 
 namespace dr::backend {
 
@@ -13,63 +14,7 @@ using ir::Op;
 using ir::OpKind;
 using ir::ValueId;
 
-int op_cost(OpKind kind) {
-  switch (kind) {
-    case OpKind::Const:
-    case OpKind::DimValue:
-    case OpKind::Coord:
-    case OpKind::Extract:
-    case OpKind::Compose:
-    case OpKind::Splat:
-    case OpKind::Broadcast:
-    case OpKind::Convert: return 0;
-    case OpKind::Add:
-    case OpKind::Sub:
-    case OpKind::Mul:
-    case OpKind::SMul:
-    case OpKind::Neg:
-    case OpKind::Abs:
-    case OpKind::Min:
-    case OpKind::Max:
-    case OpKind::Clamp:
-    case OpKind::Less:
-    case OpKind::LessEqual:
-    case OpKind::Equal:
-    case OpKind::NotEqual:
-    case OpKind::LogicalAnd:
-    case OpKind::LogicalOr:
-    case OpKind::LogicalNot:
-    case OpKind::Select:
-    case OpKind::Floor: return 1;
-    case OpKind::Dot: return 2;
-    case OpKind::Half: return 12;
-    // Polynomials of our own and what brings numbers into their range.
-    case OpKind::Exp:
-    case OpKind::Exp2:
-    case OpKind::Expm1:
-    case OpKind::Log:
-    case OpKind::Log2:
-    case OpKind::Log1p:
-    case OpKind::Sin:
-    case OpKind::Cos:
-    case OpKind::Tan:
-    case OpKind::Asin:
-    case OpKind::Acos:
-    case OpKind::Atan:
-    case OpKind::Atan2:
-    case OpKind::Sinh:
-    case OpKind::Cosh:
-    case OpKind::Tanh:
-    case OpKind::Asinh:
-    case OpKind::Acosh:
-    case OpKind::Atanh:
-    case OpKind::Sigmoid:
-    case OpKind::Softplus:
-    case OpKind::Erf: return 20;
-    case OpKind::Pow: return 60;
-    default: return 4;
-  }
-}
+int op_cost(OpKind kind) { return ops::info(kind).cost; }
 
 size_t op_size(const ir::Graph& graph, const Op& op) {
   if (is_inline(op) || is_memory(op)) return 0;

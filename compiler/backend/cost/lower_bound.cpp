@@ -8,6 +8,7 @@
 
 #include "compiler/backend/analysis/uses.h"
 #include "compiler/backend/schedule/schedule.h"
+#include "compiler/ops/op.h"
 
 namespace dr::backend {
 
@@ -107,14 +108,11 @@ class Bound {
 
   enum class ResultKind : uint8_t { Map, Scatter, Pass };
   static ResultKind result_kind(const Op& op) {
-    switch (op.kind) {
-      case OpKind::ReduceSum:
-      case OpKind::ReduceMin:
-      case OpKind::ReduceMax:
-      case OpKind::ScatterMax:
-      case OpKind::Raster: return ResultKind::Pass;
-      case OpKind::ScatterAdd: return ResultKind::Scatter;
-      default: break;
+    switch (ops::info(op.kind).runs_as.value_or(ops::RunsAs::Map)) {
+      case ops::RunsAs::Reduce:
+      case ops::RunsAs::Raster: return ResultKind::Pass;
+      case ops::RunsAs::Scatter: return op.kind == OpKind::ScatterMax ? ResultKind::Pass : ResultKind::Scatter;
+      case ops::RunsAs::Map: break;
     }
     const auto& yields = op.attrs.yields;
     return std::ranges::find(yields, ir::Yield::Scatter) != yields.end() ? ResultKind::Scatter : ResultKind::Map;

@@ -29,18 +29,14 @@ bool is_known_to_driver(const ir::Graph& graph, ValueId v) {
 bool hide_as_divisor(const ir::Graph& graph, ValueId v, bool native) {
   if (!graph.value(v).op.valid()) return false;
   const Op& op = graph.op(graph.value(v).op);
+  if (ops::info(op.kind).moves)
+    return std::ranges::any_of(op.operands, [&](ValueId x) { return hide_as_divisor(graph, x, native); });
   switch (op.kind) {
     case OpKind::Const:  // known in every shader
       return std::find(op.attrs.floats.begin(), op.attrs.floats.end(), 0.0) != op.attrs.floats.end();
     case OpKind::Sqrt:
     case OpKind::InverseSqrt:
     case OpKind::Div: return !native;
-    case OpKind::Broadcast:
-    case OpKind::Splat:
-    case OpKind::Extract:
-    case OpKind::Compose:
-      return std::any_of(op.operands.begin(), op.operands.end(),
-                         [&](ValueId x) { return hide_as_divisor(graph, x, native); });
     default: return is_known_to_driver(graph, v);
   }
 }
@@ -52,16 +48,13 @@ bool is_moderate(const ir::Graph& graph, ValueId v) {
   const auto are_moderate = [&](std::span<const ValueId> values) {
     return std::ranges::all_of(values, [&](ValueId x) { return is_moderate(graph, x); });
   };
+  if (ops::info(op.kind).moves) return are_moderate(op.operands);
   switch (op.kind) {
     case OpKind::Const: return std::ranges::all_of(op.attrs.floats, [](double x) { return std::abs(x) < kLarge; });
     case OpKind::DimValue:
     case OpKind::Sqrt:
     case OpKind::InverseSqrt: return true;
     case OpKind::Convert: return !graph.value(op.operands[0]).type.is_float();
-    case OpKind::Broadcast:
-    case OpKind::Splat:
-    case OpKind::Extract:
-    case OpKind::Compose: return are_moderate(op.operands);
     case OpKind::Select: return are_moderate(std::span(op.operands).subspan(1));
     default: return false;
   }

@@ -7,6 +7,7 @@
 #include <set>
 
 #include "compiler/ir/yields.h"
+#include "compiler/ops/op.h"
 
 namespace dr::backend {
 
@@ -86,38 +87,31 @@ class ActiveElements {
       if (zeros) zeros->insert(self.begin(), self.end());
       return zeros;
     };
-    switch (op.kind) {
-      case OpKind::Const:
+    switch (ops::info(op.kind).zero) {
+      case ops::ZeroWhere::Unknown: break;
+      case ops::ZeroWhere::ItsValueIs:
         if (std::ranges::all_of(op.attrs.floats, [](double x) { return x == 0; })) return std::nullopt;
         return std::set<ValueId>{};
-      case OpKind::SMul:
-      case OpKind::Neg:
-      case OpKind::Splat:
-      case OpKind::Broadcast:
-      case OpKind::Extract:
-      case OpKind::Detach:
-      case OpKind::Pin: return with_self(zero_with(op.operands[0]));
-      case OpKind::Add:
-      case OpKind::Sub:
-      case OpKind::Compose: {
+      case ops::ZeroWhere::FirstIs: return with_self(zero_with(op.operands[0]));
+      case ops::ZeroWhere::AllAre: {
         Zeros zeros;
         for (const ValueId part : op.operands) zeros = both(zeros, zero_with(part));
         return with_self(zeros);
       }
-      case OpKind::Mul:
+      case ops::ZeroWhere::AFactorIs:
         for (const size_t k : {0u, 1u})
           if (finite_constant(op.operands[1 - k])) return with_self(zero_with(op.operands[k]));
-        return self;
-      case OpKind::Select: return with_self(both(zero_with(op.operands[1]), zero_with(op.operands[2])));
-      case OpKind::If: {
+        break;
+      case ops::ZeroWhere::BothSidesAre: return with_self(both(zero_with(op.operands[1]), zero_with(op.operands[2])));
+      case ops::ZeroWhere::BranchesAre: {
         Zeros zeros;
-        if (op.attrs.yields[info.result_index] != ir::Yield::Element) return self;
+        if (op.attrs.yields[info.result_index] != ir::Yield::Element) break;
         for (const ir::RegionId region : op.regions)
           zeros = both(zeros, zero_with(ir::yielded(graph_, op, region)[info.result_index].value));
         return with_self(zeros);
       }
-      default: return self;
     }
+    return self;
   }
 
   const Graph& graph_;

@@ -67,15 +67,13 @@ bool has_scatter(const Op& op) {
 }  // namespace
 
 Pass::Kind pass_kind(const Op& op) {
-  switch (op.kind) {
-    case OpKind::ReduceSum:
-    case OpKind::ReduceMin:
-    case OpKind::ReduceMax: return Pass::Kind::Reduce;
-    case OpKind::ScatterAdd:
-    case OpKind::ScatterMax: return Pass::Kind::Scatter;
-    case OpKind::Raster: return Pass::Kind::Raster;
-    default: return has_scatter(op) ? Pass::Kind::Scatter : Pass::Kind::Map;
+  switch (ops::info(op.kind).runs_as.value_or(ops::RunsAs::Map)) {
+    case ops::RunsAs::Reduce: return Pass::Kind::Reduce;
+    case ops::RunsAs::Scatter: return Pass::Kind::Scatter;
+    case ops::RunsAs::Raster: return Pass::Kind::Raster;
+    case ops::RunsAs::Map: break;
   }
+  return has_scatter(op) ? Pass::Kind::Scatter : Pass::Kind::Map;
 }
 
 // Elements over which an op's shader runs.

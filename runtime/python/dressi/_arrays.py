@@ -79,6 +79,9 @@ class Type:
 def _evaluate(dim: str, symbols: Mapping[str, Any]) -> Any:
     if not re.fullmatch(r"[\w\s()+*/-]+", dim):
         raise c.Error(f"cannot read the extent '{dim}'")
+    missing = [name for name in re.findall(r"[A-Za-z_]\w*", dim) if name not in symbols]
+    if missing:
+        raise c.BindError(f"{' and '.join(missing)} have no value yet: bind a leaf that has them, or give a shape")
     # Division rounds down in both; names are those of symbols alone.
     return eval(dim.replace("/", "//"), {"__builtins__": {}}, dict(symbols))
 
@@ -89,12 +92,10 @@ def as_numpy(name: str, value: Any) -> np.ndarray:
 
     if type(value) is np.ndarray:
         return value
-    # Tensors of other libraries; gradients do not flow into what is bound.
+    if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+        raise c.BindError(f"'{name}' is a masked array, and has no values under its mask: give value.filled(...)")
     if hasattr(value, "detach"):
-        value = value.detach()
-        if value.device.type == "cpu":
-            return value.numpy()
-        return value.cpu().numpy()
+        return _of_torch(name, value)
     if hasattr(value, "__cuda_array_interface__"):
         for to_host in ("get", "copy_to_host"):  # CuPy's and Numba's
             if hasattr(value, to_host):
@@ -115,6 +116,19 @@ def as_numpy(name: str, value: Any) -> np.ndarray:
         raise c.BindError(f"'{name}' cannot be read as an array: {error}") from error
 
 
+def _of_torch(name: str, tensor: Any) -> np.ndarray:
+    """Gradients do not flow into what is bound."""
+    tensor = tensor.detach()
+    try:
+        return tensor.cpu().numpy()  # the tensor itself where it is there
+    except Exception:
+        try:
+            plain = tensor.resolve_conj().resolve_neg()
+            return (plain.float() if str(plain.dtype) == "torch.bfloat16" else plain).cpu().numpy()
+        except Exception as error:
+            raise c.BindError(f"'{name}' cannot be read as an array: {error}") from error
+
+
 def _converted(name: str, type_: Type, array: np.ndarray) -> np.ndarray:
     import numpy as np
 
@@ -128,7 +142,12 @@ def _converted(name: str, type_: Type, array: np.ndarray) -> np.ndarray:
         limits = np.iinfo(wanted)
         if low < limits.min or high > limits.max:
             raise c.BindError(f"'{name}' is {type_}: {low if low < limits.min else high} does not fit {wanted}")
-    return array.astype(wanted)
+    with np.errstate(over="ignore"):
+        converted = array.astype(wanted)
+    if kind == "f" and array.dtype.itemsize > 4 and not np.array_equal(np.isinf(converted), np.isinf(array)):
+        largest = float(np.abs(array[np.isfinite(array)]).max())
+        raise c.BindError(f"'{name}' is {type_}: {largest:g} does not fit {wanted}")
+    return converted
 
 
 def to_dense(name: str, type_: Type, value: Any, exact: bool = False) -> tuple[c.Array, Any]:

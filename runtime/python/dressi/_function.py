@@ -38,6 +38,11 @@ class Function:
     ) -> None:
         self.step = program._step(step)
         types = program.output_types[self.step]
+        if changes := program._steps[self.step]["changes"]:
+            raise c.Error(
+                f"the step '{self.step}' changes {', '.join(changes)}: the gradient would be that of other values than the "
+                "outputs; give a step that only has outputs"
+            )
         self.inputs = list(inputs)
         self.outputs = list(types if outputs is None else outputs)
         self.constants = dict(constants or {})

@@ -153,7 +153,17 @@ def freed_with(owner: Any, free: Any, handle: Any) -> None:
     weakref.finalize(owner, free_here, os.getpid()).atexit = False
 
 
+def encoded(text: str, what: str) -> bytes:
+    """As the C interface takes text, which ends at a zero byte."""
+    if "\0" in text:
+        raise CompileError(f"{what} contains a zero byte")
+    try:
+        return text.encode()
+    except UnicodeEncodeError as error:
+        raise CompileError(f"{what} is not valid Unicode: {error}") from error
+
+
 def pairs(options: list[tuple[str, str]]) -> Any:
     """Pairs of words as the C interface takes them."""
-    words = [word.encode() for pair in options for word in pair]
+    words = [encoded(word, "an option") for pair in options for word in pair]
     return (ctypes.c_char_p * (len(words) + 1))(*words, None)

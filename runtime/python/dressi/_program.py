@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import functools
 import json
+import operator
 import os
 import pathlib
 import sys
@@ -195,6 +196,8 @@ class Program:
     def _leaf_type(self, name: str) -> Type:
         types = self.leaf_types
         if name not in types:
+            if not isinstance(name, str):
+                raise TypeError(f"a leaf is named by text, such as '{next(iter(types), 'position')}', found {name!r}")
             import difflib
 
             nearest = difflib.get_close_matches(name, types, 1)
@@ -223,8 +226,9 @@ class Run:
         """Gives leaves their data, which is copied, and symbols that no leaf determines their values. Returns the run."""
         self.device._check_process()
         for symbol, value in (symbols or {}).items():
-            c.checked(c.library.dressi_bind_symbol(self._handle, symbol.encode(), int(value)), c.BindError)
-            self.symbols[symbol] = int(value)
+            count = _whole(f"symbol '{symbol}'", value)
+            c.checked(c.library.dressi_bind_symbol(self._handle, symbol.encode(), count), c.BindError)
+            self.symbols[symbol] = count
         for name, value in {**(arrays or {}), **more}.items():
             self._bind(name, value)
         return self
@@ -269,7 +273,9 @@ class Run:
         import numpy as np
 
         type_ = self.program._leaf_type(leaf)
-        sizes = type_.shape(self.symbols) if shape is None else tuple(shape)
+        sizes = type_.shape(self.symbols) if shape is None else tuple(_whole("shape", size) for size in shape)
+        if any(size < 1 for size in sizes):
+            raise c.BindError(f"'{leaf}' is {type_}: expected an array of shape {type_.shape_text()}, found {sizes}")
         self[leaf] = np.zeros(sizes, type_.scalar)
         return self[leaf]
 
@@ -283,11 +289,14 @@ class Run:
         """
         self.device._check_process()
         name = self.program._step(name)
+        times = _whole("times", times)
         if times < 1:
             raise c.Error(f"expected at least one run of a step, found {times}")
         if self._stream is not None:
             self._use_stream(current_stream(self.device))
         types = self.program.output_types[name]
+        if isinstance(outputs, str):
+            outputs = [outputs]
         for wanted in outputs or ():
             if wanted not in types:
                 self.program._output_type(name, wanted)
@@ -332,7 +341,8 @@ class Run:
         outputs as pictures, speed, what was left out, and buttons to pause, step and stop. Stop raises `Stopped` from `step`.
         While nobody looks it costs next to nothing. The page ends with `close`, with `with`, or with the run."""
         self.device._check_process()
-        address = c.checked(c.library.dressi_watch(self._handle, port))
+        number = _whole("port", port)
+        address = c.checked(c.library.dressi_watch(self._handle, max(-1, min(number, 2**31 - 1))))
         self._watch = Watch(self, address.decode())
         return self._watch
 
@@ -386,7 +396,7 @@ class Run:
     def set_runs(self, step: str, runs: int) -> None:
         """How often the step counts as having run: its `step_index` in the next run."""
         self.device._check_process()
-        c.checked(c.library.dressi_set_runs(self._handle, self.program._step(step).encode(), runs), c.Error)
+        c.checked(c.library.dressi_set_runs(self._handle, self.program._step(step).encode(), _whole("runs", runs)), c.Error)
 
     def counters(self, step: str | None = None) -> Counters:
         """What the runs of a step did, and what they left out."""
@@ -427,6 +437,17 @@ class Run:
         ]
         end = "\n" if done == times else ""
         print(f"\r{step} {done}/{times}  {'  '.join(numbers)}", end=end, file=sys.stderr, flush=True)
+
+
+def _whole(what: str, value: Any) -> int:
+    """A number that the C interface has room for; what is no whole number is refused, not cut off."""
+    try:
+        number = operator.index(value)
+    except TypeError:
+        raise TypeError(f"{what}: expected a whole number, found {value!r}") from None
+    if not -(2**62) < number < 2**62:
+        raise c.BindError(f"{what}: {number} is too large")
+    return number
 
 
 class Watch:
@@ -477,6 +498,10 @@ def compile(
     line and caret.
     """
     name = "<program>"
+    if not isinstance(source, (str, os.PathLike)):
+        raise TypeError(f"expected the name of a file or the text of a program, found a {type(source).__name__}")
+    if isinstance(source, str) and not source.strip():
+        raise c.CompileError("expected the name of a file or the text of a program, found none")
     if isinstance(source, os.PathLike) or "\n" not in source:
         path = pathlib.Path(source)
         if path.suffix == ".drb":
@@ -497,7 +522,7 @@ def compile(
 
 
 def _compiled(name: str, text: str, options: list[tuple[str, str]], device: Device | str | None) -> Program:
-    handle = c.library.dressi_compile(name.encode(), text.encode(), _device(device)._handle, c.pairs(options))
+    handle = c.library.dressi_compile(c.encoded(name, "the file's name"), c.encoded(text, "the program"), _device(device)._handle, c.pairs(options))
     return Program(b"", device, c.checked(handle, c.CompileError), (name, text, options))
 
 
