@@ -238,7 +238,9 @@ void Elaborator::warn_of_shared_counts() {
                                  names[1] + "' share: 'step_index' starts at 0 in each of them");
     for (size_t k = 1; k < lets.size(); ++k) warning.notes.push_back({lets[k], "this one, too"});
     warning.help = "say which count is meant, as 'step_index of " + names[0] +
-                   "' (the schedules of std.optim take it as 'at'), or write the schedule in the steps";
+                   "' (the schedules of std.optim take it as 'at'), or write the schedule in the steps; random numbers "
+                   "that are to stay "
+                   "the same are a state's initial value";
   }
 }
 

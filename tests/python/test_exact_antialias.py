@@ -125,6 +125,20 @@ def test_layers_ranges_and_torch():
     assert torch.equal(out[0], out[1])
 
 
+def test_meshes_of_as_many_faces_need_not_hang_together_alike():
+    device = DEVICES[-1]
+    pos, tri, rim = disk(7)
+    apart = pos[0][tri].reshape(1, -1, 4), np.arange(tri.size, dtype=np.int32).reshape(-1, 3)
+    for p, t in ((pos, tri), apart, (pos, tri)):
+        rast, color = drawn(device, p, t)
+        made = dr.antialias_construct_topology_hash(t)
+        out = dr.antialias(color, rast, p, t, topology_hash=made, exact=True)
+        np.testing.assert_array_equal(out, dr.antialias(color, rast, p, t, exact=True))
+        assert out.sum() == pytest.approx(sum(clipped_area(list(rim), x, y) for y in range(SIZE) for x in range(SIZE)), rel=1e-4)
+    with pytest.raises(dressi.Error, match="made of other triangles"):
+        dr.antialias(color, rast, pos, tri, topology_hash=dr.antialias_construct_topology_hash(tri[:3]), exact=True)
+
+
 def test_too_many_outlines_are_told():
     pos, tri, _ = disk(7)
     rast, color = drawn("reference", pos, tri)

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Steps as functions with derivatives: Function, and PyTorch where it is."""
+import concurrent.futures
+
 import numpy as np
 import pytest
 
@@ -27,6 +29,33 @@ def data(w=4, h=3, seed=1):
         "unused": np.zeros(w),
         "index": random.integers(0, w, h).astype(np.int32),
     }
+
+
+def test_threads_may_share_a_function(device):
+    torch = pytest.importorskip("torch")
+    import dressi.torch
+
+    function = dressi.torch.function(dressi.compile(PROGRAM, device=device), "make", INPUTS, OUTPUTS)
+    given = {name: torch.tensor(array) for name, array in data().items()}
+
+    def gradient(scale):
+        a = torch.full((3, 4, 2), scale, dtype=torch.float64).requires_grad_()
+        function(a, *(given[name] for name in INPUTS[1:]))[1].backward()
+        return a.grad
+
+    alone = [gradient(float(k)) for k in range(4)]
+    with concurrent.futures.ThreadPoolExecutor(4) as pool:
+        for k, found in enumerate(pool.map(gradient, [float(k % 4) for k in range(80)])):
+            assert torch.equal(found, alone[k % 4])
+
+
+def test_names_that_are_there_twice_are_told():
+    program = dressi.compile(PROGRAM, device="reference")
+    with pytest.raises(dressi.Error, match="'a' is there twice"):
+        Function(program, "make", ["a", "b", "a"])
+    with pytest.raises(dressi.Error, match="'b' is there twice"):
+        Function(program, "make", ["a", "b"], constants={"b": np.zeros(4)})
+    assert Function(program, "make", "a", "total").inputs == ["a"]
 
 
 def test_a_step_that_changes_leaves_is_no_function():

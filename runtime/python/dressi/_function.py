@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import threading
 from typing import TYPE_CHECKING, Any, Mapping, Sequence
 
 from . import _library as c
@@ -38,6 +39,12 @@ class Function:
     ) -> None:
         self.step = program._step(step)
         types = program.output_types[self.step]
+        inputs = [inputs] if isinstance(inputs, str) else inputs
+        outputs = [outputs] if isinstance(outputs, str) else outputs
+        named = [*inputs, *(constants or {})]
+        for names in (named, list(outputs or [])):
+            if twice := [name for name in names if names.count(name) > 1]:
+                raise c.Error(f"'{twice[0]}' is there twice")
         if changes := program._steps[self.step]["changes"]:
             raise c.Error(
                 f"the step '{self.step}' changes {', '.join(changes)}: the gradient would be that of other values than the "
@@ -60,16 +67,22 @@ class Function:
         self.shares = bool(_device(program._device).info.get("shares_memory"))  # memory with CUDA
         self._runs: collections.OrderedDict[Any, Run] = collections.OrderedDict()
         self._last: dict[int, Call] = {}  # by the id of a run: whose arrays it holds
+        self.lock = threading.RLock()  # what a call binds is there until it has its results
 
     def forward(self, arrays: Mapping[str, Any]) -> tuple[list[np.ndarray], Call]:
         """The outputs, and what `backward` wants to know."""
-        call = Call(dict(arrays), self._run(arrays))
-        self._bind(call)
-        results = call.run.step(self.step, outputs=self.outputs)
+        with self.lock:
+            call = Call(dict(arrays), self._run(arrays))
+            self._bind(call)
+            results = call.run.step(self.step, outputs=self.outputs)
         return [results[name] for name in self.outputs], call
 
     def backward(self, call: Call, seeds: Mapping[str, Any]) -> dict[str, np.ndarray]:
         """Gradients by leaf of the sum over outputs, each times its seed. An output without a seed has zeros."""
+        with self.lock:
+            return self._backward(call, seeds)
+
+    def _backward(self, call: Call, seeds: Mapping[str, Any]) -> dict[str, np.ndarray]:
         import numpy as np
 
         run = call.run

@@ -220,6 +220,11 @@ def _as(tensor: Any, like: Any) -> Any:
 
 
 def _forward(core: Function, tensors: Sequence[Any]) -> tuple[list[Any], Any]:
+    with core.lock:
+        return _forward_alone(core, tensors)
+
+
+def _forward_alone(core: Function, tensors: Sequence[Any]) -> tuple[list[Any], Any]:
     on_cuda = _on_cuda(core, tensors)
     if on_cuda is not None:
         like = _like(core, tensors)
@@ -235,7 +240,8 @@ def _forward(core: Function, tensors: Sequence[Any]) -> tuple[list[Any], Any]:
 def _backward(core: Function, call: Any, tensors: Sequence[Any], seeds: Sequence[Any]) -> list[Any]:
     on_cuda = call.run.__dict__.get("_on_cuda")
     if on_cuda is not None and not call.arrays:
-        made = on_cuda.backward(call, tensors, seeds)
+        with core.lock:
+            made = on_cuda.backward(call, tensors, seeds)
         return [_as(made[name], tensor) if name in made else None for name, tensor in zip(core.inputs, tensors)]
     given = {name: seed for name, seed in zip(core.outputs, seeds) if seed is not None and name in core.seeded}
     gradients = core.backward(call, given)

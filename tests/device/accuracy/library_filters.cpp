@@ -107,6 +107,20 @@ std::vector<Function> solvers() {
   add("squares", "float[1]", "solve.squares(a)", {a}, {relative("value", 1e-6, kDesign), l2("a", 2 * u, kFew)}, {});
   add("normal_equations", "float[9]", "solve.normal_equations(r, x).1", {a, b, x}, {value}, residual);
   add("gauss_newton", "float[9]", "solve.gauss_newton(r, x)", {a, b, x}, {l2("value", 4e-6, why)}, residual);
+  // Light around a ball: the normal equations alone would be off by 1e-4.
+  const std::string light =
+      "  let p = (vec2(coord(64, 64).xy) + 0.5) / 32.0 - 1.0;\n"
+      "  let n = vec3(p.x, -p.y, sqrt(max(1.0 - dot(p, p), 0.0)));\n"
+      "  let c = 3 * coord(9).x;\n"
+      "  let drawn = fn(v) { light.irradiance(vec3(v.at(c), v.at(c + 1), v.at(c + 2)), n) * (if dot(p, p) < 1.0 { 1.0 "
+      "} "
+      "else { 0.0 }) };\n"
+      "  let r = fn(v) { drawn(v) - drawn(t) };\n";
+  add("gauss_newton", "float[27]", "solve.gauss_newton(r, x)",
+      {whole(floats("x", -1, 1, 1e-3), "[27]"), whole(floats("t", -1, 1, 1e-3), "[27]")},
+      {l2("value", 2e-6, "one rounding of the numbers, times the condition of what is drawn")}, light);
+  all.back().part = "light of 27 numbers";
+  all.back().domain = "numbers within -1 and 1, from others";
   return all;
 }
 

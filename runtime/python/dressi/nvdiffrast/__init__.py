@@ -11,6 +11,7 @@ so that pixels on edges may be decided otherwise; faces beyond pos, and sizes th
 """
 from __future__ import annotations
 
+import functools as _functools
 import sys
 from typing import Any, Sequence
 
@@ -258,13 +259,23 @@ def texture(
 
 
 class _TopologyHash:
-    def __init__(self, opposite: Any) -> None:
-        self.opposite = opposite
+    def __init__(self, tri: Any) -> None:
+        self._tri = tri
+
+    @_functools.cached_property
+    def opposite(self) -> Any:
+        return _core.opposite_vertices(self._tri)
+
+    @_functools.cached_property
+    def across(self) -> Any:
+        return _core.neighbours(self._tri)
 
 
 def antialias_construct_topology_hash(tri: Any) -> _TopologyHash:
     """How triangles hang together, for `antialias(..., topology_hash=...)`: made once where they stay."""
-    return _TopologyHash(_core.opposite_vertices(_array(tri)))
+    made = _TopologyHash(_np.array(_array(tri)))
+    made.opposite  # what most ask for, and whether the triangles are any
+    return made
 
 
 def antialias(
@@ -282,15 +293,15 @@ def antialias(
 
     Of faces smaller than a pixel most outlines are not found, as in nvdiffrast. `exact=True` finds all: each pixel has the colours
     of both sides by the area that they cover of it, and gradients are those of the area. Of at most so many `outlines` in a pixel
-    that is exact, in time and memory that grow with them. It needs no `topology_hash`, and no part of the mesh before the near plane.
+    that is exact, in time and memory that grow with them. No part of the mesh may lie before the near plane.
     """
     tri, rast = _array(tri), _array(rast)
-    opposite = None if topology_hash is None else topology_hash.opposite
 
     def operation(arrays: dict[str, Any]) -> tuple[list[Any], Any]:
         given = (_device, arrays["color"], rast, arrays["pos"], tri)
+        made = topology_hash
         if exact:
-            return _core.antialias_exact(*given, outlines, pos_gradient_boost)
-        return _core.antialias(*given, opposite, pos_gradient_boost)
+            return _core.antialias_exact(*given, None if made is None else made.across, outlines, pos_gradient_boost)
+        return _core.antialias(*given, None if made is None else made.opposite, pos_gradient_boost)
 
     return _apply(operation, {"color": color, "pos": pos})[0]

@@ -6,7 +6,9 @@ Each is a program beside this file, compiled once for a device and a set of opti
 from __future__ import annotations
 
 import functools
+import operator
 import pathlib
+import threading
 from typing import Any, Callable, Sequence
 
 import numpy as np
@@ -42,6 +44,13 @@ def _check(ok: bool, words: str) -> None:
         raise Error(words)
 
 
+def _count(name: str, value: Any) -> int:
+    try:
+        return operator.index(value)
+    except TypeError:
+        raise Error(f"{name}: expected whole numbers, found {value!r}") from None
+
+
 def _floats(name: str, array: Any, ndims: Sequence[int], last: Sequence[int] = ()) -> np.ndarray:
     array = np.asarray(array)
     _check(array.dtype.kind == "f", f"{name}: expected a tensor of floats, found {array.dtype}")
@@ -72,7 +81,7 @@ class Layers:
     def __init__(self, pos: Any, tri: Any, resolution: Sequence[int], ranges: Any) -> None:
         self.pos = _floats("pos", pos, (2, 3), (4,))
         self.tri = _faces(tri)
-        self.height, self.width = (int(n) for n in resolution)
+        self.height, self.width = (_count("resolution", n) for n in resolution)
         _check(self.height > 0 and self.width > 0, f"resolution: expected two positive numbers, found {tuple(resolution)}")
         self.is_range = self.pos.ndim == 2
         if self.is_range:
@@ -89,6 +98,9 @@ class Layers:
         self.stride = int(len(self.stack) > 1)
 
 
+_finding = threading.Lock()  # what is bound to a finder is there until it has found
+
+
 @functools.lru_cache(maxsize=16)
 def _finder(device: str, defines: tuple[tuple[str, int], ...], _shapes: Any, width: int, height: int) -> Run:
     return program("rasterize", device, *defines).bind(symbols={"W": width, "H": height})
@@ -99,10 +111,12 @@ def rasterize(device: str, layers: Layers, above: np.ndarray | None = None) -> t
     n, pos = len(layers.ranges), layers.stack[:, None]
     defines = (("RANGES", int(layers.is_range)), ("STRIDE", layers.stride), ("PEEL", int(above is not None)))
     run = _finder(device, defines, (pos.shape, layers.tri.shape, n), layers.width, layers.height)
-    run.bind(pos=pos, tri=layers.tri, range=layers.ranges[:, None, None])
-    if above is not None:
-        run["above"] = above
-    return weigh(device, layers, run.step("find")["face_"])
+    with _finding:
+        run.bind(pos=pos, tri=layers.tri, range=layers.ranges[:, None, None])
+        if above is not None:
+            run["above"] = above
+        face = run.step("find")["face_"]
+    return weigh(device, layers, face)
 
 
 def weigh(device: str, layers: Layers, face: np.ndarray) -> tuple[list[np.ndarray], Back, np.ndarray]:
@@ -189,6 +203,20 @@ def opposite_vertices(tri: np.ndarray) -> np.ndarray:
     return np.where(beyond >= 0, beyond, own).reshape(3, count).T.astype(np.int32).copy()
 
 
+def neighbours(tri: np.ndarray) -> np.ndarray:
+    """For each face, beyond its edges 0-1, 1-2 and 2-0: the other face there; -1 where there is none, or more than one."""
+    tri = _faces(tri)
+    edges = np.sort(np.stack([tri, np.roll(tri, -1, 1)], 2).reshape(-1, 2), 1)
+    order = np.lexsort((edges[:, 1], edges[:, 0]))
+    ordered = edges[order]
+    starts = np.flatnonzero(np.r_[True, (ordered[1:] != ordered[:-1]).any(1)])
+    first = order[starts[np.diff(np.r_[starts, len(order)]) == 2]]
+    second = order[starts[np.diff(np.r_[starts, len(order)]) == 2] + 1]
+    beyond = np.full(len(edges), -1, np.int32)
+    beyond[first], beyond[second] = second // 3, first // 3
+    return beyond.reshape(-1, 3)
+
+
 def _blended(color: Any, rast: Any, pos: Any, tri: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """What `antialias` takes, checked."""
     color, rast = _floats("color", color, (4,)), _floats("rast", rast, (4,), (4,))
@@ -214,13 +242,17 @@ def antialias(
 
 
 def antialias_exact(
-    device: str, color: Any, rast: Any, pos: Any, tri: Any, outlines: int = 8, boost: float = 1.0
+    device: str, color: Any, rast: Any, pos: Any, tri: Any, across: np.ndarray | None = None, outlines: int = 8, boost: float = 1.0
 ) -> tuple[list[np.ndarray], Back]:
     """As `antialias`, by the area that each face covers of a pixel; at most so many `outlines` may cross one."""
     color, rast, pos, tri = _blended(color, rast, pos, tri)
+    outlines = _count("outlines", outlines)
     _check(1 <= outlines <= 32, f"outlines: expected 1 to 32 in a pixel, found {outlines}")
+    if across is None:
+        across = neighbours(tri)
+    _check(across.shape == tri.shape, "topology_hash: it was made of other triangles")
     sizes = (("W", color.shape[2]), ("H", color.shape[1]))
-    return _blend("exact", device, (("OUTLINES", int(outlines)),), sizes, color, pos, tri, {"rast": rast}, boost)
+    return _blend("exact", device, (("OUTLINES", outlines),), sizes, color, pos, tri, {"rast": rast, "across": across}, boost)
 
 
 def _blend(
