@@ -3,6 +3,7 @@
 import json
 import os
 import queue
+import re
 import shutil
 import subprocess
 import sys
@@ -12,6 +13,17 @@ import unittest
 from pathlib import Path
 
 DRC, ROOT = Path("drc"), Path(".")
+
+
+def builtins():
+    """The functions of the language: those of the table, and those that entries of ops offer by the op's name."""
+    names = re.findall(r'^        \{"(\w+)", \d', (ROOT / "compiler/lower/builtins.cpp").read_text(), re.M)
+    op_names = dict(re.findall(r'^DR_OP\((\w+), "(\w+)"\)', (ROOT / "compiler/ir/op_kinds.def").read_text(), re.M))
+    for family in sorted((ROOT / "compiler/ops").glob("*.cpp")):
+        for entry in family.read_text().split("{.kind = OpKind::")[1:]:
+            if ".is_function = true" in entry:
+                names.append(op_names[re.match(r"\w+", entry).group()])
+    return names
 
 
 class Gone(Exception):
