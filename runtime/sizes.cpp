@@ -25,6 +25,9 @@ void Sizes::set(const std::string& symbol, int64_t value, const std::string& ori
   if (it == symbols_.end()) {
     symbols_[symbol] = value;
     origins_[symbol] = origin;
+  } else if (it->second != value && origins_[symbol] == origin) {
+    throw Failure{"'" + symbol + "' is " + std::to_string(it->second) + " since " + origin + " was first bound, but " +
+                  std::to_string(value) + " now: a run keeps its sizes, so others take another run"};
   } else if (it->second != value) {
     throw Failure{"'" + symbol + "' is " + std::to_string(it->second) + " by " + origins_[symbol] + ", but " +
                   std::to_string(value) + " by " + origin};

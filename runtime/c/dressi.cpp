@@ -76,7 +76,12 @@ std::string info_of(const dr::bundle::BundleT& bundle) {
       outputs.push_back(
           {{"name", output->name}, {"type", type_name(*resource.type)}, {"extent", extent_of(*resource.extent)}});
     }
-    for (const uint32_t k : step->leaves) leaves.push_back(bundle.leaves.at(k)->name);
+    for (const uint32_t k : step->leaves) {
+      // Of a table what it is made of, which is what a user binds.
+      const auto& leaf = *bundle.leaves.at(k);
+      const Json name = leaf.table_of < 0 ? leaf.name : bundle.leaves.at(static_cast<size_t>(leaf.table_of))->name;
+      if (std::ranges::find(leaves, name) == leaves.end()) leaves.push_back(name);
+    }
     for (const uint32_t k : step->changes) changes.push_back(bundle.leaves.at(k)->name);
     out["steps"].push_back({{"name", step->name}, {"outputs", outputs}, {"leaves", leaves}, {"changes", changes}});
   }

@@ -159,6 +159,18 @@ def test_extents_agree_and_a_failed_bind_leaves_nothing(device):
     assert run.step()["error"] >= 0
 
 
+def test_a_run_keeps_its_sizes():
+    text = "edition 1;\ninput face : ivec3[F];\nstep s { output edges = topology(face).edge_faces; }\n"
+    for device in DEVICES[1:]:
+        run = dressi.compile(text, device=device).bind(face=[[0, 1, 2], [0, 2, 3]])
+        assert len(run.step()["edges"]) == 5
+        with pytest.raises(dressi.BindError, match="'F' is 2 since leaf 'face' was first bound, but 1 now: a run keeps its sizes"):
+            run.bind(face=[[0, 1, 2]])
+        run.bind(face=[[0, 1, 2], [3, 4, 5]])
+        with pytest.raises(dressi.Error, match="is 5 since leaf 'face.edge' was first bound, but 6 now"):
+            run.step()
+
+
 def test_diagnostics_keep_line_and_caret():
     with pytest.raises(dressi.CompileError) as error:
         dressi.compile("edition 1;\nlet x = vec3(1.0) + vec4(1.0);\n", device="reference")

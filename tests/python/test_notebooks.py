@@ -79,6 +79,22 @@ def test_the_first_nan_is_told_with_its_line_and_nothing_changes():
 
 
 @lavapipe
+def test_a_nan_is_found_in_programs_of_meshes():
+    text = """edition 1;
+import std.random;
+param x : float[V];
+param noise : float[3] = random.uniform(coord(3), 1u);
+input face : ivec3[F];
+let t = topology(face);
+step s { x <- x - 1.0;  output y = log(x), e = t.edge_faces, n = noise; }
+"""
+    run = dressi.compile(text, device="lavapipe").bind(x=np.ones(3), face=[[0, 1, 2]])
+    assert run.check_finite() is None
+    run.step()
+    assert "<program>:7" in str(run.check_finite())
+
+
+@lavapipe
 def test_tables_of_notebooks():
     program = dressi.compile(PROGRAM, device="lavapipe")
     assert "<td>float[W]</td>" in program._repr_html_()
