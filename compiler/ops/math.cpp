@@ -49,6 +49,20 @@ AdjointOutput half_adjoint(const AdjointInput& in) {
   return {keep_where(b, inside, in.adjoint)};
 }
 
+double log_add_exp(double x, double y) {
+  if (std::isnan(x) || std::isnan(y)) return std::nan("");
+  return std::max(x, y) + std::log1p(std::exp(x == y ? 0.0 : -std::abs(x - y)));
+}
+
+// The share of each operand, of equal ones a half: their difference is not taken where both are infinite.
+AdjointOutput log_add_exp_adjoint(const AdjointInput& in) {
+  Builder& b = in.builder;
+  const ValueId x = in.operands[0], y = in.operands[1];
+  const ValueId apart = drop_where(b, apply(b, OpKind::Equal, x, y), sub(b, x, y));
+  return {smul(b, in.adjoint, apply(b, OpKind::Sigmoid, apart)),
+          smul(b, in.adjoint, apply(b, OpKind::Sigmoid, neg(b, apart)))};
+}
+
 // asin and acos are those of the clamped operand.
 double into_unit(double x) { return x > 1 ? 1.0 : (x < -1 ? -1.0 : x); }
 
@@ -235,6 +249,23 @@ std::vector<OpInfo> math_ops() {
        .domains = {{0.01, 10}},
        .singular = {{{0}}},
        .ulp_bound = 7},
+      {.kind = OpKind::Cbrt,
+       .shape = Shape::Elementwise,
+       .doc = "Cube root, of negative numbers too. Derivative 0 at 0.",
+       .cost = 12,
+       .is_function = true,
+       .infer = infer1,
+       .eval = [](const EvalBatch& e) { map1(e, [](double x) { return std::cbrt(x); }); },
+       .glsl = function<"dr_cbrt">,
+       .prelude = {glsl::kCbrt},
+       .vector_prelude = glsl::kCbrtVectors,
+       .adjoint = chain<[](Builder& b, ValueId, ValueId y) {
+         const ValueId is_zero = apply(b, OpKind::Equal, y, zero_like(b, y));
+         return drop_where(b, is_zero, div(b, like(b, y, 1.0 / 3), mul(b, y, y)));
+       }>,
+       .domains = {{-10, 10}},
+       .singular = {{{0}}, {{8}}, {{-27}}, {{1e-30}}, {{-1e30}}},
+       .ulp_bound = 2},
       {.kind = OpKind::Exp,
        .shape = Shape::Elementwise,
        .doc = "e^x.",
@@ -577,6 +608,21 @@ std::vector<OpInfo> math_ops() {
        .adjoint = chain<[](Builder& b, ValueId x, ValueId) { return apply(b, OpKind::Sigmoid, x); }>,
        .domains = {{-20, 20}},
        .singular = {{{0}}, {{-100}}, {{100}}, {{-10000}}, {{10000}}},
+       .ulp_bound = 6},
+      {.kind = OpKind::LogAddExp,
+       .shape = Shape::Elementwise,
+       .doc = "log(e^x + e^y), where neither power is taken alone: of equal infinities that infinity, with half the "
+              "derivative each.",
+       .cost = 40,
+       .is_function = true,
+       .infer = infer2,
+       .eval = [](const EvalBatch& e) { map2(e, log_add_exp); },
+       .glsl = function<"dr_logaddexp">,
+       .prelude = {glsl::kExpPart, glsl::kExp, glsl::kLogPart, glsl::kLog1p, glsl::kLogAddExp},
+       .vector_prelude = glsl::kLogAddExpVectors,
+       .adjoint = log_add_exp_adjoint,
+       .domains = {{0.1, 20}, {0.1, 20}},  // without cancellation
+       .singular = {{{0, 0}}, {{100, -100}}, {{-10000, -10000}}, {{1e30, 1e30}}, {{-1e30, 1e30}}},
        .ulp_bound = 6},
       {.kind = OpKind::Erf,
        .shape = Shape::Elementwise,

@@ -341,6 +341,29 @@ inline constexpr std::string_view kLog1pVectors = DR_VECTORS_1("dr_log1p");
 
 // --- power ---
 
+inline constexpr std::string_view kCbrt = R"(
+// A third of the bits is a root within 4%; each step cubes what it is off by. Large and small numbers are scaled by
+// powers of 8: a cube must neither overflow nor vanish.
+float dr_cbrt(float x) {
+  float a = abs(x);
+  bool small = a < 1e-30, large = a > 1e30;
+  float up = small ? 16777216.0 : 1.0, down = small ? 0.00390625 : 1.0;
+  up = large ? 5.96046448e-8 : up;
+  down = large ? 256.0 : down;
+  float y = a * up;
+  float r = uintBitsToFloat(floatBitsToUint(y) / 3u + 0x2a514067u);
+  float cube = r * r * r;
+  r = r + r * ((y - cube) / (2.0 * cube + y));
+  cube = r * r * r;
+  r = (r + r * ((y - cube) / (2.0 * cube + y))) * down;
+  float minus = -r, same = x * up;
+  r = x < 0.0 ? minus : r;
+  bool special = uint(floatBitsToInt(y) - 1) >= 0x7f7fffffu;  // 0, Inf, NaN
+  return special ? same : r;
+}
+)";
+inline constexpr std::string_view kCbrtVectors = DR_VECTORS_1("dr_cbrt");
+
 inline constexpr std::string_view kPow = R"(
 // The 12 high bits of x: products of two such numbers are exact.
 float dr_high(float x) { return uintBitsToFloat(floatBitsToUint(x) & 0xfffff000u); }
@@ -615,6 +638,17 @@ inline constexpr std::string_view kSoftplus = R"(
 float dr_softplus(float x) { return (x > 0.0 ? x : 0.0) + dr_log1p(dr_exp(-abs(x))); }
 )";
 inline constexpr std::string_view kSoftplusVectors = DR_VECTORS_1("dr_softplus");
+
+inline constexpr std::string_view kLogAddExp = R"(
+// Of equal operands, infinite ones too, the difference is 0.
+float dr_logaddexp(float x, float y) {
+  float high = x > y ? x : y;
+  float apart = abs(x - y);
+  apart = x == y ? 0.0 : apart;
+  return high + dr_log1p(dr_exp(-apart));
+}
+)";
+inline constexpr std::string_view kLogAddExpVectors = DR_VECTORS_2("dr_logaddexp");
 
 inline constexpr std::string_view kErf = R"(
 float dr_erf(float x) {

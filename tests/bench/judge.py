@@ -172,6 +172,9 @@ F = {
               lambda x: inside(x, lambda: 1 / ((1 - x) * (1 + x)))],
     "sigmoid": [sigmoid, lambda x: sigmoid(x) * sigmoid(-x)],
     "softplus": [lambda x: max(x, ZERO) + mpmath.log1p(exp(-abs(x))), sigmoid],
+    "cbrt": [lambda x: sign(x) * mpmath.cbrt(abs(x)), lambda x: 1 / (3 * mpmath.cbrt(abs(x)) ** 2) if x != 0 else ZERO],
+    "logaddexp": [lambda x, y: max(x, y) + mpmath.log1p(exp(-abs(x - y))), lambda x, y: sigmoid(x - y),
+                  lambda x, y: sigmoid(y - x)],
     "erf": [mpmath.erf, lambda x: 2 / mpmath.sqrt(mp.pi) * exp(-x * x)],
 }
 # Their arguments span the range: what is 1 + 1e-38, or x - floor(x) of a huge x, needs as many digits.

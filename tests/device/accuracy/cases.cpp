@@ -66,6 +66,22 @@ std::vector<Case> arithmetic() {
   return all;
 }
 
+// The sum cancels where one operand is below 0, and the difference is rounded to the larger of both.
+Case log_add_exp() {
+  Case c = plain(OpKind::LogAddExp, {floats(-80, 80), floats(-80, 80)});
+  c.scale = [](Builder& b, const Values& xs, ValueId) {
+    return ops::emit(b, OpKind::Max, {one(b), ops::emit(b, OpKind::Max, {abs_of(b, xs[0]), abs_of(b, xs[1])})});
+  };
+  c.scale_text = "the larger operand, at least 1";
+  const auto scale = [](Builder& b, const Values& xs, ValueId w) {
+    const ValueId larger = ops::emit(b, OpKind::Max, {abs_of(b, xs[0]), abs_of(b, xs[1])});
+    return ops::mul(b, abs_of(b, w), ops::emit(b, OpKind::Max, {one(b), larger}));
+  };
+  for (int k = 0; k < 2; ++k)
+    c = with(c, 12, "of sigmoid, of a rounded difference", scale, "the larger operand times the adjoint");
+  return c;
+}
+
 std::vector<Case> functions() {
   const Operand any = all_floats(), positive = floats(0, kAll);
   std::vector<Case> all;
@@ -74,6 +90,7 @@ std::vector<Case> functions() {
   all.push_back(with(unary(OpKind::Half, any), 0, kExact));
   all.push_back(with(unary(OpKind::Sqrt, positive), 8, "a root, a quotient, a product"));
   all.push_back(with(unary(OpKind::InverseSqrt, positive), 12, "the value, a quotient, two products"));
+  all.push_back(with(unary(OpKind::Cbrt, any), 10, "the value twice, a quotient, two products"));
   all.push_back(with(unary(OpKind::Exp, floats(-110, 88.7)), 3, "the value; " + kProduct));
   all.push_back(with(unary(OpKind::Exp2, floats(-160, 127.9)), 4, "the value, ln 2; " + kProduct));
   all.push_back(with(unary(OpKind::Expm1, floats(-110, 88.7)), 3, "of exp; " + kProduct));
@@ -121,6 +138,7 @@ std::vector<Case> functions() {
   all.push_back(with(unary(OpKind::Atanh, floats(-1, 1)), 5, "a quotient, a product"));
   all.push_back(with(unary(OpKind::Sigmoid, any), 12, "two sigmoids, two products"));
   all.push_back(with(unary(OpKind::Softplus, any), 6, "of sigmoid; " + kProduct));
+  all.push_back(log_add_exp());
   all.push_back(with(
       unary(OpKind::Erf, any), 3, "of exp, whose argument is a rounded square",
       [](Builder& b, const Values& xs, ValueId w) {

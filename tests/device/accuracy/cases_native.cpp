@@ -176,6 +176,11 @@ void promise_native(Case& c) {
     case OpKind::Softplus:
       c.native = growing(14, 4, "log1p of exp");
       return derivative(growing(13, 4, "of sigmoid; one rounding"));
+    case OpKind::LogAddExp:
+      c.native = growing(14, 4, "log1p of exp", c.scale, c.scale_text);
+      for (auto& derivative : c.derivatives)
+        derivative.native = growing(26, 4, "of sigmoid; one rounding", derivative.scale, derivative.scale_text);
+      return;
     case OpKind::Erf:
       c.native = at_most(8, "our own function, of exp beyond 1");
       return derivative(at_most(12, "of exp, whose argument is a rounded square"));
