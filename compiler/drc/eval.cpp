@@ -158,6 +158,7 @@ class Evaluator {
     if (const auto wrong = session_.prepare(names); !names.empty() && wrong) return print_error(*wrong), false;
     const bool ran = run_all(runs);
     // What ran before a mistake is not lost.
+    if (!results_.empty()) session_.settle();
     return ((results_.empty() || save_all()) && ran) && save_named();
   }
 

@@ -80,6 +80,8 @@ class Session {
   // The current content of a leaf that is bound, or prepared with a step that needs it.
   const Image& leaf(const std::string& name) const;
   bool has_leaf(const std::string& name) const;
+  // Gives params and states that no step has needed what they begin with, where that is known.
+  void settle();
   // Checks that what the steps (all when none is named) read before one of them writes it is bound, fills initial
   // values. Called by run() for its step. One message names all leaves that are missing.
   std::optional<std::string> prepare(std::span<const std::string> steps = {});

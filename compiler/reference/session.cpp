@@ -264,6 +264,21 @@ std::optional<std::string> Session::fill(const std::vector<bool>& read) {
   return std::nullopt;
 }
 
+void Session::settle() {
+  for (size_t k = 0; k < leaves_.size(); ++k) {
+    const ir::Leaf& leaf = graph_.leaves[k];
+    if (leaves_[k] || leaf.kind == ir::Leaf::Kind::Input || !leaf.table.empty()) continue;
+    const bool is_computed = graph_.step_index(ir::initial_step_of(leaf.name)).has_value();
+    if (leaf.initial.empty() && leaf.kind != ir::Leaf::Kind::State && !is_computed) continue;
+    const auto known = [&](const Dim& dim) { return dim.evaluate(symbols_).value_or(0) > 0; };
+    if (!known(leaf.extent.w) || !known(leaf.extent.h) || !known(leaf.extent.l)) continue;
+    std::vector<bool> only(leaves_.size()), none(leaves_.size());
+    only[k] = true;
+    // What it is computed from may have no data; then it has no value, and nobody asked for one.
+    static_cast<void>(prepare_leaves(only, is_computed ? only : none));
+  }
+}
+
 std::optional<std::string> Session::prepare_leaves(std::vector<bool> needed, std::vector<bool> read) {
   if (auto error = fill(read)) return error;
   for (size_t k = 0; k < leaves_.size(); ++k) {

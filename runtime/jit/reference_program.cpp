@@ -138,8 +138,11 @@ io::Result<io::Array> ReferenceProgram::output(const std::string& step, const st
 io::Result<io::Array> ReferenceProgram::leaf(const std::string& name) {
   if (!state_) return kMovedFrom;
   if (!state_->graph.leaf_index(name)) return io::Error{"there is no leaf '" + name + "'"};
-  if (!state_->session.has_leaf(name)) {
-    if (auto problem = state_->session.prepare()) return io::Error{*problem};
+  reference::Session& session = state_->session;
+  if (!session.has_leaf(name)) session.settle();
+  if (!session.has_leaf(name)) {
+    if (auto problem = session.prepare()) return io::Error{*problem};
+    if (!session.has_leaf(name)) return io::Error{"leaf '" + name + "' has no data"};
   }
   return to_array(state_->session.leaf(name));
 }

@@ -81,7 +81,7 @@ TEST_CASE("arrays that do not agree with themselves are refused, and symbols sta
       refuses(program.bind_symbol("W", size), "which is not between 1 and 2^31");
     refuses(program.bind_symbol("Q", 4), "there is no symbol 'Q'");
     works(program);
-    refuses(program.bind("t", ones(5)), "'W' is 8 by");
+    refuses(program.bind("t", ones(5)), "'W' is 8 since leaf 't' was first bound, but 5 now");
     works(program);
     // What came in while the program had memory already.
     bad = ones(8);

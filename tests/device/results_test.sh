@@ -27,6 +27,22 @@ expected='first.count.npy first.frame.npy first.total.npy results.txt runs.npy s
 files() { (cd "$1" && find . -maxdepth 1 '(' -name '*.npy' -o -name '*.png' -o -name results.txt ')' | sed 's#^./##' | LC_ALL=C sort | tr '\n' ' ' | sed 's/ $//'); }
 same 'files of drc eval' "$expected" "$(files by_drc)"
 same 'files of drun' "$expected" "$(files by_drun)"
+# Leaves that no step needs, where what they begin with is known.
+cat > idle.dr << 'END'
+edition 1;
+import std.random;
+param drawn : float[W] = random.uniform(coord(W), 1u);
+param set : float[W] = 2.0;
+state zero : float[4];
+param sizeless : float[Q] = 1.0;
+param unbound : float[3];
+input x : float[W];
+step look { output total = sum(x); }
+END
+"$drc" eval idle.dr --bind x=[1,2,3] --out idle_drc > drc_idle.txt
+"$drun" idle.dr --bind x=[1,2,3] --device reference --out idle_drun > drun_idle.txt
+same 'leaves that no step needs, drc eval' 'drawn.npy look.total.npy results.txt set.npy zero.npy' "$(files idle_drc)"
+same 'leaves that no step needs, drun' "$(files idle_drc)" "$(files idle_drun)"
 for file in $(files by_drc); do cmp "by_drc/$file" "by_drun/$file" || fail "$file differs"; done
 grep -q "'<f8'" by_drc/first.total.npy || fail 'a number of the evaluator is no float64'
 same 'prints of drun' $'first.total = (0.6666666666666666, 2)\nfirst.count = 1\nfirst.frame = (1, 0, 0, 2)\nsecond.total = (1, 3)' "$(cat drun.txt)"
