@@ -34,6 +34,9 @@ compiler/io/array        compiler/io/file/
 compiler/io/picture      compiler/io/file/ compiler/io/array/
 compiler/io/mesh         compiler/io/file/ compiler/io/array/ compiler/io/picture/
 runtime                  compiler/backend/bundle/ compiler/io/ compiler/ir/dim.h compiler/ir/initial_step.h compiler/ir/internal_error.h compiler/target/ compiler/topology/
+runtime/data             BUNDLE compiler/io/ compiler/ir/dim.h compiler/topology/
+runtime/cache            BUNDLE
+runtime/vk               BUNDLE compiler/io/ compiler/ir/dim.h compiler/target/ runtime/runtime.h runtime/data/ runtime/cache/
 runtime/watch            compiler/io/
 runtime/jit              runtime/ compiler/ dsl/
 runtime/c                runtime/ compiler/backend/bundle/ compiler/ir/initial_step.h compiler/ir/internal_error.h compiler/target/
@@ -105,6 +108,10 @@ probe elsewhere/a.h '"nothing.h"' pass
 probe dsl/a.h '<vector>' pass
 probe runtime/vk/a.cpp '"compiler/backend/bundle/bundle.h"' pass
 probe runtime/vk/a.cpp '"compiler/ir/dim.h"' pass
+probe runtime/data/a.cpp '"runtime/vk/device.h"' refuse
+probe runtime/cache/a.cpp '"runtime/program/state.h"' refuse
+probe runtime/vk/a.cpp '"runtime/program/state.h"' refuse
+probe runtime/program/a.cpp '"runtime/cache/run_list.h"' pass
 probe runtime/jit/a.cpp '"compiler/passes/passes.h"' pass
 probe compiler/backend/bundle/bundle.h '"bundle_generated.h"' pass
 probe compiler/backend/analysis/a.h '"compiler/backend/schedule/schedule.h"' refuse

@@ -10,14 +10,10 @@
 #include <vector>
 #include <vulkan/vulkan_raii.hpp>
 
+#include "runtime/data/failure.h"
 #include "runtime/runtime.h"
 
 namespace dr::runtime {
-
-// Thrown inside the runtime, turned into a Result at its public functions.
-struct Failure {
-  std::string message;
-};
 
 class Cuda;
 

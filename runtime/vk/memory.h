@@ -12,7 +12,7 @@
 #include <utility>
 #include <vector>
 
-#include "runtime/sizes.h"
+#include "runtime/data/sizes.h"
 #include "runtime/vk/cuda.h"
 #include "runtime/vk/device.h"
 

@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "compiler/backend/bundle/on_all_cores.h"
-#include "runtime/pipeline_file.h"
+#include "runtime/cache/pipeline_file.h"
 
 namespace dr::runtime {
 

@@ -16,7 +16,7 @@
 #include <vector>
 
 #include "runtime/jit/jit.h"
-#include "runtime/state.h"
+#include "runtime/program/state.h"
 
 using namespace dr;
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Which leaves others change from run to run.
-#include "runtime/moving_leaves.h"
+#include "runtime/cache/moving_leaves.h"
 
 #include "tests/catch.h"
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What a driver keeps of its pipelines comes back as it was or not at all.
-#include "runtime/pipeline_file.h"
+#include "runtime/cache/pipeline_file.h"
 
 #include <fstream>
 

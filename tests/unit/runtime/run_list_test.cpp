@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Which commands must run, from the versions of leaves.
-#include "runtime/run_list.h"
+#include "runtime/cache/run_list.h"
 
 #include "tests/catch.h"
 

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // When it may help, the building itself, and how the new program takes over.
-#include "runtime/rebuild.h"
+#include "runtime/program/rebuild.h"
 
 #include <algorithm>
 
-#include "runtime/state.h"
+#include "runtime/program/state.h"
 
 namespace dr::runtime {
 

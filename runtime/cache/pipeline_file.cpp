@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // File: magic, length of the key, checksum of all that follows, key, data.
-#include "runtime/pipeline_file.h"
+#include "runtime/cache/pipeline_file.h"
 
 #include <cstring>
 

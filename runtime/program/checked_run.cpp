@@ -2,7 +2,7 @@
 // A run of a step, command by command, that looks at all that is stored.
 #include <algorithm>
 
-#include "runtime/state.h"
+#include "runtime/program/state.h"
 
 namespace dr::runtime {
 

@@ -10,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-#include "runtime/moving_leaves.h"
+#include "runtime/cache/moving_leaves.h"
 #include "runtime/runtime.h"
 
 namespace dr::runtime {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "runtime/check_trips.h"
+#include "runtime/program/check_trips.h"
 
 #include <algorithm>
 

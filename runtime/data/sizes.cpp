@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Symbols and extents.
-#include "runtime/sizes.h"
+#include "runtime/data/sizes.h"
 
 #include <algorithm>
 
-#include "runtime/vk/device.h"
+#include "runtime/data/failure.h"
 
 namespace dr::runtime {
 

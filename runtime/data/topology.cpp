@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "runtime/topology.h"
+#include "runtime/data/topology.h"
 
 #include "compiler/topology/rows.h"
 #include "compiler/topology/topology.h"

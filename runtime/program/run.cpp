@@ -3,7 +3,7 @@
 // runs.
 #include <algorithm>
 
-#include "runtime/state.h"
+#include "runtime/program/state.h"
 
 namespace dr::runtime {
 

@@ -5,8 +5,8 @@
 
 #include "compiler/backend/bundle/check_shaders.h"
 #include "compiler/ir/initial_step.h"
-#include "runtime/check_trips.h"
-#include "runtime/state.h"
+#include "runtime/program/check_trips.h"
+#include "runtime/program/state.h"
 
 namespace dr::runtime {
 

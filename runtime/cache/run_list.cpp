@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Groups of commands, clean and dirty.
-#include "runtime/run_list.h"
+#include "runtime/cache/run_list.h"
 
 #include <algorithm>
 

@@ -3,7 +3,7 @@
 // for.
 #include <algorithm>
 
-#include "runtime/state.h"
+#include "runtime/program/state.h"
 
 namespace dr::runtime {
 

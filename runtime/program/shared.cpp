@@ -2,7 +2,7 @@
 // Memory of a program that CUDA sees, and runs in the order of one of its streams.
 #include <algorithm>
 
-#include "runtime/state.h"
+#include "runtime/program/state.h"
 
 namespace dr::runtime {
 

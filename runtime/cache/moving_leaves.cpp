@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "runtime/moving_leaves.h"
+#include "runtime/cache/moving_leaves.h"
 
 #include <algorithm>
 #include <utility>

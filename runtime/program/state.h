@@ -8,9 +8,9 @@
 #include <string>
 #include <vector>
 
-#include "runtime/moving_leaves.h"
-#include "runtime/rebuild.h"
-#include "runtime/run_list.h"
+#include "runtime/cache/moving_leaves.h"
+#include "runtime/cache/run_list.h"
+#include "runtime/program/rebuild.h"
 #include "runtime/runtime.h"
 #include "runtime/vk/commands.h"
 #include "runtime/vk/queue.h"

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // Leaves, symbols and memory of a program.
-#include "runtime/state.h"
+#include "runtime/program/state.h"
 
 #include <algorithm>
 #include <cstring>
 #include <utility>
 
 #include "compiler/ir/initial_step.h"
-#include "runtime/topology.h"
+#include "runtime/data/topology.h"
 
 namespace dr::runtime {
 
