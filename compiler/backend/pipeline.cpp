@@ -132,12 +132,12 @@ constexpr Facts only(Fact fact) { return static_cast<Facts>(fact); }
 
 constexpr BackendPass kPasses[] = {
     {"pack", run_pack, 0, only(Fact::Packed), only(Fact::PlacesFixed)},
+    {"keep-entries", run_keep_entries, only(Fact::Packed), only(Fact::EntriesKept), only(Fact::Lowered)},
     {"choose-sums", run_choose_sums, only(Fact::Packed), only(Fact::SumsChosen), only(Fact::PlacesFixed)},
     {"update-in-place", run_update_in_place, Fact::Packed | Fact::SumsChosen, 0, only(Fact::Lowered)},
     {"keep-in-tiles", run_keep_in_tiles, Fact::Packed | Fact::SumsChosen, 0, only(Fact::Lowered)},
     {"list-where-computed", run_list_where_computed, Fact::Packed | Fact::SumsChosen, only(Fact::PlacesFixed),
      only(Fact::Lowered)},
-    {"keep-entries", run_keep_entries, only(Fact::Packed), only(Fact::EntriesKept), only(Fact::Lowered)},
     {"keep-sums", run_keep_sums, Fact::Packed | Fact::SumsChosen, 0, only(Fact::Lowered)},
     {"set-up-in-raster", run_set_up_in_raster, Fact::Packed | Fact::EntriesKept, only(Fact::PlacesFixed),
      only(Fact::Lowered)},

@@ -13,7 +13,7 @@ from pathlib import Path
 from suite import Suite, fronts, here, text
 
 suite = Suite("gradients")
-ways = {"coverage": {"way": 0}, "coverage, 4 outlines": {"way": 0, "K": 4}, "outlines, r = 2": {"way": 1}, "outlines, r = 4": {"way": 1, "R": 4.0},
+ways = {"coverage": {"way": 0}, "coverage, 4 outlines": {"way": 0, "K": 4}, "coverage, 16 outlines": {"way": 0, "K": 16}, "outlines, r = 2": {"way": 1}, "outlines, r = 4": {"way": 1, "R": 4.0},
         "all edges, K = 3": {"way": 2, "K": 3}, "antialias": {"way": 3}}
 
 
@@ -106,8 +106,9 @@ for faces, size in dict.fromkeys((r["faces"], r["pixels"]) for r in rows):
     for error in ("square", "noise"):
         fronts(suite, f"{error}, {faces} faces, {size}", alike, "us", error, lambda r: f"{r['way']} ({r['us'] / 1000:.1f} ms)")
 
-data = here.parents[2] / "shared" / "data" / "obj"
-meshes = {"spot": "spot/cow.obj", "bob": "bob/bob_tri.obj", "teapot": "teapot/teapot.obj", "nefertiti": "nefertiti/nefertiti-lowres.obj"}
+data = here.parents[2] / "shared" / "data"
+meshes = {"spot": "obj/spot/cow.obj", "bob": "obj/bob/bob_tri.obj", "teapot": "obj/teapot/teapot.obj", "armchair": "gltf/armchair/armchair.gltf",
+          "nefertiti": "obj/nefertiti/nefertiti-lowres.obj"}
 for name, file in {} if suite.quick else meshes.items():
     if not (data / file).exists():
         print(f"{name}: {data / file} is not there", flush=True)
@@ -118,5 +119,5 @@ for name, file in {} if suite.quick else meshes.items():
     for side in range(4):
         turned = position @ turn("y", side * np.pi / 2 + 0.1).T @ turn("x", 0.2).T
         measure(f"{name} {side}", turned, faces, camera(3.0), turned * 1.03 + [0.03, 0.02, 0], 1024 if name == "nefertiti" else 512,
-                ["coverage", "coverage, 4 outlines", "outlines, r = 2"])
+                ["coverage", "coverage, 4 outlines", "coverage, 16 outlines", "outlines, r = 2"])
 PYTHON

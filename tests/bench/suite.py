@@ -155,7 +155,9 @@ class Suite:
         return self.bind(f"sphere_{around}_{rings}", position=position, face=faces(vertex), uv=uv.reshape(-1, 2), uv_face=faces(corner))
 
     def mesh(self, file):
-        """Positions and triangles of an OBJ file."""
+        """Positions and triangles of an OBJ file, or of the parts of a glTF file as their nodes turn them."""
+        if Path(file).suffix == ".gltf":
+            return gltf_mesh(Path(file))
         position, faces = [], []
         for line in Path(file).read_text().splitlines():
             word, *rest = line.split() or [""]
@@ -176,6 +178,31 @@ class Suite:
             np.save(path, array.astype(np.float32 if array.dtype.kind == "f" else np.int32))
             arguments += ["--bind", f"{name}={path}"]
         return arguments
+
+
+def gltf_mesh(file):
+    scene = json.loads(file.read_text())
+
+    def array(index, kind, components):
+        accessor = scene["accessors"][index]
+        view = scene["bufferViews"][accessor["bufferView"]]
+        data = (file.parent / scene["buffers"][view["buffer"]]["uri"]).read_bytes()
+        begin = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
+        return np.frombuffer(data, kind, accessor["count"] * components, begin).reshape(-1, components)
+
+    position, faces, before = [], [], 0
+    for node in scene["nodes"]:
+        x, y, z, w = node.get("rotation", [0, 0, 0, 1])
+        turn = np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+                         [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+                         [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]])
+        for part in scene["meshes"][node["mesh"]]["primitives"]:
+            corners = array(part["attributes"]["POSITION"], np.float32, 3).astype(np.float64)
+            kind = {5121: np.uint8, 5123: np.uint16, 5125: np.uint32}[scene["accessors"][part["indices"]]["componentType"]]
+            faces.append(array(part["indices"], kind, 1).reshape(-1, 3).astype(np.int64) + before)
+            position.append(corners @ turn.T * node.get("scale", [1, 1, 1]) + node.get("translation", [0, 0, 0]))
+            before += len(corners)
+    return np.concatenate(position), np.concatenate(faces)
 
 
 def fronts(suite, kind, rows, cost, error, name):

@@ -66,10 +66,11 @@ struct Walk {
                     closures.closure(kTag) + " & 15);");
       if (lanes_in_turn) s.body().line("entry = pc.c == 0 ? entry : 0ul;");
       // Each slot keeps the smaller entry and hands the other on, so that the K smallest end up sorted whatever the
-      // order.
+      // order. Slots behind the first empty one are empty, too.
       s.body().line("for (int k = 0; k < " + std::to_string(parts.count) + "; ++k) {");
       s.body().line("uint64_t old = atomicMin(" + key_words + ".d[k * " + n + " + pixel], entry);");
       s.body().line("entry = old > entry ? old : entry;");
+      s.body().line("if (entry == 0xfffffffffffffffful) break;");
       s.body().line("}");
       return;
     }
