@@ -178,8 +178,8 @@ void promise_native(Case& c) {
       return derivative(growing(13, 4, "of sigmoid; one rounding"));
     case OpKind::LogAddExp:
       c.native = growing(14, 4, "log1p of exp", c.scale, c.scale_text);
-      for (auto& derivative : c.derivatives)
-        derivative.native = growing(26, 4, "of sigmoid; one rounding", derivative.scale, derivative.scale_text);
+      for (auto& each : c.derivatives)
+        each.native = growing(26, 4, "of sigmoid; one rounding", each.scale, each.scale_text);
       return;
     case OpKind::Erf:
       c.native = at_most(8, "our own function, of exp beyond 1");
