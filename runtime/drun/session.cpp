@@ -253,6 +253,7 @@ int Session::run_for(const std::string& step, int times, int before) {
     if (options_.checkpoint_runs > 0) now = std::clamp(options_.checkpoint_runs - runs_since_saved_, 1, now);
     must(target_.run(step, now));
     done += now;
+    hear_of_not_finite(step, before + done);
     runs_since_saved_ += now;
     const double seconds = ms_since(begin) * 1e-3;
     together_ = static_cast<int>(std::clamp(0.2 * now / std::max(seconds, 1e-6), 1.0, 1e6));
@@ -386,6 +387,24 @@ void Session::tell_not_finite(const std::string& step, const std::string& name, 
       what + ": --check-finite names the pass and line where it begins (with --pack naive, the op)";
   if (options_.strict_finite) throw Mistake{message};
   std::fprintf(stderr, "drun: warning: %s\n", message.c_str());
+}
+
+void Session::hear_of_not_finite(const std::string& step, int done) {
+  if (!target_.told_not_finite) return;
+  std::vector<std::string> passes = must(target_.told_not_finite(step));
+  std::erase_if(passes, [&](const std::string& pass) { return told_.count(step + "." + pass) != 0; });
+  if (passes.empty()) return;
+  const size_t before = told_.size();
+  (void)scalars(step, done, false);
+  look_for_not_finite(step, done, true);
+  // What leaves and outputs hold now may be finite again.
+  const bool is_there = told_.size() != before;
+  for (const std::string& pass : passes) {
+    if (!is_there)
+      tell_not_finite(step, pass,
+                      "pass " + pass + " left a NaN or Inf by run " + std::to_string(done) + " of step '" + step + "'");
+    told_.insert(step + "." + pass);
+  }
 }
 
 void Session::look_for_not_finite(const std::string& step, int done, bool last) {

@@ -69,6 +69,8 @@ class Session {
   // Params and states that the step changed: reads them back, for a hundredth of the time at most, but `last` in any
   // case.
   void look_for_not_finite(const std::string& step, int done, bool last);
+  // What the device said of the last runs.
+  void hear_of_not_finite(const std::string& step, int done);
   void tell_not_finite(const std::string& step, const std::string& name, const std::string& what);
   // Warns once of each mesh that the step expects to be closed and that is not.
   void warn_of_open_meshes(const std::string& step);
