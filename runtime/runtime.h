@@ -221,6 +221,10 @@ class Program {
   // Runs the step once, command by command, and reads back every float that it stores (see LoadOptions::store_all): the
   // first that is NaN or Inf, if there is one. The step runs to its end either way. For debugging: slow.
   Result<std::optional<NotFinite>> checked_run(const std::string& step);
+  // What of the step left a NaN or Inf in a leaf, or in an output of one element, since this was asked last: pass and
+  // lines ("update (fit.dr:3)"), one for each pass. Bare sums and scatters do not say so, nor
+  // passes that have no buffer to spare on the device.
+  Result<std::vector<std::string>> told_not_finite(const std::string& step);
   // Results of the step's last run.
   Result<io::Array> output(const std::string& step, const std::string& name);
   std::vector<std::string> outputs(const std::string& step) const;

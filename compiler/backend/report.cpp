@@ -31,6 +31,7 @@ RunReport run_report(const ir::Graph& graph, const Compiled& compiled, size_t in
     for_each_access(*command, [&](uint32_t resource, bundle::Access access) {
       const bundle::ResourceT& touched = *compiled.bundle.resources[resource];
       if (touched.storage == bundle::Storage::Tile) return;  // never leaves its render pass
+      if (touched.role == bundle::Role::Watch) return;       // touched where something went wrong
       const int64_t bytes = *resource_bytes(touched, symbols);
       if (access != bundle::Access::Write) r.bytes_read += bytes;
       if (access != bundle::Access::Read) r.bytes_written += bytes;

@@ -69,11 +69,15 @@ class Session {
   // Params and states that the step changed: reads them back, for a hundredth of the time at most, but `last` in any
   // case.
   void look_for_not_finite(const std::string& step, int done, bool last);
+  // What the device said of the last runs.
+  void hear_of_not_finite(const std::string& step, int done);
   void tell_not_finite(const std::string& step, const std::string& name, const std::string& what);
   // Warns once of each mesh that the step expects to be closed and that is not.
   void warn_of_open_meshes(const std::string& step);
   void print_counters();
   void write_results();
+  // The steps whose outputs there are: those that ran, here or before a checkpoint.
+  std::set<std::string> given() const;
 
   const Options& options_;
   const Target& target_;

@@ -49,6 +49,7 @@ Target target_of(runtime::Program& program) {
   t.prepare = [&](const std::string& step) { return program.command_count(step); };
   t.timed_run = [&](const std::string& step) { return program.timed_run(step); };
   t.checked_run = [&](const std::string& step) { return program.checked_run(step); };
+  t.told_not_finite = [&](const std::string& step) { return program.told_not_finite(step); };
   t.memory_use = [&] { return program.memory_use(); };
   t.pipelines = [&] { return program.pipelines(); };
   t.rebuilds = [&] { return program.rebuilds(); };

@@ -43,6 +43,7 @@ struct Target {
   std::function<runtime::MemoryUse()> memory_use;
   std::function<runtime::PipelineCounters()> pipelines;
   std::function<int()> rebuilds;
+  std::function<io::Result<std::vector<std::string>>(const std::string&)> told_not_finite;
 };
 
 // Milliseconds since a moment of std::chrono::steady_clock.

@@ -312,6 +312,10 @@ Result<std::optional<NotFinite>> Program::checked_run(const std::string& step) {
   return guarded([&] { return state().checked_run(step); }, breaks(state_));
 }
 
+Result<std::vector<std::string>> Program::told_not_finite(const std::string& step) {
+  return guarded([&] { return state().told_not_finite(step); }, breaks(state_));
+}
+
 Result<void> Program::set_runs(const std::string& step, int64_t runs) {
   return guarded([&] { state().set_runs(step, runs); }, breaks(state_));
 }

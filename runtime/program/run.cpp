@@ -53,7 +53,8 @@ void Program::State::make_ready(size_t index) {
   const std::set<uint32_t> resources = resources_of(table);
   o.memory.allocate({resources.begin(), resources.end()});  // what has none yet
   for (const auto& c : table.commands)
-    if (c->watch >= 0) watch(static_cast<uint32_t>(c->watch));
+    for (const int word : {c->watch, c->finite})
+      if (word >= 0) watch(static_cast<uint32_t>(word));
   o.pipelines.specialize(sizes.symbols());
   StepState& step = o.steps[index];
   step.primitives = o.commands.primitives(table);
@@ -179,14 +180,34 @@ bool Program::State::watch(uint32_t word) {
   return true;
 }
 
+namespace {
+
+// A command by its label, and its lines: "'update' (fit.dr:3)".
+std::string named(const bundle::BundleT& bundle, const bundle::CommandT& c) {
+  std::string where;
+  for (const bundle::Line& line : c.lines)
+    where += (where.empty() ? " (" : ", ") + bundle.files[line.file()] + ":" + std::to_string(line.line());
+  return "'" + c.label + "'" + where + (where.empty() ? "" : ")");
+}
+
+}  // namespace
+
+std::vector<std::string> Program::State::told_not_finite(const std::string& name) {
+  const size_t index = step_index(name);
+  std::vector<std::string> out;
+  if (!on_device || on_device->steps[index].primitives.empty()) return out;
+  std::set<int> seen;  // a pass of two commands has one word
+  for (const auto& c : bundle.steps[index]->commands)
+    if (c->finite >= 0 && seen.insert(c->finite).second && watch(static_cast<uint32_t>(c->finite)))
+      out.push_back(named(bundle, *c));
+  return out;
+}
+
 void Program::State::require_whole_loops(size_t index) {
   const bundle::StepT& step = *bundle.steps[index];
   for (const auto& c : step.commands) {
     if (c->watch < 0 || !watch(static_cast<uint32_t>(c->watch))) continue;
-    std::string where;
-    for (const bundle::Line& line : c->lines)
-      where += (where.empty() ? " (" : ", ") + bundle.files[line.file()] + ":" + std::to_string(line.line());
-    throw Failure{"a loop of pass '" + c->label + "'" + where + (where.empty() ? "" : ")") +
+    throw Failure{"a loop of pass " + named(bundle, *c) +
                   " takes more trips than this device gives one whose range depends on data: say how many it takes at "
                   "most, as in reduce(sum, i in a..b, max = 1000000)"};
   }

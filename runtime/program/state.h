@@ -145,6 +145,7 @@ struct Program::State {
   void require_whole_loops(size_t index);
   // Whether such a word was set; clears it.
   bool watch(uint32_t word);
+  std::vector<std::string> told_not_finite(const std::string& step);
   std::vector<CommandTime> timed_run(const std::string& step);
   std::optional<NotFinite> checked_run(const std::string& step);
   void set_runs(const std::string& step, int64_t runs);

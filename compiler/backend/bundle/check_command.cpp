@@ -50,6 +50,7 @@ bool Checker::only_own_fields(const CommandT& c, const std::string& where) {
       {"most_trips", c.most_trips != 0, kDispatch},
       {"part_trips", c.part_trips != 0, kDispatch},
       {"watch", c.watch != -1, kDispatch},
+      {"finite", c.finite != -1, kDispatch},
       {"colors", !c.colors.empty(), kDraw},
       {"clear", !c.clear.empty(), kDraw},
       {"joins", c.joins, kDraw},
@@ -88,9 +89,13 @@ bool Checker::trips(const CommandT& c, const std::string& where) {
   if (!c.trips.empty() && (!expression(c.trips, where) || c.most_trips == 0)) return fail(where + " takes no trips");
   if (c.most_trips != 0 && c.most_trips != b_.loop_trips)
     return fail(where + " takes other trips at most than the bundle says");
-  if (c.watch < 0) return c.watch == -1 || fail(where + " is watched by no resource");
+  return watched(c, c.watch, where) && watched(c, c.finite, where);
+}
+
+bool Checker::watched(const CommandT& c, int word, const std::string& where) {
+  if (word < 0) return word == -1 || fail(where + " is watched by no resource");
   for (const auto& binding : c.bindings)
-    if (binding->resource == static_cast<uint32_t>(c.watch))
+    if (binding->resource == static_cast<uint32_t>(word))
       return b_.resources[binding->resource]->role == Role::Watch || fail(where + " is watched by what is no watch");
   return fail(where + " is watched by a resource that it does not bind");
 }

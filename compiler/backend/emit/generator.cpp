@@ -292,6 +292,7 @@ bundle::CommandT& Generator::dispatch(const Pass& pass, const std::string& suffi
   c.bindings = s.take_bindings();
   c.elements = elements;
   c.push = std::move(push);
+  c.finite = std::exchange(finite_, -1);
   return c;
 }
 

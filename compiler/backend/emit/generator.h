@@ -121,6 +121,9 @@ class Generator {
   // Stores what a map pass writes at an element and, where it lists elements for a scatter, lists it; `loop`: that the
   // shader runs, if it does; `active`: whether the element may be one of those.
   void store_results(glsl::Shader& shader, const Pass& pass, ListingLoop* loop = nullptr, bool active = true);
+  // Says in a word of the pass that a float which its step leaves in a leaf, or in an output of one element, is NaN or
+  // Inf; where the device has a buffer left for it.
+  void tell_not_finite(glsl::Shader& shader, const Pass& pass);
   // An empty list of elements of the pass, a scratch buffer; a dispatch can be as large as it is long.
   uint32_t add_list(const Pass& pass, const std::string& name);
   uint32_t list_active(const Pass& pass);
@@ -194,7 +197,9 @@ class Generator {
   const SourceLines& source_lines_;
   bool list_branches_, native_floats_;
   std::vector<bundle::Line> lines_;
-  size_t ops_ = 0;  // of the pass, until a command says so
+  size_t ops_ = 0;   // of the pass, until a command says so
+  int finite_ = -1;  // bundle resource of tell_not_finite(), likewise
+  std::map<const Pass*, uint32_t> finite_words_;
   bundle::BundleT* bundle_ = nullptr;
   std::vector<GlslShader>* shaders_ = nullptr;
   std::unordered_map<std::string, size_t> shader_of_;  // by its text without names

@@ -152,6 +152,7 @@ void Generator::store_results(Shader& s, const Pass& pass, ListingLoop* loop, bo
   const auto is_partial = [&](ValueId v) { return std::ranges::find(pass.partial, v) != pass.partial.end(); };
   for (const ValueId v : pass.writes)
     if (!is_partial(v)) s.store(v, "at", s.use(v));
+  tell_not_finite(s, pass);
   const Pass* const scatter = listed_for(pass);
   if (scatter == nullptr || !active) return;
   if (scatter->joins_lister) return scatter_where_listed(s, pass, *scatter);

@@ -48,6 +48,7 @@ class Shader {
   // Makes a stored value an input attachment: load() then reads the invocation's own pixel, whatever the place.
   void read_as_input(ir::ValueId value);
   std::vector<std::unique_ptr<bundle::BindingT>> take_bindings();
+  size_t bindings() const { return bindings_.size(); }
 
   // Expressions that read a stored value: at a place inside its extent (coordinates on axes of extent 1 are ignored),
   // or at any place (zero outside). `place` is an ivec3 expression.

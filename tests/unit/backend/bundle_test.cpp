@@ -196,6 +196,9 @@ TEST_CASE("a command has the fields of its kind alone") {
   for (const auto& [name, give] : fields)
     expect(sample, {{[&give = give](auto& b) { give(command(b)); },
                      "has '" + std::string(name) + "', which commands of its kind do not use"}});
+  expect(sample, {{[](auto& b) { command(b).finite = -9; }, "is watched by no resource"},
+                  {[](auto& b) { command(b).finite = 0; }, "is watched by what is no watch"},
+                  {[](auto& b) { command(b).finite = 77777; }, "is watched by a resource that it does not bind"}});
 }
 
 TEST_CASE("names are names, and there once") {
