@@ -260,7 +260,8 @@ class Evaluator {
     io::ResultsFolder folder(options_.out);
     const auto add = [&](const io::ResultName& name, const reference::Image& image) {
       const auto array = typed(name.str(), image);
-      return array && told(folder.add(name, *array));
+      if (array) folder.add(name, *array);
+      return array.has_value();
     };
     for (const auto& [step, result] : results_)
       for (const auto& [name, image] : result.outputs)

@@ -64,8 +64,10 @@ namespace {
 }
 }  // namespace
 
-int main(int argc, char** argv) {
-  std::signal(SIGABRT, on_abort);
+namespace {
+
+// The command line's command, and its exit code.
+int run(int argc, char** argv) {
   CLI::App app("drc compiles differentiable-rendering programs.", "drc");
   app.set_version_flag("--version", std::string("drc ") + dr::version());
   app.require_subcommand(1);
@@ -297,22 +299,29 @@ int main(int argc, char** argv) {
     return kBadUsage;
   }
   if (as_json) collect_messages();
+  int code = kOk;
+  if (check_command->parsed()) code = check(check_options);
+  if (build_command->parsed()) code = build(build_options);
+  if (inspect_command->parsed()) code = inspect(inspect_options);
+  if (eval_command->parsed()) code = eval(eval_options);
+  if (explain_grad_command->parsed()) code = explain_grad(explain_grad_options);
+  if (fmt_command->parsed()) code = fmt(fmt_options);
+  if (doc_command->parsed()) code = doc(doc_options);
+  if (lsp_command->parsed()) code = lsp(lsp_options);
+  if (explain_command->parsed()) code = explain(code_to_explain);
+  write_messages();
+  // What the system buffered may still find no room.
+  if (code != kOk || (std::fflush(stdout) == 0 && std::ferror(stdout) == 0)) return code;
+  std::fprintf(stderr, "error: cannot write to stdout\n");
+  return kUserError;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  std::signal(SIGABRT, on_abort);
   try {
-    int code = kOk;
-    if (check_command->parsed()) code = check(check_options);
-    if (build_command->parsed()) code = build(build_options);
-    if (inspect_command->parsed()) code = inspect(inspect_options);
-    if (eval_command->parsed()) code = eval(eval_options);
-    if (explain_grad_command->parsed()) code = explain_grad(explain_grad_options);
-    if (fmt_command->parsed()) code = fmt(fmt_options);
-    if (doc_command->parsed()) code = doc(doc_options);
-    if (lsp_command->parsed()) code = lsp(lsp_options);
-    if (explain_command->parsed()) code = explain(code_to_explain);
-    write_messages();
-    // What the system buffered may still find no room.
-    if (code != kOk || (std::fflush(stdout) == 0 && std::ferror(stdout) == 0)) return code;
-    std::fprintf(stderr, "error: cannot write to stdout\n");
-    return kUserError;
+    return run(argc, argv);
   } catch (const std::bad_alloc&) {
     print_error("this machine has not enough memory for the program and its data");
     write_messages();

@@ -8,6 +8,7 @@
 
 #include "compiler/io/file/failure.h"
 #include "compiler/io/file/file.h"
+#include "compiler/io/picture/image.h"
 
 namespace dr::io {
 
@@ -112,7 +113,12 @@ Result<void> ResultsFolder::write_list(const std::set<std::string>& names) const
   });
 }
 
-Result<void> ResultsFolder::add(const ResultName& result, const Array& array) {
+bool ResultsFolder::done(const Result<void>& result) {
+  if (!result) failed_ += (failed_.empty() ? "" : "; ") + result.error();
+  return result.ok();
+}
+
+void ResultsFolder::add(const ResultName& result, const Array& array) {
   const std::string name = result.str();
   std::set<std::string> names = {name + ".npy"};
   const bool pictured = !result.step.empty() && is_picture(array);
@@ -122,16 +128,24 @@ Result<void> ResultsFolder::add(const ResultName& result, const Array& array) {
   // The list is there before the files are: whoever ends the program in between leaves nothing that is unknown.
   if (!std::ranges::includes(known_, names)) {
     known_.insert(names.begin(), names.end());
-    if (auto listed = write_list(known_); !listed) return listed;
+    if (!done(write_list(known_))) return;
   }
-  if (auto saved = save_array(file(name + ".npy"), array); !saved) return saved;
-  if (!pictured) return {};
-  // The array is saved; a picture that cannot be (NaN) must not cost what comes after it.
-  if (auto saved = save_array(file(name + ".png"), array); !saved) warnings_.push_back(saved.error());
-  return {};
+  done(save_array(file(name + ".npy"), array));
+  if (!pictured) return;
+  const std::string picture = file(name + ".png"), problem = cat("cannot write ", path_in_quotes(picture), ": ");
+  std::vector<OutputFile> layers;
+  try {
+    for (int64_t layer = 0; layer < array.layers; ++layer)
+      layers.push_back({layer_path(picture, layer, array.layers), encode_png(array, layer)});
+  } catch (const Failure& failure) {  // no PNG can hold it (NaN), and the array is there
+    warnings_.push_back(problem + failure.what());
+    return;
+  }
+  done(guarded(problem, [&] { write_files(layers); }));
 }
 
 Result<void> ResultsFolder::finish(bool keep) {
+  if (!failed_.empty()) return Error{failed_};
   if (keep) return {};
   for (const std::string& name : known_)
     if (!written_.contains(name)) {

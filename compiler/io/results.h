@@ -37,19 +37,23 @@ class ResultsFolder {
  public:
   explicit ResultsFolder(std::string path);
   // NAME.npy and, of an output of floats with a height above 1 that a picture can hold, NAME.png. A picture with a NaN
-  // is left out with a warning.
-  Result<void> add(const ResultName& name, const Array& array);
-  // With `keep`, what the run before left stays: this one went on with it.
+  // is left out with a warning. What cannot be written costs nothing that comes after it: finish() tells.
+  void add(const ResultName& name, const Array& array);
+  // Fails where something was not written; what the run before left stays then, and with `keep`: this one went on with
+  // it.
   Result<void> finish(bool keep);
   const std::vector<std::string>& warnings() const { return warnings_; }
 
  private:
   std::string file(const std::string& name) const { return path_ + "/" + name; }
   Result<void> write_list(const std::set<std::string>& names) const;
+  // Whether it is done; else finish() tells.
+  bool done(const Result<void>& result);
 
   std::string path_;
   std::set<std::string> known_, written_;  // in the list, of this run
   std::vector<std::string> warnings_;
+  std::string failed_;  // what was not written, and why
 };
 
 }  // namespace dr::io

@@ -15,6 +15,7 @@
 namespace dr::drun {
 
 namespace fs = std::filesystem;
+using io::Array;
 using nlohmann::ordered_json;
 
 namespace {
@@ -24,7 +25,8 @@ constexpr const char* kPrefix = "checkpoint-";
 
 ordered_json read_json(const fs::path& path) {
   std::ifstream file(path, std::ios::binary);
-  if (!file) throw Mistake{"there is no checkpoint to resume from: cannot read '" + path.string() + "'"};
+  if (!file || fs::is_directory(path))
+    throw Mistake{"there is no checkpoint to resume from: cannot read '" + path.string() + "'"};
   ordered_json json = ordered_json::parse(file, nullptr, false);
   if (json.is_discarded() || !json.is_object()) throw Mistake{"'" + path.string() + "' is no checkpoint of drun"};
   return json;
@@ -33,7 +35,7 @@ ordered_json read_json(const fs::path& path) {
 // The folder that the file names; empty where there is none.
 std::string folder_in_use(const std::string& out) {
   std::ifstream file(fs::path(out) / kFile, std::ios::binary);
-  if (!file) return {};
+  if (!file || fs::is_directory(fs::path(out) / kFile)) return {};
   const ordered_json json = ordered_json::parse(file, nullptr, false);
   return json.is_object() && json.contains("folder") && json["folder"].is_string() ? json["folder"] : "";
 }
@@ -59,16 +61,19 @@ bool is_own_folder(const std::string& name) { return name.starts_with(kPrefix) &
 
 void write_text(const std::string& path, const std::string& text) {
   const std::string temporary = path + ".partial";
-  std::ofstream file(temporary, std::ios::binary);
-  file << text;
-  file.close();
-  if (!file) {
-    std::error_code ignored;
-    fs::remove(temporary, ignored);
-    throw Mistake{"cannot write '" + path + "'"};
+  std::error_code error;
+  try {
+    std::ofstream file(temporary, std::ios::binary);
+    file << text;
+    file.close();
+    if (!file) throw Mistake{"cannot write '" + path + "'"};
+    sync_to_disk(temporary);
+    fs::rename(temporary, path, error);
+    if (error) throw Mistake{"cannot write '" + path + "': " + error.message()};
+  } catch (...) {
+    fs::remove(temporary, error);
+    throw;
   }
-  sync_to_disk(temporary);
-  fs::rename(temporary, path);
 }
 
 void save_checkpoint(const std::string& out, const Checkpoint& c) {
@@ -79,13 +84,17 @@ void save_checkpoint(const std::string& out, const Checkpoint& c) {
   const std::string name = kPrefix + std::to_string(number);
   fs::create_directories(fs::path(out) / name);
   ordered_json json{{"folder", name}, {"steps", c.steps}, {"entry", c.entry}, {"done", c.done}, {"runs", c.runs}};
-  json["leaves"] = ordered_json::array();
-  for (const auto& [leaf, data] : c.leaves) {
-    const std::string file = (fs::path(out) / name / (leaf + ".npy")).string();
+  const auto save = [&](const std::string& what, const Array& data) -> ordered_json {
+    const std::string file = (fs::path(out) / name / (what + ".npy")).string();
     must(io::save_array(file, data));
     sync_to_disk(file);
-    json["leaves"].push_back({{"name", leaf}, {"components", data.components}, {"checksum", checksum_of(data)}});
-  }
+    return {{"name", what}, {"components", data.components}, {"checksum", checksum_of(data)}};
+  };
+  json["leaves"] = ordered_json::array();
+  for (const auto& [leaf, data] : c.leaves) json["leaves"].push_back(save(leaf, data));
+  json["outputs"] = ordered_json::array();
+  for (const auto& [step, outputs] : c.outputs)
+    for (const auto& [output, data] : outputs) json["outputs"].push_back(save(step + "." + output, data));
   json["log"] = checksum_of(c.log);
   write_text((fs::path(out) / name / "log.jsonl").string(), c.log);
   json["checksum"] = checksum_of(json.dump());
@@ -120,13 +129,19 @@ Checkpoint load_checkpoint(const std::string& out) {
     const bool counts = std::ranges::all_of(c.runs, [](const auto& run) { return run.second >= 0; });
     if (c.entry >= c.steps.size() || c.done < 0 || !counts)
       throw Mistake{"'" + file.string() + "' is no checkpoint of drun"};
-    for (const auto& leaf : json.at("leaves")) {
-      const std::string name = leaf.at("name");
-      const int components = leaf.at("components");
+    const auto load = [&](const ordered_json& entry) {
+      const int components = entry.at("components");
       if (components < 1) throw Mistake{"'" + file.string() + "' is no checkpoint of drun"};
-      const fs::path array = fs::path(out) / folder / (name + ".npy");
-      c.leaves.emplace_back(name, must(io::load_binding(array.string(), components)));
-      expect(leaf.at("checksum"), checksum_of(c.leaves.back().second), array);
+      const fs::path array = fs::path(out) / folder / (entry.at("name").get<std::string>() + ".npy");
+      Array data = must(io::load_binding(array.string(), components));
+      expect(entry.at("checksum"), checksum_of(data), array);
+      return data;
+    };
+    for (const auto& leaf : json.at("leaves")) c.leaves.emplace_back(leaf.at("name"), load(leaf));
+    for (const auto& output : json.at("outputs")) {
+      const std::string name = output.at("name");
+      const size_t dot = std::min(name.find('.'), name.size());
+      c.outputs[name.substr(0, dot)].emplace_back(name.substr(std::min(dot + 1, name.size())), load(output));
     }
     const fs::path lines = fs::path(out) / folder / "log.jsonl";
     std::ifstream log(lines, std::ios::binary);

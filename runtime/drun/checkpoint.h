@@ -13,13 +13,16 @@
 
 namespace dr::drun {
 
+using Outputs = std::vector<std::pair<std::string, io::Array>>;  // of a step, by name
+
 struct Checkpoint {
   std::vector<std::pair<std::string, int>> steps;  // of the command line, and how often
   size_t entry = 0;                                // of these: those before it are done
   int done = 0;                                    // runs of that entry
   std::map<std::string, int64_t> runs;             // of each step, in all
   std::vector<std::pair<std::string, io::Array>> leaves;
-  std::string log;  // lines so far
+  std::map<std::string, Outputs> outputs;  // of steps that are done, and whose results are not written yet
+  std::string log;                         // lines so far
 };
 
 // Both throw Mistake.

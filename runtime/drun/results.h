@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "compiler/io/results.h"
+#include "runtime/drun/checkpoint.h"
 #include "runtime/drun/options.h"
 #include "runtime/drun/target.h"
 
@@ -15,8 +16,10 @@ namespace dr::drun {
 
 class Results {
  public:
-  // `names` has the tables of the program that `target` runs.
-  Results(const Target& target, const runtime::Program& names) : target_(target), names_(names) {}
+  // `names` has the tables of the program that `target` runs; `held` are outputs of steps that ran before it was
+  // loaded.
+  Results(const Target& target, const runtime::Program& names, const std::map<std::string, Outputs>& held = kNone)
+      : target_(target), names_(names), held_(held) {}
   // Before the steps run, finds what --save and --mesh ask for, and whether it can be written. All throw Mistake.
   void check(const Options& options) const;
   // Of the steps that ran, into a folder; with `keep`, what is there of earlier runs stays.
@@ -25,10 +28,13 @@ class Results {
   // Params and states that have a value; what was bound as input is the user's already. Without a value is a leaf that
   // no step which ran needs.
   std::vector<std::pair<std::string, io::Array>> leaves(const std::set<std::string>& ran) const;
+  Outputs outputs(const std::string& step) const;
   // What --save and --mesh ask for, of the steps that ran.
   void write_asked(const Options& options, const std::set<std::string>& ran) const;
 
  private:
+  static inline const std::map<std::string, Outputs> kNone;
+  io::Array output(const std::string& step, const std::string& name) const;
   bool changed(const std::string& leaf) const { return !names_.is_input(leaf); }
   io::ResultNames names_of(const std::set<std::string>& steps) const;
   io::ResultName found(const std::string& name, const std::set<std::string>& steps) const;
@@ -38,6 +44,7 @@ class Results {
 
   const Target& target_;
   const runtime::Program& names_;
+  const std::map<std::string, Outputs>& held_;
 };
 
 // "1.5", as short as it can be: a float's digits unless it is `whole`, of float64.

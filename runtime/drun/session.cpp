@@ -152,6 +152,8 @@ void Session::resume() {
   for (const auto& [leaf, data] : at_.leaves) must(target_.bind(leaf, data));
   for (const auto& [step, runs] : at_.runs) must(target_.set_runs(step, runs));
   at_.leaves.clear();
+  // Steps of another program have nothing to give.
+  std::erase_if(at_.outputs, [&](const auto& held) { return !std::ranges::count(names_.steps(), held.first); });
 }
 
 int Session::until_line(int done, int times) const {
@@ -190,6 +192,7 @@ void Session::run_step(const std::string& step, int& done, int times) {
     if (now == 0) break;
     if (first && options_.timing && left > 1)
       std::printf("%s: the first run took %.0f ms, in which some drivers compile\n", step.c_str(), ms_since(begin));
+    at_.outputs.erase(step);
     if (ran_.insert(step).second) warn_of_open_meshes(step);
     done += now;
     const int64_t before = at_.runs[step];
@@ -210,12 +213,18 @@ void Session::checkpoint_when_due(const std::string& step, int more) {
   const bool by_time = options_.checkpoint_seconds > 0 && ms_since(saved_) >= 1e3 * options_.checkpoint_seconds;
   const bool by_runs = options_.checkpoint_runs > 0 && runs_since_saved_ >= options_.checkpoint_runs;
   if (!by_time && !by_runs) return;
+  // The last one is written with the results.
+  const bool over = at_.done == at_.steps[at_.entry].second;
+  if (over && at_.entry + 1 == at_.steps.size()) return;
   Checkpoint now = at_;
   now.done += more;
   now.runs[step] += more;
   std::set<std::string> ran = ran_;
   ran.insert(step);
-  now.leaves = Results(target_, names_).leaves(ran);
+  const Results results(target_, names_, at_.outputs);
+  now.leaves = results.leaves(ran);
+  for (const std::string& one : ran)
+    if (one != step || over) now.outputs[one] = results.outputs(one);
   log_.flush();
   save_checkpoint(options_.out, now);
   has_saved_ = true;
@@ -420,16 +429,32 @@ void Session::print_counters() {
   std::fputs((options_.counters == "json" ? print_json(counters_) : print(counters_)).c_str(), stdout);
 }
 
+std::set<std::string> Session::given() const {
+  std::set<std::string> out = ran_;
+  for (const auto& [step, outputs] : at_.outputs) out.insert(step);
+  return out;
+}
+
 void Session::write_results() {
-  const Results results(target_, names_);
-  if (!options_.out.empty()) {
-    at_.leaves = results.leaves(ran_);
-    results.write_outputs(options_.out, ran_, at_.leaves, options_.resume || ran_.empty());
-    log_.flush();
-    save_checkpoint(options_.out, at_);
+  const Results results(target_, names_, at_.outputs);
+  const std::set<std::string> steps = given();
+  if (options_.out.empty()) return results.write_asked(options_, steps);
+  at_.leaves = results.leaves(ran_);
+  log_.flush();
+  try {
+    results.write_outputs(options_.out, steps, at_.leaves, options_.resume || ran_.empty());
+    results.write_asked(options_, steps);
+  } catch (const Mistake& mistake) {
+    // No run is lost by a file that cannot be written: the checkpoint holds what the file would.
+    Checkpoint unwritten = at_;
+    for (const std::string& step : steps) unwritten.outputs[step] = results.outputs(step);
+    save_checkpoint(options_.out, unwritten);
     has_saved_ = true;
+    throw Mistake{mistake.message + "; --resume writes it without running again"};
   }
-  results.write_asked(options_, ran_);
+  at_.outputs.clear();
+  save_checkpoint(options_.out, at_);
+  has_saved_ = true;
 }
 
 }  // namespace dr::drun

@@ -76,6 +76,8 @@ class Session {
   void warn_of_open_meshes(const std::string& step);
   void print_counters();
   void write_results();
+  // The steps whose outputs there are: those that ran, here or before a checkpoint.
+  std::set<std::string> given() const;
 
   const Options& options_;
   const Target& target_;

@@ -31,6 +31,43 @@ same straight parts
 run --step fit=7 --step tune=3 --resume --out parts 2>&1 | grep -q "nothing is left to run" || fail "a run that is over goes on"
 same straight parts
 
+# A result that cannot be written costs no run: it is an error, what else there is is written, and --resume writes the rest.
+# So does one after a kill for a step that was over before.
+cat > seen.dr << 'END'
+edition 1;
+param a : float[4, 4] = 0.5;
+step look { output seen = a + 1.0, last = a; }
+step halve { a <- 0.5 * a; }
+END
+seen() { "$drun" seen.dr --device llvmpipe "$@"; }
+rm -rf free; seen --step halve --step look --out free --save look.seen=asked.npy > /dev/null; mv asked.npy free
+for blocked in look.seen.png look.seen.npy; do
+  for every in 1 never; do
+    rm -rf blocked; mkdir -p blocked/$blocked
+    seen --step halve --step look --checkpoint-every $every --out blocked > /dev/null 2> err.txt && fail "$blocked is not written, and all is well"
+    grep -q "cannot write 'blocked/$blocked'.*--resume" err.txt || fail "words for $blocked: $(cat err.txt)"
+    [[ -s blocked/look.last.npy && -s blocked/look.last.png && -s blocked/a.npy ]] || fail "nothing is written beside $blocked"
+    rmdir blocked/$blocked
+    seen --step halve --step look --resume --out blocked --save look.seen=asked.npy > /dev/null 2> err.txt || fail "$(cat err.txt)"
+    mv asked.npy blocked
+    grep -q "nothing is left to run" err.txt || fail "a run is done again for $blocked"
+    for file in look.seen.npy look.seen.png look.last.npy look.last.png a.npy asked.npy; do cmp free/$file blocked/$file || fail "$file after $blocked"; done
+  done
+done
+rm -rf free blocked
+"$drun" seen.dr --device llvmpipe --step look --step halve=900000000 --checkpoint-every 1 --out blocked > /dev/null 2>&1 &
+for ((wait = 0; wait < 240; ++wait)); do [[ -s blocked/checkpoint.json ]] && break; sleep 0.05; done
+kill -KILL $!; wait $! || true
+done=$(sed -n 's/.*"done": \([0-9]*\).*/\1/p' blocked/checkpoint.json)
+[[ ! -e blocked/look.seen.npy ]] || fail "results before the end"
+seen --step look --step halve=$((done + 1)) --resume --out blocked > /dev/null
+seen --step look --out free > /dev/null
+cmp free/look.seen.npy blocked/look.seen.npy || fail "outputs of a step that was over before a kill"
+# A checkpoint that cannot be named leaves nothing behind.
+rm -rf blocked; mkdir -p blocked/checkpoint.json
+seen --step look --out blocked > /dev/null 2> err.txt && fail "a checkpoint is not written, and all is well"
+grep -q "cannot write 'blocked/checkpoint.json': " err.txt && [[ ! -e blocked/checkpoint.json.partial ]] || fail "$(cat err.txt; ls blocked)"
+
 # Ctrl-C in a run that would take hours.
 "$drun" "${common[@]}" llvmpipe --step fit=900000000 --out stopped > /dev/null 2> err.txt &
 # The log grows while the step runs, by whole lines.

@@ -93,6 +93,16 @@ void* allocate(size_t size, void* caller) {
   return std::malloc(size == 0 ? 1 : size);
 }
 
+// As the standard's does it: a handler may find memory, or throw.
+void* allocate_or_throw(size_t size, void* caller) {
+  while (true) {
+    if (void* const memory = allocate(size, caller)) return memory;
+    const std::new_handler handler = std::get_new_handler();
+    if (handler == nullptr) throw std::bad_alloc();
+    handler();
+  }
+}
+
 // An error of a disk; what is written finds no room.
 bool fails(const char* name, void* caller, int error) {
   if (!is_ours(caller) || !is_due(Kind::File, name)) return false;
@@ -109,16 +119,8 @@ bool is_short(const char* name, size_t size, void* caller) {
 #define DR_CALLER __builtin_return_address(0)
 #define DR_NEXT(name) static const auto real = next<decltype(&name)>(#name)
 
-void* operator new(size_t size) {
-  void* memory = allocate(size, DR_CALLER);
-  if (memory == nullptr) throw std::bad_alloc();
-  return memory;
-}
-void* operator new[](size_t size) {
-  void* memory = allocate(size, DR_CALLER);
-  if (memory == nullptr) throw std::bad_alloc();
-  return memory;
-}
+void* operator new(size_t size) { return allocate_or_throw(size, DR_CALLER); }
+void* operator new[](size_t size) { return allocate_or_throw(size, DR_CALLER); }
 void* operator new(size_t size, const std::nothrow_t&) noexcept { return allocate(size, DR_CALLER); }
 void* operator new[](size_t size, const std::nothrow_t&) noexcept { return allocate(size, DR_CALLER); }
 void operator delete(void* memory) noexcept { std::free(memory); }

@@ -14,8 +14,8 @@
 
 namespace dr::bundle {
 
-// work(k) for each k below `count`, each once, in any order. When all are over, an exception of one of them is thrown
-// on.
+// work(k) for each k below `count`, each once, in any order. Where one throws, no other begins, and it is thrown on
+// when those under way are over.
 template <class F>
 void on_all_cores(size_t count, const F& work) {
   std::atomic<size_t> next = 0;
@@ -27,6 +27,7 @@ void on_all_cores(size_t count, const F& work) {
       } catch (...) {
         const std::lock_guard guard(lock);
         failure = std::current_exception();
+        next = count;
       }
   };
   {

@@ -13,6 +13,7 @@
 #include <spirv-tools/libspirv.hpp>
 
 #include "compiler/backend/spirv/module.h"
+#include "compiler/backend/spirv/spare_memory.h"
 #include "compiler/ir/graph.h"
 
 namespace dr::backend {
@@ -96,8 +97,9 @@ class Watch {
   std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
 };
 
-std::variant<std::vector<uint32_t>, std::string> assemble(const GlslShader& shader, AssembleTimes& times) {
-  Watch watch;
+// glslang's words for it, or what it says is wrong.
+std::variant<std::vector<uint32_t>, std::string> translate(const GlslShader& shader) {
+  SpareMemory spare;
   initialize_glslang();
   const EShLanguage stage = shader.stage == bundle::Stage::Vertex     ? EShLangVertex
                             : shader.stage == bundle::Stage::Fragment ? EShLangFragment
@@ -117,6 +119,15 @@ std::variant<std::vector<uint32_t>, std::string> assemble(const GlslShader& shad
   glslang::SpvOptions options;
   options.disableOptimizer = true;
   glslang::GlslangToSpv(*program.getIntermediate(stage), module, &options);
+  spare.done();
+  return module;
+}
+
+std::variant<std::vector<uint32_t>, std::string> assemble(const GlslShader& shader, AssembleTimes& times) {
+  Watch watch;
+  auto translated = translate(shader);
+  if (std::holds_alternative<std::string>(translated)) return translated;
+  std::vector<uint32_t> module = std::get<std::vector<uint32_t>>(std::move(translated));
   module = decorate_no_contraction(module, shader.native);
   watch.lap(times.glslang);
 
