@@ -256,6 +256,7 @@ std::vector<Value> Elaborator::emit_fold(const Range& range, const std::vector<V
   regions_.pop_back();
   if (!ok || diagnostics_.has_errors()) return failed;
   DR_ASSERT(next_leaves.size() == start_leaves.size());
+  if (next_leaves.empty()) return failed;  // a loop that changes nothing, which run_loop reports
 
   const auto domain = region_domain(extent, {&region, 1}, span);
   if (!domain) return failed;
