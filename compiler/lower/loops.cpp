@@ -200,7 +200,7 @@ Value Elaborator::fit_state(const Value& state, const Value& next, const Span& s
 
 std::vector<Value> Elaborator::emit_fold(const Range& range, const std::vector<Value>& starts, const Span& span,
                                          const Trip& trip) {
-  const std::vector<Value> failed(starts.size(), Error{});
+  std::vector<Value> failed(starts.size(), Error{});
   std::vector<Value> all{range.begin, range.end}, start_leaves;
   for (const Value& start : starts) {
     for (const Value& leaf : leaves_of(start)) {
