@@ -113,7 +113,7 @@ struct Life {
     runtime::LoadOptions options;
     options.pipeline_folder = folder;
     program = ask<runtime::Program>([&] { return runtime::Program::load(*device, what.bundle, options); }, nullptr);
-    for (const auto& [leaf, data] : what.data) ask<void>([&] { return program->bind(leaf, data); }, nullptr);
+    for (const auto& leaf : what.data) ask<void>([&] { return program->bind(leaf.first, leaf.second); }, nullptr);
   }
   void keep(const Array& array) { results.push_back(array.bytes); }
   void go() {
@@ -130,7 +130,7 @@ struct Life {
     ask<void>([&] { return program->run(what.step, 2); }, again);
     runs = 2;
     keep(ask<Array>([&] { return program->output(what.step, what.output); }, again));
-    for (const auto& [leaf, data] : what.data) ask<void>([&] { return program->bind(leaf, data); }, again);
+    for (const auto& leaf : what.data) ask<void>([&] { return program->bind(leaf.first, leaf.second); }, again);
     ask<std::vector<runtime::CommandTime>>([&] { return program->timed_run(what.step); }, again);
     runs = 3;
     ask<void>([&] { return program->run(what.step, 1); }, again);
@@ -172,6 +172,7 @@ void try_all(Kind kind, const char* kind_name, long otherwise) {
     setenv("VK_DRIVER_FILES", icd, 1);
     setenv("VK_LAYER_PATH", DR_LAYERS, 1);
     setenv("VK_INSTANCE_LAYERS", "VK_LAYER_DRESSI_faults", 1);
+    setenv("NODEVICE_SELECT", "1", 1);  // Mesa's layer reads what a call that failed did not write
     Counts counts;
     for (const Case& what : cases(device)) {
       // A folder of a life without faults has its pipelines; the life that counts begins with them, as most do.
