@@ -335,7 +335,7 @@ ModuleInfo* Elaborator::module_of(const Expr& path) const {
 
 Value Elaborator::name_value(const std::string& name, const Span& span) {
   Span declared;
-  const Value value = found_name(name, span, declared);
+  Value value = found_name(name, span, declared);
   observe(span, value, declared);
   return value;
 }

@@ -83,7 +83,7 @@ Value Elaborator::with_vjp(const FunctionValue& fn, const dsl::FnDecl& vjp, cons
   std::vector<Value> vjp_args = args;
   vjp_args.push_back(Image{cotangent, y.as<Image>().element});
   open_vjps_.insert(fn.decl);
-  const Value result = call_with(FunctionValue{.decl = &vjp, .scope = fn.scope}, std::move(vjp_args), span);
+  const Value result = call_with(FunctionValue{.decl = &vjp, .scope = fn.scope, .self = {}}, std::move(vjp_args), span);
   open_vjps_.erase(fn.decl);
   if (contains_error(result)) return Error{};
 

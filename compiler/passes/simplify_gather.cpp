@@ -38,8 +38,8 @@ class Pulled {
     const auto* low = e_.constant(clamp->operands[1]);
     const auto* high = e_.constant(clamp->operands[2]);
     const Dim* const sizes[] = {&extent_.w, &extent_.h, &extent_.l};
-    if (!high || !low || high->size() != low->size() || high->size() > 3) return false;
-    for (size_t k = 0; k < high->size(); ++k)
+    if (!high || !low || high->size() != low->size() || high->size() > std::size(sizes)) return false;
+    for (size_t k = 0; k < std::min(high->size(), std::size(sizes)); ++k)
       if (!sizes[k]->is_constant() || (*low)[k] < 0 || (*high)[k] < (*low)[k] ||
           (*high)[k] >= static_cast<double>(sizes[k]->constant()))
         return false;

@@ -172,7 +172,8 @@ std::string Shader::in_range(const Extent& extent, const std::string& place) {
 
 std::string Shader::load(ValueId value, const std::string& place) {
   const Resource& r = resource(value);
-  const std::string function = "load_" + part_name(value), call = function + "(" + place + ")";
+  const std::string function = "load_" + part_name(value);
+  std::string call = function + "(" + place + ")";
   if (!functions_.insert(function).second) return call;
   if (r.sums) {
     const std::string text = sums_reader_(*this, value, function);
@@ -194,7 +195,7 @@ std::string Shader::load(ValueId value, const std::string& place) {
 
 std::string Shader::part_name(ValueId value) const {
   const Resource& r = resource(value);
-  const std::string name = sanitize(r.name) + "_" + std::to_string(step_.stored.at(value).index);
+  std::string name = sanitize(r.name) + "_" + std::to_string(step_.stored.at(value).index);
   if (!r.entries) return name;
   const RasterPart part = raster_part(graph_, value);
   return name + (part.tag ? "_tag_" : "_face_") + std::to_string(part.rank);
@@ -284,7 +285,7 @@ std::string Shader::use(ValueId value) {
   for (auto scope = scopes_.rbegin(); scope != scopes_.rend(); ++scope)
     if (auto it = scope->find(value); it != scope->end()) return it->second;
   DR_ASSERT(step_.stored.count(value) != 0);
-  const std::string name = unique(resource(value).entries ? part_name(value) : resource(value).name);
+  std::string name = unique(resource(value).entries ? part_name(value) : resource(value).name);
   body_.line(graph_.value(value).type.str() + " " + name + " = " + load(value, "at") + ";");
   define(value, name);
   return name;
@@ -292,7 +293,7 @@ std::string Shader::use(ValueId value) {
 
 std::string Shader::result(ValueId value, const std::string& expression) {
   const ir::ValueInfo& info = graph_.value(value);
-  const std::string name = unique(info.name.empty() ? std::string(ir::op_name(graph_.op(info.op).kind)) : info.name);
+  std::string name = unique(info.name.empty() ? std::string(ir::op_name(graph_.op(info.op).kind)) : info.name);
   body_.line(info.type.str() + " " + name + " = " + expression + ";");
   define(value, name);
   return name;
