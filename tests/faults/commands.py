@@ -69,7 +69,9 @@ class Suite:
 
     def environment(self, room, fault):
         env = dict(os.environ, LD_PRELOAD=self.options.shim, VK_LAYER_PATH=self.options.layers,
-                   VK_INSTANCE_LAYERS="VK_LAYER_DRESSI_faults", DRC_CACHE_DIR=str(room / "cache"),
+                   VK_INSTANCE_LAYERS="VK_LAYER_DRESSI_faults",
+                   NODEVICE_SELECT="1",  # Mesa's layer reads what a call that failed did not write
+                   DRC_CACHE_DIR=str(room / "cache"),
                    DR_FAULT_REPORT=str(self.root / "report"))
         asan = subprocess.run(["ldd", self.options.drun], capture_output=True, text=True).stdout
         for line in asan.splitlines():
