@@ -207,16 +207,12 @@ ValueId AtPlaces::compute(ValueId v) {
     if (!is_computed(v)) return ops::emit(to_, OpKind::Gather, {map_[v], place(info.extent)});
   }
   const Op& op = *maker(v);
-  switch (op.kind) {
-    case OpKind::Const: return ops::constant(to_, info.type, op.attrs.floats);
-    case OpKind::Coord: return ops::constant(to_, kInt, 0.0);  // of an axis of extent 1
-    case OpKind::Broadcast: return at(op.operands[0]);
-    case OpKind::Gather: return gather(op);
-    case OpKind::Extract:
-      if (from_.value(op.operands[0]).type.is_matrix()) break;
-      return at(op.operands[0], static_cast<int>(op.attrs.ints[0]));
-    default: break;
-  }
+  if (op.kind == OpKind::Const) return ops::constant(to_, info.type, op.attrs.floats);
+  if (op.kind == OpKind::Coord) return ops::constant(to_, kInt, 0.0);  // of an axis of extent 1
+  if (op.kind == OpKind::Broadcast) return at(op.operands[0]);
+  if (op.kind == OpKind::Gather) return gather(op);
+  if (op.kind == OpKind::Extract && !from_.value(op.operands[0]).type.is_matrix())
+    return at(op.operands[0], static_cast<int>(op.attrs.ints[0]));
   std::vector<ValueId> operands;
   for (const ValueId operand : op.operands) operands.push_back(at(operand));
   if (op.regions.empty()) return ops::emit(to_, op.kind, std::move(operands), op.attrs);

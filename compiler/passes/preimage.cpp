@@ -100,32 +100,22 @@ bool Preimage::exists(ValueId v, int c, Variable variable, Variables& others, bo
     const auto& [other, part] = parts[1 - *k];
     return part < 0 ? std::nullopt : constant(other, part);
   };
-  switch (op->kind) {
-    case OpKind::Compose:
-    case OpKind::Splat:
-    case OpKind::Extract:
-    case OpKind::Broadcast:
-    case OpKind::Add:
-    case OpKind::Sub:
-    case OpKind::Neg:
-    case OpKind::Abs: break;
-    case OpKind::Min:
-    case OpKind::Max: single = single && !holds(parts[*k], parts[1 - *k], op->kind == OpKind::Max); break;
-    case OpKind::Clamp:
-      if (*k != 0) return false;
-      single = single && !holds(parts[0], parts[1], true) && !holds(parts[0], parts[2], false);
-      break;
-    case OpKind::Mod:
-      if (*k != 0 || !single || !wraps_once(*op, c, variable)) return false;
-      break;
-    case OpKind::Mul:
-      if (const auto f = factor(); !f || *f == 0 || std::abs(*f) > 1 << 16) return false;
-      break;
-    case OpKind::Div:
-      if (const auto f = factor(); *k != 0 || !f || *f <= 0 || *f > 1 << 16) return false;
-      single = false;
-      break;
-    default: return false;
+  const OpKind kind = op->kind;
+  if (kind == OpKind::Min || kind == OpKind::Max) {
+    single = single && !holds(parts[*k], parts[1 - *k], kind == OpKind::Max);
+  } else if (kind == OpKind::Clamp) {
+    if (*k != 0) return false;
+    single = single && !holds(parts[0], parts[1], true) && !holds(parts[0], parts[2], false);
+  } else if (kind == OpKind::Mod) {
+    if (*k != 0 || !single || !wraps_once(*op, c, variable)) return false;
+  } else if (kind == OpKind::Mul) {
+    if (const auto f = factor(); !f || *f == 0 || std::abs(*f) > 1 << 16) return false;
+  } else if (kind == OpKind::Div) {
+    if (const auto f = factor(); *k != 0 || !f || *f <= 0 || *f > 1 << 16) return false;
+    single = false;
+  } else if (!hands_on(kind) && kind != OpKind::Add && kind != OpKind::Sub && kind != OpKind::Neg &&
+             kind != OpKind::Abs) {
+    return false;
   }
   for (size_t j = 0; j < parts.size(); ++j)
     if (j != *k) others |= places_.depends(parts[j].first, parts[j].second);
@@ -173,28 +163,30 @@ void Preimage::undo(ValueId v, int c, Variable variable, const Interval& interva
   const auto on = [&](const Interval& next) { undo(parts[k].first, parts[k].second, variable, next, out); };
   const auto other = [&](size_t j) { return parts[j].first; };
   const auto part = [&](size_t j) { return parts[j].second; };
-  switch (op.kind) {
-    case OpKind::Add: return on(moved(interval, other(1 - k), part(1 - k), true));
-    case OpKind::Sub:
-      if (k == 0) return on(moved(interval, other(1), part(1), false));
-      return on(moved(mirrored(interval), other(0), part(0), false));
-    case OpKind::Neg: return on(mirrored(interval));
-    case OpKind::Max: return on(held(interval, parts[k], parts[1 - k], true));
-    case OpKind::Min: return on(held(interval, parts[k], parts[1 - k], false));
-    case OpKind::Clamp: return on(held(held(interval, parts[0], parts[2], false), parts[0], parts[1], true));
-    case OpKind::Mul: return on(scaled(interval, *constant(other(1 - k), part(1 - k))));
-    case OpKind::Div: return on(divided(interval, *constant(other(1), part(1))));
-    case OpKind::Abs: on(positive(interval, 0)); return on(mirrored(positive(interval, 1)));
-    case OpKind::Mod: {
-      Interval wrapped = interval;
-      wrapped.modulo = places_.at(other(1), part(1));
-      const ValueId inside = both(apply(OpKind::LessEqual, number(0), interval.first),
-                                  apply(OpKind::Less, interval.first, wrapped.modulo));
-      wrapped.when = both(interval.when, inside);
-      return on(wrapped);
-    }
-    default: return on(interval);
+  const OpKind kind = op.kind;
+  if (kind == OpKind::Add) return on(moved(interval, other(1 - k), part(1 - k), true));
+  if (kind == OpKind::Sub && k == 0) return on(moved(interval, other(1), part(1), false));
+  if (kind == OpKind::Sub) return on(moved(mirrored(interval), other(0), part(0), false));
+  if (kind == OpKind::Neg) return on(mirrored(interval));
+  if (kind == OpKind::Max) return on(held(interval, parts[k], parts[1 - k], true));
+  if (kind == OpKind::Min) return on(held(interval, parts[k], parts[1 - k], false));
+  if (kind == OpKind::Clamp) return on(held(held(interval, parts[0], parts[2], false), parts[0], parts[1], true));
+  if (kind == OpKind::Mul) return on(scaled(interval, *constant(other(1 - k), part(1 - k))));
+  if (kind == OpKind::Div) return on(divided(interval, *constant(other(1), part(1))));
+  if (kind == OpKind::Abs) {
+    on(positive(interval, 0));
+    return on(mirrored(positive(interval, 1)));
   }
+  if (kind == OpKind::Mod) {
+    Interval wrapped = interval;
+    wrapped.modulo = places_.at(other(1), part(1));
+    const ValueId inside =
+        both(apply(OpKind::LessEqual, number(0), interval.first), apply(OpKind::Less, interval.first, wrapped.modulo));
+    wrapped.when = both(interval.when, inside);
+    return on(wrapped);
+  }
+  DR_ASSERT(hands_on(kind));
+  on(interval);
 }
 
 Interval Preimage::moved(Interval interval, ValueId v, int c, bool back) {

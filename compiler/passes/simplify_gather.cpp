@@ -3,6 +3,9 @@
 // faces: the integer is read there and the ops come after, so that the image in between need not be stored.
 //   gather(select(0 <= seen, 1.0, 0.0), i)  ->  select(0 <= gather(seen, i), 1.0, 0.0)
 // Only where `i` is clamped to the image: outside, a read gives 0 whatever the ops make of it.
+#include <algorithm>
+#include <iterator>
+
 #include "compiler/ops/op.h"
 #include "compiler/passes/simplify.h"
 
@@ -13,6 +16,8 @@ using namespace ir;
 namespace {
 
 constexpr int kCheapOps = 4;
+constexpr OpKind kCheap[] = {OpKind::Select,   OpKind::Less,       OpKind::LessEqual,  OpKind::Equal,
+                             OpKind::NotEqual, OpKind::LogicalNot, OpKind::LogicalAnd, OpKind::LogicalOr};
 
 class Pulled {
  public:
@@ -46,30 +51,16 @@ class Pulled {
     if (e_.constant(id)) return true;
     const Op* op = e_.definition(id);
     if (!op || e_.value(id).region != e_.graph().root()) return false;
-    switch (op->kind) {
-      case OpKind::Leaf:
-      case OpKind::Raster: {
-        const ValueInfo& source = e_.value(id);
-        if (!source.type.is_integer() || !source.type.is_scalar() || source.extent != extent_) return false;
-        if (source_.valid() && source_ != id) return false;
-        source_ = id;
-        return true;
-      }
-      case OpKind::Broadcast: return e_.constant(op->operands[0]) != nullptr;
-      case OpKind::Select:
-      case OpKind::Less:
-      case OpKind::LessEqual:
-      case OpKind::Equal:
-      case OpKind::NotEqual:
-      case OpKind::LogicalNot:
-      case OpKind::LogicalAnd:
-      case OpKind::LogicalOr:
-        if (++ops > kCheapOps) return false;
-        for (const ValueId operand : op->operands)
-          if (!cheap(operand, ops)) return false;
-        return true;
-      default: return false;
+    if (op->kind == OpKind::Leaf || op->kind == OpKind::Raster) {
+      const ValueInfo& source = e_.value(id);
+      if (!source.type.is_integer() || !source.type.is_scalar() || source.extent != extent_) return false;
+      if (source_.valid() && source_ != id) return false;
+      source_ = id;
+      return true;
     }
+    if (op->kind == OpKind::Broadcast) return e_.constant(op->operands[0]) != nullptr;
+    return std::ranges::find(kCheap, op->kind) != std::end(kCheap) && ++ops <= kCheapOps &&
+           std::ranges::all_of(op->operands, [&](ValueId operand) { return cheap(operand, ops); });
   }
 
   ValueId rebuilt(ValueId id) {

@@ -7,6 +7,7 @@
 // t, but where t = neg(u) is a target, neg(t) may not become u.
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <utility>
 
 #include "compiler/ops/op.h"
@@ -24,29 +25,30 @@ class Identities {
 
   std::optional<ValueId> apply() {
     if (auto simpler = unstretched()) return simpler;
-    switch (c_.kind) {
-      case OpKind::Add: return add();
-      case OpKind::Sub: return sub();
-      case OpKind::Mul: return mul();
-      case OpKind::SMul: return smul();
-      case OpKind::Div: return is_all(1, 1) ? same(0) : std::nullopt;
-      case OpKind::Neg:
-      case OpKind::BitNot:
-      case OpKind::LogicalNot: return involution();
-      case OpKind::LogicalAnd: return logical(1, 0);
-      case OpKind::LogicalOr: return logical(0, 1);
-      case OpKind::Select: return select();
-      case OpKind::Convert: return same(0);
-      case OpKind::Extract: return extract();
-      case OpKind::Compose: return compose();
-      case OpKind::Broadcast: return broadcast_again();
-      case OpKind::Gather: return gather();
-      case OpKind::Shift: return shift();
-      case OpKind::ReduceSum:
-      case OpKind::ReduceMin:
-      case OpKind::ReduceMax: return reduce();
-      default: return std::nullopt;
-    }
+    static const std::map<OpKind, std::optional<ValueId> (Identities::*)()> kRules = {
+        {OpKind::Add, &Identities::add},
+        {OpKind::Sub, &Identities::sub},
+        {OpKind::Mul, &Identities::mul},
+        {OpKind::SMul, &Identities::smul},
+        {OpKind::Div, &Identities::div},
+        {OpKind::Neg, &Identities::involution},
+        {OpKind::BitNot, &Identities::involution},
+        {OpKind::LogicalNot, &Identities::involution},
+        {OpKind::LogicalAnd, &Identities::logical_and},
+        {OpKind::LogicalOr, &Identities::logical_or},
+        {OpKind::Select, &Identities::select},
+        {OpKind::Convert, &Identities::convert},
+        {OpKind::Extract, &Identities::extract},
+        {OpKind::Compose, &Identities::compose},
+        {OpKind::Broadcast, &Identities::broadcast_again},
+        {OpKind::Gather, &Identities::gather},
+        {OpKind::Shift, &Identities::shift},
+        {OpKind::ReduceSum, &Identities::reduce},
+        {OpKind::ReduceMin, &Identities::reduce},
+        {OpKind::ReduceMax, &Identities::reduce},
+    };
+    const auto rule = kRules.find(c_.kind);
+    return rule == kRules.end() ? std::nullopt : (this->*rule->second)();
   }
 
  private:
@@ -121,6 +123,11 @@ class Identities {
       return instead(OpKind::Add, {operand(0), negation->operands[0]});
     return std::nullopt;
   }
+
+  std::optional<ValueId> div() { return is_all(1, 1) ? same(0) : std::nullopt; }
+  std::optional<ValueId> convert() { return same(0); }
+  std::optional<ValueId> logical_and() { return logical(1, 0); }
+  std::optional<ValueId> logical_or() { return logical(0, 1); }
 
   std::optional<ValueId> mul() {
     for (size_t k : {0u, 1u}) {

@@ -116,7 +116,26 @@ class Evaluation {
       case OpKind::Pin:
         if (auto error = pin(op, *results[0])) return error;
         break;
-      default: run_image_op(context_, op, *results[0], workers_); break;
+      case OpKind::Leaf: DR_ICE("a leaf is bound, not computed");
+      case OpKind::Const:
+      case OpKind::Coord:
+      case OpKind::DimValue:
+      case OpKind::StepIndex:
+      case OpKind::Gather:
+      case OpKind::ScatterAdd:
+      case OpKind::ScatterMax:
+      case OpKind::Shift:
+      case OpKind::ReduceSum:
+      case OpKind::ReduceMin:
+      case OpKind::ReduceMax:
+      case OpKind::Broadcast:
+      case OpKind::Detach:
+#define DR_OP(kind, name)
+#define DR_ELEMENTWISE(kind, name) case OpKind::kind:
+#include "compiler/ir/op_kinds.def"
+#undef DR_OP
+        run_image_op(context_, op, *results[0], workers_);
+        break;
     }
     if (context_.tracing()) trace(op);
     return std::nullopt;

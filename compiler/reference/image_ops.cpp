@@ -256,7 +256,22 @@ void run_image_op(const Context& context, const Op& op, Image& result, Workers& 
     }
     case OpKind::ReduceMin: reduce_extreme(op, ir::Yield::Min, operand(0), result, workers, fold_min); return;
     case OpKind::ReduceMax: reduce_extreme(op, ir::Yield::Max, operand(0), result, workers, fold_max); return;
-    default: elementwise(context, op, result, workers); return;
+    case OpKind::Detach:
+    case OpKind::Pin:
+#define DR_OP(kind, name)
+#define DR_ELEMENTWISE(kind, name) case OpKind::kind:
+#include "compiler/ir/op_kinds.def"
+#undef DR_OP
+      elementwise(context, op, result, workers);
+      return;
+    case OpKind::Leaf:
+    case OpKind::If:
+    case OpKind::Reduce:
+    case OpKind::Fold:
+    case OpKind::Raster:
+    case OpKind::Grad:
+    case OpKind::Vjp:
+    case OpKind::Cotangent: DR_ICE("op '" + std::string(ir::op_name(op.kind)) + "' is computed elsewhere");
   }
 }
 

@@ -154,7 +154,26 @@ void RegionRunner::run_op(Frame& frame, const OpPlan& op) {
     case OpKind::Coord:
     case OpKind::DimValue:
     case OpKind::StepIndex: run_source(frame, op); break;
-    default: run_elementwise(frame, op); break;
+    case OpKind::Broadcast:
+    case OpKind::Detach:
+    case OpKind::Pin:
+#define DR_OP(kind, name)
+#define DR_ELEMENTWISE(kind, name) case OpKind::kind:
+#include "compiler/ir/op_kinds.def"
+#undef DR_OP
+      run_elementwise(frame, op);
+      break;
+    case OpKind::Leaf:
+    case OpKind::ScatterAdd:
+    case OpKind::ScatterMax:
+    case OpKind::Shift:
+    case OpKind::ReduceSum:
+    case OpKind::ReduceMin:
+    case OpKind::ReduceMax:
+    case OpKind::Raster:
+    case OpKind::Grad:
+    case OpKind::Vjp:
+    case OpKind::Cotangent: DR_ICE("op '" + std::string(ir::op_name(op.op->kind)) + "' stands in a region");
   }
   if (context_.tracing()) trace(frame, op);
 }

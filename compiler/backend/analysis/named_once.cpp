@@ -50,21 +50,18 @@ class Places {
     const OpId id = graph_.value(v).op;
     if (!id.valid()) return std::nullopt;
     const Op& op = graph_.op(id);
-    switch (op.kind) {
-      case OpKind::Coord:
-        if (domain_of(op) != domain_) return std::nullopt;
-        return Variable{.axis = static_cast<int>(op.attrs.ints[0]), .trip = {}};
-      case OpKind::Broadcast: return variable_of(op.operands[0], c);
-      case OpKind::Splat: return variable_of(op.operands[0], 0);
-      case OpKind::Compose: return variable_of(op.operands[static_cast<size_t>(c)], 0);
-      case OpKind::Extract: return variable_of(op.operands[0], static_cast<int>(op.attrs.ints[0]));
-      case OpKind::Add:
-      case OpKind::Sub:
-        for (const size_t k : {size_t{0}, size_t{1}})
-          if (is_number(op.operands[1 - k])) return variable_of(op.operands[k], c);
-        return std::nullopt;
-      default: return std::nullopt;
+    if (op.kind == OpKind::Coord) {
+      if (domain_of(op) != domain_) return std::nullopt;
+      return Variable{.axis = static_cast<int>(op.attrs.ints[0]), .trip = {}};
     }
+    if (op.kind == OpKind::Broadcast) return variable_of(op.operands[0], c);
+    if (op.kind == OpKind::Splat) return variable_of(op.operands[0], 0);
+    if (op.kind == OpKind::Compose) return variable_of(op.operands[static_cast<size_t>(c)], 0);
+    if (op.kind == OpKind::Extract) return variable_of(op.operands[0], static_cast<int>(op.attrs.ints[0]));
+    if (op.kind == OpKind::Add || op.kind == OpKind::Sub)
+      for (const size_t k : {size_t{0}, size_t{1}})
+        if (is_number(op.operands[1 - k])) return variable_of(op.operands[k], c);
+    return std::nullopt;
   }
 
   // The same for all elements and trips.

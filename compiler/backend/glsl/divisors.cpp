@@ -31,14 +31,10 @@ bool hide_as_divisor(const ir::Graph& graph, ValueId v, bool native) {
   const Op& op = graph.op(graph.value(v).op);
   if (ops::info(op.kind).moves)
     return std::ranges::any_of(op.operands, [&](ValueId x) { return hide_as_divisor(graph, x, native); });
-  switch (op.kind) {
-    case OpKind::Const:  // known in every shader
-      return std::find(op.attrs.floats.begin(), op.attrs.floats.end(), 0.0) != op.attrs.floats.end();
-    case OpKind::Sqrt:
-    case OpKind::InverseSqrt:
-    case OpKind::Div: return !native;
-    default: return is_known_to_driver(graph, v);
-  }
+  if (op.kind == OpKind::Const)  // known in every shader
+    return std::find(op.attrs.floats.begin(), op.attrs.floats.end(), 0.0) != op.attrs.floats.end();
+  if (op.kind == OpKind::Sqrt || op.kind == OpKind::InverseSqrt || op.kind == OpKind::Div) return !native;
+  return is_known_to_driver(graph, v);
 }
 
 bool is_moderate(const ir::Graph& graph, ValueId v) {
@@ -49,15 +45,12 @@ bool is_moderate(const ir::Graph& graph, ValueId v) {
     return std::ranges::all_of(values, [&](ValueId x) { return is_moderate(graph, x); });
   };
   if (ops::info(op.kind).moves) return are_moderate(op.operands);
-  switch (op.kind) {
-    case OpKind::Const: return std::ranges::all_of(op.attrs.floats, [](double x) { return std::abs(x) < kLarge; });
-    case OpKind::DimValue:
-    case OpKind::Sqrt:
-    case OpKind::InverseSqrt: return true;
-    case OpKind::Convert: return !graph.value(op.operands[0]).type.is_float();
-    case OpKind::Select: return are_moderate(std::span(op.operands).subspan(1));
-    default: return false;
-  }
+  if (op.kind == OpKind::Const)
+    return std::ranges::all_of(op.attrs.floats, [](double x) { return std::abs(x) < kLarge; });
+  if (op.kind == OpKind::DimValue || op.kind == OpKind::Sqrt || op.kind == OpKind::InverseSqrt) return true;
+  if (op.kind == OpKind::Convert) return !graph.value(op.operands[0]).type.is_float();
+  if (op.kind == OpKind::Select) return are_moderate(std::span(op.operands).subspan(1));
+  return false;
 }
 
 }  // namespace dr::backend::glsl

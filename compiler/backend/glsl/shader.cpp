@@ -374,8 +374,16 @@ void Shader::op(const Op& op) {
     case OpKind::Vjp:
     case OpKind::Cotangent:
     case OpKind::Grad: DR_ICE("op '" + std::string(ir::op_name(op.kind)) + "' has no element-wise form");
-    default: break;
+#define DR_OP(kind, name)
+#define DR_ELEMENTWISE(kind, name) case OpKind::kind:
+#include "compiler/ir/op_kinds.def"
+#undef DR_OP
+      elementwise_op(op);
+      return;
   }
+}
+
+void Shader::elementwise_op(const Op& op) {
   const ops::OpInfo& info = ops::info(op.kind);
   DR_ASSERT(info.glsl != nullptr);
   std::vector<std::string> operands;

@@ -122,6 +122,7 @@ class Shader {
   void choose_texels();
   const Resource& resource(ir::ValueId v) const { return schedule_.resources[step_.stored.at(v).index]; }
   void op(const ir::Op& op);
+  void elementwise_op(const ir::Op& op);
   void if_op(const ir::Op& op);
   void reduce_op(const ir::Op& op);
   void loop_variable(std::vector<std::string>& enter, const ir::Type& type, const std::string& name,

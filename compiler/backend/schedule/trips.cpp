@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 
 #include "compiler/backend/analysis/fold_memory.h"
 #include "compiler/ir/dim_bound.h"
@@ -58,56 +59,41 @@ class Finder {
  public:
   explicit Finder(const Graph& graph) : graph_(graph) {}
 
+  // Between whole numbers a rounded number stays between them.
+  static constexpr OpKind kKeepsBounds[] = {OpKind::Broadcast, OpKind::Pin,     OpKind::Detach,
+                                            OpKind::Splat,     OpKind::Extract, OpKind::Floor,
+                                            OpKind::Ceil,      OpKind::Round,   OpKind::Trunc};
+
   Bounds of(ValueId v) {
     const ir::ValueInfo& info = graph_.value(v);
     if (--left_ < 0) return {};
     if (!info.op.valid()) return of_param(info);
     const Op& op = graph_.op(info.op);
     const auto arg = [&](size_t k) { return of(op.operands[k]); };
-    switch (op.kind) {
-      case OpKind::Const: return of_const(op);
-      case OpKind::DimValue: return {op.attrs.dims[0], op.attrs.dims[0]};
-      case OpKind::Coord: return {Dim(0), op.attrs.dims[static_cast<size_t>(op.attrs.ints[0])] - Dim(1)};
-      case OpKind::StepIndex: return {Dim(0), {}};
-      case OpKind::Broadcast:
-      case OpKind::Pin:
-      case OpKind::Detach:
-      case OpKind::Splat:
-      case OpKind::Extract:
-      case OpKind::Floor:  // between whole numbers it stays between them
-      case OpKind::Ceil:
-      case OpKind::Round:
-      case OpKind::Trunc: return arg(0);
-      case OpKind::Convert: return of_convert(op, info, arg(0));
-      case OpKind::Compose: {
-        Bounds all = arg(0);
-        for (size_t k = 1; k < op.operands.size(); ++k) all = hull(all, arg(k));
-        return all;
-      }
-      case OpKind::Select: return hull(arg(1), arg(2));
-      case OpKind::Min: {
-        const Bounds a = arg(0), b = arg(1);
-        return {smaller(a.low, b.low), either(a.high, b.high, true)};
-      }
-      case OpKind::Max: {
-        const Bounds a = arg(0), b = arg(1);
-        return {either(a.low, b.low, false), larger(a.high, b.high)};
-      }
-      case OpKind::Clamp: {
-        const Bounds x = arg(0), low = arg(1), high = arg(2);
-        return {smaller(either(x.low, low.low, false), high.low), either(high.high, larger(x.high, low.high), true)};
-      }
-      case OpKind::If: {
-        const Bounds then = of(yield_of(op, 0, info.result_index));
-        return hull(then, of(yield_of(op, 1, info.result_index)));
-      }
-      case OpKind::Reduce: {
-        if (op.attrs.yields[info.result_index] != ir::Yield::ArgMin) return {};
-        const Bounds begin = arg(0), end = arg(1);
-        return {begin.low ? Bound(*begin.low - Dim(1)) : Bound(), larger(begin.high, end.high)};
-      }
-      default: return info.type.scalar == ir::Scalar::Int ? of_arithmetic(op, arg) : Bounds{};
+    const OpKind kind = op.kind;
+    if (kind == OpKind::Const) return of_const(op);
+    if (kind == OpKind::DimValue) return {op.attrs.dims[0], op.attrs.dims[0]};
+    if (kind == OpKind::Coord) return {Dim(0), op.attrs.dims[static_cast<size_t>(op.attrs.ints[0])] - Dim(1)};
+    if (kind == OpKind::StepIndex) return {Dim(0), {}};
+    if (std::ranges::find(kKeepsBounds, kind) != std::end(kKeepsBounds)) return arg(0);
+    if (kind == OpKind::Convert) return of_convert(op, info, arg(0));
+    if (kind == OpKind::Compose) {
+      Bounds all = arg(0);
+      for (size_t k = 1; k < op.operands.size(); ++k) all = hull(all, arg(k));
+      return all;
     }
+    if (kind == OpKind::Select) return hull(arg(1), arg(2));
+    if (kind == OpKind::Min || kind == OpKind::Max || kind == OpKind::Clamp) return of_choice(op, arg);
+    if (kind == OpKind::If) {
+      const Bounds then = of(yield_of(op, 0, info.result_index));
+      return hull(then, of(yield_of(op, 1, info.result_index)));
+    }
+    if (kind == OpKind::Reduce) {
+      if (op.attrs.yields[info.result_index] != ir::Yield::ArgMin) return {};
+      const Bounds begin = arg(0), end = arg(1);
+      return {begin.low ? Bound(*begin.low - Dim(1)) : Bound(), larger(begin.high, end.high)};
+    }
+    return info.type.scalar == ir::Scalar::Int ? of_arithmetic(op, arg) : Bounds{};
   }
 
   // What `end` is above `begin` at most.
@@ -170,6 +156,15 @@ class Finder {
   }
 
   template <class Arg>
+  static Bounds of_choice(const Op& op, const Arg& arg) {
+    const Bounds a = arg(0), b = arg(1);
+    if (op.kind == OpKind::Min) return {smaller(a.low, b.low), either(a.high, b.high, true)};
+    if (op.kind == OpKind::Max) return {either(a.low, b.low, false), larger(a.high, b.high)};
+    const Bounds high = arg(2);
+    return {smaller(either(a.low, b.low, false), high.low), either(high.high, larger(a.high, b.high), true)};
+  }
+
+  template <class Arg>
   static Bounds of_arithmetic(const Op& op, const Arg& arg) {
     const auto plus = [](const Bound& a, const Bound& b) { return a && b ? Bound(*a + *b) : Bound(); };
     const auto minus = [](const Bound& a, const Bound& b) { return a && b ? Bound(*a - *b) : Bound(); };
@@ -178,36 +173,30 @@ class Finder {
                                                                                                    : int64_t{0};
     };
     const auto from_zero = [](const Bounds& b) { return b.low && never_above_zero(Dim(0) - *b.low); };
-    switch (op.kind) {
-      case OpKind::Add: {
-        const Bounds a = arg(0), b = arg(1);
-        return {plus(a.low, b.low), plus(a.high, b.high)};
-      }
-      case OpKind::Sub: {
-        const Bounds a = arg(0), b = arg(1);
-        return {minus(a.low, b.high), minus(a.high, b.low)};
-      }
-      case OpKind::Mul: {
-        const Bounds a = arg(0), b = arg(1);
-        if (!from_zero(a) || !from_zero(b)) return {};
-        return {*a.low * *b.low, a.high && b.high ? Bound(most_of(*a.high) * most_of(*b.high)) : Bound()};
-      }
-      case OpKind::Div: {
-        const Bounds a = arg(0);
-        const int64_t by = constant(arg(1));
-        if (by == 0) return {};
-        return {from_zero(a) ? Bound(Dim(0))
-                : a.low      ? Bound(a.low->divided_by(by))
-                             : Bound(),
-                a.high ? Bound(most_of(*a.high).divided_by(by)) : Bound()};
-      }
-      case OpKind::Mod: {
-        const Bounds by = arg(1);
-        if (!by.low || !by.high || !never_above_zero(Dim(1) - *by.low)) return {};
-        return {Dim(0), *by.high - Dim(1)};
-      }
-      default: return {};
+    if (op.kind == OpKind::Add || op.kind == OpKind::Sub) {
+      const Bounds a = arg(0), b = arg(1);
+      if (op.kind == OpKind::Add) return {plus(a.low, b.low), plus(a.high, b.high)};
+      return {minus(a.low, b.high), minus(a.high, b.low)};
     }
+    if (op.kind == OpKind::Mul) {
+      const Bounds a = arg(0), b = arg(1);
+      if (!from_zero(a) || !from_zero(b)) return {};
+      return {*a.low * *b.low, a.high && b.high ? Bound(most_of(*a.high) * most_of(*b.high)) : Bound()};
+    }
+    if (op.kind == OpKind::Div) {
+      const Bounds a = arg(0);
+      const int64_t by = constant(arg(1));
+      if (by == 0) return {};
+      return {from_zero(a) ? Bound(Dim(0))
+              : a.low      ? Bound(a.low->divided_by(by))
+                           : Bound(),
+              a.high ? Bound(most_of(*a.high).divided_by(by)) : Bound()};
+    }
+    if (op.kind == OpKind::Mod) {
+      const Bounds by = arg(1);
+      if (by.low && by.high && never_above_zero(Dim(1) - *by.low)) return {Dim(0), *by.high - Dim(1)};
+    }
+    return {};
   }
 
   const Graph& graph_;
