@@ -47,7 +47,8 @@ bool is_place(const Expr& expr) {
 // What `<-` may update: a leaf, by its name or through an instance of a module.
 bool is_path(const Expr& expr) {
   const Expr* at = &expr;
-  while (at->kind == Expr::Kind::Field) at = at->a.get();
+  // A tuple's item, as in `pair.0`, is no name.
+  while (at->kind == Expr::Kind::Field && (at->name[0] < '0' || at->name[0] > '9')) at = at->a.get();
   return at->kind == Expr::Kind::NameRef;
 }
 

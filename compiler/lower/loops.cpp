@@ -200,7 +200,7 @@ Value Elaborator::fit_state(const Value& state, const Value& next, const Span& s
 
 std::vector<Value> Elaborator::emit_fold(const Range& range, const std::vector<Value>& starts, const Span& span,
                                          const Trip& trip) {
-  const std::vector<Value> failed(starts.size(), Error{});
+  std::vector<Value> failed(starts.size(), Error{});
   std::vector<Value> all{range.begin, range.end}, start_leaves;
   for (const Value& start : starts) {
     for (const Value& leaf : leaves_of(start)) {
@@ -256,6 +256,7 @@ std::vector<Value> Elaborator::emit_fold(const Range& range, const std::vector<V
   regions_.pop_back();
   if (!ok || diagnostics_.has_errors()) return failed;
   DR_ASSERT(next_leaves.size() == start_leaves.size());
+  if (next_leaves.empty()) return failed;  // a loop that changes nothing, which run_loop reports
 
   const auto domain = region_domain(extent, {&region, 1}, span);
   if (!domain) return failed;

@@ -165,7 +165,7 @@ void Elaborator::collect_items(ModuleInfo& module) {
         add_item(module, item.fn->name,
                  {.kind = ModuleItem::Kind::Fn,
                   .span = item.fn->name.span,
-                  .value = FunctionValue{.decl = item.fn.get(), .scope = &module.scope},
+                  .value = FunctionValue{.decl = item.fn.get(), .scope = &module.scope, .self = {}},
                   .is_private = item.is_private});
         break;
       case dsl::Item::Kind::Struct: {

@@ -106,7 +106,7 @@ Span result_span(const dsl::FnDecl& fn) { return fn.body.value ? fn.body.value->
 
 // The function's value, which has to be of a type; a struct of anything where the type is that of no number.
 Value Elaborator::call_raster_fn(const dsl::FnDecl& fn, std::vector<Value> args, const Type& type) {
-  FunctionValue value{.decl = &fn, .scope = scope_, .creator = frames_.size(), .is_lambda = true};
+  FunctionValue value{.decl = &fn, .scope = scope_, .creator = frames_.size(), .is_lambda = true, .self = {}};
   std::vector<Argument> arguments;
   for (Value& arg : args) arguments.push_back({nullptr, std::move(arg), fn.name.span});
   // Without a place of the call: the function stands where it is called.
@@ -137,7 +137,7 @@ bool Elaborator::check_record(const Value& value, const RasterCall& call, const 
 bool Elaborator::raster_record(RasterCall& call) {
   const Value face = Image{ops::coord(b_, 0, {call.faces, 1, 1})};
   set_name(face, call.setup->params[0].name.text);
-  FunctionValue setup{.decl = call.setup, .scope = scope_, .creator = frames_.size(), .is_lambda = true};
+  FunctionValue setup{.decl = call.setup, .scope = scope_, .creator = frames_.size(), .is_lambda = true, .self = {}};
   call.record = inline_function(setup, {Argument{nullptr, face, call.setup->name.span}}, {});
   if (contains_error(call.record) || !check_record(call.record, call, *call.setup)) return false;
   set_name(call.record, call.depth->params[0].name.text);

@@ -420,7 +420,7 @@ Value Elaborator::instantiate(const OptimizerValue& optimizer, uint32_t leaf, co
     frame.states[state.name.text] = {index, state.span};
   }
   const Switched<OptimizerFrame*> inside(optimizer_, &frame);
-  FunctionValue update{.decl = &decl.update, .scope = scope, .creator = frames_.size(), .is_lambda = true};
+  FunctionValue update{.decl = &decl.update, .scope = scope, .creator = frames_.size(), .is_lambda = true, .self = {}};
   return call_with(update, {x, g}, stmt.b->span);
 }
 

@@ -61,9 +61,11 @@ std::optional<Value> Elaborator::type_name(const dsl::TypeExpr& type) {
   }
   Value found = name_value(first.text, first.span);
   for (size_t i = 1; i < type.path.size(); ++i) found = field_of(found, type.path[i].text, type.path[i].span, nullptr);
-  if (found.is_error()) return std::nullopt;
   if (found.is<TypeValue>()) return found;
-  report(Code::E0310, type.span, "expected a type, found " + describe(found));
+  if (found.is_error() && diagnostics_.has_errors()) return std::nullopt;
+  // A leaf that is declared further down has no value yet, which is no error of its own.
+  report(Code::E0310, type.span,
+         "expected a type, found " + (found.is_error() ? "'" + first.text + "'" : describe(found)));
   return std::nullopt;
 }
 

@@ -78,12 +78,12 @@ struct FunctionValue {
   Scope* scope = nullptr;
   size_t creator = 0;  // lambdas: how many calls were open where it was made
   bool is_lambda = false;
-  std::vector<Value> self = {};
+  std::vector<Value> self;
 };
 // A built-in function; `self` holds `x` of `x.at(i)`.
 struct BuiltinValue {
   const Builtin* entry = nullptr;
-  std::vector<Value> self = {};
+  std::vector<Value> self;
 };
 struct ModuleValue {
   ModuleInfo* module = nullptr;

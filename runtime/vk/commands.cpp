@@ -75,6 +75,10 @@ void Commands::dispatch(const bundle::CommandT& c, std::vector<Primitive>& out) 
   std::vector<Descriptor> descriptors;
   Primitive p;
   p.label = c.label;
+  if (!c.count.empty()) {
+    const auto words = ir::Dim::parse(c.count);
+    p.bytes = 4 * (words ? words->evaluate(sizes_.symbols()) : std::nullopt).value_or(0);
+  }
   for (const auto& b : c.bindings) {
     descriptors.push_back({b->resource, b->texel});
     p.accesses.push_back({b->resource, compute_use(b->access)});
@@ -171,6 +175,7 @@ void Commands::fill(const bundle::CommandT& c, std::vector<Primitive>& out) {
           ? VK_WHOLE_SIZE
           : std::min(4 * static_cast<vk::DeviceSize>(sizes_.evaluate(c.elements, "pass '" + c.label + "'")),
                      memory_.buffer(static_cast<size_t>(c.target)).bytes);
+  if (!c.elements.empty()) p.bytes = static_cast<int64_t>(bytes);
   p.record = [target, bytes, value = c.value](const vk::raii::CommandBuffer& commands) {
     commands.fillBuffer(target, 0, bytes, value);
   };
@@ -220,6 +225,7 @@ std::vector<Primitive> Commands::primitives(const bundle::StepT& step) {
     for (size_t p = begin; p < primitives.size(); ++p) {
       primitives[p].first = first;
       primitives[p].count = k + 1 - first;
+      if (primitives[p].bytes > 0) continue;
       for (const Access& a : primitives[p].accesses) primitives[p].bytes += memory_.content_bytes(a.resource);
     }
     for (size_t j = first; j <= k; ++j) primitives[begin].ops += step.commands[j]->ops;

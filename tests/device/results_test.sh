@@ -4,6 +4,7 @@
 # commands that are not run again. On the reference and, where there is one, on lavapipe. usage: results_test.sh DRC DRUN
 set -euo pipefail
 drc=$(realpath "$1") drun=$(realpath "$2")
+here=$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 cd "$work"
@@ -155,6 +156,29 @@ if [[ -n ${DR_LAVAPIPE_ICD-} ]]; then
   # Where nothing depends on what changed, nothing runs again.
   "$drun" two.dr --device llvmpipe --symbol W=4 --step second=3 --timing > timing.txt
   grep -q '^second: nothing ran: all that it gives was there from the run before' timing.txt || fail "--timing: $(cat timing.txt)"
+  # A clear is said to touch what it writes: here the entries of all pixels and the five words at a list's head, by two fills or by one
+  # dispatch.
+  cat > drawn.dr << 'END'
+edition 1;
+param size : float[100] = 3.0;
+struct Triangle { a: vec2; b: vec2; c: vec2; }
+let seen = raster(100, 64, 64, 1) {
+  setup(f) -> Triangle {
+    let at = vec2(float(f % 10), float(f / 10)) * 6.0;
+    Triangle(at, at + vec2(size.at(f), 0.0), at + vec2(0.0, size.at(f)))
+  }
+  corner(s, c) -> vec2 { [s.a, s.b, s.c][c] }
+  depth(s, p) -> float { 0.5 }
+}[0];
+step draw { output covered = sum(if seen.face >= 0 { 1.0 } else { 0.0 }); }
+END
+  sed 's/"subgroup_size": *8/"subgroup_size": 32/' "$here/../../compiler/target/profiles/lavapipe.json" > wide.json
+  for profile in lavapipe wide.json; do
+    "$drun" drawn.dr --device llvmpipe --profile $profile --raster compute --timing > timing.txt
+    awk '/  clear / { print $3 }' timing.txt | sort -n | paste -s -d ' ' > "cleared_$profile"
+  done
+  same 'bytes of two clears' '20 32768' "$(cat cleared_lavapipe)"
+  same 'bytes of two clears in one' '32788' "$(cat cleared_wide.json)"
 fi
 if [[ -n ${DR_SWIFTSHADER_ICD-} ]]; then
   VK_ICD_FILENAMES=$DR_SWIFTSHADER_ICD VK_DRIVER_FILES=$DR_SWIFTSHADER_ICD at_once SwiftShader

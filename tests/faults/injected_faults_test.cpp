@@ -113,7 +113,7 @@ struct Life {
     runtime::LoadOptions options;
     options.pipeline_folder = folder;
     program = ask<runtime::Program>([&] { return runtime::Program::load(*device, what.bundle, options); }, nullptr);
-    for (const auto& [leaf, data] : what.data) ask<void>([&] { return program->bind(leaf, data); }, nullptr);
+    for (const auto& leaf : what.data) ask<void>([&] { return program->bind(leaf.first, leaf.second); }, nullptr);
   }
   void keep(const Array& array) { results.push_back(array.bytes); }
   void go() {
@@ -130,7 +130,7 @@ struct Life {
     ask<void>([&] { return program->run(what.step, 2); }, again);
     runs = 2;
     keep(ask<Array>([&] { return program->output(what.step, what.output); }, again));
-    for (const auto& [leaf, data] : what.data) ask<void>([&] { return program->bind(leaf, data); }, again);
+    for (const auto& leaf : what.data) ask<void>([&] { return program->bind(leaf.first, leaf.second); }, again);
     ask<std::vector<runtime::CommandTime>>([&] { return program->timed_run(what.step); }, again);
     runs = 3;
     ask<void>([&] { return program->run(what.step, 1); }, again);

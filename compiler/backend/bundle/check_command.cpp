@@ -60,7 +60,7 @@ bool Checker::only_own_fields(const CommandT& c, const std::string& where) {
       {"source", c.source != -1, kCopy},
       {"target", c.target != -1, kFill | kCopy | kReduce},
       {"outs", !c.outs.empty(), kReduce},
-      {"count", !c.count.empty(), kReduce},
+      {"count", !c.count.empty(), kDispatch | kReduce},
       {"scratch_a", c.scratch_a != -1, kReduce},
       {"scratch_b", c.scratch_b != -1, kReduce},
   };
@@ -102,6 +102,7 @@ bool Checker::watched(const CommandT& c, int word, const std::string& where) {
 
 bool Checker::dispatch(const CommandT& c, const std::string& where) {
   if (!shader(c.compute, Stage::Compute, where) || !expression(c.elements, where) || !trips(c, where)) return false;
+  if (!c.count.empty() && !expression(c.count, where)) return false;
   for (const auto& binding : c.bindings)
     if (b_.resources[binding->resource]->storage == Storage::Tile) return kept(binding->resource, where);
   if (c.indirect < 0) return c.indirect == -1 || fail(where + " is as large as no resource says");

@@ -79,10 +79,12 @@ void Generator::clear_together() {
 
 void Generator::clear_by_dispatch(const std::vector<size_t>& fills) {
   const auto clear = std::make_unique<CommandT>(*out_->commands[fills.front()]);
-  Dim invocations = 0;  // the words of all targets together may be too many for an int
-  for (const size_t k : fills)
-    invocations =
-        invocations + (words_of_fill(*bundle_, *out_->commands[k]) + Dim(kWordsEach - 1)).divided_by(kWordsEach);
+  Dim invocations = 0, all = 0;  // the words of all targets together may be too many for an int
+  for (const size_t k : fills) {
+    const Dim words = words_of_fill(*bundle_, *out_->commands[k]);
+    invocations = invocations + (words + Dim(kWordsEach - 1)).divided_by(kWordsEach);
+    all = all + words;
+  }
   const std::string stride = glsl::dim_expression(invocations);
   Shader s = strict_shader();
   linear_index(s, stride);
@@ -102,6 +104,7 @@ void Generator::clear_by_dispatch(const std::vector<size_t>& fills) {
   clear->target = -1;
   clear->value = 0;
   clear->elements = invocations.str();
+  clear->count = all.str();
   clear->push = {0, 0, 0};
   clear->compute = add_shader("clear", bundle::Stage::Compute, s);
   clear->bindings = s.take_bindings();
