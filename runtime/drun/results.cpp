@@ -121,7 +121,7 @@ void Results::write_outputs(const std::string& folder, const std::set<std::strin
                             const std::vector<std::pair<std::string, Array>>& leaves, bool keep) const {
   io::ResultsFolder out(folder);
   for (const std::string& step : ran)
-    for (const std::string& name : names_.outputs(step)) out.add({step, name}, output(step, name));
+    for (const std::string& name : names_.outputs(step)) out.add({step, name}, written(step, name));
   for (const auto& [leaf, data] : leaves) out.add({"", leaf}, data);
   for (const std::string& warning : out.warnings()) std::fprintf(stderr, "drun: warning: %s\n", warning.c_str());
   must(out.finish(keep));
@@ -132,6 +132,12 @@ Array Results::output(const std::string& step, const std::string& name) const {
     for (const auto& [known, data] : held->second)
       if (known == name) return data;
   return must(target_.output(step, name));
+}
+
+Array Results::written(const std::string& step, const std::string& name) const {
+  Array data = output(step, name);
+  if (look_) look_({step, name}, data);
+  return data;
 }
 
 Outputs Results::outputs(const std::string& step) const {
@@ -156,7 +162,7 @@ std::vector<std::pair<std::string, Array>> Results::leaves(const std::set<std::s
 
 Array Results::named(const std::string& name, const std::set<std::string>& ran) const {
   const io::ResultName what = found(name, ran);
-  return what.step.empty() ? must(target_.leaf(what.name)) : output(what.step, what.name);
+  return what.step.empty() ? must(target_.leaf(what.name)) : written(what.step, what.name);
 }
 
 void Results::write_asked(const Options& options, const std::set<std::string>& ran) const {

@@ -2,9 +2,11 @@
 // What a run leaves behind: outputs, params and states as files, and meshes.
 #pragma once
 
+#include <functional>
 #include <map>
 #include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "compiler/io/results.h"
@@ -22,6 +24,8 @@ class Results {
       : target_(target), names_(names), held_(held) {}
   // Before the steps run, finds what --save and --mesh ask for, and whether it can be written. All throw Mistake.
   void check(const Options& options) const;
+  // What a file gets is looked at first.
+  void look_with(std::function<void(const io::ResultName&, const io::Array&)> look) { look_ = std::move(look); }
   // Of the steps that ran, into a folder; with `keep`, what is there of earlier runs stays.
   void write_outputs(const std::string& folder, const std::set<std::string>& ran,
                      const std::vector<std::pair<std::string, io::Array>>& leaves, bool keep) const;
@@ -39,12 +43,15 @@ class Results {
   io::ResultNames names_of(const std::set<std::string>& steps) const;
   io::ResultName found(const std::string& name, const std::set<std::string>& steps) const;
   runtime::Program::LeafInfo info(const io::ResultName& name) const;
+  // An output that a file gets.
+  io::Array written(const std::string& step, const std::string& name) const;
   io::Array named(const std::string& name, const std::set<std::string>& ran) const;
   void write_mesh(const std::string& file, const std::string& what, const std::set<std::string>& ran) const;
 
   const Target& target_;
   const runtime::Program& names_;
   const std::map<std::string, Outputs>& held_;
+  std::function<void(const io::ResultName&, const io::Array&)> look_;
 };
 
 // "1.5", as short as it can be: a float's digits unless it is `whole`, of float64.

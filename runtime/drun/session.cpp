@@ -436,7 +436,18 @@ std::set<std::string> Session::given() const {
 }
 
 void Session::write_results() {
-  const Results results(target_, names_, at_.outputs);
+  Results results(target_, names_, at_.outputs);
+  // What is written is told of when it is: --strict-finite stops with the numbers there to look at.
+  std::vector<std::pair<io::ResultName, io::Place>> not_finite;
+  results.look_with([&](const io::ResultName& name, const Array& data) {
+    if (const auto place = io::first_not_finite(data)) not_finite.emplace_back(name, *place);
+  });
+  write_results(results);
+  for (const auto& [name, place] : not_finite)
+    tell_not_finite(name.step, name.name, "output '" + name.step + "." + name.name + "' has " + io::describe(place));
+}
+
+void Session::write_results(const Results& results) {
   const std::set<std::string> steps = given();
   if (options_.out.empty()) return results.write_asked(options_, steps);
   at_.leaves = results.leaves(ran_);

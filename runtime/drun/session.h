@@ -21,6 +21,8 @@
 
 namespace dr::drun {
 
+class Results;
+
 class Session {
  public:
   // `names` has the tables of the program that `target` runs, which is `bundle`; `skips` is what compiling left out,
@@ -76,6 +78,7 @@ class Session {
   void warn_of_open_meshes(const std::string& step);
   void print_counters();
   void write_results();
+  void write_results(const Results& results);
   // The steps whose outputs there are: those that ran, here or before a checkpoint.
   std::set<std::string> given() const;
 
