@@ -248,7 +248,8 @@ int Session::run_for(const std::string& step, int times, int before) {
   int done = 0;
   while (done < times && !(is_stopping() && done > 0)) {
     int now = std::min(times - done, together_);
-    if (watch_ && (now = allowed(step, before + done, now)) == 0) break;
+    if (watch_) now = allowed(step, before + done, now);
+    if (now == 0) break;
     const auto begin = Clock::now();
     if (options_.checkpoint_runs > 0) now = std::clamp(options_.checkpoint_runs - runs_since_saved_, 1, now);
     must(target_.run(step, now));

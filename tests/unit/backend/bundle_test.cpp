@@ -190,12 +190,22 @@ TEST_CASE("a command has the fields of its kind alone") {
       {"source", [](auto& c) { c.source = 2147483647; }},
       {"target", [](auto& c) { c.target = 0; }},
       {"outs", [](auto& c) { c.outs = "V"; }},
-      {"count", [](auto& c) { c.count = "V"; }},
       {"scratch_a", [](auto& c) { c.scratch_a = 5000; }},
       {"scratch_b", [](auto& c) { c.scratch_b = -9; }}};
   for (const auto& [name, give] : fields)
     expect(sample, {{[&give = give](auto& b) { give(command(b)); },
                      "has '" + std::string(name) + "', which commands of its kind do not use"}});
+  // A dispatch may say how many words it writes.
+  expect(sample, {{[](auto& b) { command(b).count = "V +"; }, "no expression"},
+                  {[](auto& b) { command(b).count = "unknown"; }, "uses the unknown symbol"},
+                  {[](auto& b) {
+                     const std::string label = command(b).label;
+                     command(b) = {};
+                     command(b).label = label;
+                     command(b).kind = CommandKind::Copy;
+                     command(b).count = "V";
+                   },
+                   "has 'count', which commands of its kind do not use"}});
   expect(sample, {{[](auto& b) { command(b).finite = -9; }, "is watched by no resource"},
                   {[](auto& b) { command(b).finite = 0; }, "is watched by what is no watch"},
                   {[](auto& b) { command(b).finite = 77777; }, "is watched by a resource that it does not bind"}});
