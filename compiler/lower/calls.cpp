@@ -172,7 +172,7 @@ bool Elaborator::bind_params(const std::vector<dsl::Param>& params, const std::v
         ok = false;
       }
     }
-    define(scope, param.name, std::move(value));
+    define(scope, param.name, std::move(value), Binding::Kind::Parameter);
   }
   for (const dsl::Name& generic : generics) {
     if (!ok || scope.find(generic.text)) continue;

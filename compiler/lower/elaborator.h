@@ -219,8 +219,14 @@ class Elaborator {
   std::optional<uint32_t> find_leaf(const Expr& path);
   ModuleInfo* module_of(const Expr& path) const;
   Scope* new_scope(Scope* parent);
-  void define(Scope& scope, const dsl::Name& name, Value value, bool is_var = false);
+  void define(Scope& scope, const dsl::Name& name, Value value, Binding::Kind kind = Binding::Kind::Let);
+
+  // What to write instead of a name that is not known (unknown_names.cpp).
   std::vector<std::string> visible_names() const;
+  std::string help_for(const std::string& name, const Span& span) const;
+  std::string help_for(const ModuleInfo& module, const std::string& name, const Span& span) const;
+  std::string optimizers_here() const;
+  bool is_inside(const ModuleInfo& module) const;  // whether what is private there is for this file
 
   // For those who show programs (observe.cpp).
   std::string words_for_reader(const Value& value) const;
@@ -353,7 +359,7 @@ class Elaborator {
   Value run_statements(const dsl::Block& block);
   void run_statement(const dsl::Stmt& stmt);
   void run_let(const dsl::Stmt& stmt);
-  void bind_pattern(const dsl::Pattern& pattern, const Value& value, const Span& span, bool is_var);
+  void bind_pattern(const dsl::Pattern& pattern, const Value& value, const Span& span, Binding::Kind kind);
   void run_assign(const dsl::Stmt& stmt);
   Value assigned(const Value& current, std::span<const Expr* const> path, const Value& value, const dsl::Stmt& stmt);
   Value assigned_components(const Value& current, std::span<const int> indices, const Value& value,
@@ -542,7 +548,9 @@ class Elaborator {
   OptimizerFrame* optimizer_ = nullptr;
   std::set<const dsl::FnDecl*> open_vjps_;  // functions whose @vjp is being elaborated: in it they are plain
   int64_t cotangents_ = 0;
-  Span let_;  // the top-level `let` that is being elaborated
+  Span let_;           // the top-level `let` that is being elaborated
+  Span before_dot_;    // what stands before the last '.'
+  Span optimizer_at_;  // what `minimize` names after `with`
   // Uses of `step_index` there.
   struct Count {
     ir::OpId op;

@@ -75,7 +75,10 @@ Value Elaborator::evaluate_lambda(const Expr& expr) {
 // ---- fields ----
 
 Value Elaborator::evaluate_field(const Expr& expr) {
-  const Value base = evaluate(*expr.a);
+  const Value base = [&] {
+    const Switched<Span> before_dot(before_dot_, expr.a->span);
+    return evaluate(*expr.a);
+  }();
   return field_of(base, expr.name, expr.span, expr.a.get());
 }
 

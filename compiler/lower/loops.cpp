@@ -62,7 +62,8 @@ std::vector<std::string> Elaborator::variables_of(const std::set<std::string>& n
   std::vector<std::string> out;
   for (const std::string& name : names) {
     const Binding* binding = find_binding(name);
-    if (binding && binding->is_var && binding->frame == frames_.size() && binding->region == regions_.size())
+    if (binding && binding->kind == Binding::Kind::Var && binding->frame == frames_.size() &&
+        binding->region == regions_.size())
       out.push_back(name);
   }
   return out;
@@ -98,7 +99,7 @@ void Elaborator::run_branches(const Value& condition, const Span& span, const st
   const std::vector<std::string> names = variables_of(assigned);
   const auto branch = [&](const std::function<void()>& run) -> Value {
     const Switched<Scope*> inside(scope_, new_scope(scope_));
-    for (const std::string& name : names) define(*scope_, {name, span}, find_binding(name)->value, true);
+    for (const std::string& name : names) define(*scope_, {name, span}, find_binding(name)->value, Binding::Kind::Var);
     run();
     TupleValue values;
     for (const std::string& name : names) values.items.push_back(scope_->find(name)->value);
@@ -365,14 +366,14 @@ Value Elaborator::evaluate_fold(const Expr& expr) {
   const dsl::Block& block = expr.inner->then_block;
   const auto trip = [&](const Value& i, const std::vector<Value>& states) -> std::pair<Value, std::vector<Value>> {
     const Switched<Scope*> inside(scope_, new_scope(scope_));
-    define(*scope_, expr.inner->loop_var, i);
+    define(*scope_, expr.inner->loop_var, i, Binding::Kind::Index);
     set_name(i, expr.inner->loop_var.text);
     for (size_t k = 0; k < states.size(); ++k) {
-      define(*scope_, *expr.args[k].name, states[k]);
+      define(*scope_, *expr.args[k].name, states[k], Binding::Kind::Carried);
       set_name(states[k], expr.args[k].name->text);
     }
-    define(*scope_, {std::string(kBreak), expr.span}, make_bool(false), true);
-    define(*scope_, {std::string(kFold), expr.span}, packed(states), true);
+    define(*scope_, {std::string(kBreak), expr.span}, make_bool(false), Binding::Kind::Var);
+    define(*scope_, {std::string(kFold), expr.span}, packed(states), Binding::Kind::Var);
     Scope* const own = scope_;
     run_breakable(block.statements, [&] {
       const Span at = block.value ? block.value->span : block.span;
@@ -411,12 +412,12 @@ void Elaborator::run_loop(const dsl::Stmt& stmt) {
     const Switched<Scope*> outside(scope_, new_scope(scope_));
     Scope* const own = scope_;
     for (size_t k = 0; k < names.size(); ++k) {
-      define(*scope_, {names[k], stmt.span}, states[k], true);
+      define(*scope_, {names[k], stmt.span}, states[k], Binding::Kind::Var);
       set_name(states[k], names[k]);
     }
-    define(*scope_, {std::string(kBreak), stmt.span}, make_bool(false), true);
+    define(*scope_, {std::string(kBreak), stmt.span}, make_bool(false), Binding::Kind::Var);
     const Switched<Scope*> inside(scope_, new_scope(scope_));
-    define(*scope_, stmt.loop_var, i);
+    define(*scope_, stmt.loop_var, i, Binding::Kind::Index);
     set_name(i, stmt.loop_var.text);
     run_breakable(stmt.body.statements, [&] {
       if (!stmt.body.value) return;

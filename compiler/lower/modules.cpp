@@ -266,7 +266,7 @@ Scope* Elaborator::new_scope(Scope* parent) {
   return &scope;
 }
 
-void Elaborator::define(Scope& scope, const dsl::Name& name, Value value, bool is_var) {
+void Elaborator::define(Scope& scope, const dsl::Name& name, Value value, Binding::Kind kind) {
   if (name.text == "_") return;
   observe(name.span, value, name.span);
   // The top level's names were collected before: here they get their values.
@@ -287,7 +287,7 @@ void Elaborator::define(Scope& scope, const dsl::Name& name, Value value, bool i
   Binding binding;
   binding.value = std::move(value);
   binding.span = name.span;
-  binding.is_var = is_var;
+  binding.kind = kind;
   binding.frame = frames_.size();
   binding.region = regions_.size();
   scope.names.emplace_back(name.text, std::move(binding));
@@ -363,8 +363,7 @@ Value Elaborator::found_name(const std::string& name, const Span& span, Span& de
     value.element = *type;
     return value;
   }
-  return fail(Code::E0201, span, "expected a name that is declared, found '" + name + "'", {},
-              suggestion(name, visible_names()));
+  return fail(Code::E0201, span, "expected a name that is declared, found '" + name + "'", {}, help_for(name, span));
 }
 
 // `seed` is an input, 0 unless the host says otherwise, which is there once something reads it. A leaf of the program
@@ -392,15 +391,16 @@ Value Elaborator::seed_value(const Span& span) {
   return seed_;
 }
 
+bool Elaborator::is_inside(const ModuleInfo& module) const {
+  return folder_of(*scope_->module).starts_with(folder_of(module));
+}
+
 Value Elaborator::module_field(ModuleInfo& module, const std::string& name, const Span& span) {
-  const bool inside = folder_of(*scope_->module).starts_with(folder_of(module));
+  const bool inside = is_inside(module);
   const auto found = module.items.find(name);
   if (found == module.items.end() || found->second.kind == ModuleItem::Kind::Import) {
-    const std::vector<std::string> known = names_of(module.items, [&](const ModuleItem& item) {
-      return item.kind != ModuleItem::Kind::Import && (inside || !item.is_private);
-    });
     return fail(Code::E0205, span, "expected a name of the module '" + name_of(module) + "', found '" + name + "'", {},
-                suggestion(name, known));
+                help_for(module, name, span));
   }
   if (found->second.is_private && !inside) {
     return fail(Code::E0211, span,
@@ -411,21 +411,6 @@ Value Elaborator::module_field(ModuleInfo& module, const std::string& name, cons
   // After `minimize`, in the projection of the same param, the name means the new value.
   if (projected_.first == &found->second && frames_.empty()) return projected_.second;
   return item_value(module, name, found->second, span);
-}
-
-std::vector<std::string> Elaborator::visible_names() const {
-  std::vector<std::string> names;
-  for (const Scope* scope = scope_; scope; scope = scope->parent) {
-    for (const auto& [name, binding] : scope->names) names.push_back(name);
-  }
-  const std::vector<std::string> items = names_of(scope_->module->items, [](const ModuleItem&) { return true; });
-  names.insert(names.end(), items.begin(), items.end());
-  std::vector<std::string> builtins = builtin_names();
-  names.insert(names.end(), builtins.begin(), builtins.end());
-  names.insert(names.end(), {"step_index", "seed"});
-  const std::vector<std::string> types = type_names();
-  names.insert(names.end(), types.begin(), types.end());
-  return names;
 }
 
 }  // namespace dr::lower

@@ -204,7 +204,7 @@ Value Elaborator::evaluate_reduce(const Expr& expr) {
   Value body;
   {
     const Switched<Scope*> inside(scope_, new_scope(scope_));
-    define(*scope_, expr.inner->loop_var, Image{i, element_depth(range)});
+    define(*scope_, expr.inner->loop_var, Image{i, element_depth(range)}, Binding::Kind::Index);
     body = evaluate_block(expr.inner->then_block);
   }
   bool ok = !contains_error(body);

@@ -62,14 +62,15 @@ void Elaborator::run_let(const dsl::Stmt& stmt) {
     auto fitted = declared(value, *stmt.type, name, stmt.a->span);
     value = fitted ? *std::move(fitted) : Value(Error{});
   }
-  bind_pattern(stmt.pattern, value, stmt.a->span, stmt.kind == dsl::Stmt::Kind::Var);
+  bind_pattern(stmt.pattern, value, stmt.a->span,
+               stmt.kind == dsl::Stmt::Kind::Var ? Binding::Kind::Var : Binding::Kind::Let);
 }
 
-void Elaborator::bind_pattern(const dsl::Pattern& pattern, const Value& value, const Span& span, bool is_var) {
+void Elaborator::bind_pattern(const dsl::Pattern& pattern, const Value& value, const Span& span, Binding::Kind kind) {
   if (!pattern.is_tuple) {
     const dsl::Name& name = pattern.names[0];
     if (name.text != "_") set_name(value, name.text);
-    define(*scope_, name, value, is_var);
+    define(*scope_, name, value, kind);
     return;
   }
   const std::vector<Value>& parts = parts_of(value);
@@ -82,7 +83,7 @@ void Elaborator::bind_pattern(const dsl::Pattern& pattern, const Value& value, c
   for (size_t i = 0; i < pattern.names.size(); ++i) {
     const Value part = fits ? parts[i] : Value(Error{});
     if (pattern.names[i].text != "_") set_name(part, pattern.names[i].text);
-    define(*scope_, pattern.names[i], part, is_var);
+    define(*scope_, pattern.names[i], part, kind);
   }
 }
 
@@ -103,6 +104,26 @@ void Elaborator::run_assign(const dsl::Stmt& stmt) {
   set_variable(at->name, std::move(after));
 }
 
+namespace {
+
+// What a binding is that `=` cannot change, and what to write instead.
+std::pair<std::string, std::string> unchanging(const Binding& binding, const std::string& name) {
+  const std::string copy = "assign to a copy: 'var copy = " + name + ";'";
+  if (binding.leaf) return {"a leaf", "write '<-' to give it its next value"};
+  switch (binding.kind) {
+    case Binding::Kind::Parameter: return {"a parameter", copy};
+    case Binding::Kind::Index: return {"which the loop counts", copy};
+    case Binding::Kind::Carried:
+      return {"which the loop carries",
+              "what stands at the end of the block is its next value: write it there, without '='"};
+    case Binding::Kind::Let:
+    case Binding::Kind::Var: break;
+  }
+  return {"which does not change", "declare it with 'var'"};
+}
+
+}  // namespace
+
 // The binding of a name that may be assigned here; null where that has been refused.
 const Binding* Elaborator::assignable(const Expr& place) {
   const Expr* at = &place;
@@ -121,9 +142,10 @@ const Binding* Elaborator::assignable(const Expr& place) {
            leaf ? "write '<-' to give a leaf its next value" : "");
     return nullptr;
   }
-  if (!binding->is_var) {
-    report(Code::E0507, at->span, "expected a 'var' before '=', found '" + at->name + "', which does not change",
-           {{binding->span, "'" + at->name + "' is declared here"}}, "declare it with 'var'");
+  if (binding->kind != Binding::Kind::Var) {
+    const auto [is, help] = unchanging(*binding, at->name);
+    report(Code::E0507, at->span, "expected a 'var' before '=', found '" + at->name + "', " + is,
+           {{binding->span, "'" + at->name + "' is declared here"}}, help);
     return nullptr;
   }
   if (binding->frame != frames_.size() || binding->region != regions_.size()) {
@@ -254,7 +276,7 @@ void Elaborator::run_for(const dsl::Stmt& stmt) {
   const size_t errors = diagnostics_.error_count();
   for (int64_t i = *begin; i < *end; ++i) {
     const Switched<Scope*> inside(scope_, new_scope(scope_));
-    define(*scope_, stmt.loop_var, Dim(i));
+    define(*scope_, stmt.loop_var, Dim(i), Binding::Kind::Index);
     // Further trips would only make the same mistake again.
     if (over_budget(stmt.span) || diagnostics_.error_count() > errors) return;
     if (const Value value = run_statements(stmt.body); !value.is<Nothing>() && !contains_error(value)) {

@@ -336,11 +336,14 @@ void Elaborator::run_minimize(const dsl::Stmt& stmt) {
     step_->writers[*leaf] = {target->span, SIZE_MAX, true};
     leaves.push_back(*leaf);
   }
+  const Expr& named = stmt.b->kind == Expr::Kind::Call ? *stmt.b->a : *stmt.b;
+  const Switched<Span> optimizer_at(optimizer_at_, named.span);
   const Value optimizer = evaluate(*stmt.b);
   if (contains_error(optimizer)) ok = false;
   const auto* chosen = optimizer.get<OptimizerValue>();
   if (ok && !chosen) {
-    report(Code::E0606, stmt.b->span, "expected an optimizer after 'with', found " + describe(optimizer));
+    report(Code::E0606, stmt.b->span, "expected an optimizer after 'with', found " + describe(optimizer), {},
+           optimizers_here());
     ok = false;
   }
   if (!ok) return;

@@ -169,9 +169,10 @@ bool same_type(const TypeValue& a, const TypeValue& b);
 
 // What a name stands for.
 struct Binding {
+  enum class Kind : uint8_t { Let, Var, Parameter, Index, Carried };  // the last two are a loop's
   Value value = {};
   dsl::Span span;  // of the declaration
-  bool is_var = false;
+  Kind kind = Kind::Let;
   size_t frame = 0;  // how many calls and regions were open at the declaration: where a `var` may be assigned
   size_t region = 0;
   std::optional<uint32_t> leaf;  // index into Graph::leaves
