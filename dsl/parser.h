@@ -10,6 +10,8 @@
 
 namespace dr::dsl {
 
+inline constexpr int64_t kEdition = 1;  // of the language, the only one
+
 // Nesting deeper than this is an error, never a stack overflow.
 inline constexpr int kMaxNesting = 128;
 

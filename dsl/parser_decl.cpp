@@ -7,8 +7,6 @@
 namespace dr::dsl {
 namespace {
 
-constexpr int64_t kEdition = 1;
-
 // Binary operators from here up may stand in a generic argument, whose end is a `>`.
 constexpr int kAdditivePrecedence = 9;
 

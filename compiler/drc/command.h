@@ -67,6 +67,7 @@ struct FormatOptions {
   std::vector<std::string> files;
   bool in_place = false;
   bool check = false;
+  std::optional<int64_t> edition;
 };
 
 struct DocOptions {

@@ -209,7 +209,31 @@ class Evaluator {
       if (image.count() == 1 && !options_.check_vjp)
         std::printf("%s.%s = %s\n", step.name.c_str(), output.name.c_str(), value_text(image).c_str());
     }
+    look_for_not_finite(step, result, number + 1);
     return options_.dump.empty() || dump(step.name, number, record);
+  }
+
+  // What the run left in params and states, and printed; images of outputs are looked at when a file gets them.
+  void look_for_not_finite(const ir::Step& step, const reference::StepResult& result, int64_t run) {
+    const std::string when = "run " + std::to_string(run);
+    for (const ir::Output& output : step.outputs) {
+      const reference::Image& image = result.outputs.at(output.name);
+      const std::string name = io::ResultName{step.name, output.name}.str();
+      if (image.count() == 1 && io::first_not_finite(to_array(image)))
+        tell_not_finite(name, "output '" + name + "' is " + value_text(image) + " in " + when);
+    }
+    for (const ir::Update& update : step.updates) {
+      const std::string& name = graph_.leaves[update.leaf].name;
+      if (const auto place = io::first_not_finite(to_array(session_.leaf(name))))
+        tell_not_finite(
+            name, "'" + name + "' has " + io::describe(*place) + " after " + when + " of step '" + step.name + "'");
+    }
+  }
+
+  // Once for each output of a step and each leaf; what is wrong then stays wrong.
+  void tell_not_finite(const std::string& name, const std::string& what) const {
+    if (options_.check_vjp || !told_.insert(name).second) return;
+    print_warning(what + ": --check-finite stops at the op that makes the first one, with its line");
   }
 
   std::optional<reference::Frozen> load_frozen(const std::string& step, int64_t number) const {
@@ -248,8 +272,11 @@ class Evaluator {
   static bool told(const io::Result<void>& done) { return done.ok() || (print_error(done.error()), false); }
 
   // As it was computed: floats in float64.
-  static std::optional<io::Array> typed(const std::string& name, const reference::Image& image) {
-    auto array = to_array(image).converted(kind_of(image.type.scalar));
+  std::optional<io::Array> typed(const std::string& name, const reference::Image& image) const {
+    const io::Array exact = to_array(image);
+    if (const auto place = io::first_not_finite(exact))
+      tell_not_finite(name, "'" + name + "' has " + io::describe(*place));
+    auto array = exact.converted(kind_of(image.type.scalar));
     if (!array) return print_error("the value '" + name + "': " + array.error()), std::nullopt;
     return *std::move(array);
   }
@@ -324,6 +351,7 @@ class Evaluator {
   std::map<std::string, reference::StepResult> results_;       // of each step's last run
   std::vector<std::pair<io::ResultName, std::string>> saves_;  // and their files
   std::set<std::pair<uint32_t, uint32_t>> warned_;
+  mutable std::set<std::string> told_;  // outputs and leaves with a NaN or Inf
 };
 
 constexpr double kVjpTolerance = 1e-6;  // relative L2, as for adjoints near singular points

@@ -7,16 +7,28 @@
 #include "compiler/drc/output.h"
 #include "compiler/ir/graph.h"
 #include "dsl/format.h"
+#include "dsl/parser.h"
 
 namespace dr::drc {
 namespace {
+
+// With the edition's line above the first declaration, where there is none.
+std::string with_edition(const std::string& file, const std::string& text) {
+  dsl::SourceManager sources;
+  dsl::DiagnosticList diagnostics;
+  dsl::parse(sources, sources.add(shown_name(file), text), diagnostics);
+  for (const dsl::Diagnostic& found : diagnostics.all())
+    if (found.code == dsl::Code::E0108)
+      return std::string(text).insert(found.span.begin, "edition " + std::to_string(dsl::kEdition) + ";\n\n");
+  return text;
+}
 
 bool format_file(const std::string& file, const FormatOptions& options, bool& would_change) {
   const auto text = read_text(file);
   if (!text) return false;
   dsl::SourceManager sources;
   dsl::DiagnosticList diagnostics;
-  const dsl::FileId id = sources.add(shown_name(file), *text);
+  const dsl::FileId id = sources.add(shown_name(file), options.edition ? with_edition(file, *text) : *text);
   const dsl::FormatResult result = dsl::format_source(sources, id, diagnostics);
   report(diagnostics, sources);
   if (result.has_errors) return false;

@@ -13,6 +13,7 @@
 #include "compiler/backend/skips.h"
 #include "compiler/drc/command.h"
 #include "compiler/drc/messages.h"
+#include "dsl/parser.h"
 #include "version_generated.h"
 
 namespace {
@@ -232,6 +233,11 @@ int run(int argc, char** argv) {
   CLI::Option* in_place = fmt_command->add_flag("--in-place", fmt_options.in_place, "Rewrite the files");
   fmt_command->add_flag("--check", fmt_options.check, "Name the files that would change, with exit code 1 if any would")
       ->excludes(in_place);
+  fmt_command
+      ->add_option("--edition", fmt_options.edition,
+                   "Carry programs over to this edition of the language: one that names none gets the line")
+      ->type_name("NUMBER")
+      ->check(CLI::IsMember({dr::dsl::kEdition}));
 
   std::string code_to_explain;
   CLI::App* explain_command = app.add_subcommand("explain", "Say what the code of a message means, or list all codes");

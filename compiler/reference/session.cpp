@@ -232,6 +232,15 @@ std::vector<ir::ValueId> roots_of(const ir::Step& step) {
   return roots;
 }
 
+// Whether the step gives the leaf a value without a look at the one that it has.
+bool only_writes(const ir::Graph& graph, const ir::Step& step, uint32_t leaf) {
+  if (std::ranges::none_of(step.updates, [leaf](const ir::Update& update) { return update.leaf == leaf; }))
+    return false;
+  std::vector<bool> read(graph.leaves.size());
+  mark_leaves(graph, roots_of(step), read);
+  return !read[leaf];
+}
+
 }  // namespace
 
 std::optional<std::string> Session::prepare(std::span<const std::string> steps) {
@@ -287,17 +296,20 @@ std::optional<std::string> Session::prepare_leaves(std::vector<bool> needed, std
     const uint32_t faces = *graph_.leaf_index(leaf.table_of);
     needed[faces] = read[faces] = true;
   }
-  std::string missing;
+  std::string missing, written;
   size_t unbound_leaves = 0;
   for (size_t k = 0; k < leaves_.size(); ++k) {
     const ir::Leaf& leaf = graph_.leaves[k];
     if (!read[k] || leaves_[k] || !leaf.initial.empty() || leaf.kind == ir::Leaf::Kind::State || !leaf.table.empty())
       continue;
     missing += (unbound_leaves++ == 0 ? "" : ", ") + describe(leaf) + " : " + leaf.type.str() + leaf.extent.str();
+    for (const ir::Step& step : graph_.steps)
+      if (only_writes(graph_, step, static_cast<uint32_t>(k)) && ir::leaf_of_initial_step(step.name).empty())
+        written += "; step '" + step.name + "' writes '" + leaf.name + "': run it before";
   }
   if (unbound_leaves > 0)
     return missing + (unbound_leaves == 1 ? " has no data; bind it" : " have no data; bind them") +
-           " before the first step";
+           " before the first step" + written;
   if (auto error = make_tables()) return error;
   for (size_t k = 0; k < leaves_.size(); ++k) {
     const ir::Leaf& leaf = graph_.leaves[k];

@@ -181,7 +181,7 @@ void Program::State::prepare(const bundle::StepT& step) {
   objects();
   for (const uint32_t k : step.leaves)
     if (!only_writes(bundle, step, k)) fill(k);
-  std::string missing;
+  std::string missing, written;
   size_t count = 0;
   for (const uint32_t k : step.leaves)
     if (!is_bound(k) && !only_writes(bundle, step, k)) {
@@ -189,10 +189,13 @@ void Program::State::prepare(const bundle::StepT& step) {
       const bundle::LeafT& leaf = *bundle.leaves[faces >= 0 ? static_cast<uint32_t>(faces) : k];
       if (missing.find("'" + leaf.name + "' ") != std::string::npos) continue;
       missing += (count++ == 0 ? "" : ", ") + ("'" + leaf.name + "' " + extent_text(*leaf.extent));
+      for (const auto& other : bundle.steps)
+        if (faces < 0 && only_writes(bundle, *other, k) && ir::leaf_of_initial_step(other->name).empty())
+          written += "; step '" + other->name + "' writes '" + leaf.name + "': run it before";
     }
   if (count > 0)
     throw Failure{std::string("step '") + step.name + "' needs data for " + (count == 1 ? "leaf " : "leaves ") +
-                  missing + (count == 1 ? ", which is not bound" : ", which are not bound")};
+                  missing + (count == 1 ? ", which is not bound" : ", which are not bound") + written};
   for (const std::string& symbol : step.symbols)
     if (sizes.symbols().count(symbol) == 0)
       throw Failure{"symbol '" + symbol + "' has no value: bind a leaf that has it, or the symbol itself"};

@@ -45,6 +45,17 @@ done
 "$drun" fit.dr --device llvmpipe --step tone > /dev/null 2> err.txt && { echo "a step runs without its data"; failed=1; }
 grep -q "step 'tone' needs data for leaves 'later' \[W, Q, 1\], 'photo' \[W, H, 1\], which are not bound" err.txt ||
   { echo "wrong message: $(cat err.txt)"; failed=1; }
+# What another step writes is told of.
+cat > order.dr << 'END'
+edition 1;
+param w : float[H];
+input x : float[H];
+step make { w <- 2.0 * x; }
+step use { output y = sum(w * w); }
+END
+"$drun" order.dr --device llvmpipe --bind 'x=[1, 2]' --step use > /dev/null 2> err.txt && { echo "a step runs before its data is there"; failed=1; }
+grep -q "needs data for leaf 'w' \[H, 1, 1\], which is not bound; step 'make' writes 'w': run it before" err.txt ||
+  { echo "wrong message: $(cat err.txt)"; failed=1; }
 # The other step's memory is made when it runs, with extents that the first one does not know.
 "$drun" fit.dr --device llvmpipe --bind 'later=[[1, 2, 3], [4, 5, 6]]' --bind 'photo=[[1, 1, 1]]' --step tone=2 --step fit=2 \
   --step tone > tone.txt 2>&1 || { cat tone.txt; failed=1; }

@@ -80,6 +80,16 @@ expect 2 err 'excludes' fmt --in-place --check ugly.dr
 expect 1 err 'E0102' fmt --in-place ugly.dr bad.dr
 cmp ugly.dr tidy.dr || failed=1
 [[ $(cat bad.dr) == $'edition 1;\nlet x=;' ]] || { echo 'fmt changed a file with errors'; failed=1; }
+# An edition: the line that says so, where none does.
+printf '// Light.\nlet  x=1.0;\n' > old.dr
+expect 1 err "write 'edition 1;' as the first line" fmt old.dr
+expect 0 out 'edition 1;' fmt --edition 1 old.dr
+expect 0 none '' fmt --edition 1 --in-place old.dr
+[[ $(cat old.dr) == $'// Light.\nedition 1;\n\nlet x = 1.0;' ]] || { echo "fmt --edition: $(cat old.dr)"; failed=1; }
+expect 0 none '' check old.dr
+expect 0 none '' fmt --edition 1 --check old.dr tidy.dr
+expect 2 err 'edition' fmt --edition 2 old.dr
+expect 0 out '--edition' fmt --help
 # A pass that leaves an unsound schedule is a mistake of the compiler: code 3, the pass, the place, and a file that shows it again.
 expect 3 err 'schedule fails verification after pass keep-sums' build good.dr --emit=bundle -o b.drb --no-cache --break-after=keep-sums
 expect 3 err "step s: output 'a' is never stored" build good.dr --emit=bundle -o b.drb --no-cache --break-after=keep-sums

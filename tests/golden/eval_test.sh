@@ -104,6 +104,37 @@ printf '\x93NUMPY\x01\x00\x46\x00%-69s\n\x00\x00\x80\x3f\x00\x00\xc0\x7f' \
 same 'a NaN that is bound' "input 'x' holds a NaN or Inf at element (1, 0, 0)" \
   "$(head -n 1 err.txt | sed 's/.*error: //')"
 
+cat > told.dr << 'END'
+edition 1;
+import std.optim;
+input x : float[W];
+param p : float = 1.0;
+let error = p / sum(x);
+step go { minimize error over p with optim.sgd(); output error, root = sqrt(x); }
+step leave { p <- log(sum(x)); }
+END
+how='--check-finite stops at the op that makes the first one, with its line'
+same 'an Inf is told of once' "warning: output 'go.error' is inf in run 1: $how
+warning: 'p' has -Inf at element (0, 0, 0) after run 1 of step 'leave': $how" \
+  "$("$drc" eval told.dr --bind 'x=[0, 0]' --step go=3 --step leave=2 2>&1 > /dev/null)"
+same 'an image is looked at when a file gets it' "warning: 'go.root' has NaN at element (1, 0, 0): $how" \
+  "$("$drc" eval told.dr --bind 'x=[4, -2]' --step go --out told 2>&1 > /dev/null)"
+same 'finite numbers are not told of' '' "$("$drc" eval told.dr --bind 'x=[4, 2]' --step go=3 --out told 2>&1 > /dev/null)"
+
+# ---- Steps that write what is missing -------------------------------------------------------------------------------
+
+cat > order.dr << 'END'
+edition 1;
+param w : float[H];
+input x : float[H];
+step make { w <- 2.0 * x; }
+step grow { w <- w + x; }
+step use { output y = sum(w * w); }
+END
+refuses 'the step that writes it' "error: param 'w' : float[H] has no data; bind it before the first step; step 'make' writes 'w': run it before" \
+  "$drc" eval order.dr --bind 'x=[1, 2]' --step use
+same 'that step before' 'use.y = 20' "$("$drc" eval order.dr --bind 'x=[1, 2]' --step make --step use)"
+
 # ---- A hull that is too small ---------------------------------------------------------------------------------------
 
 cat > hull.dr << 'END'
