@@ -14,10 +14,22 @@ work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 
 "$drc" doc --ops -o "$work/ops.md"
+# A page for each module, and one that lists them with the first sentence of each.
+mkdir "$work/library"
 {
-  echo '<!-- Made by `drc doc` from stdlib/std/; see docs/howto/test.md. -->'
-  "$drc" doc stdlib/std/*.dr
+  printf '<!-- Made from stdlib/std/; see docs/howto/test.md. -->\n# The library\n\n'
+  printf 'Each page begins with a worked example, which `tests/golden/library_examples_test.sh` runs.\n\n'
+  printf '| module | holds |\n| --- | --- |\n'
 } > "$work/library.md"
+for module in stdlib/std/*.dr; do
+  name=$(basename "$module" .dr)
+  {
+    printf '<!-- Made by `drc doc` from %s; see docs/howto/test.md. -->\n' "$module"
+    "$drc" doc "$module"
+  } > "$work/library/$name.md"
+  sentence=$(awk '!/^\/\/\/ ./ { exit } { printf "%s ", substr($0, 5) }' "$module" | sed -E 's/([^l])\. .*/\1/; s/\. *$//; s/ $//')
+  printf '| [%s](library/%s.md) | %s |\n' "$name" "$name" "$sentence" >> "$work/library.md"
+done
 
 # help_page NAME COMMAND SUBCOMMAND...: what --help says of a command and of each of its subcommands.
 help_page() {
@@ -66,8 +78,9 @@ END
 } > "$work/errors.md"
 
 failed=0
-for page in "$work"/*.md; do
-  name=$(basename "$page")
+if ((update)); then mkdir -p docs/reference/library; fi
+for page in "$work"/*.md "$work"/library/*.md; do
+  name=${page#"$work"/}
   cmp -s "$page" "docs/reference/$name" && continue
   if ((update)); then
     cp "$page" "docs/reference/$name"
@@ -77,5 +90,10 @@ for page in "$work"/*.md; do
     echo "docs/reference/$name is not what the commands print; ./dr test --update writes it anew"
     failed=1
   fi
+done
+for page in docs/reference/library/*.md; do
+  [[ -e $work/library/$(basename "$page") ]] && continue
+  echo "$page is of no module"
+  failed=1
 done
 exit $failed
