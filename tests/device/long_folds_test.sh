@@ -4,8 +4,10 @@
 # a device that lets loops run on, and close to the reference. usage: long_folds_test.sh DRUN
 set -eu  # `yes` ends by a closed pipe
 drun=$(readlink -f "$1")
+written_out=$(readlink -f "$(dirname "${BASH_SOURCE[0]}")/../golden/programs/fold_written_out.dr")
 profiles=$(readlink -f "$(dirname "${BASH_SOURCE[0]}")/../../compiler/target/profiles")
 source "$(dirname "${BASH_SOURCE[0]}")/on_lavapipe.sh" "long folds on lavapipe"
+cp "$written_out" written_out.dr
 cat > data.dr << 'END'
 edition 1;
 input n : int[V];
@@ -89,6 +91,14 @@ expect 0 'agrees with the reference' again.dr --bind 'n=[20000, 15000, 5000, 5]'
 # A large promise costs dispatches that find nothing to do.
 sed 's/max = 20000/max = 1000000000/' again.dr > large.dr
 expect 0 'agrees with the reference' large.dr --bind 'n=[200, 150, 50, 5]' --check-against-reference
+
+# A loop gives the bits of the same loop written out.
+for road in '' '--pack naive' '--lower fragment'; do
+  # shellcheck disable=SC2086
+  for wanted in 'loops_differ = 0' 'folds_differ = 0' 'loops_agree = 1' 'folds_agree = 1'; do
+    expect 0 "$wanted" written_out.dr --step values --step gradients $road
+  done
+done
 
 # The bits of loops cut anywhere, on each road, are those of loops that run on.
 sed 's/"loop_trips": 65535/"loop_trips": 0/' "$profiles/lavapipe.json" > whole.json
