@@ -330,3 +330,13 @@ def test_a_bundle_that_lets_loops_run_on(device):
         return
     with pytest.raises(dressi.Error, match="whose devices let loops run on"):
         program.bind(a=np.ones(9))
+
+
+def test_a_program_of_one_line_is_text_and_no_name(device, tmp_path, monkeypatch):
+    line = "edition 1; input a : float; step s { output twice = 2.0 * a; }"
+    assert dressi.compile(line, device=device).bind(a=3).step("s")["twice"] == 6
+    with pytest.raises(dressi.CompileError, match="cannot read 'no such file.dr'"):
+        dressi.compile("no such file.dr", device=device)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "odd;name.dr").write_text(line.replace("2.0", "5.0") + "\n")
+    assert dressi.compile("odd;name.dr", device=device).bind(a=3).step("s")["twice"] == 15

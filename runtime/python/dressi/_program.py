@@ -491,7 +491,7 @@ def compile(
     floats: str = "strict",
     ablate: Sequence[str] = (),
 ) -> Program:
-    """Compiles a program: the file `fit.dr`, or text (a str with a line break).
+    """Compiles a program: the file `fit.dr`, or text (a str with a line break or a semicolon).
 
     `device` is part of a device's name, its number, "reference" or a `Device`; the program is compiled for its profile, or
     for `profile`. `defines` replaces consts of the program. A program that is wrong raises `CompileError`, whose text has
@@ -502,7 +502,7 @@ def compile(
         raise TypeError(f"expected the name of a file or the text of a program, found a {type(source).__name__}")
     if isinstance(source, str) and not source.strip():
         raise c.CompileError("expected the name of a file or the text of a program, found none")
-    if isinstance(source, os.PathLike) or "\n" not in source:
+    if isinstance(source, os.PathLike) or not _is_text(source):
         path = pathlib.Path(source)
         if path.suffix == ".drb":
             return load(path, device=device)
@@ -519,6 +519,11 @@ def compile(
     options += [("include", os.fspath(folder)) for folder in include]
     options += [(f"define:{key}", _define(value)) for key, value in (defines or {}).items()]
     return _compiled(name, source, options, device if device is not None else where)
+
+
+def _is_text(source: str) -> bool:
+    """Whether it is a program, and no file's name. Every statement ends with a semicolon."""
+    return "\n" in source or (";" in source and not os.path.exists(source))
 
 
 def _compiled(name: str, text: str, options: list[tuple[str, str]], device: Device | str | None) -> Program:

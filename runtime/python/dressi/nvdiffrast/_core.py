@@ -142,7 +142,7 @@ def _seed(array: Any) -> np.ndarray:
 
 def interpolate(
     device: str, attr: Any, rast: Any, tri: Any, rast_db: Any = None, diff_attrs: str | Sequence[int] | None = None
-) -> tuple[list[np.ndarray], Back]:
+) -> tuple[list[Any], Back]:
     """[out, out_da] (out_da is None without `diff_attrs`) and the way back to attr, rast and rast_db."""
     attr, rast, tri = _floats("attr", attr, (2, 3)), _floats("rast", rast, (4,), (4,)), _faces(tri)
     stack = attr[None] if attr.ndim == 2 else attr
