@@ -188,7 +188,8 @@ class Answers(unittest.TestCase):
         uri = path.as_uri()
         self.client.open(uri, path.read_text())
         self.assertEqual(self.client.diagnostics(uri), [])
-        again = self.client.at("definition", uri, place_of(path.read_text(), "adam("))
+        row, column = place_of(path.read_text(), "optimizer adam(")
+        again = self.client.at("definition", uri, (row, column + len("optimizer ")))
         self.assertEqual(again["uri"], uri)
 
     # ---- completion ----
