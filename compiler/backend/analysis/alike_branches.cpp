@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <map>
+#include <optional>
 #include <set>
 
 #include "compiler/backend/analysis/uses.h"
@@ -26,7 +27,7 @@ constexpr size_t kWorthLoop = 32, kWorthChoice = 4;
 size_t size_of(const Graph& graph, RegionId region) {
   size_t size = 0;
   for (const OpId id : graph.region(region).ops) {
-    ++size;
+    if (!is_inline(graph.op(id))) ++size;
     for (const RegionId inner : graph.op(id).regions) size += size_of(graph, inner);
   }
   return size;
@@ -94,14 +95,35 @@ class Comparison {
   }
 
   bool alike(const ir::Region& a, const ir::Region& b) {
-    if (a.ops.size() != b.ops.size() || a.params.size() != b.params.size() || a.yields.size() != b.yields.size())
+    const std::vector<OpId> one = computed(a), other = computed(b);
+    if (one.size() != other.size() || a.params.size() != b.params.size() || a.yields.size() != b.yields.size())
       return false;
     for (size_t k = 0; k < a.params.size(); ++k) define(a.params[k], b.params[k]);
-    for (size_t k = 0; k < a.ops.size(); ++k)
-      if (!alike(graph_.op(a.ops[k]), graph_.op(b.ops[k]))) return false;
+    for (size_t k = 0; k < one.size(); ++k)
+      if (!alike(graph_.op(one[k]), graph_.op(other[k]))) return false;
     for (size_t k = 0; k < a.yields.size(); ++k)
       if (!same(a.yields[k], b.yields[k])) return false;
     return true;
+  }
+
+  // The ops of a region but those that are written down where they are used, inside or outside of it.
+  std::vector<OpId> computed(const ir::Region& region) {
+    std::vector<OpId> out;
+    for (const OpId id : region.ops) {
+      const Op& op = graph_.op(id);
+      if (!is_inline(op))
+        out.push_back(id);
+      else
+        written_.insert(op.results[0]);
+    }
+    return out;
+  }
+
+  // Whether two values are written down alike.
+  bool same_text(ValueId a, ValueId b) const {
+    if (!graph_.value(a).op.valid() || !graph_.value(b).op.valid()) return false;
+    const Op &x = graph_.op(graph_.value(a).op), &y = graph_.op(graph_.value(b).op);
+    return is_inline(x) && x.kind == y.kind && x.attrs == y.attrs && graph_.value(a).type == graph_.value(b).type;
   }
 
   void define(ValueId a, ValueId b) {
@@ -111,13 +133,15 @@ class Comparison {
 
   bool same(ValueId a, ValueId b) {
     if (const auto it = inside_.find(a); it != inside_.end()) return it->second == b;
-    if (second_.count(b) != 0 || graph_.value(a).type != graph_.value(b).type) return false;
+    if (same_text(a, b)) return true;
+    const bool inside = second_.count(b) != 0 || written_.count(a) != 0 || written_.count(b) != 0;
+    if (inside || graph_.value(a).type != graph_.value(b).type) return false;
     return outside_.emplace(a, b).first->second == b;
   }
 
   // What is divided by may be known to drivers, which divide by known numbers in ways of their own: see divisors.h.
   bool same_divisor(ValueId a, ValueId b) const {
-    if (inside_.count(a) == 0) return a == b;
+    if (inside_.count(a) == 0) return a == b || same_text(a, b);
     const OpId from = graph_.value(a).op;
     if (!from.valid() || !ops::info(graph_.op(from).kind).moves) return true;
     const Op &x = graph_.op(from), &y = graph_.op(graph_.value(b).op);
@@ -129,6 +153,7 @@ class Comparison {
   const Graph& graph_;
   std::map<ValueId, ValueId> inside_, outside_;
   std::set<ValueId> second_;
+  std::set<ValueId> written_;  // inside
 };
 
 // Ops of a list, by their places in it.
@@ -185,15 +210,19 @@ struct Group {
 
   std::vector<std::vector<ValueId>> taken() const {
     std::vector<std::vector<ValueId>> out;
-    for (const auto& [first, values] : outside)
-      if (std::ranges::any_of(values, [&](ValueId v) { return v != first; })) out.push_back(values);
+    for (const auto& [first, values] : outside) {
+      if (std::ranges::all_of(values, [&](ValueId v) { return v == first; })) continue;
+      out.push_back(values);
+      out.back().resize(places.size(), first);
+    }
     return out;
   }
 };
 
 // The `if`s that are worth a loop, by what is alike.
-std::vector<Group> find_groups(const Graph& graph, std::span<const OpId> ops) {
+std::vector<Group> find_groups(const Graph& graph, std::span<const OpId> ops, std::optional<List>& list) {
   std::vector<Group> groups;
+  const std::vector<int> alone(ops.size(), -1);
   for (size_t place = 0; place < ops.size(); ++place) {
     const Op& op = graph.op(ops[place]);
     if (op.kind != OpKind::If) continue;
@@ -203,6 +232,9 @@ std::vector<Group> find_groups(const Graph& graph, std::span<const OpId> ops) {
     for (Group& group : groups) {
       Comparison comparison(graph);
       if (group.size != size || !comparison.alike_branches(graph.op(ops[group.places[0]]), op)) continue;
+      if (!list) list.emplace(graph, ops);
+      const std::set<size_t> before = list->before({place}, {}, alone);
+      if (std::ranges::any_of(group.places, [&](size_t member) { return before.count(member) != 0; })) continue;
       for (const auto& [first, value] : comparison.outside()) {
         std::vector<ValueId>& values = group.outside[first];
         values.resize(group.places.size(), first);
@@ -223,9 +255,10 @@ std::vector<Group> find_groups(const Graph& graph, std::span<const OpId> ops) {
 }  // namespace
 
 std::vector<Together> alike_together(const Graph& graph, std::span<const OpId> ops) {
-  const std::vector<Group> found = find_groups(graph, ops);
+  std::optional<List> all;
+  const std::vector<Group> found = find_groups(graph, ops, all);
   if (found.empty()) return {};
-  const List list(graph, ops);
+  const List& list = *all;
   std::vector<std::vector<size_t>> groups;
   std::vector<std::vector<std::vector<ValueId>>> taken;
   std::vector<int> group_of(ops.size(), -1);
