@@ -24,7 +24,7 @@ namespace dr::backend::glsl {
 struct Accumulator {
   std::string name;  // suffix of its functions: scatter_<name>(ivec3 place, T value)
   ir::Type type;
-  ir::Extent extent;  // of the result
+  ir::Extent extent;      // of the result
   std::string site = {};  // a third argument, unless empty
 };
 

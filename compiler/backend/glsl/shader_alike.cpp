@@ -16,15 +16,15 @@ bool Shader::may_loop(const Together& together) const {
   constexpr size_t kMost = 32;  // a bit each
   const Op& first = graph_.op(together.ops[0]);
   return together.ops.size() <= kMost && std::ranges::all_of(together.ops, [&](ir::OpId id) {
-    const Op& op = graph_.op(id);
-    if (!op.results.empty() && left_out_.count(op.results[0]) != 0) return false;
-    for (size_t k = 0; k < op.results.size(); ++k) {
-      const auto one = accumulators_.find(first.results[k]), other = accumulators_.find(op.results[k]);
-      if ((one == accumulators_.end()) != (other == accumulators_.end())) return false;
-      if (one != accumulators_.end() && one->second.name != other->second.name) return false;
-    }
-    return true;
-  });
+           const Op& op = graph_.op(id);
+           if (!op.results.empty() && left_out_.count(op.results[0]) != 0) return false;
+           for (size_t k = 0; k < op.results.size(); ++k) {
+             const auto one = accumulators_.find(first.results[k]), other = accumulators_.find(op.results[k]);
+             if ((one == accumulators_.end()) != (other == accumulators_.end())) return false;
+             if (one != accumulators_.end() && one->second.name != other->second.name) return false;
+           }
+           return true;
+         });
 }
 
 // One of several expressions, by a number.
