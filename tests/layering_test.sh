@@ -26,7 +26,7 @@ compiler/backend/emit      BUNDLE GRAPH B/analysis/ B/schedule/ B/glsl/ B/plan/
 compiler/backend/spirv     BUNDLE compiler/ir/ B/glsl/source.h
 compiler/backend           dsl/ GRAPH compiler/target/ compiler/passes/ compiler/backend/
 compiler/driver          dsl/ compiler/ir/ compiler/lower/ compiler/passes/ compiler/target/ compiler/backend/
-compiler/language_server dsl/ compiler/lower/
+compiler/language_server dsl/ compiler/ir/ compiler/ops/ compiler/lower/
 compiler/drc             dsl/ compiler/
 compiler/io              compiler/io/
 compiler/io/file
