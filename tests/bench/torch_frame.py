@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """torch_frame.py [DEVICE [FRAMES]]: the frame of table4.dr driven by PyTorch: our picture and gradient through autograd,
 torch's loss and Adam. Beside it the same loop around an empty Function, and the frame without PyTorch, in turns.
-Prints one JSON object for each size: microseconds a frame, medians of five turns. DRESSI_LIBRARY and PYTHONPATH say
+Prints one JSON object for each size: microseconds a frame, medians of five turns. Before them, on a GPU, what it costs to
+go from CUDA to Vulkan and back: a step of 16 numbers and one addition of torch's that wait for each other. DRESSI_LIBRARY and PYTHONPATH say
 where the package is."""
 import json
 import pathlib
@@ -104,9 +105,50 @@ def measure(device, around, rings, size, frames):
     }  # fmt: skip
 
 
+def round_trip(device, frames):
+    program = dressi.compile("edition 1; input x : float[W]; step look { output y = x * x; }", device=device)
+    run = program.bind(x=np.zeros(16, np.float32))
+    x, given = torch.zeros(16, device="cuda"), torch.zeros(16, device="cuda")
+    run["x"] = given
+    run.step("look", outputs=[])
+    result = torch.from_dlpack(run.output("y", step="look"))
+
+    def both():
+        run["x"] = given
+        run.step("look", outputs=[])
+        torch.add(x, result, out=given)
+
+    def alone():
+        run["x"] = x
+        run.step("look", outputs=[])
+
+    def torch_alone():
+        torch.add(x, x, out=given)
+
+    def timed(call):
+        turns = []
+        for _ in range(6):
+            torch.cuda.synchronize()
+            start = time.perf_counter()
+            for _ in range(frames):
+                call()
+            torch.cuda.synchronize()
+            turns.append((time.perf_counter() - start) / frames * 1e6)
+        return round(statistics.median(turns[1:]), 1)
+
+    native = program.bind(x=np.zeros(16, np.float32))
+    native.step("look", times=100, outputs=[])
+    start = time.perf_counter()
+    native.step("look", times=10 * frames, outputs=[])
+    us = (time.perf_counter() - start) / (10 * frames) * 1e6
+    return {"round trip": timed(both), "step with a copy of torch's": timed(alone), "torch's addition": timed(torch_alone), "step": round(us, 1)}
+
+
 def main():
     device = sys.argv[1] if len(sys.argv) > 1 else "lavapipe"
     frames = int(sys.argv[2]) if len(sys.argv) > 2 else 1000
+    if torch.cuda.is_available() and device.lower() != "lavapipe":
+        print(json.dumps(round_trip(device, frames)), flush=True)
     for around, rings in ((31, 12), (96, 75), (209, 124)):
         for size in (256, 1024):
             print(json.dumps(measure(device, around, rings, size, frames)), flush=True)
