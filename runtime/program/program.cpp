@@ -76,7 +76,9 @@ std::vector<io::Array> parts_of_entries(const io::Array& entries, size_t ranks) 
   return out;
 }
 
-std::string output_text(const std::string& step, const std::string& name) { return "output '" + step + "." + name + "'"; }
+std::string output_text(const std::string& step, const std::string& name) {
+  return "output '" + step + "." + name + "'";
+}
 std::string leaf_text(const std::string& name) { return "leaf '" + name + "'"; }
 
 }  // namespace

@@ -302,8 +302,8 @@ step spoil { p <- p / t; output total = sum(p); }
     CHECK(said.empty());
     CHECK(test::must(silent.told_not_finite("spoil")).size() == 1);
 
-    auto judge = test::must(
-        jit::ReferenceProgram::load(bundle, [&](const std::string& warning) { said.push_back(warning); }));
+    auto judge =
+        test::must(jit::ReferenceProgram::load(bundle, [&](const std::string& warning) { said.push_back(warning); }));
     tells(judge, said);
   });
 }
