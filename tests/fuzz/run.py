@@ -3,7 +3,8 @@
 
   run.py BUILD [--seconds N] [--seed N] [--keep FOLDER] [--drc DRC] [TARGET...]
 
-BUILD is a folder of the preset `fuzz`, where inputs that reach something new are kept, or of `asan`, where mistakes with
+A folder that is not there yet begins with what earlier runs kept, `corpus/kept.tar.xz`; `tar --sort=name -C FOLDER -cJf`
+makes it anew. BUILD is a folder of the preset `fuzz`, where inputs that reach something new are kept, or of `asan`, where mistakes with
 memory show. Seeds of bundles are made by the drc that is named, of a usual build. Exit code 1: a target died, and left
 the input where this was called.
 """
@@ -12,6 +13,7 @@ import json
 import pathlib
 import subprocess
 import sys
+import tarfile
 
 
 def targets(build):
@@ -42,6 +44,9 @@ def main():
     parser.add_argument("target", nargs="*")
     options = parser.parse_intermixed_args()
     make_seeds(options.build, options.drc)
+    if not options.keep.exists():
+        with tarfile.open(pathlib.Path(__file__).parent / "corpus/kept.tar.xz") as kept:
+            kept.extractall(options.keep)
     failed = 0
     for name, command in targets(options.build):
         if (options.target and name not in options.target) or (name.startswith("bundle_") and not options.drc):
