@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // An `if` that both scatters and gives values at its own element becomes two, each with what it needs:
-//   %1, %2 = if %c yields [element, scatter] {..}    =>    %1 = if %c yields [element] {..} ; %2 = if %c yields [scatter] {..}
+//   %1, %2 = if %c yields [element, scatter] {..}    =>    %1 = if %c yields [element] {..} ; %2 = if %c yields
+//   [scatter] {..}
 // What goes on at the element then shares a shader with what comes before and after it, and the elements that scatter
 // something can be listed (backend/lowering/scatter_active.h). Loops stay whole: to run them twice would cost more.
 // Requires: no Grad op. Establishes: nothing.
@@ -56,7 +57,8 @@ class Splitter {
   }
 
   void copy_split(const Op& op) {
-    for (const bool scatters : {false, true}) copy_part(op, [&](Yield how) { return (how == Yield::Scatter) == scatters; });
+    for (const bool scatters : {false, true})
+      copy_part(op, [&](Yield how) { return (how == Yield::Scatter) == scatters; });
   }
 
   // The op with the results that `wanted` says.

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Levels are first as low as can be. Then each element-wise op has a range: up to the level at which its first user
 // needs it. Fewest levels that meet all ranges of an extent: take the range that begins last, open its first level,
-// leave out all ranges that hold it, and so on. At the end ops go to the first open level that they can, or to the last:
-// whichever hands less from level to level. Early, what several ops need is made once; late, what only the gradient
-// needs of the forward sweep is made beside the gradient and stored nowhere.
+// leave out all ranges that hold it, and so on. At the end ops go to the first open level that they can, or to the
+// last: whichever hands less from level to level. Early, what several ops need is made once; late, what only the
+// gradient needs of the forward sweep is made beside the gradient and stored nowhere.
 #include "compiler/backend/analysis/levels.h"
 
 #include <algorithm>

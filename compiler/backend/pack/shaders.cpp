@@ -264,7 +264,8 @@ std::vector<ValueId> StepPacker::choose(std::span<const ValueId>& targets, int l
     if (written_[v.index]) continue;
     grow(v);
     const auto count = static_cast<uint32_t>(chosen.size()) + 1;
-    if (fits(profile_, {cone_.buffers, cone_.images, count, hardware, more}) && (count == 1 || cone_.size <= kMaxSize)) {
+    if (fits(profile_, {cone_.buffers, cone_.images, count, hardware, more}) &&
+        (count == 1 || cone_.size <= kMaxSize)) {
       chosen.push_back(v);
       continue;
     }
