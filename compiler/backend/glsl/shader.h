@@ -12,6 +12,7 @@
 #include <unordered_map>
 #include <vector>
 
+#include "compiler/backend/analysis/alike_branches.h"
 #include "compiler/backend/bundle/bundle.h"
 #include "compiler/backend/glsl/cut_loops.h"
 #include "compiler/backend/glsl/text.h"
@@ -23,8 +24,8 @@ namespace dr::backend::glsl {
 struct Accumulator {
   std::string name;  // suffix of its functions: scatter_<name>(ivec3 place, T value)
   ir::Type type;
-  ir::Extent extent;  // of the result
-  int site = -1;      // a third argument, unless negative
+  ir::Extent extent;      // of the result
+  std::string site = {};  // a third argument, unless empty
 };
 
 class Shader {
@@ -125,6 +126,10 @@ class Shader {
   void elementwise_op(const ir::Op& op);
   bool is_hidden(ir::ValueId divisor) const;
   void if_op(const ir::Op& op);
+  // shader_alike.cpp
+  bool may_loop(const Together& together) const;
+  void alike_ops(const Together& together);
+  std::string choice(const std::string& which, const std::vector<std::string>& values) const;
   void reduce_op(const ir::Op& op);
   void loop_variable(std::vector<std::string>& enter, const ir::Type& type, const std::string& name,
                      const std::string& first);
