@@ -117,7 +117,7 @@ param size : float = 0.6;
 let seen = raster(1, 16, 16, L) {
   setup(f) -> vec3 { vec3(size, 0.5, 1.0) }
   corner(s, c) -> vec2 { [vec2(2.0, 2.0), vec2(14.0, 3.0), vec2(7.0, 14.0)][c] }
-  keep(s, p) -> bool { p.x * s.x < 8.0 }
+  keep(s, p) -> bool { distance(p, vec2(7.6, 6.2)) < 4.0 * s.x }
   depth(s, p) -> float { 0.5 }
 };
 step go { output found = float(seen[0].face), total = sum(if seen[0].face >= 0 { 1.0 } else { 0.0 }); }
@@ -222,7 +222,8 @@ agrees counts.dr --bind 'x=[0, -0.5, 0.999, 16777215, 16777216, 2147483520, -214
 cat > long.dr << 'DR'
 edition 1;
 param a : float[N] = 0.5;
-let y = reduce(sum, i in 0..T) { sin(a * float(i + coord(N).x)) };
+param b : float[T] = 1.0;
+let y = reduce(sum, i in 0..T) { b.at(i) * sin(a * float(i % 97 + coord(N).x)) };
 step go { output y; }
 DR
 "$drun" devices > devices
