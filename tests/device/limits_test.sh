@@ -6,6 +6,7 @@
 # usage: limits_test.sh DRUN; with DR_LARGE_LIMITS=1 also those that take long, or gigabytes.
 set -eu
 drun=$(readlink -f "$1")
+profiles=$(readlink -f "$(dirname "${BASH_SOURCE[0]}")/../../compiler/target/profiles")
 device=()
 if [[ -n ${DR_TEST_DEVICE-} ]]; then
   device=(--device "$DR_TEST_DEVICE") drivers=('')
@@ -226,9 +227,8 @@ param b : float[T] = 1.0;
 let y = reduce(sum, i in 0..T) { b.at(i) * sin(a * float(i % 97 + coord(N).x)) };
 step go { output y; }
 DR
-"$drun" devices > devices
 profile=$(sed "s/\"loop_trips\": [0-9]*/\"loop_trips\": 1000/; s/\"name\": \"[^\"]*\"/\"name\": \"ends_loops\"/" \
-  "$(dirname "${BASH_SOURCE[0]}")/../../compiler/target/profiles/swiftshader.json")
+  "$profiles/swiftshader.json")
 echo "$profile" > ends_loops.json
 agrees long.dr -s N=200 -s T=999 --profile ends_loops.json
 agrees long.dr -s N=200 -s T=20000 --profile ends_loops.json
