@@ -136,10 +136,14 @@ void Commands::reduce(const bundle::CommandT& c, std::vector<Primitive>& out) {
   int64_t n = sizes_.evaluate(c.count, "pass '" + c.label + "'");
   const uint32_t scratch[] = {static_cast<uint32_t>(c.scratch_a), static_cast<uint32_t>(c.scratch_b)};
   if (outs > kMaxElements / n) throw Failure{"pass '" + c.label + "' has more than 2^31 inputs"};
+  constexpr int64_t kEach = 64, kMostLanes = 64;  // inputs of an invocation, and invocations of a partial
   for (int stage = 0;; ++stage) {
-    const int64_t partials = (n + 63) / 64;
+    const int64_t partials = (n + kEach * kMostLanes - 1) / (kEach * kMostLanes);
+    int64_t lanes = 1;
+    while (lanes < kMostLanes && lanes * kEach < n) lanes *= 2;
+    const int64_t invocations = outs * partials * lanes;
     const uint32_t target = partials == 1 ? static_cast<uint32_t>(c.target) : scratch[stage % 2];
-    must_be_due(c, outs * partials);
+    must_be_due(c, invocations);
     if (memory_.buffer(target).bytes / 4 < static_cast<vk::DeviceSize>(outs * partials))
       throw Failure{"pass '" + c.label + "' has more results than '" + bundle_.resources[target]->name + "' holds"};
     Primitive p;
@@ -153,11 +157,11 @@ void Commands::reduce(const bundle::CommandT& c, std::vector<Primitive>& out) {
     descriptors.push_back({target, 0});
     p.accesses.push_back({target, Use::ComputeWrite});
     const Bound bound = pipelines_.bind(descriptors, vk::ShaderStageFlagBits::eCompute);
-    const uint32_t group = group_size(device_->properties, outs * partials);
+    const uint32_t group = group_size(device_->properties, invocations);
     const size_t pipeline = pipelines_.compute(stage == 0 ? c.compute : c.next, bound.layout, group);
     const std::array<int32_t, 4> push{0, static_cast<int32_t>(n), static_cast<int32_t>(partials), 0};
     p.record = [=, this](const vk::raii::CommandBuffer& commands) {
-      record_dispatch(commands, pipelines_[pipeline], bound, push, outs * partials, group);
+      record_dispatch(commands, pipelines_[pipeline], bound, push, invocations, group);
     };
     out.push_back(std::move(p));
     if (partials == 1) return;

@@ -14,7 +14,7 @@
 
 namespace dr::bundle {
 
-inline constexpr uint32_t kVersion = 11;
+inline constexpr uint32_t kVersion = 12;
 
 // Deterministic bytes: the tables with their length before them, and a checksum of both behind them.
 std::vector<uint8_t> write(const BundleT& bundle);

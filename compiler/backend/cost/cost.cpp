@@ -37,7 +37,7 @@ int recompute_limit(const target::Profile& profile, bool fragment) {
 
 namespace {
 
-constexpr double kUnknownTrips = 8, kReduceGroup = 64;
+constexpr double kUnknownTrips = 8, kReduceGroup = 4096;
 // The share of a scatter's elements that add something, where only those run.
 constexpr double kActive = 0.125;
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Bundle tables, and the shaders and commands of map and reduce passes.
+// Bundle tables, and the shaders and commands of map passes.
 #include "compiler/backend/emit/generator.h"
 
 #include <algorithm>
@@ -359,97 +359,6 @@ void Generator::fragment_pass(const Pass& pass, const std::vector<ValueId>& inpu
   c.bindings = s.take_bindings();
   c.elements = "3";
   c.extent = bundle_extent(pass.domain);
-  c.push = {0, 0, 0};
-}
-
-void Generator::reduce_pass(const Pass& pass) {
-  const ir::Op& op = graph_.op(pass.ops[0]);
-  const ValueId source = op.operands[0], target = op.results[0];
-  const ir::Type type = resource(target).type;
-  const Extent& from = resource(source).extent;
-  const Dim* const axes[] = {&from.w, &from.h, &from.l};
-  Dim outs = 1, count = 1;
-  for (size_t a = 0; a < 3; ++a)
-    (op.attrs.ints[a] != 0 ? count : outs) = (op.attrs.ints[a] != 0 ? count : outs) * *axes[a];
-  const int n = type.components();
-
-  // Folds up to 64 inputs in groups of eight: a fixed tree, whatever the lowering.
-  auto fold = [&](Shader& s, const std::string& read, const std::string& target_name) {
-    const bool sum = op.kind == OpKind::ReduceSum;
-    const std::string first = sum ? glsl::zero(type) : glsl::limit(type, op.kind == OpKind::ReduceMin);
-    auto combine = [&](const std::string& into, const std::string& what) {
-      if (sum) {
-        s.body().line(into + " = " + into + " + " + what + ";");
-        return;
-      }
-      for (int c = 0; c < n; ++c) {
-        const std::string now = glsl::component(type, into, c), other = glsl::component(type, what, c);
-        s.body().line("if (" + other + (op.kind == OpKind::ReduceMin ? " < " : " > ") + now + ") " + now + " = " +
-                      other + ";");
-      }
-    };
-    s.body().line(type.str() + " total = " + first + ";");
-    s.body().line("int end = min(begin + 64, pc.a);");
-    s.body().line("for (int g = begin; g < end; g += 8) {");
-    s.body().line(type.str() + " part = " + first + ";");
-    s.body().line("int stop = min(g + 8, end);");
-    s.body().line("for (int r = g; r < stop; ++r) {");
-    s.body().line(type.str() + " x = " + read + ";");
-    combine("part", "x");
-    s.body().line("}");
-    combine("total", "part");
-    s.body().line("}");
-    for (int c = 0; c < n; ++c)
-      s.body().line(target_name + ".d[index * " + std::to_string(n) + " + " + std::to_string(c) +
-                    "] = " + glsl::component(type, "total", c) + ";");
-  };
-  auto begin = [&](Shader& s) {
-    linear_index(s, dim_expression(outs) + " * pc.b");
-    s.body().line("int o = index / pc.b;");
-    s.body().line("int begin = (index % pc.b) * 64;");
-  };
-  const std::string word = glsl::storage_scalar(type.scalar);
-
-  Shader first = strict_shader();
-  begin(first);
-  // Element r of result o: both count through their axes, x fastest.
-  std::string function = "ivec3 source_place(int o, int r) {\n  ivec3 at = ivec3(0);\n";
-  for (const bool reduced : {true, false}) {
-    std::string counter = reduced ? "r" : "o";
-    for (size_t a = 0; a < 3; ++a) {
-      if ((op.attrs.ints[a] != 0) != reduced || axes[a]->is_one()) continue;
-      const std::string d = dim_expression(*axes[a]);
-      function += "  at[" + std::to_string(a) + "] = " + counter + " % " + d + "; " + counter + " /= " + d + ";\n";
-    }
-  }
-  first.load(source, "at");
-  first.declare(function + "  return at;\n}\n");
-  const std::string load = first.load(source, "source_place(o, r)");
-  // The target is bound by number: the first stage may write it or scratch.
-  const uint32_t a = add_scratch(pass.name + "_partials", ((count + 63).divided_by(64) * outs * Dim(n)).str());
-  const uint32_t b = add_scratch(pass.name + "_partials_2", ((count + 4095).divided_by(4096) * outs * Dim(n)).str());
-  const std::string out_name = first.bind_words(a, "partials", bundle::Access::Write, word.c_str());
-  fold(first, load, out_name);
-
-  Shader next = strict_shader();
-  begin(next);
-  const std::string in = next.bind_words(a, "inputs", bundle::Access::Read, word.c_str());
-  const std::string out = next.bind_words(b, "partials", bundle::Access::Write, word.c_str());
-  std::string words;
-  for (int c = 0; c < n; ++c)
-    words += (c ? ", " : "") + in + ".d[(o * pc.a + r) * " + std::to_string(n) + " + " + std::to_string(c) + "]";
-  fold(next, type.is_scalar() ? words : type.str() + "(" + words + ")", out);
-
-  auto& c = command(bundle::CommandKind::Reduce, pass.name);
-  c.compute = add_shader(pass.name, bundle::Stage::Compute, first);
-  c.bindings = first.take_bindings();
-  c.bindings.pop_back();  // the output: target or scratch, as the sizes have it
-  c.next = add_shader(pass.name + "_next", bundle::Stage::Compute, next);
-  c.target = static_cast<int>(resource_index(target));
-  c.outs = outs.str();
-  c.count = count.str();
-  c.scratch_a = static_cast<int>(a);
-  c.scratch_b = static_cast<int>(b);
   c.push = {0, 0, 0};
 }
 

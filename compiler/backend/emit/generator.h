@@ -58,7 +58,7 @@ class Generator {
   void close_cut(glsl::Shader& shader, const Cut& cut);
   static void end_cut(glsl::Shader& shader, const Cut& cut);
   void set_trips(bundle::CommandT& command, const Cut& cut) const;
-  void reduce_pass(const Pass& pass);
+  void reduce_pass(const Pass& pass);  // reduce.cpp
   void scatter_pass(const Pass& pass);
   // Where a sum or maximum of a scatter goes.
   struct Target {

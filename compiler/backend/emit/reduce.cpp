@@ -1,0 +1,152 @@
+// SPDX-License-Identifier: Apache-2.0
+// Sums, minima and maxima over an image. An invocation folds 64 inputs, and up to 64 of them, side by side in a
+// workgroup, fold what they found: a dispatch leaves one partial of 4,096 inputs. The tree is the same on every device:
+// groups of eight, of eight groups, of 64 of those, and so on.
+#include <string>
+
+#include "compiler/backend/emit/generator.h"
+
+namespace dr::backend {
+
+using glsl::dim_expression;
+using glsl::Shader;
+using ir::Dim;
+using ir::OpKind;
+using ir::ValueId;
+
+namespace {
+
+class ReduceWriter {
+ public:
+  // `op`: what it does; `type`: of an input.
+  ReduceWriter(const ir::Op& op, const ir::Type& type) : kind_(op.kind), type_(type) {}
+
+  // Which inputs an invocation has: `begin` to `end` of result `o`, as lane `lane` of `lanes` for the partial
+  // `partial`.
+  static void open(Shader& s, const Dim& outs) {
+    linear_index(s, "");
+    s.body().line("int lanes = pc.a <= 64 ? 1 : min(2 << findMSB((pc.a - 1) / 64), 64);");
+    s.body().line("int partial = index / lanes, lane = index % lanes, o = partial / pc.b;");
+    s.body().line("int block = (partial % pc.b) * lanes * 64, begin = block + lane * 64;");
+    s.body().line("bool is_due = o < " + dim_expression(outs) + ";");
+    s.body().line("int end = is_due ? min(begin + 64, pc.a) : begin;");
+  }
+
+  // Folds what `read` gives for r = begin .. end - 1 into a variable `into`, in groups of eight.
+  void fold(Shader& s, const std::string& into, const std::string& read) const {
+    const std::string first =
+        kind_ == OpKind::ReduceSum ? glsl::zero(type_) : glsl::limit(type_, kind_ == OpKind::ReduceMin);
+    s.body().line(type_.str() + " " + into + " = " + first + ";");
+    s.body().line("for (int g = begin; g < end; g += 8) {");
+    s.body().line(type_.str() + " part = " + first + ";");
+    s.body().line("int stop = min(g + 8, end);");
+    s.body().line("for (int r = g; r < stop; ++r) {");
+    s.body().line(type_.str() + " x = " + read + ";");
+    combine(s, "part", "x");
+    s.body().line("}");
+    combine(s, into, "part");
+    s.body().line("}");
+  }
+
+  // The lanes of a partial fold their totals, and the first one stores what comes of it.
+  void close(Shader& s, const std::string& target) const {
+    constexpr int kMostInGroup = 256;
+    s.declare("shared " + type_.str() + " totals[" + std::to_string(kMostInGroup) + "];\n");
+    s.body().line("int here = int(gl_LocalInvocationID.x);");
+    s.body().line("totals[here] = total;");
+    s.body().line("barrier();");
+    s.body().line("if (lane != 0 || !is_due) return;");
+    s.body().line("begin = here;");
+    s.body().line("end = here + min(lanes, (pc.a - block + 63) / 64);");
+    fold(s, "all", "totals[r]");
+    const int n = type_.components();
+    for (int c = 0; c < n; ++c)
+      s.body().line(target + ".d[partial * " + std::to_string(n) + " + " + std::to_string(c) +
+                    "] = " + glsl::component(type_, "all", c) + ";");
+  }
+
+ private:
+  void combine(Shader& s, const std::string& into, const std::string& what) const {
+    if (kind_ == OpKind::ReduceSum) {
+      s.body().line(into + " = " + into + " + " + what + ";");
+      return;
+    }
+    for (int c = 0; c < type_.components(); ++c) {
+      const std::string now = glsl::component(type_, into, c), other = glsl::component(type_, what, c);
+      s.body().line("if (" + other + (kind_ == OpKind::ReduceMin ? " < " : " > ") + now + ") " + now + " = " + other +
+                    ";");
+    }
+  }
+
+  OpKind kind_;
+  ir::Type type_;
+};
+
+// GLSL of source_place(o, r): the place of element r of result o, both of which count through their axes, x fastest.
+std::string source_place(const ir::Op& op, const Dim* const (&axes)[3]) {
+  std::string function = "ivec3 source_place(int o, int r) {\n  ivec3 at = ivec3(0);\n";
+  for (const bool reduced : {true, false}) {
+    const std::string counter = reduced ? "r" : "o";
+    for (size_t a = 0; a < 3; ++a) {
+      if ((op.attrs.ints[a] != 0) != reduced || axes[a]->is_one()) continue;
+      const std::string d = dim_expression(*axes[a]);
+      function += "  at[" + std::to_string(a) + "] = " + counter + " % " + d + "; " + counter + " /= " + d + ";\n";
+    }
+  }
+  return function + "  return at;\n}\n";
+}
+
+}  // namespace
+
+void Generator::reduce_pass(const Pass& pass) {
+  constexpr int64_t kInputs = 4096;  // of a partial
+  const ir::Op& op = graph_.op(pass.ops[0]);
+  const ValueId source = op.operands[0], target = op.results[0];
+  const ir::Type type = resource(target).type;
+  const ir::Extent& from = resource(source).extent;
+  const Dim* const axes[] = {&from.w, &from.h, &from.l};
+  Dim outs = 1, count = 1;
+  for (size_t a = 0; a < 3; ++a)
+    (op.attrs.ints[a] != 0 ? count : outs) = (op.attrs.ints[a] != 0 ? count : outs) * *axes[a];
+  const int n = type.components();
+  const ReduceWriter writer(op, type);
+  const std::string word = glsl::storage_scalar(type.scalar);
+
+  Shader first = strict_shader();
+  ReduceWriter::open(first, outs);
+  first.load(source, "at");
+  first.declare(source_place(op, axes));
+  const std::string load = first.load(source, "source_place(o, r)");
+  // The target is bound by number: the first stage may write it or scratch.
+  const Dim partials = (count + Dim(kInputs - 1)).divided_by(kInputs),
+            later = (count + Dim(kInputs * kInputs - 1)).divided_by(kInputs * kInputs);
+  const uint32_t a = add_scratch(pass.name + "_partials", (partials * outs * Dim(n)).str());
+  const uint32_t b = add_scratch(pass.name + "_partials_2", (later * outs * Dim(n)).str());
+  const std::string out_name = first.bind_words(a, "partials", bundle::Access::Write, word.c_str());
+  writer.fold(first, "total", load);
+  writer.close(first, out_name);
+
+  Shader next = strict_shader();
+  ReduceWriter::open(next, outs);
+  const std::string in = next.bind_words(a, "inputs", bundle::Access::Read, word.c_str());
+  const std::string out = next.bind_words(b, "partials", bundle::Access::Write, word.c_str());
+  std::string words;
+  for (int c = 0; c < n; ++c)
+    words += (c ? ", " : "") + in + ".d[(o * pc.a + r) * " + std::to_string(n) + " + " + std::to_string(c) + "]";
+  writer.fold(next, "total", type.is_scalar() ? words : type.str() + "(" + words + ")");
+  writer.close(next, out);
+
+  auto& c = command(bundle::CommandKind::Reduce, pass.name);
+  c.compute = add_shader(pass.name, bundle::Stage::Compute, first);
+  c.bindings = first.take_bindings();
+  c.bindings.pop_back();  // the output: target or scratch, as the sizes have it
+  c.next = add_shader(pass.name + "_next", bundle::Stage::Compute, next);
+  c.target = static_cast<int>(resource_index(target));
+  c.outs = outs.str();
+  c.count = count.str();
+  c.scratch_a = static_cast<int>(a);
+  c.scratch_b = static_cast<int>(b);
+  c.push = {0, 0, 0};
+}
+
+}  // namespace dr::backend
