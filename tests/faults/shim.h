@@ -17,6 +17,7 @@ inline constexpr int kKinds = 4;
 
 // Counts the calls of each kind from 1; the one of number `at` fails, none for 0.
 void arm(Kind kind, long at);
+// How many calls there were; where none was to fail, the number of the last one that might have.
 long seen(Kind kind);
 // What failed since, "vkCreateBuffer"; empty when nothing did.
 std::string failed();
