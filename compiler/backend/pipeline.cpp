@@ -6,6 +6,7 @@
 
 #include "compiler/backend/analysis/fold_memory.h"
 #include "compiler/backend/emit/generator.h"
+#include "compiler/backend/lowering/block_loops.h"
 #include "compiler/backend/lowering/keep_in_tiles.h"
 #include "compiler/backend/lowering/keep_sums.h"
 #include "compiler/backend/lowering/list_where_computed.h"
@@ -75,12 +76,17 @@ Outcome run_set_up_in_raster(Compilation& c) {
   return std::nullopt;
 }
 
+Outcome run_block_loops(Compilation& c) {
+  if (c.options.block_loops) block_loops(c.graph(), c.profile, c.out.schedule);
+  return std::nullopt;
+}
+
 // The last word on limits, whatever the passes before took care of.
 Outcome run_check_limits(Compilation& c) {
   std::string limits;
   for (const Violation& v : check_schedule(c.graph(), c.out.schedule, c.profile))
     if (v.kind == Violation::Kind::Limit) limits += (limits.empty() ? "" : "\n") + v.text;
-  if (const auto loops = folds_over_limit(c.graph())) limits += (limits.empty() ? "" : "\n") + *loops;
+  if (const auto loops = folds_over_limit(c.graph(), c.lines)) limits += (limits.empty() ? "" : "\n") + *loops;
   if (limits.empty()) return std::nullopt;
   return Limit{limits};
 }
@@ -141,6 +147,7 @@ constexpr BackendPass kPasses[] = {
     {"keep-sums", run_keep_sums, Fact::Packed | Fact::SumsChosen, 0, only(Fact::Lowered)},
     {"set-up-in-raster", run_set_up_in_raster, Fact::Packed | Fact::EntriesKept, only(Fact::PlacesFixed),
      only(Fact::Lowered)},
+    {"block-loops", run_block_loops, Fact::Packed | Fact::SumsChosen | Fact::PlacesFixed, 0, only(Fact::Lowered)},
     {"check-limits", run_check_limits, Fact::Packed | Fact::SumsChosen, only(Fact::Lowered), only(Fact::Emitted)},
     {"emit", run_emit, only(Fact::Lowered), only(Fact::Emitted), only(Fact::CommandsFixed)},
     {"find-dependencies", run_find_dependencies, only(Fact::Emitted), only(Fact::Dependencies), 0},

@@ -119,7 +119,7 @@ int run(int argc, char** argv) {
       ->add_option("--ablate", build_options.input.compile.ablate, "Parts of packing to switch off, with commas")
       ->delimiter(',')
       ->allow_extra_args(false)
-      ->check(CLI::IsMember({"substages", "stages", "remat", "cache"}));
+      ->check(CLI::IsMember({"substages", "stages", "remat", "cache", "blocks"}));
   std::vector<std::string> no_skip;
   build_command
       ->add_option("--no-skip", no_skip, "Do work that would be left out, with commas: see docs/explain/skipping.md")

@@ -18,7 +18,8 @@ int64_t overhead(const Trips& trips, int each) { return 64 + int64_t{each} * (3 
 
 }  // namespace
 
-Generator::Cut Generator::cut(Shader& s, const Pass& pass, const Trips& trips, const std::string& element, int each) {
+Generator::Cut Generator::cut(Shader& s, const Pass& pass, const Trips& trips, const std::string& element, int each,
+                              const ir::Extent* domain) {
   Cut cut;
   const bool long_ones = may_pass_limit(trips, profile_, each), unknown = trips.unknown > 0 && profile_.loop_trips > 0;
   if (!long_ones && !unknown) return cut;
@@ -36,7 +37,7 @@ Generator::Cut Generator::cut(Shader& s, const Pass& pass, const Trips& trips, c
   // The words of an element are known when its code is.
   cut.state = add_scratch(pass.name + "_loops_" + number, "1");
   bundle_->resources[cut.state]->room = (cut.trips - ir::Dim(cut.most)).str();
-  bundle_->resources[cut.state]->extent->w = element_count(pass.domain).str();
+  bundle_->resources[cut.state]->extent->w = element_count(domain == nullptr ? pass.domain : *domain).str();
   if (cut.watched) {
     cut.watch = add_scratch(pass.name + "_unfinished_" + number, "1");
     bundle_->resources[cut.watch]->role = bundle::Role::Watch;
