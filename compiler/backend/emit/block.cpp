@@ -26,7 +26,7 @@ bool divides(int n, const Dim& d) { return n == 1 || (d.is_constant() && d.const
 
 }  // namespace
 
-void Generator::block_map_pass(const Pass& pass, const Trips& trips) {
+void Generator::block_map_pass(const Pass& pass) {
   const Block& block = pass.block;
   const Extent& domain = pass.domain;
   Shader s = shader();
@@ -59,7 +59,7 @@ void Generator::block_map_pass(const Pass& pass, const Trips& trips) {
     for (size_t axis = 0; axis < 3; ++axis) apart[axis] = dim_expression(size_on(blocks, axis));
     first = "at";
   }
-  const Cut cut = this->cut(s, pass, trips, "index", 1, &blocks);
+  const Cut cut = this->cut(s, pass, pass.code.cut, "index", 1, &blocks);
   std::vector<Shader::Member> members;
   std::string last;  // the last place there is, where members may lie beyond
   for (size_t axis = 0; axis < 3; ++axis)

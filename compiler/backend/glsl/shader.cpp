@@ -4,7 +4,6 @@
 
 #include <algorithm>
 
-#include "compiler/backend/glsl/divisors.h"
 #include "compiler/backend/glsl/inside.h"
 #include "compiler/ir/yields.h"
 #include "compiler/ops/native.h"
@@ -65,12 +64,11 @@ int texel_of(const Type& type) {
 }  // namespace
 
 Shader::Shader(const ir::Graph& graph, const Schedule& schedule, const StepSchedule& step,
-               const std::vector<std::string>& symbols, bool lanes_in_turn, bool native, SumsReader sums_reader)
+               const std::vector<std::string>& symbols, bool native, SumsReader sums_reader)
     : graph_(graph),
       schedule_(schedule),
       step_(step),
       symbols_(symbols),
-      lanes_in_turn_(lanes_in_turn),
       native_(native),
       sums_reader_(std::move(sums_reader)) {}
 
@@ -244,7 +242,7 @@ std::string Shader::gather(ValueId value, const std::string& place) {
 // LLVM would move the arithmetic before a store into the loop over lanes that llvmpipe makes of it; not through a
 // choice that it cannot foresee (pc.c is 0 always).
 std::string Shader::at_once(const Type& type, const std::string& expression) const {
-  return lanes_in_turn_ ? "(pc.c == 0 ? " + expression + " : " + zero(type) + ")" : expression;
+  return schedule_.code.hidden_stores ? "(pc.c == 0 ? " + expression + " : " + zero(type) + ")" : expression;
 }
 
 void Shader::store(ValueId value, const std::string& place, const std::string& expression) {
@@ -388,6 +386,11 @@ void Shader::op(const Op& op) {
   }
 }
 
+bool Shader::is_hidden(ValueId divisor) const {
+  const Code& code = schedule_.code;
+  return code.hidden_divisors.contains(divisor) || (!native_ && code.strict_hidden_divisors.contains(divisor));
+}
+
 void Shader::elementwise_op(const Op& op) {
   const ops::OpInfo& info = ops::info(op.kind);
   DR_ASSERT(info.glsl != nullptr);
@@ -397,11 +400,12 @@ void Shader::elementwise_op(const Op& op) {
     operands.push_back(use(v));
     types.push_back(graph_.value(v).type);
   }
+  const bool divides = op.kind == OpKind::Div && types[1].is_float();
   // pc.c is 0 always.
-  if (op.kind == OpKind::Div && types[1].is_float() && hide_as_divisor(graph_, op.operands[1], native_))
+  if (divides && is_hidden(op.operands[1]))
     operands[1] = "uintBitsToFloat(floatBitsToUint(" + operands[1] + ") ^ uint(pc.c))";
   const ops::GlslInput input{operands, types, op.attrs, graph_.value(op.results[0]).type};
-  if (op.kind == OpKind::Div && types[1].is_float() && is_moderate(graph_, op.operands[1])) {
+  if (divides && schedule_.code.moderate_divisors.contains(op.operands[1])) {
     result(op.results[0], operands[0] + " / " + operands[1]);
     return;
   }
@@ -498,7 +502,7 @@ void Shader::if_op(const Op& op) {
 }
 
 void Shader::choose_texels() {
-  if (!lanes_in_turn_) return;
+  if (!schedule_.code.texel_reads) return;
   for (const auto& [resource, bound] : bound_) {
     Declared& declared = declared_[bound.binding];
     bundle::BindingT& binding = *bindings_[bound.binding];

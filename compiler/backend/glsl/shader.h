@@ -35,9 +35,9 @@ class Shader {
   // GLSL of a function of that name which gives an element of a value whose resource holds fixed point sums.
   using SumsReader = std::function<std::string(Shader&, ir::ValueId, const std::string& function)>;
 
-  // `lanes_in_turn`: see target::Profile. `native`: of that float profile.
+  // `native`: of that float profile.
   Shader(const ir::Graph& graph, const Schedule& schedule, const StepSchedule& step,
-         const std::vector<std::string>& symbols, bool lanes_in_turn, bool native, SumsReader sums_reader);
+         const std::vector<std::string>& symbols, bool native, SumsReader sums_reader);
 
   // Binds a resource of the bundle; further calls return the same name, and widen the access. Scratch is an array of
   // uint (or uint64_t) words, of a storage buffer.
@@ -59,7 +59,7 @@ class Shader {
   std::string gather(ir::ValueId value, const std::string& place);
   // A statement that stores an element in a buffer resource.
   void store(ir::ValueId value, const std::string& place, const std::string& expression);
-  // An expression for a buffer's memory, computed for all lanes at once (Profile::lanes_in_turn).
+  // An expression for a buffer's memory, computed for all lanes at once (Code::hidden_stores).
   std::string at_once(const ir::Type& type, const std::string& expression) const;
   // Index of an element in a buffer of that extent.
   static std::string element_index(const ir::Extent& extent, const std::string& place);
@@ -150,6 +150,7 @@ class Shader {
   const Resource& resource(ir::ValueId v) const { return schedule_.resources[step_.stored.at(v).index]; }
   void op(const ir::Op& op);
   void elementwise_op(const ir::Op& op);
+  bool is_hidden(ir::ValueId divisor) const;
   void if_op(const ir::Op& op);
   void reduce_op(const ir::Op& op);
   std::vector<std::string> reduce_variables(const ir::Op& op, const std::string& begin,
@@ -207,7 +208,7 @@ class Shader {
   std::set<std::string> functions_;
   std::vector<std::unique_ptr<bundle::BindingT>> bindings_;
   std::map<uint32_t, Bound> bound_;
-  bool lanes_in_turn_, native_;
+  bool native_;
   SumsReader sums_reader_;
   // Functions that read; how is known when all writes are.
   std::vector<uint32_t> loaded_;  // resources of the schedule

@@ -7,6 +7,7 @@
 #include "compiler/backend/analysis/axes.h"
 #include "compiler/backend/analysis/read_part.h"
 #include "compiler/backend/cost/cost.h"
+#include "compiler/backend/lowering/heavy_branches.h"
 #include "compiler/backend/schedule/trips.h"
 
 namespace dr::backend {
@@ -248,6 +249,8 @@ void block_loops(const Graph& graph, const target::Profile& profile, Schedule& s
       Pass& pass = step.passes[k];
       if (pass.kind != Pass::Kind::Map || pass.hardware || !pass.partial.empty() || !has_loop(graph, pass)) continue;
       if (helpers.contains(static_cast<int>(k))) continue;
+      // Those run for the elements that take them alone.
+      if (!heavy_branches(graph, pass, trips_of(graph, pass.ops), profile).empty()) continue;
       if (!chooser) chooser.emplace(graph, profile);
       pass.block = chooser->choose(pass);
     }
