@@ -158,17 +158,18 @@ class Chooser {
     for (const int n : block.each) wide += n > 1 ? 1 : 0;
     const auto most = static_cast<int>(profile_.max_compute_work_group_invocations);
     if (wide < 2 || most < 64) return;
-    const int along = most >= 256 || (most >= 128 && wide == 2) ? 16 : 8, all = most >= 256   ? 256
-                                                                                : most >= 128 ? 128
-                                                                                              : 64;
-    bool is_first = true;
+    // 16 along the first axis, or as many as it has blocks; along the others what is left.
+    int left = std::min(most >= 256 ? 256 : most >= 128 ? 128 : 64, 256);
+    const ir::Dim* const sizes[] = {&pass.domain.w, &pass.domain.h, &pass.domain.l};
     for (size_t axis = 0; axis < 3; ++axis) {
-      if (block.each[axis] == 1) {
-        block.group[axis] = 1;
-        continue;
-      }
-      block.group[axis] = is_first ? along : wide == 2 ? all / along : axis == 1 ? 4 : all / along / 4;
-      is_first = false;
+      block.group[axis] = 1;
+      if (block.each[axis] == 1) continue;
+      int& n = block.group[axis] = wide == 1 ? left : left >= 128 ? (wide == 3 ? 4 : 16) : 8;
+      if (wide == 3 && axis == 0) n = left / 16;
+      if (sizes[axis]->is_constant())
+        while (n > 1 && (n / 2) * block.each[axis] >= sizes[axis]->constant()) n /= 2;
+      left /= n;
+      --wide;
     }
     saved_ = 0;
     Block best = block;
@@ -194,7 +195,7 @@ class Chooser {
       with.trips = n;
       const double saved = reads_saved(op, with);
       const auto room = static_cast<int64_t>(profile_.max_compute_shared_memory_size / 2);
-      if (!with.reads_together() || saved < saved_ || shared_bytes(graph_, with).value_or(room + 1) > room) continue;
+      if (!with.reads_together() || saved <= saved_ || shared_bytes(graph_, with).value_or(room + 1) > room) continue;
       saved_ = saved;
       best = with;
     }
@@ -212,12 +213,14 @@ class Chooser {
       const Axes changes = changing_.of(gather);
       for (size_t axis = 0; axis < 3; ++axis)
         if (((changes >> axis) & 1) != 0) reads *= block.each[axis];
+      bool always = true;  // not in a branch
       for (OpId at = graph_.region(gather.parent).parent; at != block.loop;
            at = graph_.region(graph_.op(at).parent).parent) {
-        if (graph_.op(at).kind != OpKind::Reduce) return 0;
-        const auto fixed = fixed_trips(graph_, graph_.op(at));
+        always = always && graph_.op(at).kind == OpKind::Reduce;
+        const auto fixed = always ? fixed_trips(graph_, graph_.op(at)) : std::nullopt;
         reads *= fixed ? static_cast<double>(fixed->count) : kInnerTrips;
       }
+      if (!always) continue;
       const auto once = static_cast<double>(part->elements());
       if (reads < kRepeated * once) continue;
       saved += (reads - once) / block.trips;
