@@ -235,11 +235,19 @@ dressi_run* dressi_run_open(dressi_device* device, dressi_bundle* bundle, const 
     auto run = std::make_unique<dressi_run>();
     for (const auto& step : bundle->tables.steps)
       for (const auto& output : step->outputs) run->outputs[step->name].push_back(output->name);
+    const auto warn = [here = run.get()](const std::string& warning) {
+      if (here->warn != nullptr)
+        here->warn(warning.c_str(), here->warn_context);
+      else
+        dr::runtime::warn_on_stderr(warning);
+    };
     if (!device->device) {
-      run->program = std::make_shared<dr::jit::ReferenceProgram>(must(dr::jit::ReferenceProgram::load(bundle->bytes)));
+      run->program =
+          std::make_shared<dr::jit::ReferenceProgram>(must(dr::jit::ReferenceProgram::load(bundle->bytes, warn)));
       return run.release();
     }
     dr::runtime::LoadOptions load;
+    load.warn = warn;
     bool rebuild = true;
     const auto is_on = [](const std::string& key, const std::string& value) {
       if (value != "on" && value != "off") fail("expected on or off for '" + key + "', found '" + value + "'");
@@ -269,6 +277,14 @@ dressi_run* dressi_run_open(dressi_device* device, dressi_bundle* bundle, const 
 }
 
 void dressi_run_free(dressi_run* run) { delete run; }
+
+int dressi_on_warning(dressi_run* run, dressi_warn warn, void* context) {
+  return with_program(0, run, [&](auto&, dressi_run& here) {
+    here.warn = warn;
+    here.warn_context = context;
+    return 1;
+  });
+}
 
 int dressi_bind(dressi_run* run, const char* leaf, const dressi_array* data) {
   return with_program(0, run, [&](auto& program, dressi_run&) {

@@ -85,12 +85,12 @@ void Generator::block_map_pass(const Pass& pass) {
   for (const Shader::Member& m : members) places.push_back(m.place);
   s.set_members(*changing_, std::move(members));
   if (block.reads_together()) {
-    Shader::Together together{.loop = block.loop,
-                              .trips = block.trips,
-                              .group = block.invocations(),
-                              .lane = "lane",
-                              .origin = "origin",
-                              .reads = {}};
+    Shader::SharedReads together{.loop = block.loop,
+                                 .trips = block.trips,
+                                 .group = block.invocations(),
+                                 .lane = "lane",
+                                 .origin = "origin",
+                                 .reads = {}};
     for (const ir::OpId id : block.gathers)
       together.reads.emplace_back(id, *read_part(graph_, graph_.op(id), block.loop, box, block.trips, *changing_));
     s.read_together(std::move(together));

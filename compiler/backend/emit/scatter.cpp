@@ -292,7 +292,7 @@ std::string Generator::declare_target(Shader& s, const Pass& pass, const Target&
             Shader::element_index(r.extent, "place") + ", value" + (keeps ? ", site" : "") + ");\n}\n");
   for (size_t k = 0; k < t.sum.terms.size(); ++k) {
     Accumulator accumulator = t.accumulator;
-    if (keeps) accumulator.site = static_cast<int>(k);
+    if (keeps) accumulator.site = std::to_string(k);
     s.accumulate_into(t.sum.terms[k], std::move(accumulator));
   }
   return finish;
@@ -317,8 +317,9 @@ void Generator::scatter_where_listed(Shader& s, const Pass& pass, const Pass& sc
     s.body().line("listed_at = " + list() + ";");
     for (const Target& t : targets_.at(&scatter)) keep_no_terms(s, scatter, t);
   }
-  for (const ir::OpId id : element_ops(scatter))
-    if (!s.is_defined(graph_.op(id).results[0])) s.element_ops({id});
+  std::vector<ir::OpId> ops = element_ops(scatter);
+  std::erase_if(ops, [&](ir::OpId id) { return s.is_defined(graph_.op(id).results[0]); });
+  s.element_ops(ops);
   if (fixed) {
     if (!keeps) s.body().line("if (adds != 0u) {\n    " + list() + ";");
     for (const ValueId v : pass.partial) s.store(v, "at", s.use(v));

@@ -309,11 +309,25 @@ std::string Shader::place_of(ValueId index_value, const std::string& index, cons
 std::string Shader::scatter(const Accumulator& accumulator, ValueId index_value, const std::string& index,
                             const std::string& value) const {
   return "scatter_" + accumulator.name + "(" + place_of(index_value, index, accumulator.extent) + ", " + value +
-         (accumulator.site < 0 ? "" : ", " + std::to_string(accumulator.site)) + ");";
+         (accumulator.site.empty() ? "" : ", " + accumulator.site) + ");";
 }
 
 void Shader::element_ops(const std::vector<ir::OpId>& ops) {
-  for (ir::OpId id : ops) running_.size() > 1 ? op_of_all(graph_.op(id)) : op(graph_.op(id));
+  if (running_.size() > 1) {
+    for (const ir::OpId id : ops) op_of_all(graph_.op(id));
+    return;
+  }
+  // Loops that stop and go on are cut where they stand in the text.
+  const std::vector<Together> order = cut_ ? std::vector<Together>() : alike_together(graph_, ops);
+  if (order.empty())
+    for (const ir::OpId id : ops) op(graph_.op(id));
+  for (const Together& together : order) {
+    if (together.ops.size() > 1 && may_loop(together)) {
+      alike_ops(together);
+      continue;
+    }
+    for (const ir::OpId id : together.ops) op(graph_.op(id));
+  }
 }
 
 std::vector<std::string> Shader::region(ir::RegionId id) {

@@ -13,6 +13,7 @@
 #include <unordered_map>
 #include <vector>
 
+#include "compiler/backend/analysis/alike_branches.h"
 #include "compiler/backend/analysis/axes.h"
 #include "compiler/backend/analysis/read_part.h"
 #include "compiler/backend/bundle/bundle.h"
@@ -26,8 +27,8 @@ namespace dr::backend::glsl {
 struct Accumulator {
   std::string name;  // suffix of its functions: scatter_<name>(ivec3 place, T value)
   ir::Type type;
-  ir::Extent extent;  // of the result
-  int site = -1;      // a third argument, unless negative
+  ir::Extent extent;      // of the result
+  std::string site = {};  // a third argument, unless empty
 };
 
 class Shader {
@@ -98,14 +99,14 @@ class Shader {
   const std::string& at() const { return at_; }
   // Reads in a loop that the invocations of a workgroup do together, for so many trips at a time. `group`: how many
   // there are, whose number is `lane`; `origin`: a variable that holds the first place of their elements.
-  struct Together {
+  struct SharedReads {
     ir::OpId loop;
     int trips = 0;
     int group = 0;
     std::string lane, origin;
     std::vector<std::pair<ir::OpId, ReadPart>> reads;
   };
-  void read_together(Together together);
+  void read_together(SharedReads reads);
 
   // From here on loops may stop and go on later, see cut_loops.h.
   CutLoops& cut_loops() { return cut_ ? *cut_ : cut_.emplace(); }
@@ -152,6 +153,10 @@ class Shader {
   void elementwise_op(const ir::Op& op);
   bool is_hidden(ir::ValueId divisor) const;
   void if_op(const ir::Op& op);
+  // shader_alike.cpp
+  bool may_loop(const Together& together) const;
+  void alike_ops(const Together& together);
+  std::string choice(const std::string& which, const std::vector<std::string>& values) const;
   void reduce_op(const ir::Op& op);
   std::vector<std::string> reduce_variables(const ir::Op& op, const std::string& begin,
                                             std::vector<std::string>& enter);
@@ -226,7 +231,7 @@ class Shader {
   size_t member_ = 0;               // whose scopes are in scopes_
   std::vector<size_t> running_{0};  // for which ops are written now
   std::string at_ = "at";
-  std::optional<Together> together_;
+  std::optional<SharedReads> together_;
   std::map<ir::OpId, std::string> shared_;    // arrays, by gather
   std::map<ir::ValueId, std::string> since_;  // of the trip of a loop, how many came before it in its part
 };

@@ -193,8 +193,8 @@ void Shader::close_loop() { cut_ ? cut_->close(body_) : body_.line("}"); }
 
 // --- Reads that a workgroup does together ---
 
-void Shader::read_together(Together together) {
-  together_ = std::move(together);
+void Shader::read_together(SharedReads reads) {
+  together_ = std::move(reads);
   for (const auto& [id, part] : together_->reads) {
     const Op& op = graph_.op(id);
     const ir::Type& type = graph_.value(op.results[0]).type;

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <iterator>
 
+#include "compiler/backend/analysis/alike_branches.h"
 #include "compiler/backend/analysis/fold_memory.h"
 #include "compiler/backend/analysis/raster_parts.h"
 #include "compiler/ir/dim_bound.h"
@@ -249,6 +250,9 @@ Trips trips_of(const Graph& graph, std::span<const ir::OpId> ops) {
     }
     all += inside;
   }
+  // A loop over branches that share a text takes one for each at most.
+  for (const Together& together : alike_together(graph, ops))
+    if (together.ops.size() > 1) all.most = all.most + Dim(static_cast<int64_t>(together.ops.size()) + 1);
   return all;
 }
 
