@@ -41,6 +41,7 @@ constexpr int kMostTrips = 64;
 struct Work {
   std::array<double, 8> cost{}, text{};
   int words = 0;        // of what loops combine
+  bool branches = false;  // other regions than such loops: a text for each element would take drivers minutes
   bool shares = false;  // some reads in a loop change along some of the domain's axes only
 };
 
@@ -71,7 +72,7 @@ class Chooser {
           if (axes == 0 || (axes & ~domain_) != 0 || block.elements() > kMostElements) continue;
           if (!keeps_busy(pass.domain, block)) continue;
           const Work& all = of(axes);
-          if (!all.shares || all.words * block.elements() > most_words) continue;
+          if (!all.shares || all.branches || all.words * block.elements() > most_words) continue;
           if (sum(all.text, block) > kMostText) continue;
           const double whole = std::max(total(all.cost), 1.0);
           const double share = waste(pass.domain, block) * sum(all.cost, block) / block.elements() / whole;
@@ -133,6 +134,7 @@ class Chooser {
       return;
     }
     const Axes changes = changing_.of(op);
+    work.branches = work.branches || !op.regions.empty();
     if (op.kind == OpKind::Gather && in_loop && (changes & axes) != axes) work.shares = true;
     work.cost[changes] += times * cost(op, components);
     work.text[changes] += static_cast<double>(op_size(graph_, op));
