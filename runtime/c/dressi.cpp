@@ -90,21 +90,18 @@ std::string info_of(const dr::bundle::BundleT& bundle) {
   return out.dump();
 }
 
+std::string known_options() {
+  std::string out;
+  for (const dr::driver::Choice& choice : dr::driver::choices()) out += choice.name + ", ";
+  return out + "ablate, adjoint, include and define:NAME";
+}
+
 dr::jit::Options compile_options(const char* const* options) {
   dr::jit::Options chosen;
   for_each_option(options, [&](const std::string& key, const std::string& value) {
-    if (key == "profile")
-      chosen.profile = value;
-    else if (key == "lower")
-      chosen.lower = value;
-    else if (key == "raster")
-      chosen.raster = value;
-    else if (key == "pack")
-      chosen.pack = value;
-    else if (key == "scatter")
-      chosen.scatter = value;
-    else if (key == "float")
-      chosen.float_profile = value;
+    const auto choice = std::ranges::find(dr::driver::choices(), key, &dr::driver::Choice::name);
+    if (choice != dr::driver::choices().end())
+      chosen.*choice->value = value;
     else if (key == "ablate")
       chosen.ablate.push_back(value);
     else if (key == "include")
@@ -114,9 +111,7 @@ dr::jit::Options compile_options(const char* const* options) {
     else if (key.starts_with("define:"))
       chosen.defines[key.substr(7)] = value;
     else
-      fail("unknown option '" + key +
-           "' of compiling; there are profile, lower, raster, pack, scatter, float, ablate, adjoint, include and "
-           "define:NAME");
+      fail("unknown option '" + key + "' of compiling; there are " + known_options());
   });
   return chosen;
 }
