@@ -40,9 +40,9 @@ constexpr int kMostTrips = 64;
 // What the ops of a pass take at an element, by the axes along which they change.
 struct Work {
   std::array<double, 8> cost{}, text{};
-  int words = 0;        // of what loops combine
+  int words = 0;          // of what loops combine
   bool branches = false;  // other regions than such loops: a text for each element would take drivers minutes
-  bool shares = false;  // some reads in a loop change along some of the domain's axes only
+  bool shares = false;    // some reads in a loop change along some of the domain's axes only
 };
 
 class Chooser {
