@@ -127,7 +127,7 @@ for device in lavapipe swiftshader; do
     [[ -d $folder ]] || continue
     # shellcheck disable=SC2086
     "$drc" eval "$program.dr" $arguments --out "$program.expected" > /dev/null
-    python3 - "$folder" "$program.expected" << 'E' || failed=1
+    /usr/bin/python3 - "$folder" "$program.expected" << 'E' || failed=1
 import sys, pathlib, numpy as np
 found, expected = map(pathlib.Path, sys.argv[1:])
 files = sorted(p.name for p in expected.glob("*.npy"))
