@@ -150,9 +150,13 @@ std::string_view code_name(Code code) { return kCodes[static_cast<size_t>(code)]
 std::string_view code_summary(Code code) { return kCodes[static_cast<size_t>(code)].summary; }
 
 Diagnostic& DiagnosticList::error(Code code, const Span& span, std::string message) {
-  const bool keep = error_count_ < kMaxErrors;
-  ++error_count_;
   Diagnostic diagnostic{Severity::Error, code, span, std::move(message), {}, {}};
+  // A function that is called twice says the same twice.
+  const bool is_told = std::ranges::any_of(list_, [&](const Diagnostic& d) {
+    return d.severity == Severity::Error && d.code == code && d.span == span && d.message == diagnostic.message;
+  });
+  const bool keep = error_count_ < kMaxErrors && !is_told;
+  if (!is_told) ++error_count_;
   if (keep) return list_.emplace_back(std::move(diagnostic));
   return overflow_ = std::move(diagnostic);
 }

@@ -54,10 +54,12 @@ std::variant<CompileOptions, std::string> compile_options(const std::string& low
       out.list_active = false;
     else if (part == "branches")
       out.list_branches = false;
+    else if (part == "blocks")
+      out.block_loops = false;
     else if (part == "slots")
       out.share_memory = false;
     else if (std::ranges::find(kSkips, part) == std::end(kSkips))
-      return "unknown part '" + part + "' to switch off; there are substages, stages, remat and cache";
+      return "unknown part '" + part + "' to switch off; there are substages, stages, remat, cache and blocks";
   }
   return out;
 }

@@ -6,6 +6,7 @@
 
 #include "compiler/backend/analysis/fold_memory.h"
 #include "compiler/backend/emit/generator.h"
+#include "compiler/backend/lowering/block_loops.h"
 #include "compiler/backend/lowering/choose_code.h"
 #include "compiler/backend/lowering/keep_in_tiles.h"
 #include "compiler/backend/lowering/keep_sums.h"
@@ -76,6 +77,11 @@ Outcome run_set_up_in_raster(Compilation& c) {
   return std::nullopt;
 }
 
+Outcome run_block_loops(Compilation& c) {
+  if (c.options.block_loops) block_loops(c.graph(), c.profile, c.out.schedule);
+  return std::nullopt;
+}
+
 Outcome run_choose_code(Compilation& c) {
   choose_code(c.graph(), c.profile, {c.options.list_branches, c.options.native_floats}, c.out.schedule);
   return std::nullopt;
@@ -86,7 +92,7 @@ Outcome run_check_limits(Compilation& c) {
   std::string limits;
   for (const Violation& v : check_schedule(c.graph(), c.out.schedule, c.profile))
     if (v.kind == Violation::Kind::Limit) limits += (limits.empty() ? "" : "\n") + v.text;
-  if (const auto loops = folds_over_limit(c.graph())) limits += (limits.empty() ? "" : "\n") + *loops;
+  if (const auto loops = folds_over_limit(c.graph(), c.lines)) limits += (limits.empty() ? "" : "\n") + *loops;
   if (limits.empty()) return std::nullopt;
   return Limit{limits};
 }
@@ -146,6 +152,7 @@ constexpr BackendPass kPasses[] = {
     {"keep-sums", run_keep_sums, Fact::Packed | Fact::SumsChosen, 0, only(Fact::Lowered)},
     {"set-up-in-raster", run_set_up_in_raster, Fact::Packed | Fact::EntriesKept, only(Fact::PlacesFixed),
      only(Fact::Lowered)},
+    {"block-loops", run_block_loops, Fact::Packed | Fact::SumsChosen | Fact::PlacesFixed, 0, only(Fact::Lowered)},
     {"choose-code", run_choose_code, Fact::Packed | Fact::SumsChosen | Fact::PlacesFixed | Fact::EntriesKept,
      only(Fact::CodeChosen), only(Fact::Lowered)},
     {"check-limits", run_check_limits, Fact::Packed | Fact::SumsChosen | Fact::CodeChosen, only(Fact::Lowered),

@@ -555,4 +555,12 @@ std::optional<Extent> broadcast(const Extent& a, const Extent& b) {
   return Extent{axis(a.w, b.w), axis(a.h, b.h), axis(a.l, b.l)};
 }
 
+bool never_above_zero(const Dim& dim) {
+  SymbolValues ones;
+  for (const std::string& symbol : dim.symbols()) ones[symbol] = 1;
+  const auto at_ones = dim.evaluate(ones);
+  // If all terms but the constant one are negative, it is largest where the symbols are least.
+  return at_ones && *at_ones <= 0 && most_of(dim).is_constant();
+}
+
 }  // namespace dr::ir

@@ -30,6 +30,18 @@ std::string listed(const std::vector<std::string>& names) {
   return text;
 }
 
+// Names that begin as this one does: `rotate` and `rotation_matrix` for `rotation`.
+std::vector<std::string> alike(const std::string& name, std::vector<std::string> names) {
+  constexpr size_t kSame = 4, kMost = 8;
+  std::erase_if(names, [&](const std::string& other) {
+    const size_t same = std::min({name.size(), other.size(), kSame});
+    return same < 3 || name.compare(0, same, other, 0, same) != 0;
+  });
+  std::ranges::sort(names);
+  if (names.size() > kMost) names.resize(kMost);
+  return names;
+}
+
 // The modules that a file imports, with the names that it gives them.
 std::vector<std::pair<std::string, const ModuleInfo*>> imports_of(const ModuleInfo& module) {
   std::vector<std::pair<std::string, const ModuleInfo*>> imports;
@@ -83,10 +95,14 @@ std::string Elaborator::help_for(const std::string& name, const Span& span) cons
 
 std::string Elaborator::help_for(const ModuleInfo& module, const std::string& name, const Span& span) const {
   const bool inside = is_inside(module);
-  const std::string near = suggestion(name, names_of(module.items, [&](const ModuleItem& item) {
-                                        return inside ? item.kind != ModuleItem::Kind::Import : is_offered(item);
-                                      }));
-  return near.empty() && span == optimizer_at_ ? optimizers_here() : near;
+  const std::vector<std::string> names = names_of(module.items, [&](const ModuleItem& item) {
+    return inside ? item.kind != ModuleItem::Kind::Import : is_offered(item);
+  });
+  const std::string near = suggestion(name, names);
+  if (!near.empty()) return near;
+  if (span == optimizer_at_) return optimizers_here();
+  const std::vector<std::string> like = alike(name, names);
+  return like.empty() ? "" : "there " + std::string(like.size() == 1 ? "is " : "are ") + listed(like);
 }
 
 }  // namespace dr::lower

@@ -166,6 +166,7 @@ std::unique_ptr<Program::State> Program::State::load(std::shared_ptr<DeviceState
   if (!options.trusted) {
     const DeviceState& d = *state->device;
     const bundle::ShaderLimits limits{.shared_bytes = d.properties.limits.maxComputeSharedMemorySize,
+                                      .group_invocations = d.properties.limits.maxComputeWorkGroupInvocations,
                                       .int64 = d.int64,
                                       .int64_atomics = d.int64_atomics,
                                       .float_atomics = d.float_atomics,

@@ -94,7 +94,7 @@ void Commands::dispatch(const bundle::CommandT& c, std::vector<Primitive>& out) 
     indirect = *sizes.buffer;
     p.accesses.push_back({static_cast<uint32_t>(c.indirect), Use::IndirectRead});
   }
-  const uint32_t group = indirect ? kGroup : group_size(device_->properties, elements);
+  const uint32_t group = c.group != 0 ? c.group : indirect ? kGroup : group_size(device_->properties, elements);
   const int64_t parts = parts_of(c);
   const size_t pipeline = pipelines_.compute(c.compute, bound.layout, group, parts > 1 ? c.part_trips : 0);
   for (int64_t part = 0; part < parts; ++part) {

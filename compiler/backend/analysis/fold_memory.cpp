@@ -27,7 +27,7 @@ int64_t words_of(const ir::Graph& graph, const ir::Op& op) {
 
 }  // namespace
 
-std::optional<std::string> folds_over_limit(const ir::Graph& graph) {
+std::optional<std::string> folds_over_limit(const ir::Graph& graph, const SourceLines& lines) {
   std::string text;
   for (uint32_t k = 0; k < graph.op_count(); ++k) {
     const ir::Op& op = graph.op(ir::OpId{k});
@@ -35,7 +35,9 @@ std::optional<std::string> folds_over_limit(const ir::Graph& graph) {
     const int64_t words = words_of(graph, op), bound = ir::fold_bound(op);
     if (words == 0 || (bound >= 0 && bound <= kMostWords / words)) continue;
     const std::string& name = graph.value(graph.region(op.regions[0]).params.back()).name;
-    text += (text.empty() ? "" : "\n") + std::string("a gradient of a gradient stores what the loop") +
+    const auto line = lines.of(ir::OpId{k});
+    const std::string where = line ? lines.files()[line->file()] + ":" + std::to_string(line->line()) + ": " : "";
+    text += (text.empty() ? "" : "\n") + where + std::string("a gradient of a gradient stores what the loop") +
             (name.empty() ? "" : " over '" + name + "'") + " carries: promise at most " +
             std::to_string(kMostWords / words) + " trips with 'max'" +
             (bound < 0 ? "" : ", not " + std::to_string(bound));

@@ -6,6 +6,7 @@
 #include <optional>
 #include <string>
 
+#include "compiler/backend/analysis/source_lines.h"
 #include "compiler/ir/graph.h"
 
 namespace dr::backend {
@@ -26,6 +27,6 @@ FoldMemory fold_memory(const ir::Graph& graph, const ir::Op& op);
 ir::Dim trips_again(const FoldMemory& memory, const ir::Dim& trips);
 
 // What is wrong with the loops of a graph, one sentence a line: where all states have to be stored they must have room.
-std::optional<std::string> folds_over_limit(const ir::Graph& graph);
+std::optional<std::string> folds_over_limit(const ir::Graph& graph, const SourceLines& lines);
 
 }  // namespace dr::backend

@@ -51,6 +51,7 @@ bool Checker::only_own_fields(const CommandT& c, const std::string& where) {
       {"part_trips", c.part_trips != 0, kDispatch},
       {"watch", c.watch != -1, kDispatch},
       {"finite", c.finite != -1, kDispatch},
+      {"group", c.group != 0, kDispatch},
       {"colors", !c.colors.empty(), kDraw},
       {"clear", !c.clear.empty(), kDraw},
       {"joins", c.joins, kDraw},
@@ -105,6 +106,7 @@ bool Checker::dispatch(const CommandT& c, const std::string& where) {
   if (!c.count.empty() && !expression(c.count, where)) return false;
   for (const auto& binding : c.bindings)
     if (b_.resources[binding->resource]->storage == Storage::Tile) return kept(binding->resource, where);
+  if (c.group != 0 && c.indirect != -1) return fail(where + " is as large as a resource says, which counts in 64");
   if (c.indirect < 0) return c.indirect == -1 || fail(where + " is as large as no resource says");
   // Numbers of workgroups come from scratch memory that the command binds, so that its use is known.
   for (const auto& binding : c.bindings)

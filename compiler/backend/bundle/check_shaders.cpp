@@ -99,9 +99,13 @@ class ShaderChecker {
     for (const uint32_t number : r.constants)
       if (number >= constants) return "has specialization constant " + std::to_string(number) + ", which is no symbol";
     if (r.stage == Stage::Compute) {
-      const bool linear = r.group[0].is_constant && r.group[0].number == symbols && !r.group[1].is_constant &&
-                          r.group[1].number == 1 && !r.group[2].is_constant && r.group[2].number == 1;
-      if (!linear) return "has workgroups of another size than the host chooses";
+      const bool linear =
+          !r.group[1].is_constant && r.group[1].number == 1 && !r.group[2].is_constant && r.group[2].number == 1;
+      if (!linear || (r.group[0].is_constant && r.group[0].number != symbols))
+        return "has workgroups of another size than the host chooses";
+      if (!r.group[0].is_constant && r.group[0].number > limits_.group_invocations)
+        return "has workgroups of " + std::to_string(r.group[0].number) + " invocations, the device allows " +
+               std::to_string(limits_.group_invocations);
       if (r.shared_bytes > limits_.shared_bytes)
         return "shares " + std::to_string(r.shared_bytes) + " bytes in a workgroup, the device allows " +
                std::to_string(limits_.shared_bytes);
@@ -178,18 +182,25 @@ class ShaderChecker {
     return std::ranges::all_of(given, [](bool one) { return one; }) || fail("an attachment is not written");
   }
 
+  // The host chooses how many invocations a workgroup has, or command and shader say the same number.
+  bool group(const Reflection& r, uint32_t group) {
+    const bool same = r.group[0].is_constant ? group == 0 : group == r.group[0].number;
+    return same || fail("the shader has workgroups of another size");
+  }
+
   // The host binds partial results in place of what the first stage reads.
   bool reduce(const CommandT& c) {
     std::vector<Slot> first = slots(c), last;
     first.push_back(slot(static_cast<uint32_t>(c.target), false));
     last.push_back(slot(static_cast<uint32_t>(c.scratch_a), true));
     last.push_back(first.back());
-    return resources(of(c.compute), first) && resources(of(c.next), last);
+    return group(of(c.compute), 0) && group(of(c.next), 0) && resources(of(c.compute), first) &&
+           resources(of(c.next), last);
   }
 
   bool command(const CommandT& c) {
     switch (c.kind) {
-      case CommandKind::Dispatch: return resources(of(c.compute), slots(c));
+      case CommandKind::Dispatch: return group(of(c.compute), c.group) && resources(of(c.compute), slots(c));
       case CommandKind::Draw: return draw(c);
       case CommandKind::Reduce: return reduce(c);
       case CommandKind::Fill:

@@ -8,7 +8,8 @@ namespace dr::backend {
 
 using glsl::Shader;
 
-Generator::Cut Generator::cut(Shader& s, const Pass& pass, const LoopCut& how, const std::string& element, int each) {
+Generator::Cut Generator::cut(Shader& s, const Pass& pass, const LoopCut& how, const std::string& element, int each,
+                              const ir::Extent* domain) {
   Cut cut;
   if (!how.cuts()) return cut;
   cut.how = how;
@@ -19,7 +20,7 @@ Generator::Cut Generator::cut(Shader& s, const Pass& pass, const LoopCut& how, c
   // The words of an element are known when its code is.
   cut.state = add_scratch(pass.name + "_loops_" + number, "1");
   bundle_->resources[cut.state]->room = (cut.trips - ir::Dim(schedule_.code.loop_trips)).str();
-  bundle_->resources[cut.state]->extent->w = element_count(pass.domain).str();
+  bundle_->resources[cut.state]->extent->w = element_count(domain == nullptr ? pass.domain : *domain).str();
   if (cut.how.watched) {
     cut.watch = add_scratch(pass.name + "_unfinished_" + number, "1");
     bundle_->resources[cut.watch]->role = bundle::Role::Watch;

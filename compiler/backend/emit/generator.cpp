@@ -245,8 +245,8 @@ void Generator::set_lines(const Pass& pass, const Pass* setup) {
   for (const auto& [file, line] : lines) lines_.emplace_back(file, line);
 }
 
-int Generator::add_shader(const std::string& name, bundle::Stage stage, Shader& shader) {
-  std::string source = shader.finish(stage == bundle::Stage::Compute ? compute_layout() : "");
+int Generator::add_shader(const std::string& name, bundle::Stage stage, Shader& shader, int group) {
+  std::string source = shader.finish(stage == bundle::Stage::Compute ? compute_layout(group) : "");
   // Passes whose texts differ in names alone have one shader: drivers take long to compile one.
   const std::string key =
       std::string(bundle::EnumNameStage(stage)) + (shader.native() ? " native\n" : "\n") + glsl::without_names(source);
@@ -286,9 +286,10 @@ void Generator::fill(const std::string& label, uint32_t target, uint32_t value, 
 }
 
 bundle::CommandT& Generator::dispatch(const Pass& pass, const std::string& suffix, Shader& s,
-                                      const std::string& elements, std::vector<int> push) {
+                                      const std::string& elements, std::vector<int> push, int group) {
   auto& c = command(bundle::CommandKind::Dispatch, pass.name + suffix);
-  c.compute = add_shader(pass.name + suffix, bundle::Stage::Compute, s);
+  c.compute = add_shader(pass.name + suffix, bundle::Stage::Compute, s, group);
+  c.group = static_cast<uint32_t>(group);
   c.bindings = s.take_bindings();
   c.elements = elements;
   c.push = std::move(push);
@@ -315,6 +316,7 @@ void Generator::map_pass(const Pass& pass) {
     const bool all_here = scatter->joins_lister && scatter->scatter == ScatterLowering::Atomic;
     if (!all_here) active_lists_[scatter] = add_list(*scatter, "active");
   }
+  if (pass.block.elements() > 1) return block_map_pass(pass);
   if (!pass.code.heavy.empty()) return listed_map_pass(pass);
   Shader s = shader();
   ListingLoop loop(s, pass.domain, pass.code.lists_in_runs);

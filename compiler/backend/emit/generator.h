@@ -41,6 +41,8 @@ class Generator {
   void set_lines(const Pass& pass, const Pass* setup);
   void map_pass(const Pass& pass);
   void listed_map_pass(const Pass& pass);
+  // Several elements an invocation (block.cpp).
+  void block_map_pass(const Pass& pass);
   // `inputs`: values that it reads as input attachments; `joins`: it goes on in the render pass before.
   void fragment_pass(const Pass& pass, const std::vector<ir::ValueId>& inputs, bool joins);
   // A shader whose loops are cut (cut.cpp). What an element computes stands between open_cut() and close_cut(), what it
@@ -51,8 +53,9 @@ class Generator {
     uint32_t state = 0, watch = 0;  // bundle resources
     std::string element;
   };
-  // `each`: elements of an invocation.
-  Cut cut(glsl::Shader& shader, const Pass& pass, const LoopCut& how, const std::string& element, int each = 1);
+  // `each`: elements of an invocation, one after the other; `domain`: invocations.
+  Cut cut(glsl::Shader& shader, const Pass& pass, const LoopCut& how, const std::string& element, int each = 1,
+          const ir::Extent* domain = nullptr);
   // `skip`: is done with the element.
   static void open_cut(glsl::Shader& shader, const Cut& cut, const std::string& skip);
   void close_cut(glsl::Shader& shader, const Cut& cut);
@@ -146,7 +149,8 @@ class Generator {
     return "pc.layer + gl_ViewIndex";
   }
   // 64 invocations in a workgroup, or as many as the host likes.
-  std::string compute_layout() const {
+  std::string compute_layout(int group) const {
+    if (group != 0) return "layout(local_size_x = " + std::to_string(group) + ") in;\n";
     return "layout(local_size_x = 64, local_size_x_id = " + std::to_string(bundle_->symbols.size()) + ") in;\n";
   }
   // Whether shaders may use 64-bit integers and their atomics; those that do say so.
@@ -163,17 +167,19 @@ class Generator {
     shader.extension("GL_KHR_shader_subgroup_arithmetic");
   }
 
-  int add_shader(const std::string& name, bundle::Stage stage, glsl::Shader& shader);
+  // `group`: the invocations of a workgroup; 0: as the host likes.
+  int add_shader(const std::string& name, bundle::Stage stage, glsl::Shader& shader, int group = 0);
   // `type`: of its words, as shaders that only read them see them.
   uint32_t add_scratch(const std::string& name, const std::string& words, const ir::Type& type = ir::kUint);
   bundle::CommandT& command(bundle::CommandKind kind, const std::string& label);
   bundle::CommandT& dispatch(const Pass& pass, const std::string& suffix, glsl::Shader& shader,
-                             const std::string& elements, std::vector<int> push = {0, 0, 0});
+                             const std::string& elements, std::vector<int> push = {0, 0, 0}, int group = 0);
   void fill(const std::string& label, uint32_t target, uint32_t value, const std::string& words = "");
   uint32_t resource_index(ir::ValueId value) const { return step_->stored.at(value).index; }
   const Resource& resource(ir::ValueId value) const { return schedule_.resources[resource_index(value)]; }
 
   const ir::Graph& graph_;
+  std::optional<ChangingAxes> changing_;
   const Schedule& schedule_;
   const SourceLines& source_lines_;
   std::vector<bundle::Line> lines_;

@@ -151,7 +151,7 @@ const Pass* Generator::listed_for(const Pass& pass) const {
 void Generator::store_results(Shader& s, const Pass& pass, ListingLoop* loop, bool active) {
   const auto is_partial = [&](ValueId v) { return std::ranges::find(pass.partial, v) != pass.partial.end(); };
   for (const ValueId v : pass.writes)
-    if (!is_partial(v)) s.store(v, "at", s.use(v));
+    if (!is_partial(v)) s.store(v, s.at(), s.use(v));
   tell_not_finite(s, pass);
   const Pass* const scatter = listed_for(pass);
   if (scatter == nullptr || !active) return;

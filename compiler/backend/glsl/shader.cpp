@@ -4,6 +4,7 @@
 
 #include <algorithm>
 
+#include "compiler/backend/glsl/inside.h"
 #include "compiler/ir/yields.h"
 #include "compiler/ops/native.h"
 #include "compiler/ops/op.h"
@@ -284,7 +285,7 @@ std::string Shader::use(ValueId value) {
     if (auto it = scope->find(value); it != scope->end()) return it->second;
   DR_ASSERT(step_.stored.count(value) != 0);
   std::string name = unique(resource(value).entries ? part_name(value) : resource(value).name);
-  body_.line(graph_.value(value).type.str() + " " + name + " = " + load(value, "at") + ";");
+  body_.line(graph_.value(value).type.str() + " " + name + " = " + load(value, at_) + ";");
   define(value, name);
   return name;
 }
@@ -299,7 +300,7 @@ std::string Shader::result(ValueId value, const std::string& expression) {
 
 std::string Shader::place_of(ValueId index_value, const std::string& index, const Extent& extent) const {
   const int n = graph_.value(index_value).type.rows;
-  const std::string layer = extent.l.is_one() ? "0" : "at.z";
+  const std::string layer = extent.l.is_one() ? "0" : at_ + ".z";
   if (n == 1) return "ivec3(" + index + ", 0, " + layer + ")";
   if (n == 2) return "ivec3(" + index + ", " + layer + ")";
   return index;
@@ -312,6 +313,10 @@ std::string Shader::scatter(const Accumulator& accumulator, ValueId index_value,
 }
 
 void Shader::element_ops(const std::vector<ir::OpId>& ops) {
+  if (running_.size() > 1) {
+    for (const ir::OpId id : ops) op_of_all(graph_.op(id));
+    return;
+  }
   // Loops that stop and go on are cut where they stand in the text.
   const std::vector<Together> order = cut_ ? std::vector<Together>() : alike_together(graph_, ops);
   if (order.empty())
@@ -339,8 +344,8 @@ void Shader::op(const Op& op) {
     case OpKind::DimValue: define(op.results[0], dim_expression(op.attrs.dims[0])); return;
     case OpKind::Coord: {
       const auto axis = static_cast<size_t>(op.attrs.ints[0]);
-      static const char* const kAxis[] = {"at.x", "at.y", "at.z"};
-      define(op.results[0], op.attrs.dims[axis].is_one() ? "0" : kAxis[axis]);
+      static const char* const kAxis[] = {".x", ".y", ".z"};
+      define(op.results[0], op.attrs.dims[axis].is_one() ? "0" : at_ + kAxis[axis]);
       return;
     }
     case OpKind::Leaf:
@@ -349,19 +354,22 @@ void Shader::op(const Op& op) {
     case OpKind::Pin:
     case OpKind::Detach: define(op.results[0], use(op.operands[0])); return;
     case OpKind::Gather: {
-      const std::string index = use(op.operands[1]);
-      result(op.results[0],
-             gather(op.operands[0], place_of(op.operands[1], index, graph_.value(op.operands[0]).extent)));
+      if (const auto shared = shared_read(op)) {
+        result(op.results[0], *shared);
+        return;
+      }
+      const std::string place = place_of(op.operands[1], use(op.operands[1]), graph_.value(op.operands[0]).extent);
+      result(op.results[0], is_inside(graph_, op) ? load(op.operands[0], place) : gather(op.operands[0], place));
       return;
     }
     case OpKind::Shift: {
       // On an axis of extent 1, where the shader may run over more elements, every other place is outside.
       const Extent& e = graph_.value(op.operands[0]).extent;
-      const std::string from = std::string("ivec3(") + (e.w.is_one() ? "0" : "at.x") + ", " +
-                               (e.h.is_one() ? "0" : "at.y") + ", " + (e.l.is_one() ? "0" : "at.z") + ")";
+      const std::string from = "ivec3(" + (e.w.is_one() ? "0" : at_ + ".x") + ", " + (e.h.is_one() ? "0" : at_ + ".y") +
+                               ", " + (e.l.is_one() ? "0" : at_ + ".z") + ")";
       const bool whole = !e.w.is_one() && !e.h.is_one() && !e.l.is_one();
       result(op.results[0],
-             gather(op.operands[0], (whole ? "at" : from) + " + ivec3(" + std::to_string(op.attrs.ints[0]) + ", " +
+             gather(op.operands[0], (whole ? at_ : from) + " + ivec3(" + std::to_string(op.attrs.ints[0]) + ", " +
                                         std::to_string(op.attrs.ints[1]) + ", 0)"));
       return;
     }
@@ -432,20 +440,27 @@ void Shader::forward_accumulators(const Op& op, ir::RegionId region) {
   }
 }
 
-// Combines what a region yields into the op's results; `trip` is the loop variable of a Reduce.
+// What a region yields for each result.
+std::vector<Shader::Part> Shader::parts(const Op& op, ir::RegionId region) {
+  std::vector<Part> all;
+  for (const ir::Yielded& part : ir::yielded(graph_, op, region)) {
+    std::string index = part.index.valid() ? use(part.index) : "";
+    all.push_back({std::move(index), graph_.value(part.value).accumulation ? "" : use(part.value), part.index});
+  }
+  return all;
+}
+
+// Runs a region and combines what it yields into the op's results; `trip` is the loop variable of a loop.
 void Shader::yields(const Op& op, ir::RegionId region, const std::vector<std::string>& names, const std::string& trip) {
   element_ops(graph_.region(region).ops);
-  const std::vector<ir::Yielded> parts = ir::yielded(graph_, op, region);
-  struct Expressions {
-    std::string index, value;
-  };
-  std::vector<Expressions> all;
-  for (const ir::Yielded& part : parts) {
-    std::string index = part.index.valid() ? use(part.index) : "";
-    all.push_back({std::move(index), graph_.value(part.value).accumulation ? "" : use(part.value)});
-  }
+  const std::vector<Part> all = parts(op, region);
+  if (ir::is_loop(op.kind) && cut_) cut_->finish_trip(body_);
+  combine(op, names, trip, all);
+}
+
+void Shader::combine(const Op& op, const std::vector<std::string>& names, const std::string& trip,
+                     const std::vector<Part>& all) {
   const bool in_loop = ir::is_loop(op.kind);
-  if (in_loop && cut_) cut_->finish_trip(body_);
   for (size_t k = 0; k < op.results.size(); ++k) {
     const Type& type = graph_.value(op.results[k]).type;
     const std::string& y = all[k].value;
@@ -468,8 +483,8 @@ void Shader::yields(const Op& op, ir::RegionId region, const std::vector<std::st
         body_.line("}");
         break;
       case Yield::Scatter:
-        if (auto it = accumulators_.find(op.results[k]); parts[k].index.valid() && it != accumulators_.end()) {
-          const std::string statement = scatter(it->second, parts[k].index, all[k].index, y);
+        if (auto it = accumulators_.find(op.results[k]); all[k].of.valid() && it != accumulators_.end()) {
+          const std::string statement = scatter(it->second, all[k].of, all[k].index, y);
           in_loop ? body_.line(statement) : effect(statement);
         }
         break;
@@ -499,60 +514,6 @@ void Shader::if_op(const Op& op) {
   for (size_t k = 0; k < op.results.size(); ++k)
     if (!names[k].empty()) define(op.results[k], names[k]);
 }
-
-void Shader::reduce_op(const Op& op) {
-  const std::string begin = use(op.operands[0]), end = use(op.operands[1]);
-  std::vector<std::string> names, enter;
-  const auto variable = [&](const Type& type, const std::string& name, const std::string& first) {
-    loop_variable(enter, type, name, first);
-  };
-  for (size_t k = 0; k < op.results.size(); ++k) {
-    const ir::ValueInfo& info = graph_.value(op.results[k]);
-    const Yield yield = op.attrs.yields[k];
-    names.push_back(yield == Yield::Scatter ? std::string() : unique(info.name.empty() ? "reduce" : info.name));
-    if (yield == Yield::Sum) variable(info.type, names[k], zero(info.type));
-    if (yield == Yield::Min || yield == Yield::Max)
-      variable(info.type, names[k], limit(info.type, yield == Yield::Min));
-    if (yield == Yield::ArgMin) {
-      variable(info.type, names[k], begin + " - 1");
-      variable(ir::kFloat, names[k] + "_best", "uintBitsToFloat(0x7f800000u)");
-      variable(ir::kBool, names[k] + "_none", "true");
-    }
-  }
-  forward_accumulators(op, op.regions[0]);
-  const std::string trip = unique("i");
-  if (cut_) {
-    variable(ir::kInt, trip, begin);
-    open_loop(enter, trip + " < " + end, "++" + trip);
-  } else {
-    body_.line("for (int " + trip + " = " + begin + "; " + trip + " < " + end + "; ++" + trip + ") {");
-  }
-  push_scope();
-  define(graph_.region(op.regions[0]).params[0], trip);
-  yields(op, op.regions[0], names, trip);
-  pop_scope();
-  close_loop();
-  for (size_t k = 0; k < op.results.size(); ++k)
-    if (!names[k].empty()) define(op.results[k], names[k]);
-}
-
-// What a loop combines or counts, which starts as `first`; `enter` are the statements that a cut loop begins with.
-void Shader::loop_variable(std::vector<std::string>& enter, const Type& type, const std::string& name,
-                           const std::string& first) {
-  if (cut_)
-    enter.push_back(cut_->keep(type, name) + " = " + first + ";");
-  else
-    body_.line(type.str() + " " + name + " = " + first + ";");
-}
-
-void Shader::open_loop(const std::vector<std::string>& enter, const std::string& goes_on, const std::string& advance) {
-  if (cut_)
-    cut_->open(body_, enter, goes_on, advance);
-  else
-    body_.line("for (; " + goes_on + "; " + advance + ") {");
-}
-
-void Shader::close_loop() { cut_ ? cut_->close(body_) : body_.line("}"); }
 
 void Shader::choose_texels() {
   if (!schedule_.code.texel_reads) return;

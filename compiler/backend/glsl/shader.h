@@ -3,6 +3,7 @@
 // element's computation. The printer decides nothing: packing has chosen ops, reads and writes.
 #pragma once
 
+#include <array>
 #include <functional>
 #include <map>
 #include <memory>
@@ -13,6 +14,8 @@
 #include <vector>
 
 #include "compiler/backend/analysis/alike_branches.h"
+#include "compiler/backend/analysis/axes.h"
+#include "compiler/backend/analysis/read_part.h"
 #include "compiler/backend/bundle/bundle.h"
 #include "compiler/backend/glsl/cut_loops.h"
 #include "compiler/backend/glsl/text.h"
@@ -63,7 +66,7 @@ class Shader {
   static std::string element_index(const ir::Extent& extent, const std::string& place);
   static std::string in_range(const ir::Extent& extent, const std::string& place);
 
-  // Element computation. The variable `at` (ivec3) holds the element's place.
+  // Element computation. The variable `at` (ivec3) holds the element's place, or that of its member.
   void element_ops(const std::vector<ir::OpId>& ops);      // root ops of a pass in order
   std::string use(ir::ValueId value);                      // the expression of a value at the current element
   bool is_defined(ir::ValueId value) const;                // whether it is computed here
@@ -80,6 +83,30 @@ class Shader {
                       const std::string& value) const;
   // The ivec3 place that an index expression names in an image of that extent.
   std::string place_of(ir::ValueId index_value, const std::string& index, const ir::Extent& extent) const;
+
+  // From here on the shader computes several elements side by side, its members: what is the same for some of them is
+  // written once, and one loop takes the trips of all (shader_members.cpp).
+  struct Member {
+    std::string at;            // a variable that holds its place
+    std::string in_group;      // and where that lies among the elements of the workgroup
+    std::array<int, 3> place;  // by which axes it differs from the others
+  };
+  void set_members(ChangingAxes& changing, std::vector<Member> members);
+  size_t member_count() const { return members_.size(); }
+  // What follows is of one member, or of all of them.
+  void only_member(size_t member);
+  void all_members();
+  const std::string& at() const { return at_; }
+  // Reads in a loop that the invocations of a workgroup do together, for so many trips at a time. `group`: how many
+  // there are, whose number is `lane`; `origin`: a variable that holds the first place of their elements.
+  struct SharedReads {
+    ir::OpId loop;
+    int trips = 0;
+    int group = 0;
+    std::string lane, origin;
+    std::vector<std::pair<ir::OpId, ReadPart>> reads;
+  };
+  void read_together(SharedReads reads);
 
   // From here on loops may stop and go on later, see cut_loops.h.
   CutLoops& cut_loops() { return cut_ ? *cut_ : cut_.emplace(); }
@@ -131,6 +158,16 @@ class Shader {
   void alike_ops(const Together& together);
   std::string choice(const std::string& which, const std::vector<std::string>& values) const;
   void reduce_op(const ir::Op& op);
+  std::vector<std::string> reduce_variables(const ir::Op& op, const std::string& begin,
+                                            std::vector<std::string>& enter);
+  // shader_members.cpp
+  void enter_member(size_t member);
+  std::vector<std::vector<size_t>> alike(Axes axes) const;
+  void op_of_all(const ir::Op& op);
+  void load_for_all(const ir::Op& op);
+  std::string open_together(const std::string& begin, const std::string& end);
+  std::string first_place(const ReadPart& part, const std::string& trip);
+  std::optional<std::string> shared_read(const ir::Op& op);
   void loop_variable(std::vector<std::string>& enter, const ir::Type& type, const std::string& name,
                      const std::string& first);
   void open_loop(const std::vector<std::string>& enter, const std::string& goes_on, const std::string& advance);
@@ -152,7 +189,14 @@ class Shader {
   void fold_from_checkpoints(FoldLoops& loops, int64_t slots, const std::vector<std::string>& results);
   // A statement that takes effect outside of the shader.
   void effect(const std::string& statement) { body_.line(cut_ ? cut_->once(statement) : statement); }
+  struct Part {
+    std::string index, value;
+    ir::ValueId of;  // the index, where it scatters
+  };
+  std::vector<Part> parts(const ir::Op& op, ir::RegionId region);
   void yields(const ir::Op& op, ir::RegionId region, const std::vector<std::string>& names, const std::string& trip);
+  void combine(const ir::Op& op, const std::vector<std::string>& names, const std::string& trip,
+               const std::vector<Part>& all);
   void forward_accumulators(const ir::Op& op, ir::RegionId region);
   std::string result(ir::ValueId value, const std::string& expression);
 
@@ -175,10 +219,21 @@ class Shader {
   std::vector<uint32_t> loaded_;  // resources of the schedule
   std::vector<Words> words_;
   std::vector<uint32_t> inputs_;  // resources, by input attachment index
-  std::vector<std::map<ir::ValueId, std::string>> scopes_{1};
+  using Scopes = std::vector<std::map<ir::ValueId, std::string>>;
+  Scopes scopes_{1};
   std::map<ir::ValueId, Accumulator> accumulators_;
   std::set<ir::ValueId> left_out_;  // first results
   std::optional<CutLoops> cut_;
+  // Members; without any, there is one.
+  ChangingAxes* changing_ = nullptr;
+  std::vector<Member> members_;
+  std::vector<Scopes> waiting_;     // of the members, but for the one in scopes_
+  size_t member_ = 0;               // whose scopes are in scopes_
+  std::vector<size_t> running_{0};  // for which ops are written now
+  std::string at_ = "at";
+  std::optional<SharedReads> together_;
+  std::map<ir::OpId, std::string> shared_;    // arrays, by gather
+  std::map<ir::ValueId, std::string> since_;  // of the trip of a loop, how many came before it in its part
 };
 
 }  // namespace dr::backend::glsl

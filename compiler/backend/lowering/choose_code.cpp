@@ -75,7 +75,8 @@ class StepCode {
     const bool sets_up = std::ranges::any_of(step_.passes, [&](const Pass& p) { return p.set_up_by == place; });
     if (!sets_up) {
       const Trips trips = trips_of(graph_, pass.ops);
-      if (options_.list_branches) code.heavy = heavy_branches(graph_, pass, trips, profile_);
+      if (options_.list_branches && pass.block.elements() == 1)
+        code.heavy = heavy_branches(graph_, pass, trips, profile_);
       const bool lists = std::ranges::any_of(step_.passes, [&](const Pass& p) { return p.listed_by == place; });
       code.lists_in_runs = profile_.lanes_in_turn && (lists || !code.heavy.empty());
       code.cut = cut(trips, each(pass));

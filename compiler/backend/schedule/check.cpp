@@ -207,12 +207,26 @@ class StepChecker {
     over(sampled, "sampled images", profile_.max_per_stage_descriptor_sampled_images);
     over(colors, "colour attachments", profile_.max_color_attachments);
     over(buffers.size() + sampled + colors, "resources", profile_.max_per_stage_resources);
+    check_block();
     if (pass().hardware && may_pass_limit(trips_of(graph_, pass().ops), profile_))
       report(Violation::Kind::Limit, "loops of a fragment shader that may take more trips than the " +
                                          std::to_string(profile_.loop_trips) + " that the device allows");
     if (pass().hardware)
       over(buffers.size() + colors, "storage buffers and colour attachments",
            profile_.max_fragment_combined_output_resources, " in a fragment shader");
+  }
+
+  void check_block() {
+    const Block& block = pass().block;
+    if (!block.reads_together()) return;
+    over(static_cast<size_t>(block.invocations()), "invocations in a workgroup",
+         profile_.max_compute_work_group_invocations);
+    over(static_cast<size_t>(*shared_bytes(graph_, block)), "bytes that a workgroup shares",
+         profile_.max_compute_shared_memory_size);
+    if (may_pass_limit(trips_of(graph_, pass().ops), profile_))
+      unsound("reads together in loops that may stop and go on later");
+    for (const Pass& other : step_.passes)
+      if (other.listed_by == static_cast<int>(place_)) unsound("computes elements side by side and lists them");
   }
 
   const Graph& graph_;

@@ -325,6 +325,13 @@ class Parser : private ir::TextReader {
         pass.sets_up_again = true;
         ok = expect_word("twice") && expect_word("where") && expect_word("listed");
       }
+    } else if (take_word("block")) {
+      ok = numbers("how many elements", pass.block.each);
+    } else if (take_word("read")) {
+      Block& block = pass.block;
+      ok = expect_word("together") && comma_list([&] { return op(block.gathers.emplace_back()); }) &&
+           expect_word("by") && numbers("how many invocations", block.group) && expect_word("for") &&
+           number("a number of trips", block.trips) && expect_word("of") && op(block.loop);
     } else if (take_word("keeps")) {
       ok = pass.keeps_terms = expect_word("terms");
     } else if (take_word("join")) {
@@ -342,6 +349,13 @@ class Parser : private ir::TextReader {
       return true;
     }
     return ok && expect_line_end();
+  }
+
+  // 4 4 1
+  bool numbers(const char* what, std::array<int, 3>& out) {
+    for (int& n : out)
+      if (!number(what, n)) return false;
+    return true;
   }
 
   // Whether the line says how the pass's shader is written, and, in `ok`, as it should.

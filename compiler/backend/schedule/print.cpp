@@ -163,6 +163,7 @@ class Writer {
     for (const ValueId v : pass.writes) out_ += " " + at(v);
     out_ += "\n";
     write_values("    partial", pass.partial);
+    write_block(pass.block);
     for (const ScatterSum& sum : pass.sums) {
       out_ += "    sum " + at(sum.value) + " of";
       for (const ValueId v : sum.terms) out_ += " " + use(v);
@@ -183,6 +184,18 @@ class Writer {
     if (!pass.no_rows.empty()) out_ += "    no rows " + ir::quoted_text(pass.no_rows) + "\n";
     write_rows(pass.rows);
     write_pass_code(pass.code);
+  }
+
+  static std::string numbers(const std::array<int, 3>& n) {
+    return std::to_string(n[0]) + " " + std::to_string(n[1]) + " " + std::to_string(n[2]);
+  }
+
+  void write_block(const Block& block) {
+    if (block.elements() != 1 || block.reads_together()) out_ += "    block " + numbers(block.each) + "\n";
+    if (!block.reads_together()) return;
+    out_ += "    read together";
+    for (const OpId& id : block.gathers) out_ += (&id == block.gathers.data() ? " " : ", ") + op(id);
+    out_ += " by " + numbers(block.group) + " for " + std::to_string(block.trips) + " of " + op(block.loop) + "\n";
   }
 
   void write_rows(const RowsTable& rows) {

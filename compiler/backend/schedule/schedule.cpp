@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <set>
 
+#include "compiler/backend/analysis/read_part.h"
 #include "compiler/backend/analysis/uses.h"
 #include "compiler/ir/pins.h"
 #include "compiler/ops/op.h"
@@ -100,6 +101,18 @@ const char* kind_name(const Pass& pass) {
     case Pass::Kind::Raster: return pass.hardware ? "raster hardware" : "raster compute";
   }
   return "";
+}
+
+std::optional<int64_t> shared_bytes(const ir::Graph& graph, const Block& block) {
+  ChangingAxes changing(graph);
+  int64_t bytes = 0;
+  for (const ir::OpId id : block.gathers) {
+    const ir::Op& op = graph.op(id);
+    const auto part = read_part(graph, op, block.loop, block.box(), block.trips, changing);
+    if (!part) return std::nullopt;
+    bytes += 4 * part->elements() * graph.value(op.results[0]).type.components();
+  }
+  return bytes;
 }
 
 }  // namespace dr::backend

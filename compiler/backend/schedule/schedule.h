@@ -3,8 +3,10 @@
 // lowering/, checked by check_schedule(), turned into shaders and commands by emit/.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <map>
+#include <optional>
 #include <set>
 #include <string>
 #include <vector>
@@ -65,6 +67,24 @@ struct RowsTable {
   bool sorted() const { return !places.empty(); }
   int64_t names() const { return static_cast<int64_t>(sorted() ? places.size() : columns.size()); }
 };
+
+// Elements of a Map pass that an invocation computes side by side, so that it reads once what they have in common, and
+// reads that the invocations of a workgroup do together; see lowering/block_loops.h.
+inline constexpr int kMostBlock = 64;
+struct Block {
+  std::array<int, 3> each{1, 1, 1};   // elements of an invocation along x, y and layers
+  std::array<int, 3> group{0, 0, 0};  // invocations of a workgroup that reads together, else 0
+  ir::OpId loop;                      // they read for so many trips of this loop at a time
+  int trips = 0;
+  std::vector<ir::OpId> gathers;  // these, in order
+
+  int elements() const { return each[0] * each[1] * each[2]; }
+  int invocations() const { return group[0] * group[1] * group[2]; }
+  bool reads_together() const { return !gathers.empty(); }
+  std::array<int, 3> box() const { return {each[0] * group[0], each[1] * group[1], each[2] * group[2]}; }
+};
+// What they read at a time, in bytes; nothing where that is no part of an image that can be told.
+std::optional<int64_t> shared_bytes(const ir::Graph& graph, const Block& block);
 
 // Elements that an invocation lists together.
 inline constexpr int kListedRun = 32;
@@ -144,6 +164,7 @@ struct Pass {
   // Map: those of `writes` that are stored only where the scatter that it lists elements for is active, or for the
   // faces that the raster that it sets up lists.
   std::vector<ir::ValueId> partial;
+  Block block;
   // Scatter: how, the sums among `writes`, and for Rows the table.
   ScatterLowering scatter = ScatterLowering::Exact;
   std::vector<ScatterSum> sums;

@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <set>
 
+#include "compiler/backend/analysis/axes.h"
+#include "compiler/backend/analysis/read_part.h"
 #include "compiler/backend/analysis/uses.h"
 #include "compiler/ops/op.h"
 
@@ -121,6 +123,7 @@ class StructureChecker {
       bad("stores partly what it does not store");
     if (!check_ops()) return;
     check_scatter();
+    check_block();
     check_code();
     if (pass_->listed_by >= 0) check_helper(pass_->listed_by, place, "listed by");
     if (pass_->set_up_by >= 0) check_helper(pass_->set_up_by, place, "set up by");
@@ -169,6 +172,38 @@ class StructureChecker {
     if (pass_->kind != Pass::Kind::Map && pass_->kind != Pass::Kind::Raster && pass_->hardware)
       return bad("is drawn, which only maps and rasters are"), false;
     return true;
+  }
+
+  // Which of them can be read together is told from the graph.
+  void check_block() {
+    const Block& block = pass_->block;
+    constexpr int kMost = 16, kMostInvocations = 1024, kMostTrips = 1024;
+    for (const int n : block.each)
+      if (n < 1 || n > kMost) return bad("computes no number of elements side by side");
+    if (block.elements() == 1 && !block.reads_together()) return;
+    if (block.elements() > kMostBlock) return bad("computes too many elements side by side");
+    if (pass_->kind != Pass::Kind::Map || pass_->hardware || !pass_->partial.empty())
+      return bad("computes elements side by side and is no plain map of a compute shader");
+    if (!block.reads_together()) return;
+    for (const int n : block.group)
+      if (n < 1 || n > kMostInvocations) return bad("reads together in a workgroup of no size");
+    if (block.invocations() > kMostInvocations || block.trips < 1 || block.trips > kMostTrips)
+      return bad("reads together for too many");
+    if (!block.loop.valid() || std::ranges::find(pass_->ops, root_op(block.loop)) == pass_->ops.end())
+      return bad("reads together in a loop that it does not run");
+    ChangingAxes changing(graph_);
+    for (OpId id = block.loop; id.valid(); id = graph_.region(graph_.op(id).parent).parent)
+      if (!shares_trips(graph_.op(id), 7, changing)) return bad("reads together in what is no loop of all elements");
+    const std::vector<OpId> inside = gathers_in(graph_, graph_.op(block.loop));
+    for (const OpId id : block.gathers)
+      if (std::ranges::find(inside, id) == inside.end()) return bad("reads together what its loop does not read");
+    if (!shared_bytes(graph_, block)) bad("reads together what is no part of an image");
+  }
+
+  // The op of the root region that an op stands in.
+  OpId root_op(OpId id) const {
+    while (graph_.op(id).parent != graph_.root()) id = graph_.region(graph_.op(id).parent).parent;
+    return id;
   }
 
   void check_scatter() {

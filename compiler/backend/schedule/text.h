@@ -23,6 +23,8 @@
 // Behind `writes` stand the decisions about a pass, as far as there are any:
 //
 //   partial clip pixel                          // stored for listed elements only
+//   block 4 4 1                                 // elements that an invocation computes side by side
+//   read together gather %9, gather %11 by 16 16 1 for 16 of reduce %14
 //   sum grad of %31 %33                         // what a scatter sums up
 //   active hit and %12, or weight               // elements that may add something
 //   listed by seen                              // or: joins seen

@@ -16,6 +16,7 @@ namespace dr::backend {
 using ir::Dim;
 using ir::Graph;
 using ir::most_of;
+using ir::never_above_zero;
 using ir::Op;
 using ir::OpKind;
 using ir::ValueId;
@@ -25,15 +26,6 @@ namespace {
 // Longer chains of arithmetic say nothing.
 constexpr int kMostValues = 1000;
 using Bound = std::optional<Dim>;
-
-// For symbols of at least 1.
-bool never_above_zero(const Dim& dim) {
-  ir::SymbolValues ones;
-  for (const std::string& symbol : dim.symbols()) ones[symbol] = 1;
-  const auto at_ones = dim.evaluate(ones);
-  // If all terms but the constant one are negative, it is largest where the symbols are least.
-  return at_ones && *at_ones <= 0 && most_of(dim).is_constant();
-}
 
 // A bound that holds for whichever of the two it is.
 Bound larger(const Bound& a, const Bound& b) {
