@@ -46,6 +46,16 @@ bool is_large(const ir::Extent& domain) {
   return elements && *elements >= kLarge;
 }
 
+// What the loops of the first dispatch take, which leaves the heavy branches out.
+Trips light_trips(const ir::Graph& graph, const Pass& pass, const std::vector<ir::OpId>& heavy) {
+  Trips all;
+  for (const ir::OpId id : pass.ops) {
+    const bool left_out = std::ranges::find(heavy, id) != heavy.end();
+    all += left_out ? trips_of(graph, graph.region(graph.op(id).regions[1]).ops) : trips_of(graph, {&id, 1});
+  }
+  return all;
+}
+
 }  // namespace
 
 std::vector<ir::OpId> Generator::heavy_branches(const Pass& pass, const Trips& trips) const {
@@ -85,7 +95,7 @@ void Generator::listed_map_pass(const Pass& pass, const Trips& trips, const std:
     for (const ValueId v : std::set<ValueId>(conditions))
       if (computed.count(v) == 0) suppose(v);
     for (const ir::OpId id : heavy) s.leave_out_branch(id);
-    const Cut cut = this->cut(s, pass, trips, loop.element(), loop.each());
+    const Cut cut = this->cut(s, pass, light_trips(graph_, pass, heavy), loop.element(), loop.each());
     open_cut(s, cut, loop.skip());
     for (const ir::OpId id : pass.ops) {
       s.element_ops({id});
