@@ -181,8 +181,7 @@ std::vector<Function> pictures() {
         "hardsoftras.blend(soft, fn(s) { hardsoftras.interpolate(s, paint) }, vec3(0.1, 0.2, 0.3))",
         {over("value", kFrame, "1.0 + 0.0 * y.x", "1", kDesign), to_clip, to_paint});
   }
-  add("coverage.silhouette", "", "float", across, "coverage.silhouette($clip, $face, across, 64, 64)",
-      {one, to_clip});
+  add("coverage.silhouette", "", "float", across, "coverage.silhouette($clip, $face, across, 64, 64)", {one, to_clip});
   add("coverage.crowded", "", "float", across,
       "if coverage.crowded($clip, $face, across, 64, 64, nearest = 1) { 1.0 } else { 0.0 }", {one});
   add("coverage.blend", "", "vec3", across,
