@@ -22,11 +22,11 @@ compiler/backend/pack      BUNDLE GRAPH compiler/target/ B/analysis/ B/schedule/
 compiler/backend/lowering  BUNDLE GRAPH compiler/target/ B/analysis/ B/schedule/ B/cost/ B/pack/
 compiler/backend/glsl      BUNDLE GRAPH B/analysis/ B/schedule/
 compiler/backend/plan      BUNDLE compiler/ir/dim.h compiler/ir/initial_step.h
-compiler/backend/emit      BUNDLE GRAPH compiler/target/ B/analysis/ B/schedule/ B/cost/ B/glsl/ B/plan/
+compiler/backend/emit      BUNDLE GRAPH B/analysis/ B/schedule/ B/glsl/ B/plan/
 compiler/backend/spirv     BUNDLE compiler/ir/ B/glsl/source.h
 compiler/backend           dsl/ GRAPH compiler/target/ compiler/passes/ compiler/backend/
 compiler/driver          dsl/ compiler/ir/ compiler/lower/ compiler/passes/ compiler/target/ compiler/backend/
-compiler/language_server dsl/ compiler/lower/
+compiler/language_server dsl/ compiler/ir/ compiler/ops/ compiler/lower/
 compiler/drc             dsl/ compiler/
 compiler/io              compiler/io/
 compiler/io/file
@@ -124,5 +124,15 @@ probe compiler/backend/plan/a.cpp '"compiler/backend/schedule/schedule.h"' refus
 probe compiler/backend/spirv/a.cpp '"compiler/backend/compile.h"' refuse
 probe compiler/backend/lowering/a.cpp '"compiler/backend/pack/stages.h"' pass
 probe compiler/backend/compile.cpp '"compiler/backend/emit/generator.h"' pass
+
+# Emission asks the schedule how code is to be written, never the device (compiler/backend/lowering/choose_code.h).
+asks_device() {
+  (cd "$1/compiler/backend" && grep -rnsE 'target::|[pP]rofile[_.]|compiler/target' emit glsl plan || true) |
+    grep -vE '^[^:]*:[0-9]+: *//'
+}
+mkdir -p "$tree/asks/compiler/backend/emit"
+echo 'if (profile_.subgroup_size > 1) return;' > "$tree/asks/compiler/backend/emit/a.cpp"
+asks_device "$tree/asks" > /dev/null 2>&1 || { echo 'self-test: emission that asks the device passes'; exit 1; }
+if asks_device "$1"; then echo 'emission asks the device'; exit 1; fi
 
 check "$1"

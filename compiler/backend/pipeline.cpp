@@ -6,6 +6,7 @@
 
 #include "compiler/backend/analysis/fold_memory.h"
 #include "compiler/backend/emit/generator.h"
+#include "compiler/backend/lowering/choose_code.h"
 #include "compiler/backend/lowering/keep_in_tiles.h"
 #include "compiler/backend/lowering/keep_sums.h"
 #include "compiler/backend/lowering/list_where_computed.h"
@@ -75,6 +76,11 @@ Outcome run_set_up_in_raster(Compilation& c) {
   return std::nullopt;
 }
 
+Outcome run_choose_code(Compilation& c) {
+  choose_code(c.graph(), c.profile, {c.options.list_branches, c.options.native_floats}, c.out.schedule);
+  return std::nullopt;
+}
+
 // The last word on limits, whatever the passes before took care of.
 Outcome run_check_limits(Compilation& c) {
   std::string limits;
@@ -90,15 +96,14 @@ Outcome run_emit(Compilation& c) {
   const PackOptions packing = pack_options(c.profile, c.options);
   bundle.version = bundle::kVersion;
   bundle.profile = c.profile.name;
-  bundle.loop_trips = c.profile.loop_trips;
-  bundle.float_profile = c.options.native_floats ? "native" : "strict";
+  bundle.loop_trips = c.out.schedule.code.loop_trips;
+  bundle.float_profile = c.out.schedule.code.native ? "native" : "strict";
   const bool naive = !packing.fused && !packing.recompute && !packing.stages;
   bundle.lowering = std::string(naive ? "naive," : "fused,") + (packing.fragment ? "fragment," : "compute,") +
                     (packing.hardware_raster ? "hardware" : "compute");
   bundle.graph = ir::print(c.graph());
   if (!c.lines.files().empty()) bundle.op_lines = c.lines.in_text_order(c.graph());
-  const EmitOptions options{c.lines, c.options.list_branches, c.options.native_floats};
-  c.generator = std::make_unique<Generator>(c.graph(), c.out.schedule, c.profile, options);
+  c.generator = std::make_unique<Generator>(c.graph(), c.out.schedule, c.lines);
   c.generator->process(bundle, c.out.glsl);
   return std::nullopt;
 }
@@ -141,7 +146,10 @@ constexpr BackendPass kPasses[] = {
     {"keep-sums", run_keep_sums, Fact::Packed | Fact::SumsChosen, 0, only(Fact::Lowered)},
     {"set-up-in-raster", run_set_up_in_raster, Fact::Packed | Fact::EntriesKept, only(Fact::PlacesFixed),
      only(Fact::Lowered)},
-    {"check-limits", run_check_limits, Fact::Packed | Fact::SumsChosen, only(Fact::Lowered), only(Fact::Emitted)},
+    {"choose-code", run_choose_code, Fact::Packed | Fact::SumsChosen | Fact::PlacesFixed | Fact::EntriesKept,
+     only(Fact::CodeChosen), only(Fact::Lowered)},
+    {"check-limits", run_check_limits, Fact::Packed | Fact::SumsChosen | Fact::CodeChosen, only(Fact::Lowered),
+     only(Fact::Emitted)},
     {"emit", run_emit, only(Fact::Lowered), only(Fact::Emitted), only(Fact::CommandsFixed)},
     {"find-dependencies", run_find_dependencies, only(Fact::Emitted), only(Fact::Dependencies), 0},
     {"clear-together", run_clear_together, Fact::Emitted | Fact::Dependencies, only(Fact::CommandsFixed),
@@ -213,6 +221,7 @@ std::string_view fact_name(Fact fact) {
     case Fact::CommandsFixed: return "commands fixed";
     case Fact::Slots: return "slots";
     case Fact::Assembled: return "assembled";
+    case Fact::CodeChosen: return "code chosen";
   }
   return "";
 }

@@ -28,6 +28,7 @@ enum class Fact : uint32_t {
   CommandsFixed = 1u << 7,  // no command is added or removed any more
   Slots = 1u << 8,          // resources have memory
   Assembled = 1u << 9,      // the bundle has its shaders
+  CodeChosen = 1u << 10,    // the schedule says how shaders are written
 };
 using Facts = uint32_t;
 constexpr Facts operator|(Fact a, Fact b) { return static_cast<Facts>(a) | static_cast<Facts>(b); }

@@ -72,7 +72,8 @@ struct FormatOptions {
 
 struct DocOptions {
   std::vector<std::string> files;  // modules, or
-  bool ops = false;                // the table of ops
+  bool ops = false;                // the table of ops, or
+  bool functions = false;          // the names of the language's functions
   std::string output = "-";
 };
 

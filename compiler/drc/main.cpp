@@ -247,6 +247,7 @@ int run(int argc, char** argv) {
   CLI::App* doc_command = app.add_subcommand("doc", "Print the documentation of modules as Markdown");
   doc_command->add_option("file", doc_options.files, "Modules or programs (.dr), or - for stdin");
   doc_command->add_flag("--ops", doc_options.ops, "The ops that graphs are made of");
+  doc_command->add_flag("--functions", doc_options.functions, "The names of the language's functions, a line each");
   doc_command->add_option("-o", doc_options.output, "File to write, - for stdout")
       ->capture_default_str()
       ->type_name("FILE");

@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "compiler/lower/lower.h"
+#include "compiler/ops/op.h"
 
 namespace dr::language_server {
 namespace {
@@ -12,11 +13,29 @@ constexpr std::string_view kText =
 #include "words.inc"
     ;
 
+// Functions that the op table offers, by what their entries say.
+std::vector<Word> words_of_ops() {
+  static const std::vector<std::string> kSignatures = [] {
+    std::vector<std::string> all;
+    for (const ir::OpKind kind : ir::all_op_kinds()) {
+      static constexpr const char* kOperands[] = {"()", "(x)", "(x, y)", "(x, y, z)"};
+      const ops::OpInfo& info = ops::info(kind);
+      if (info.is_function) all.push_back(std::string(ir::op_name(kind)) + kOperands[info.domains.size()]);
+    }
+    return all;
+  }();
+  std::vector<Word> all;
+  for (const ir::OpKind kind : ir::all_op_kinds())
+    if (ops::info(kind).is_function)
+      all.push_back({ir::op_name(kind), kSignatures[all.size()], ops::info(kind).doc, true});
+  return all;
+}
+
 // `NAME(x) | text`, or `NAME signature | text` where the signature starts with something else.
 std::vector<Word> read_words() {
   std::vector<std::string> functions = lower::builtin_names();
   functions.insert(functions.end(), {"at", "layer"});
-  std::vector<Word> all;
+  std::vector<Word> all = words_of_ops();
   for (std::string_view rest = kText; !rest.empty();) {
     const std::string_view line = rest.substr(0, rest.find('\n'));
     rest.remove_prefix(std::min(line.size() + 1, rest.size()));

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The words that the language itself gives a meaning, with a line about each: words.txt, which is part of the program.
+// The words that the language itself gives a meaning, with a line about each: words.txt,
+// which is part of the program, and the entries of ops that programs call.
 #pragma once
 
 #include <string_view>

@@ -131,7 +131,11 @@ std::string row(const OpInfo& info) {
 }  // namespace
 
 std::string document_ops() {
-  std::string out(kIntroduction);
+  std::string out(kIntroduction), functions;
+  for (const Family& family : families())
+    for (const OpInfo& entry : family.entries())
+      if (entry.is_function) functions = join(functions, std::string(ir::op_name(entry.kind)), " ");
+  out += "\nPrograms call these by their names, with floats or vectors of them: `" + functions + "`.\n";
   for (const Family& family : families()) {
     out += "\n## " + std::string(family.title) +
            "\n\n| op | meaning | types | gradient | random | singular | distance |\n" +

@@ -9,7 +9,7 @@ namespace dr::fuzz {
 
 struct Coverage {
   uint64_t blocks = 0;  // of instructions without a branch
-  uint64_t edges = 0;   // from one to the next; a few share a number
+  uint64_t edges = 0;   // from one to the next, those to one block in eight sorts
 };
 
 Coverage coverage();

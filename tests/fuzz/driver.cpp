@@ -22,6 +22,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
+#include <ctime>
 #include <filesystem>
 #include <fstream>
 #include <functional>
@@ -93,6 +94,12 @@ void install_handlers() {
   for (const int signal : signals) sigaction(signal, &action, nullptr);
 }
 
+double processor_time() {
+  timespec now = {};
+  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
+  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+}
+
 void run(const std::string& text, uint64_t seed, uint64_t number) {
   current = text;
   std::snprintf(crash_file.data(), crash_file.size(), "crash-%llu-%llu", static_cast<unsigned long long>(seed),
@@ -147,23 +154,28 @@ class Fuzzer {
 
  private:
   double elapsed() const { return std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count(); }
-  bool try_input(const std::string& text);
+  void try_input(const std::string& text, bool from_files);
   void keep(const std::string& text) const;
   void report() const;
 
   Settings settings_;
-  std::vector<std::string> files_, pool_;  // as they came; those that are changed
+  std::vector<std::string> files_;     // as they came
+  std::vector<dr::fuzz::Input> pool_;  // what is changed
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
   uint64_t number_ = 0;
 };
 
-// Whether it reached what none before it did.
-bool Fuzzer::try_input(const std::string& text) {
+// What reaches what none before it did is changed from then on.
+void Fuzzer::try_input(const std::string& text, bool from_files) {
   const dr::fuzz::Coverage before = dr::fuzz::coverage();
+  const double start = processor_time();
   run(text, settings_.seed, ++number_);
+  const double cost = processor_time() - start;
   const dr::fuzz::Coverage after = dr::fuzz::coverage();
+  const bool is_new = after.blocks != before.blocks || after.edges != before.edges;
+  if (is_new || (from_files && after.blocks == 0)) pool_.push_back({text, cost});
+  if (is_new && !from_files) keep(text);
   if (number_ >= 1024 && (number_ & (number_ - 1)) == 0) report();
-  return after.blocks != before.blocks || after.edges != before.edges;
 }
 
 void Fuzzer::keep(const std::string& text) const {
@@ -184,8 +196,7 @@ void Fuzzer::report() const {
 }
 
 void Fuzzer::go() {
-  for (const std::string& text : files_)
-    if (try_input(text) || dr::fuzz::coverage().blocks == 0) pool_.push_back(text);
+  for (const std::string& text : files_) try_input(text, true);
   dr::fuzz::Mutator mutator(pool_, files_, settings_.seed);
   std::mt19937_64 seeds(settings_.seed);
   constexpr size_t kMost = size_t{1} << 17;
@@ -201,12 +212,7 @@ void Fuzzer::go() {
   const auto is_over = [&](uint64_t changed) {
     return settings_.seconds > 0 ? elapsed() >= static_cast<double>(settings_.seconds) : changed >= settings_.runs;
   };
-  for (uint64_t changed = 0; !is_over(changed); ++changed) {
-    const std::string text = next();
-    if (!try_input(text)) continue;
-    pool_.push_back(text);
-    keep(text);
-  }
+  for (uint64_t changed = 0; !is_over(changed); ++changed) try_input(next(), false);
   report();
 }
 

@@ -58,7 +58,7 @@ std::vector<std::string_view> tokens(std::string_view text) {
   return result;
 }
 
-Mutator::Mutator(const std::vector<std::string>& corpus, const std::vector<std::string>& words, uint64_t seed)
+Mutator::Mutator(const std::vector<Input>& corpus, const std::vector<std::string>& words, uint64_t seed)
     : corpus_(corpus), random_(seed) {
   std::set<std::string_view> known(std::begin(kNumbers), std::end(kNumbers));
   for (const std::string& text : words) {
@@ -69,9 +69,13 @@ Mutator::Mutator(const std::vector<std::string>& corpus, const std::vector<std::
 }
 
 const std::string& Mutator::any_text() {
-  const std::string &one = corpus_[below(corpus_.size())], &other = corpus_[below(corpus_.size())];
-  if (below(4) == 0) return one;
-  return one.size() < other.size() ? one : other;
+  const Input* chosen = &corpus_[below(corpus_.size())];
+  if (below(8) == 0) return chosen->text;
+  for (int k = 0; k < 3; ++k) {
+    const Input& other = corpus_[below(corpus_.size())];
+    if (other.cost < chosen->cost) chosen = &other;
+  }
+  return chosen->text;
 }
 
 std::string Mutator::any_token() {

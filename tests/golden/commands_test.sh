@@ -105,7 +105,7 @@ expect 2 err 'diagnostics=json' build good.dr --diagnostics=json --time-passes
 # So are bundles, and what each pass leaves can be seen.
 expect 3 err 'bundle fails verification after pass plan-memory' build good.dr --emit=bundle -o b.drb --no-cache --break-after=plan-memory
 rm -f "$(sed -n 's/^  drc build \(.*\.ir\) .*/\1/p' err)"
-for pass in simplify differentiate pack choose-sums check-limits emit find-dependencies clear-together plan-memory assemble; do
+for pass in simplify differentiate pack choose-sums choose-code check-limits emit find-dependencies clear-together plan-memory assemble; do
   expect 0 err "// after $pass" build good.dr --emit=bundle -o b.drb --no-cache --dump-ir="$pass"
   expect 0 out 'step s' build good.dr --stop-after="$pass"
   expect 0 err "$pass: " build good.dr --emit=bundle -o b.drb --no-cache --time-passes

@@ -77,7 +77,22 @@ END
   "$drc" explain | awk '{ code = $1; sub(/^[^ ]+ +/, ""); printf "| [%s](../../dsl/explanations.md#%s) | %s |\n", code, tolower(code), $0 }'
 } > "$work/errors.md"
 
+# The words that editors colour as functions.
+grammar=dsl/editors/dressi.tmLanguage.json
+functions=$("$drc" doc --functions | paste -sd'|')
+sed -E "s/\(\?:abs\|[A-Za-z0-9_|]*\)/(?:$functions)/" "$grammar" > "$work/grammar.json"
+
 failed=0
+if ! cmp -s "$work/grammar.json" "$grammar"; then
+  if ((update)); then
+    cp "$work/grammar.json" "$grammar"
+    echo "$grammar: changed"
+  else
+    diff -u "$grammar" "$work/grammar.json" || true
+    echo "$grammar does not know the functions there are; ./dr test --update writes it anew"
+    failed=1
+  fi
+fi
 if ((update)); then mkdir -p docs/reference/library; fi
 for page in "$work"/*.md "$work"/library/*.md; do
   name=${page#"$work"/}

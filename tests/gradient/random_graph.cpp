@@ -20,7 +20,7 @@ namespace {
 // by 1e-8 when it does.
 class Generator {
  public:
-  Generator(uint64_t seed, const RandomGraphOptions& options) : random_(seed) {
+  Generator(uint64_t seed, const RandomGraphOptions& options) : random_(seed), sizes_(options.sizes) {
     const int leaves = 3 + random_.integer(3);
     for (int k = 0; k < leaves; ++k) {
       const std::string name = leaf_name(static_cast<size_t>(k));
@@ -31,6 +31,10 @@ class Generator {
     }
     pool_ = params_;
     const size_t first = b_.graph().op_count();
+    if (options.long_trips > 0) {
+      gradients_ = 2;  // none inside: they go through all pairs of trips
+      pool_.push_back(long_loop(options.long_trips));
+    }
     for (int k = 0; k < options.steps || b_.graph().op_count() < first + options.ops; ++k) step();
     // The later values hang together; a few of them make the result.
     y_ = as(pool_.back(), kFloat);
@@ -47,7 +51,7 @@ class Generator {
   Type any_type() { return random_.chance(0.5) ? kFloat : vec(2 + random_.integer(3)); }
   Extent any_extent() {
     const auto axis = [&](int64_t size) { return Dim(random_.chance(0.5) ? size : 1); };
-    return {axis(4), axis(3), axis(2)};
+    return {axis(sizes_[0]), axis(sizes_[1]), axis(sizes_[2])};
   }
   ValueId any() { return pool_[static_cast<size_t>(random_.integer(static_cast<int>(pool_.size())))]; }
   ValueId op(OpKind kind, std::vector<ValueId> operands) { return ops::emit(b_, kind, std::move(operands)); }
@@ -233,6 +237,36 @@ class Generator {
     return results;
   }
 
+  // So many trips over few elements: a sum, or a state that each trip takes a small step with.
+  ValueId long_loop(int64_t trips) {
+    const Extent domain = any_extent();
+    const std::vector<ValueId> values = within(domain);
+    const Type type = any_type();
+    const ValueId begin = integer(random_.integer(2)), end = integer(static_cast<double>(trips));
+    const auto term = [&](ValueId i, std::vector<ValueId> here) {
+      const ValueId image = any();
+      here.push_back(op(OpKind::Gather, {image, any_index(image, domain, {i})}));
+      here.push_back(sin(to_float(op(OpKind::Mod, {i, integer(64)}))));
+      for (int k = random_.integer(4); k >= 0; --k) here.push_back(elementwise(here));
+      return as(here.back(), type);
+    };
+    if (random_.chance(0.5)) {
+      const auto terms = [&](ValueId i) { return std::vector{term(i, values)}; };
+      return scaled(make_reduce(b_, begin, end, domain, {Yield::Sum}, terms)[0], small(0.375, trips));
+    }
+    const auto trip = [&](ValueId i, const std::vector<ValueId>& states) {
+      return Trip{{}, {op(OpKind::Tanh, {ops::add(b_, term(i, values), scaled(states[0], 0.5))})}};
+    };
+    return make_fold(b_, begin, end, domain, {as(values[0], type)}, trip, trips)[0];
+  }
+
+  // By a power of two: as small for many terms as it is for 24.
+  static double small(double factor, int64_t terms) {
+    for (; terms > 24; terms /= 2) factor *= 0.5;
+    return factor;
+  }
+  double sum_scale() const { return small(0.375, sizes_[0] * sizes_[1] * sizes_[2]); }
+
   // A number that stretches to `like`, with its type and extent.
   ValueId as_extent(ValueId x, ValueId like) {
     const Extent extent = b_.value(like).extent;
@@ -267,7 +301,7 @@ class Generator {
     const auto free = static_cast<size_t>(random_.integer(3));
     *std::array{&domain.w, &domain.h, &domain.l}[free] = 1;
     Extent image = domain;
-    const int64_t trips = std::array{4, 3, 2}[free];
+    const int64_t trips = sizes_[free];
     *std::array{&image.w, &image.h, &image.l}[free] = trips;
     const std::vector<ValueId> values = within(domain);
     const Type type = any_type();
@@ -284,7 +318,7 @@ class Generator {
       if (stops) trip.stop = op(OpKind::Less, {number(0.75), as(next, kFloat)});
       return trip;
     };
-    return make_fold(b_, begin, end, domain, {as(values[0], type)}, body_of, 4, {image})[1];
+    return make_fold(b_, begin, end, domain, {as(values[0], type)}, body_of, std::max<int64_t>(4, trips), {image})[1];
   }
 
   void step() {
@@ -294,7 +328,7 @@ class Generator {
     if (choice < 0.08) {
       const OpKind kind =
           std::array{OpKind::ReduceSum, OpKind::ReduceMin, OpKind::ReduceMax}[static_cast<size_t>(random_.integer(3))];
-      pool_.push_back(scaled(ops::emit(b_, kind, {x}, ints(any_axes())), 0.375));
+      pool_.push_back(scaled(ops::emit(b_, kind, {x}, ints(any_axes())), sum_scale()));
     } else if (choice < 0.13) {
       pool_.push_back(ops::emit(b_, OpKind::Broadcast, {x}, dims(*ir::broadcast(extent, any_extent()))));
     } else if (choice < 0.18) {
@@ -307,7 +341,8 @@ class Generator {
       if (!image.l.is_one()) image.l = extent.l;
       const ValueId shaped = ops::constant(b_, kFloat, 0.0);
       const ValueId target = ops::broadcast(b_, shaped, image);
-      pool_.push_back(ops::emit(b_, OpKind::ScatterAdd, {any_index(target, extent), x}, dims(image)));
+      const ValueId sum = ops::emit(b_, OpKind::ScatterAdd, {any_index(target, extent), x}, dims(image));
+      pool_.push_back(sum_scale() < 0.375 ? scaled(sum, sum_scale()) : sum);
     } else if (choice < 0.48) {
       const Extent domain = region_domain();
       for (const ValueId result : region(within(domain), {}, domain, 0)) pool_.push_back(result);
@@ -331,6 +366,7 @@ class Generator {
   }
 
   Random random_;
+  std::array<int64_t, 3> sizes_;
   Builder b_;
   std::vector<ValueId> params_;
   std::vector<ValueId> pool_;

@@ -64,14 +64,13 @@ std::vector<size_t> fills_with(const bundle::BundleT& bundle, const bundle::Step
 }  // namespace
 
 void Generator::clear_together() {
-  if (profile_.subgroup_size < kWideSubgroup) return;  // a processor fills memory faster than its shaders do
+  if (schedule_.code.clears == 0) return;
   for (size_t k = 0; k < schedule_.steps.size(); ++k) {
     step_ = &schedule_.steps[k];
     out_ = bundle_->steps[k].get();
     for (size_t at = 0; at < out_->commands.size(); ++at) {
       if (!is_small_fill(*bundle_, *out_->commands[at])) continue;
-      const std::vector<size_t> fills =
-          fills_with(*bundle_, *out_, at, profile_.max_per_stage_descriptor_storage_buffers);
+      const std::vector<size_t> fills = fills_with(*bundle_, *out_, at, schedule_.code.clears);
       if (fills.size() > 1) clear_by_dispatch(fills);
     }
   }

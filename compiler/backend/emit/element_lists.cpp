@@ -12,7 +12,7 @@ using glsl::Shader;
 
 namespace {
 
-constexpr int kRun = 32;  // a bit each
+constexpr int kRun = kListedRun;  // a bit each
 
 std::string members(const std::string& list) { return "members_of_" + list; }
 

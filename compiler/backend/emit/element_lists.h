@@ -17,8 +17,8 @@ inline constexpr int kListEnd = 3, kListHead = 4;
 std::string append(glsl::Shader& s, const std::string& list, const std::string& element, bool together = false);
 
 // The main of a shader that computes the elements of an extent and lists some of them. With `runs` an invocation
-// computes 32 that follow each other, and lists them together: where lanes access memory in turn
-// (Profile::lanes_in_turn), an atomic costs a subgroup that lists nothing as much as any other.
+// computes 32 that follow each other, and lists them together: where lanes access memory in turn, an atomic costs a
+// subgroup that lists nothing as much as any other.
 class ListingLoop {
  public:
   // Opens it: behind, `at` is an element's place.

@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "compiler/backend/emit/face_lists.h"
 
-#include <algorithm>
-#include <bit>
-
 namespace dr::backend {
 
 using glsl::dim_expression;
@@ -12,45 +9,20 @@ using ir::Dim;
 
 namespace {
 
-struct Bins {
-  // Faces by the pixels of their boxes: up to the first for one invocation, up to the second for subgroups.
-  int small_box, middle_box;
-  // Invocations that share the faces of a list.
-  int middle_invocations, large_invocations;
-};
-constexpr Bins kCpu{64, 4096, 1 << 13, 1 << 12};
-
-// Those of a GPU, which starts few workgroups faster than many, and has work for more in large pictures.
-Bins gpu_bins(const Dim& pixels) {
-  constexpr int64_t kLeast = 1 << 15, kUnknown = 1 << 17, kMost = 1 << 19;
-  const auto count = pixels.evaluate({});
-  const int64_t invocations = count ? std::clamp(*count / 4, kLeast, kMost) : kUnknown;
-  const auto middle = static_cast<int>(std::bit_floor(static_cast<uint64_t>(invocations)));
-  return {8, 4096, middle, middle / 2};
-}
-
-constexpr int kLargeTeam = 1024;    // invocations that share a large face at least
 constexpr int kIndirectGroup = 64;  // invocations of a workgroup whose number a buffer says
-
-// Lanes that walk small boxes of different shapes take trips for the rows and columns of them all: for boxes of 64
-// pixels the sum over y of 64 / (y + 1).
-constexpr int64_t kSmallPixels = 320;
 
 const char* const kListNames[] = {"middle", "large"};
 
 }  // namespace
 
-FaceLists::FaceLists(const target::Profile& profile, const Dim& faces, const Dim& pixels, const WalkTrips& trips)
-    : faces_(faces), trips_(trips), limit_(profile.loop_trips), used_(profile.subgroup_size > 1 || limit_ > 0) {
-  const Bins bins = profile.subgroup_size >= kWideSubgroup ? gpu_bins(pixels) : kCpu;
-  const bool short_ones = trips.pixel.is_constant() && kSmallPixels * (trips.pixel.constant() + 1) < limit_ / 2;
-  small_box_ = limit_ == 0 || short_ones ? bins.small_box : 0;
-  middle_box_ = bins.middle_box;
-  // A power of two, so that teams share the invocations evenly whatever the profile says.
-  const auto lanes = static_cast<int>(std::bit_floor(std::clamp(profile.subgroup_size, 1u, 128u)));
-  lists_ = {List{lanes, bins.middle_invocations, Dim(bins.middle_box)},
-            List{kLargeTeam, bins.large_invocations, pixels}};
-}
+FaceLists::FaceLists(const FaceWalk& walk, uint32_t loop_trips, const Dim& faces, const Dim& pixels,
+                     const WalkTrips& trips)
+    : faces_(faces),
+      trips_(trips),
+      limit_(loop_trips),
+      walk_(walk),
+      lists_{List{walk.team, walk.middle_invocations, Dim(walk.middle_box)},
+             List{kLargeTeam, walk.large_invocations, pixels}} {}
 
 // Of each list: teams that share a face, faces or parts of them that a team may walk, and the rows of workgroups that
 // so many faces need beyond the first.
@@ -96,7 +68,7 @@ std::string FaceLists::append(Shader& s, const std::string& list) const {
             ".d[" + count(1) + "]" + one + "  else place = int(atomicAdd(" + list + ".d[" + count(0) + "]" + one +
             "  " + list + ".d[(large ? " + dim_expression(faces_ + Dim(head())) + " : " + std::to_string(head()) +
             ") + place] = uint(index);\n" + more + "}\n");
-  return "list_face(area > " + std::to_string(middle_box_) + ", index);";
+  return "list_face(area > " + std::to_string(walk_.middle_box) + ", index);";
 }
 
 std::string FaceLists::quotient(const std::string& a, const std::string& b) { return "quotient(" + a + ", " + b + ")"; }

@@ -10,24 +10,18 @@
 
 namespace dr::backend {
 
-// What the loops of the shader that walks faces take, beside those of the walk itself.
-struct WalkTrips {
-  ir::Dim pixel;         // for a pixel
-  ir::Dim face;          // to set a face up again
-  bool watched = false;  // whether nothing but data, or the program's word, bounds them
-};
-
 // Faces stand on one of two lists, by the pixels of their boxes: teams of a subgroup walk those of the middle list,
-// teams of a thousand invocations the large ones. Where a driver lets an invocation take so many trips only
-// (Profile::loop_trips), a dispatch has as many rows of workgroups as the lists need, and several teams share a face if
+// teams of a thousand invocations the large ones. Where a device lets an invocation take so many trips only
+// (Code::loop_trips), a dispatch has as many rows of workgroups as the lists need, and several teams share a face if
 // one could not walk it: usual pictures need one row, and one team.
 class FaceLists {
  public:
-  FaceLists(const target::Profile& profile, const ir::Dim& faces, const ir::Dim& pixels, const WalkTrips& trips);
+  FaceLists(const FaceWalk& walk, uint32_t loop_trips, const ir::Dim& faces, const ir::Dim& pixels,
+            const WalkTrips& trips);
 
-  bool used() const { return used_; }
+  bool used() const { return walk_.lists; }
   // Boxes of up to so many pixels are walked by the invocation that finds them; 0: none are.
-  int small_box() const { return small_box_; }
+  int small_box() const { return walk_.small_box; }
   // Whether the numbers of workgroups stand in the first words.
   bool bounded() const { return limit_ > 0; }
   ir::Dim words() const { return faces_ * ir::Dim(2) + ir::Dim(head()); }
@@ -57,8 +51,7 @@ class FaceLists {
   ir::Dim faces_;
   WalkTrips trips_;
   int64_t limit_ = 0;
-  bool used_ = false;
-  int small_box_ = 0, middle_box_ = 0;
+  FaceWalk walk_;
   std::array<List, 2> lists_;
 };
 

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // NaN and Inf in what a step leaves behind: a word of the pass that stores it, which the host reads between runs. The
 // value is in a register there, so that the look at it is one comparison.
-#include <algorithm>
-
 #include "compiler/backend/emit/generator.h"
 
 namespace dr::backend {
@@ -11,24 +9,13 @@ using glsl::Shader;
 using ir::ValueId;
 
 void Generator::tell_not_finite(Shader& s, const Pass& pass) {
-  const auto stays = [&](ValueId v) {
-    const auto is_it = [&](const auto& named) { return named.second == v; };
-    const ir::Extent& e = resource(v).extent;
-    return std::ranges::any_of(step_->updates, is_it) ||
-           (e.w.is_one() && e.h.is_one() && e.l.is_one() && std::ranges::any_of(step_->outputs, is_it));
-  };
+  if (pass.code.told.empty()) return;
   std::string any;
-  for (const ValueId v : pass.writes) {
+  for (const ValueId v : pass.code.told) {
     const ir::Type& t = resource(v).type;
-    if (!t.is_float() || resource(v).half || !stays(v) || std::ranges::find(pass.partial, v) != pass.partial.end())
-      continue;
     for (int c = 0; c < t.components(); ++c)
       any += (any.empty() ? "" : " || ") + std::string("is_not_finite(") + glsl::component(t, s.use(v), c) + ")";
   }
-  const auto have = static_cast<uint32_t>(s.bindings());
-  if (any.empty() || have + 1 > profile_.max_per_stage_descriptor_storage_buffers ||
-      have + 1 > profile_.max_per_stage_resources)
-    return;
   auto [it, is_new] = finite_words_.try_emplace(&pass);
   if (is_new) {
     it->second = add_scratch(pass.name + "_not_finite", "1");

@@ -315,11 +315,10 @@ void Generator::map_pass(const Pass& pass) {
     const bool all_here = scatter->joins_lister && scatter->scatter == ScatterLowering::Atomic;
     if (!all_here) active_lists_[scatter] = add_list(*scatter, "active");
   }
-  const Trips trips = trips_of(graph_, pass.ops);
-  if (const auto heavy = heavy_branches(pass, trips); !heavy.empty()) return listed_map_pass(pass, trips, heavy);
+  if (!pass.code.heavy.empty()) return listed_map_pass(pass);
   Shader s = shader();
-  ListingLoop loop(s, pass.domain, profile_.lanes_in_turn && listed_for(pass) != nullptr);
-  const Cut cut = this->cut(s, pass, trips, loop.element(), loop.each());
+  ListingLoop loop(s, pass.domain, pass.code.lists_in_runs);
+  const Cut cut = this->cut(s, pass, pass.code.cut, loop.element(), loop.each());
   open_cut(s, cut, loop.skip());
   s.element_ops(pass.ops);
   close_cut(s, cut);

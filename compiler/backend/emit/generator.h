@@ -19,28 +19,15 @@
 
 namespace dr::backend {
 
-struct WalkTrips;
-
-struct EmitOptions {
-  const SourceLines& lines;  // of the graph's ops
-  bool list_branches;        // heavy branches run for the elements that take them (listed.cpp)
-  bool native_floats;        // the float profile
-};
-
 // Fills the bundle's symbols, leaves, resources and steps, and gives the GLSL of its shaders.
 class Generator {
  public:
-  Generator(const ir::Graph& graph, const Schedule& schedule, const target::Profile& profile,
-            const EmitOptions& options)
-      : graph_(graph),
-        schedule_(schedule),
-        profile_(profile),
-        source_lines_(options.lines),
-        list_branches_(options.list_branches),
-        native_floats_(options.native_floats) {}
+  // `lines`: of the graph's ops.
+  Generator(const ir::Graph& graph, const Schedule& schedule, const SourceLines& lines)
+      : graph_(graph), schedule_(schedule), source_lines_(lines) {}
   void process(bundle::BundleT& bundle, std::vector<GlslShader>& shaders);
-  // Then, when find_dependencies() has said what runs together: several fills of a step become one dispatch, where that
-  // is faster (clears.cpp).
+  // Then, when find_dependencies() has said what runs together: several fills of a step become one dispatch, where the
+  // schedule says so (clears.cpp).
   void clear_together();
 
  private:
@@ -53,28 +40,24 @@ class Generator {
   // Source lines behind the ops of a pass, and of what sets it up; they go into the commands made next.
   void set_lines(const Pass& pass, const Pass* setup);
   void map_pass(const Pass& pass);
-  // Its `if`s whose first branch is worth leaving out for the elements that do not take it; empty if all of it is not.
-  std::vector<ir::OpId> heavy_branches(const Pass& pass, const Trips& trips) const;
-  void listed_map_pass(const Pass& pass, const Trips& trips, const std::vector<ir::OpId>& heavy);
+  void listed_map_pass(const Pass& pass);
   // `inputs`: values that it reads as input attachments; `joins`: it goes on in the render pass before.
   void fragment_pass(const Pass& pass, const std::vector<ir::ValueId>& inputs, bool joins);
-  // Loops of a compute shader that may take more trips than the device lets an invocation have (cut.cpp). What
-  // an element computes stands between open_cut() and close_cut(), what it leaves behind between that and end_cut().
+  // A shader whose loops are cut (cut.cpp). What an element computes stands between open_cut() and close_cut(), what it
+  // leaves behind between that and end_cut().
   struct Cut {
-    bool cuts = false;
-    ir::Dim trips;  // of an invocation
-    uint32_t most = 0, part = 0;
+    LoopCut how;
+    ir::Dim trips;                  // of an invocation
     uint32_t state = 0, watch = 0;  // bundle resources
-    bool watched = false;           // whether loops come to their end, as nothing says that they do
     std::string element;
   };
   // `each`: elements of an invocation.
-  Cut cut(glsl::Shader& shader, const Pass& pass, const Trips& trips, const std::string& element, int each = 1);
+  Cut cut(glsl::Shader& shader, const Pass& pass, const LoopCut& how, const std::string& element, int each = 1);
   // `skip`: is done with the element.
   static void open_cut(glsl::Shader& shader, const Cut& cut, const std::string& skip);
   void close_cut(glsl::Shader& shader, const Cut& cut);
   static void end_cut(glsl::Shader& shader, const Cut& cut);
-  static void set_trips(bundle::CommandT& command, const Cut& cut);
+  void set_trips(bundle::CommandT& command, const Cut& cut) const;
   void reduce_pass(const Pass& pass);
   void scatter_pass(const Pass& pass);
   // Where a sum or maximum of a scatter goes.
@@ -121,8 +104,7 @@ class Generator {
   // Stores what a map pass writes at an element and, where it lists elements for a scatter, lists it; `loop`: that the
   // shader runs, if it does; `active`: whether the element may be one of those.
   void store_results(glsl::Shader& shader, const Pass& pass, ListingLoop* loop = nullptr, bool active = true);
-  // Says in a word of the pass that a float which its step leaves in a leaf, or in an output of one element, is NaN or
-  // Inf; where the device has a buffer left for it.
+  // Says in a word of the pass that one of PassCode::told is NaN or Inf.
   void tell_not_finite(glsl::Shader& shader, const Pass& pass);
   // An empty list of elements of the pass, a scratch buffer; a dispatch can be as large as it is long.
   uint32_t add_list(const Pass& pass, const std::string& name);
@@ -149,10 +131,10 @@ class Generator {
   void set_walk_trips(bundle::CommandT& command, const WalkTrips& trips, std::optional<uint32_t> watch) const;
 
   // Where the float profile is `native`, so is the shader, but for those that must agree with each other on a decision.
-  glsl::Shader shader() const { return shader(native_floats_); }
+  glsl::Shader shader() const { return shader(schedule_.code.native); }
   glsl::Shader strict_shader() const { return shader(false); }
   glsl::Shader shader(bool native) const {
-    return glsl::Shader(graph_, schedule_, *step_, bundle_->symbols, profile_.lanes_in_turn, native,
+    return glsl::Shader(graph_, schedule_, *step_, bundle_->symbols, native,
                         [this](glsl::Shader& s, ir::ValueId value, const std::string& function) {
                           return sums_reader(s, value, function);
                         });
@@ -160,7 +142,7 @@ class Generator {
   // The layer that a vertex or fragment shader draws: one of those that a render pass draws at once, counted from the
   // first of them.
   std::string drawn_layer(glsl::Shader& shader, const ir::Dim& layers) const {
-    if (profile_.max_multiview_view_count == 0 || layers.is_one()) return "pc.layer";
+    if (!schedule_.code.layers_at_once || layers.is_one()) return "pc.layer";
     shader.extension("GL_EXT_multiview");
     return "pc.layer + gl_ViewIndex";
   }
@@ -169,7 +151,7 @@ class Generator {
     return "layout(local_size_x = 64, local_size_x_id = " + std::to_string(bundle_->symbols.size()) + ") in;\n";
   }
   // Whether shaders may use 64-bit integers and their atomics; those that do say so.
-  bool wide_atomics() const { return profile_.shader_int64 && profile_.shader_buffer_int64_atomics; }
+  bool wide_atomics() const { return schedule_.code.wide_words; }
   static void wide_extensions(glsl::Shader& shader) {
     shader.extension("GL_ARB_gpu_shader_int64");
     shader.extension("GL_EXT_shader_atomic_int64");
@@ -194,9 +176,7 @@ class Generator {
 
   const ir::Graph& graph_;
   const Schedule& schedule_;
-  const target::Profile& profile_;
   const SourceLines& source_lines_;
-  bool list_branches_, native_floats_;
   std::vector<bundle::Line> lines_;
   size_t ops_ = 0;   // of the pass, until a command says so
   int finite_ = -1;  // bundle resource of tell_not_finite(), likewise
@@ -216,8 +196,6 @@ class Generator {
   std::set<uint32_t> step_tables_;  // leaves
 };
 
-// Lanes of a subgroup from which on a device is a GPU.
-inline constexpr uint32_t kWideSubgroup = 16;
 // How many elements of a list have room for what they add (Pass::keeps_terms): few add something to a sum whose
 // elements are listed, and those beyond are computed again.
 ir::Dim room_for_terms(const ir::Extent& domain);

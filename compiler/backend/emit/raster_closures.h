@@ -1,26 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 // What draws and compute shaders of a raster share: its operands by their part, and its closures in GLSL. Private to
-// generate_raster*.cpp.
+// raster_*.cpp.
 #pragma once
 
 #include <string>
 #include <vector>
 
+#include "compiler/backend/analysis/raster_parts.h"
 #include "compiler/backend/emit/generator.h"
 
 namespace dr::backend {
 
 enum RasterRegion : size_t { kDepth, kKeep, kTag };
-
-struct RasterParts {
-  size_t count;  // K
-  std::vector<ir::ValueId> fields, corners;
-  ir::ValueId cull;
-  ir::Dim w, h, l, faces;
-  ir::Extent extent() const { return {w, h, l}; }
-};
-
-RasterParts raster_parts(const ir::Op& op);
 
 inline constexpr const char* kIsNan = R"(
 bool dr_no_number(float x) { return (floatBitsToUint(x) & 0x7fffffffu) > 0x7f800000u; }

@@ -26,7 +26,7 @@ struct Walk {
   uint32_t keys, ids;  // wide: both the slots
   const FaceLists& lists;
   uint32_t list_words;
-  bool lanes_in_turn;
+  bool hidden_stores;
   // The loops of closures are watched; see Generator::Cut.
   bool watched;
 
@@ -64,7 +64,7 @@ struct Walk {
     if (wide) {
       s.body().line("uint64_t entry = (uint64_t(key) << 36) | (uint64_t(uint(face)) << 4) | uint64_t(" +
                     closures.closure(kTag) + " & 15);");
-      if (lanes_in_turn) s.body().line("entry = pc.c == 0 ? entry : 0ul;");
+      if (hidden_stores) s.body().line("entry = pc.c == 0 ? entry : 0ul;");
       // Each slot keeps the smaller entry and hands the other on, so that the K smallest end up sorted whatever the
       // order. Slots behind the first empty one are empty, too.
       s.body().line("for (int k = 0; k < " + std::to_string(parts.count) + "; ++k) {");
@@ -146,18 +146,6 @@ struct Walk {
   }
 };
 
-// What one pixel takes of what closures and captured values loop over, and a face that is set up once more.
-WalkTrips walk_trips(const ir::Graph& graph, const Pass& pass, const ir::Op& op, const Pass* setup, bool wide) {
-  const Trips closures = trips_of_regions(graph, op);
-  const Trips captured = trips_of(graph, {pass.ops.begin(), pass.ops.end() - 1});
-  WalkTrips trips;
-  const auto ranks = static_cast<int64_t>(raster_parts(op).count);
-  trips.pixel = closures.most + captured.most + Dim(wide ? ranks + 1 : 0);
-  trips.face = setup == nullptr ? Dim(0) : trips_of(graph, setup->ops).most;
-  trips.watched = closures.unknown + closures.promised + captured.unknown + captured.promised > 0;
-  return trips;
-}
-
 }  // namespace
 
 uint32_t Generator::watch_loops(Shader& s, const Pass& pass) {
@@ -169,11 +157,12 @@ uint32_t Generator::watch_loops(Shader& s, const Pass& pass) {
 }
 
 void Generator::set_walk_trips(bundle::CommandT& c, const WalkTrips& trips, std::optional<uint32_t> watch) const {
-  if (profile_.loop_trips == 0) return;
+  const uint32_t limit = schedule_.code.loop_trips;
+  if (limit == 0) return;
   const Dim most = trips.pixel + trips.face + Dim(16);
-  if (most.is_constant() && most.constant() <= profile_.loop_trips && !watch) return;
+  if (most.is_constant() && most.constant() <= limit && !watch) return;
   c.trips = most.str();
-  c.most_trips = profile_.loop_trips;
+  c.most_trips = limit;
   if (watch) c.watch = static_cast<int>(*watch);
 }
 
@@ -192,12 +181,12 @@ void Generator::raster_compute(const Pass& pass, const ir::Op& op) {
   if (!wide) fill("clear " + pass.name + " faces", ids, 0xffffffffu);
   const Pass* const setup = pass.set_up_by < 0 ? nullptr : &step_->passes[static_cast<size_t>(pass.set_up_by)];
   const WalkTrips trips = walk_trips(graph_, pass, op, pass.sets_up_again ? setup : nullptr, wide);
-  const FaceLists lists(profile_, faces, parts.w * parts.h, trips);
-  const bool watched = profile_.loop_trips > 0 && trips.watched;
+  const FaceLists lists(pass.code.walk, schedule_.code.loop_trips, faces, parts.w * parts.h, trips);
+  const bool watched = pass.code.walk.watched;
   const uint32_t list_words = lists.used() ? add_scratch(pass.name + "_lists", lists.words().str()) : keys;
   if (lists.used())
     fill("clear " + pass.name + " lists", list_words, lists.clear_value(), std::to_string(lists.cleared()));
-  const Walk walk{graph_, pass, op, parts, wide, keys, ids, lists, list_words, profile_.lanes_in_turn, watched};
+  const Walk walk{graph_, pass, op, parts, wide, keys, ids, lists, list_words, schedule_.code.hidden_stores, watched};
   // Without wide words a rank takes two runs; see Walk::pixel.
   std::vector<size_t> first_run;
   const auto compute = [&](Shader& s) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Raster passes by draws: they propose and a fragment shader decides, peeled K times. Compute shaders that loop over
-// each face's box stand in generate_raster_compute.cpp. All keep exactly the pixels whose centre `keep` accepts,
+// each face's box stand in raster_compute.cpp. All keep exactly the pixels whose centre `keep` accepts,
 // ordered by (key, face).
 #include "compiler/backend/emit/raster_closures.h"
 
@@ -11,21 +11,6 @@ using glsl::Shader;
 using ir::Dim;
 using ir::Extent;
 using ir::ValueId;
-
-RasterParts raster_parts(const ir::Op& op) {
-  RasterParts p;
-  p.count = static_cast<size_t>(op.attrs.ints[0]);
-  const auto fields = static_cast<size_t>(op.attrs.ints[1]), corners = static_cast<size_t>(op.attrs.ints[2]);
-  p.fields.assign(op.operands.begin(), op.operands.begin() + static_cast<ptrdiff_t>(fields));
-  p.corners.assign(op.operands.begin() + static_cast<ptrdiff_t>(fields),
-                   op.operands.begin() + static_cast<ptrdiff_t>(fields + corners));
-  p.cull = op.operands.back();
-  p.w = op.attrs.dims[0];
-  p.h = op.attrs.dims[1];
-  p.l = op.attrs.dims[2];
-  p.faces = op.attrs.dims[3];
-  return p;
-}
 
 namespace {
 

@@ -22,7 +22,7 @@ using ir::ValueId;
 
 namespace {
 
-// Words of an accumulator, of 32 bits or of 64 where the profile has their atomics: 0 the largest finite magnitude,
+// Words of an accumulator, of 32 bits or of 64 where the schedule says so: 0 the largest finite magnitude,
 // 1 the number of contributions where it is counted, then two (one) for each component, then flags for each element,
 // four bits a component: see special_flag.
 constexpr int kHead = 2;
@@ -111,7 +111,7 @@ uint32_t Generator::add_list(const Pass& pass, const std::string& name) {
 uint32_t Generator::list_active(const Pass& pass) {
   const uint32_t list = add_list(pass, "active");
   Shader s = shader();
-  ListingLoop loop(s, pass.domain, profile_.lanes_in_turn);
+  ListingLoop loop(s, pass.domain, pass.code.lists_in_runs);
   std::vector<ValueId> needed;
   for (const auto& clause : pass.active) needed.insert(needed.end(), clause.begin(), clause.end());
   s.element_ops(ops_at(graph_, {}, pass.ops, needed));
@@ -273,7 +273,7 @@ std::string Generator::declare_target(Shader& s, const Pass& pass, const Target&
     if (r.type.is_float() && !stored) s.extension("GL_EXT_shader_atomic_float");
     if (runs == Runs::Both) body = "  if (pc.a != 0) {\n";  // needs no first run
     // Elements that add nothing may all name one element, such as the first, and would wait for each other there.
-    const bool tests = r.type.is_float() && !profile_.lanes_in_turn;
+    const bool tests = r.type.is_float() && pass.code.skips_zeros;
     for (int c = 0; c < n; ++c) {
       const std::string x = component(r.type, "value", c);
       const std::string to = buffer + ".d[element * " + std::to_string(n) + " + " + std::to_string(c) + "]";
@@ -292,7 +292,7 @@ std::string Generator::declare_target(Shader& s, const Pass& pass, const Target&
             Shader::element_index(r.extent, "place") + ", value" + (keeps ? ", site" : "") + ");\n}\n");
   for (size_t k = 0; k < t.sum.terms.size(); ++k) {
     Accumulator accumulator = t.accumulator;
-    if (keeps) accumulator.site = static_cast<int>(k);
+    if (keeps) accumulator.site = std::to_string(k);
     s.accumulate_into(t.sum.terms[k], std::move(accumulator));
   }
   return finish;
@@ -317,8 +317,9 @@ void Generator::scatter_where_listed(Shader& s, const Pass& pass, const Pass& sc
     s.body().line("listed_at = " + list() + ";");
     for (const Target& t : targets_.at(&scatter)) keep_no_terms(s, scatter, t);
   }
-  for (const ir::OpId id : element_ops(scatter))
-    if (!s.is_defined(graph_.op(id).results[0])) s.element_ops({id});
+  std::vector<ir::OpId> ops = element_ops(scatter);
+  std::erase_if(ops, [&](ir::OpId id) { return s.is_defined(graph_.op(id).results[0]); });
+  s.element_ops(ops);
   if (fixed) {
     if (!keeps) s.body().line("if (adds != 0u) {\n    " + list() + ";");
     for (const ValueId v : pass.partial) s.store(v, "at", s.use(v));
@@ -346,9 +347,9 @@ void Generator::scatter_pass(const Pass& pass) {
   if (!lists && !listed) place_from_index(s, pass.domain);
   std::string finish;
   const std::vector<ir::OpId> ops = element_ops(pass);
-  const Cut cut = this->cut(s, pass, trips_of(graph_, ops), lists || listed ? "element" : "index");
-  if (lists && !cut.cuts) s.declare("uint adds = 0u;\n");
-  if (lists && cut.cuts) s.cut_loops().keep(ir::kUint, "adds", true);
+  const Cut cut = this->cut(s, pass, pass.code.cut, lists || listed ? "element" : "index");
+  if (lists && !cut.how.cuts()) s.declare("uint adds = 0u;\n");
+  if (lists && cut.how.cuts()) s.cut_loops().keep(ir::kUint, "adds", true);
   if (pass.join_lanes) s.declare("bool joins = true;\n");
   for (const Target& t : targets) finish += declare_target(s, pass, t, joined ? Runs::Second : Runs::Both, lists);
   if (lists) {

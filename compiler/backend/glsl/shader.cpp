@@ -4,7 +4,6 @@
 
 #include <algorithm>
 
-#include "compiler/backend/glsl/divisors.h"
 #include "compiler/ir/yields.h"
 #include "compiler/ops/native.h"
 #include "compiler/ops/op.h"
@@ -64,12 +63,11 @@ int texel_of(const Type& type) {
 }  // namespace
 
 Shader::Shader(const ir::Graph& graph, const Schedule& schedule, const StepSchedule& step,
-               const std::vector<std::string>& symbols, bool lanes_in_turn, bool native, SumsReader sums_reader)
+               const std::vector<std::string>& symbols, bool native, SumsReader sums_reader)
     : graph_(graph),
       schedule_(schedule),
       step_(step),
       symbols_(symbols),
-      lanes_in_turn_(lanes_in_turn),
       native_(native),
       sums_reader_(std::move(sums_reader)) {}
 
@@ -243,7 +241,7 @@ std::string Shader::gather(ValueId value, const std::string& place) {
 // LLVM would move the arithmetic before a store into the loop over lanes that llvmpipe makes of it; not through a
 // choice that it cannot foresee (pc.c is 0 always).
 std::string Shader::at_once(const Type& type, const std::string& expression) const {
-  return lanes_in_turn_ ? "(pc.c == 0 ? " + expression + " : " + zero(type) + ")" : expression;
+  return schedule_.code.hidden_stores ? "(pc.c == 0 ? " + expression + " : " + zero(type) + ")" : expression;
 }
 
 void Shader::store(ValueId value, const std::string& place, const std::string& expression) {
@@ -310,11 +308,21 @@ std::string Shader::place_of(ValueId index_value, const std::string& index, cons
 std::string Shader::scatter(const Accumulator& accumulator, ValueId index_value, const std::string& index,
                             const std::string& value) const {
   return "scatter_" + accumulator.name + "(" + place_of(index_value, index, accumulator.extent) + ", " + value +
-         (accumulator.site < 0 ? "" : ", " + std::to_string(accumulator.site)) + ");";
+         (accumulator.site.empty() ? "" : ", " + accumulator.site) + ");";
 }
 
 void Shader::element_ops(const std::vector<ir::OpId>& ops) {
-  for (ir::OpId id : ops) op(graph_.op(id));
+  // Loops that stop and go on are cut where they stand in the text.
+  const std::vector<Together> order = cut_ ? std::vector<Together>() : alike_together(graph_, ops);
+  if (order.empty())
+    for (const ir::OpId id : ops) op(graph_.op(id));
+  for (const Together& together : order) {
+    if (together.ops.size() > 1 && may_loop(together)) {
+      alike_ops(together);
+      continue;
+    }
+    for (const ir::OpId id : together.ops) op(graph_.op(id));
+  }
 }
 
 std::vector<std::string> Shader::region(ir::RegionId id) {
@@ -384,6 +392,11 @@ void Shader::op(const Op& op) {
   }
 }
 
+bool Shader::is_hidden(ValueId divisor) const {
+  const Code& code = schedule_.code;
+  return code.hidden_divisors.contains(divisor) || (!native_ && code.strict_hidden_divisors.contains(divisor));
+}
+
 void Shader::elementwise_op(const Op& op) {
   const ops::OpInfo& info = ops::info(op.kind);
   DR_ASSERT(info.glsl != nullptr);
@@ -393,11 +406,12 @@ void Shader::elementwise_op(const Op& op) {
     operands.push_back(use(v));
     types.push_back(graph_.value(v).type);
   }
+  const bool divides = op.kind == OpKind::Div && types[1].is_float();
   // pc.c is 0 always.
-  if (op.kind == OpKind::Div && types[1].is_float() && hide_as_divisor(graph_, op.operands[1], native_))
+  if (divides && is_hidden(op.operands[1]))
     operands[1] = "uintBitsToFloat(floatBitsToUint(" + operands[1] + ") ^ uint(pc.c))";
   const ops::GlslInput input{operands, types, op.attrs, graph_.value(op.results[0]).type};
-  if (op.kind == OpKind::Div && types[1].is_float() && is_moderate(graph_, op.operands[1])) {
+  if (divides && schedule_.code.moderate_divisors.contains(op.operands[1])) {
     result(op.results[0], operands[0] + " / " + operands[1]);
     return;
   }
@@ -541,7 +555,7 @@ void Shader::open_loop(const std::vector<std::string>& enter, const std::string&
 void Shader::close_loop() { cut_ ? cut_->close(body_) : body_.line("}"); }
 
 void Shader::choose_texels() {
-  if (!lanes_in_turn_) return;
+  if (!schedule_.code.texel_reads) return;
   for (const auto& [resource, bound] : bound_) {
     Declared& declared = declared_[bound.binding];
     bundle::BindingT& binding = *bindings_[bound.binding];

@@ -12,6 +12,7 @@
 #include <unordered_map>
 #include <vector>
 
+#include "compiler/backend/analysis/alike_branches.h"
 #include "compiler/backend/bundle/bundle.h"
 #include "compiler/backend/glsl/cut_loops.h"
 #include "compiler/backend/glsl/text.h"
@@ -23,8 +24,8 @@ namespace dr::backend::glsl {
 struct Accumulator {
   std::string name;  // suffix of its functions: scatter_<name>(ivec3 place, T value)
   ir::Type type;
-  ir::Extent extent;  // of the result
-  int site = -1;      // a third argument, unless negative
+  ir::Extent extent;      // of the result
+  std::string site = {};  // a third argument, unless empty
 };
 
 class Shader {
@@ -32,9 +33,9 @@ class Shader {
   // GLSL of a function of that name which gives an element of a value whose resource holds fixed point sums.
   using SumsReader = std::function<std::string(Shader&, ir::ValueId, const std::string& function)>;
 
-  // `lanes_in_turn`: see target::Profile. `native`: of that float profile.
+  // `native`: of that float profile.
   Shader(const ir::Graph& graph, const Schedule& schedule, const StepSchedule& step,
-         const std::vector<std::string>& symbols, bool lanes_in_turn, bool native, SumsReader sums_reader);
+         const std::vector<std::string>& symbols, bool native, SumsReader sums_reader);
 
   // Binds a resource of the bundle; further calls return the same name, and widen the access. Scratch is an array of
   // uint (or uint64_t) words, of a storage buffer.
@@ -56,7 +57,7 @@ class Shader {
   std::string gather(ir::ValueId value, const std::string& place);
   // A statement that stores an element in a buffer resource.
   void store(ir::ValueId value, const std::string& place, const std::string& expression);
-  // An expression for a buffer's memory, computed for all lanes at once (Profile::lanes_in_turn).
+  // An expression for a buffer's memory, computed for all lanes at once (Code::hidden_stores).
   std::string at_once(const ir::Type& type, const std::string& expression) const;
   // Index of an element in a buffer of that extent.
   static std::string element_index(const ir::Extent& extent, const std::string& place);
@@ -123,7 +124,12 @@ class Shader {
   const Resource& resource(ir::ValueId v) const { return schedule_.resources[step_.stored.at(v).index]; }
   void op(const ir::Op& op);
   void elementwise_op(const ir::Op& op);
+  bool is_hidden(ir::ValueId divisor) const;
   void if_op(const ir::Op& op);
+  // shader_alike.cpp
+  bool may_loop(const Together& together) const;
+  void alike_ops(const Together& together);
+  std::string choice(const std::string& which, const std::vector<std::string>& values) const;
   void reduce_op(const ir::Op& op);
   void loop_variable(std::vector<std::string>& enter, const ir::Type& type, const std::string& name,
                      const std::string& first);
@@ -163,7 +169,7 @@ class Shader {
   std::set<std::string> functions_;
   std::vector<std::unique_ptr<bundle::BindingT>> bindings_;
   std::map<uint32_t, Bound> bound_;
-  bool lanes_in_turn_, native_;
+  bool native_;
   SumsReader sums_reader_;
   // Functions that read; how is known when all writes are.
   std::vector<uint32_t> loaded_;  // resources of the schedule

@@ -23,7 +23,10 @@ class Parser : private ir::TextReader {
 
   std::variant<Schedule, ParseError> parse() {
     bool ok = expect_word("schedule") && expect_word("after") && after() && expect_line_end();
-    for (skip_lines(); ok && !at_end(); skip_lines()) ok = take_word("step") ? step() : resource();
+    for (skip_lines(); ok && !at_end(); skip_lines()) {
+      bool is_code = true;
+      ok = code(is_code) && (is_code || (take_word("step") ? step() : resource()));
+    }
     if (!ok) return error();
     return std::move(schedule_);
   }
@@ -37,6 +40,47 @@ class Parser : private ir::TextReader {
       schedule_.after += (schedule_.after.empty() ? "" : "-") + word;
     } while (adjoins('-') && take('-'));
     return true;
+  }
+
+  // code native floats, loops of 65535
+  bool code_words() {
+    Code& code = schedule_.code;
+    return comma_list([&] {
+      if (take_word("native")) return code.native = expect_word("floats");
+      if (take_word("texel")) return code.texel_reads = expect_word("reads");
+      if (take_word("hidden")) return code.hidden_stores = expect_word("stores");
+      if (take_word("wide")) return code.wide_words = expect_word("words");
+      if (take_word("layers")) return code.layers_at_once = expect_word("at") && expect_word("once");
+      if (take_word("clears")) return expect_word("of") && number("a number of fills", code.clears);
+      if (take_word("loops")) return expect_word("of") && number("a number of trips", code.loop_trips);
+      return expected("'native', 'texel', 'hidden', 'wide', 'layers', 'clears' or 'loops'");
+    });
+  }
+
+  bool divisors(std::set<ValueId>& out) {
+    if (!expect_word("divisors")) return false;
+    while (peek() != '\n') {
+      ValueId v;
+      if (!use(v)) return false;
+      out.insert(v);
+    }
+    return true;
+  }
+
+  // A line about all shaders, if there is one.
+  bool code(bool& is_one) {
+    bool ok = true;
+    if (take_word("code"))
+      ok = code_words();
+    else if (take_word("hidden"))
+      ok = divisors(schedule_.code.hidden_divisors);
+    else if (take_word("strict"))
+      ok = expect_word("hidden") && divisors(schedule_.code.strict_hidden_divisors);
+    else if (take_word("moderate"))
+      ok = divisors(schedule_.code.moderate_divisors);
+    else
+      is_one = false;
+    return !is_one || (ok && expect_line_end());
   }
 
   // `leaf`, `half buffer` and so on, a name, a type. A word is the name where a colon follows it.
@@ -293,11 +337,50 @@ class Parser : private ir::TextReader {
       ok = rows(pass.rows);
     } else if (take_word("place")) {
       ok = place(pass.rows.places.emplace_back());
-    } else {
+    } else if (!pass_code(pass.code, ok)) {
       is_one = false;
       return true;
     }
     return ok && expect_line_end();
+  }
+
+  // Whether the line says how the pass's shader is written, and, in `ok`, as it should.
+  bool pass_code(PassCode& code, bool& ok) {
+    if (take_word("lists")) {
+      ok = code.lists_in_runs = expect_word("in") && expect_word("runs");
+    } else if (take_word("heavy")) {
+      ok = comma_list([&] { return op(code.heavy.emplace_back()); });
+      if (ok && take_word("by")) ok = code.heavy_by_subgroups = expect_word("subgroups");
+      if (ok && take_word("apart")) ok = number("a number of lanes", code.heavy_apart);
+    } else if (take_word("cut")) {
+      LoopCut& cut = take_word("heavy") ? code.heavy_cut : code.cut;
+      ok = expect_word("loops") && number("a number of trips", cut.part) && watched(cut.watched);
+    } else if (take_word("skips")) {
+      ok = code.skips_zeros = expect_word("zeros");
+    } else if (take_word("tells")) {
+      ok = values(code.told);
+    } else if (take_word("walks")) {
+      ok = expect_word("faces") && walk(code.walk) && watched(code.walk.watched);
+    } else {
+      return false;
+    }
+    return true;
+  }
+
+  bool watched(bool& out) {
+    if (!take(',')) return true;
+    return out = expect_word("watched");
+  }
+
+  // alone, or: of 64 alone, of 4096 by 8 in 8192, others in 4096
+  bool walk(FaceWalk& out) {
+    if (take_word("alone")) return true;
+    out.lists = true;
+    const auto count = [&](int& n) { return number("a number", n) && (n >= 0 || fail("this number is negative")); };
+    return expect_word("of") && count(out.small_box) && expect_word("alone") && expect(',') && expect_word("of") &&
+           count(out.middle_box) && expect_word("by") && count(out.team) && expect_word("in") &&
+           count(out.middle_invocations) && expect(',') && expect_word("others") && expect_word("in") &&
+           count(out.large_invocations);
   }
 
   // a and b, or c

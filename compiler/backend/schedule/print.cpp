@@ -23,12 +23,62 @@ class Writer {
 
   std::string text() {
     out_ = "schedule after " + (schedule_.after.empty() ? "?" : schedule_.after) + "\n";
+    write_code(schedule_.code);
     for (const Resource& r : schedule_.resources) write_resource(r);
     for (const StepSchedule& step : schedule_.steps) write_step(step);
     return std::move(out_);
   }
 
  private:
+  void write_code(const Code& code) {
+    std::string how;
+    const auto add = [&](bool holds, const std::string& what) {
+      if (holds) how += (how.empty() ? "code " : ", ") + what;
+    };
+    add(code.native, "native floats");
+    add(code.texel_reads, "texel reads");
+    add(code.hidden_stores, "hidden stores");
+    add(code.wide_words, "wide words");
+    add(code.layers_at_once, "layers at once");
+    add(code.clears > 0, "clears of " + std::to_string(code.clears));
+    add(code.loop_trips > 0, "loops of " + std::to_string(code.loop_trips));
+    if (!how.empty()) out_ += how + "\n";
+    write_divisors("hidden", code.hidden_divisors);
+    write_divisors("strict hidden", code.strict_hidden_divisors);
+    write_divisors("moderate", code.moderate_divisors);
+  }
+
+  void write_divisors(const char* what, const std::set<ValueId>& values) {
+    if (values.empty()) return;
+    out_ += std::string(what) + " divisors";
+    for (const ValueId v : values) out_ += " " + use(v);
+    out_ += "\n";
+  }
+
+  void write_cut(const char* what, const LoopCut& cut) {
+    if (cut.cuts()) out_ += what + std::to_string(cut.part) + (cut.watched ? ", watched\n" : "\n");
+  }
+
+  void write_pass_code(const PassCode& code) {
+    if (code.lists_in_runs) out_ += "    lists in runs\n";
+    for (const OpId& id : code.heavy) out_ += (&id == code.heavy.data() ? "    heavy " : ", ") + op(id);
+    if (!code.heavy.empty())
+      out_ += std::string(code.heavy_by_subgroups ? " by subgroups" : "") +
+              (code.heavy_apart > 0 ? " apart " + std::to_string(code.heavy_apart) : "") + "\n";
+    write_cut("    cut loops ", code.cut);
+    write_cut("    cut heavy loops ", code.heavy_cut);
+    if (code.skips_zeros) out_ += "    skips zeros\n";
+    write_values("    tells", code.told);
+    const FaceWalk& w = code.walk;
+    const std::string watched = w.watched ? ", watched\n" : "\n";
+    if (w.lists)
+      out_ += "    walks faces of " + std::to_string(w.small_box) + " alone, of " + std::to_string(w.middle_box) +
+              " by " + std::to_string(w.team) + " in " + std::to_string(w.middle_invocations) + ", others in " +
+              std::to_string(w.large_invocations) + watched;
+    else if (w.watched)
+      out_ += "    walks faces alone" + watched;
+  }
+
   static const char* storage_name(Resource::Storage storage) {
     switch (storage) {
       case Resource::Storage::Buffer: return "buffer ";
@@ -132,6 +182,7 @@ class Writer {
     if (pass.relist) out_ += "    relist\n";
     if (!pass.no_rows.empty()) out_ += "    no rows " + ir::quoted_text(pass.no_rows) + "\n";
     write_rows(pass.rows);
+    write_pass_code(pass.code);
   }
 
   void write_rows(const RowsTable& rows) {

@@ -66,6 +66,62 @@ struct RowsTable {
   int64_t names() const { return static_cast<int64_t>(sorted() ? places.size() : columns.size()); }
 };
 
+// Elements that an invocation lists together.
+inline constexpr int kListedRun = 32;
+
+// Loops that a dispatch may not take to their end, so that a later one goes on with them (emit/cut.cpp).
+struct LoopCut {
+  uint32_t part = 0;  // trips of an invocation in a dispatch; 0: not cut
+  bool watched =
+      false;  // the shader tells whether a loop did not come to its end, as only data, or the program, says so
+  bool cuts() const { return part != 0; }
+  friend bool operator==(const LoopCut&, const LoopCut&) = default;
+};
+
+// Invocations that share a face of the list of large ones at least.
+inline constexpr int kLargeTeam = 1024;
+
+// How a raster's compute shaders walk the boxes of faces (emit/face_lists.h).
+struct FaceWalk {
+  bool lists = false;  // faces whose boxes are not small go on one of two lists
+  int small_box = 0;   // boxes of up to so many pixels are walked by the invocation that finds them; 0: none are
+  int middle_box = 0;  // and of up to so many by teams of `team` invocations
+  int team = 0;
+  int middle_invocations = 0, large_invocations = 0;  // that share the faces of a list
+  bool watched = false;                               // loops of closures; as of LoopCut
+  friend bool operator==(const FaceWalk&, const FaceWalk&) = default;
+};
+
+// How the shader of one pass is written; chosen by lowering/choose_code.h.
+struct PassCode {
+  // Map, or Scatter with a dispatch that lists its active elements: an invocation has 32 elements, one after the other,
+  // and lists them together.
+  bool lists_in_runs = false;
+  // Map: `if`s whose first branch runs in a second dispatch, for the elements that take it (emit/listed.cpp).
+  std::vector<ir::OpId> heavy;
+  bool heavy_by_subgroups = false;  // lanes of a subgroup take their places on the list together
+  uint32_t heavy_apart =
+      0;  // a fixed number of invocations, so many lanes apart, share the list; 0: one for each element
+  LoopCut cut, heavy_cut;         // Map, Scatter; and of the second dispatch
+  bool skips_zeros = false;       // Scatter by float atomics: a zero is not added
+  std::vector<ir::ValueId> told;  // Map: of `writes`, those that tell whether they are NaN or Inf (emit/finite.cpp)
+  FaceWalk walk;                  // Raster by compute shaders
+};
+
+// How all shaders are written; chosen by lowering/choose_code.h.
+struct Code {
+  bool native = false;          // the float profile `native`
+  bool texel_reads = false;     // buffers that a compute shader only reads are uniform texel buffers
+  bool hidden_stores = false;   // what is stored stands behind a choice that the driver's compiler cannot foresee
+  bool wide_words = false;      // sums and rasters' entries are words of 64 bits, with atomics
+  bool layers_at_once = false;  // a render pass draws several layers (multiview)
+  uint32_t clears = 0;          // so many small fills, at most, become one dispatch (emit/clears.cpp); 0: fills stay
+  uint32_t loop_trips = 0;      // of an invocation, before the device ends its loops; 0: they run on
+  // By what is divided (analysis/divisors.h): divisors that the driver's compiler must not see, those that it must not
+  // in shaders whose floats are strict, and those that are surely no larger than 2^126.
+  std::set<ir::ValueId> hidden_divisors, strict_hidden_divisors, moderate_divisors;
+};
+
 // One pass. Its ops are root ops in graph order; what they need from outside is read from resources, what others
 // need of them is written to resources.
 struct Pass {
@@ -108,6 +164,7 @@ struct Pass {
   int set_up_by = -1;
   bool sets_up_again = false;  // and so does its second one, of each face that it walks
   bool relist = false;         // the first run of an exact pass lists what adds something for the second
+  PassCode code;
 };
 
 struct StepSchedule {
@@ -122,6 +179,7 @@ struct Schedule {
   std::string after;                // the last pass that ran on it
   std::vector<Resource> resources;  // those of the leaves first, in the graph's order
   std::vector<StepSchedule> steps;
+  Code code;
 };
 
 // The kind of the pass that runs an op, and the elements over which its shader runs.

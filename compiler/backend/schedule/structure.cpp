@@ -31,6 +31,10 @@ class StructureChecker {
 
   void process() {
     check_resources();
+    for (const auto* divisors :
+         {&schedule_.code.hidden_divisors, &schedule_.code.strict_hidden_divisors, &schedule_.code.moderate_divisors})
+      for (const ValueId v : *divisors)
+        if (!graph_.value(v).type.is_float()) bad("has a divisor that is no float");
     if (schedule_.steps.size() != graph_.steps.size()) bad("has another number of steps than the graph");
     for (size_t k = 0; k < schedule_.steps.size() && violations_.empty(); ++k) {
       step_ = &schedule_.steps[k];
@@ -117,8 +121,32 @@ class StructureChecker {
       bad("stores partly what it does not store");
     if (!check_ops()) return;
     check_scatter();
+    check_code();
     if (pass_->listed_by >= 0) check_helper(pass_->listed_by, place, "listed by");
     if (pass_->set_up_by >= 0) check_helper(pass_->set_up_by, place, "set up by");
+  }
+
+  void check_code() {
+    const PassCode& code = pass_->code;
+    const bool is_map = pass_->kind == Pass::Kind::Map && !pass_->hardware;
+    const bool is_scatter = pass_->kind == Pass::Kind::Scatter;
+    check_values(code.told, "tells of");
+    if (!std::ranges::all_of(code.told, [&](ValueId v) { return holds(pass_->writes, v); }))
+      bad("tells of what it does not store");
+    for (const OpId id : code.heavy)
+      if (std::ranges::find(pass_->ops, id) == pass_->ops.end() || graph_.op(id).kind != OpKind::If)
+        bad("runs in two dispatches by what is no branch of it");
+    if (!is_map && (!code.heavy.empty() || code.heavy_cut.cuts() || !code.told.empty()))
+      bad("has code of a map and is none");
+    if (!is_map && !is_scatter && (code.cut.cuts() || code.lists_in_runs)) bad("has code of elements and runs none");
+    if (!is_scatter && code.skips_zeros) bad("skips zeros of no sum");
+    if ((code.cut.cuts() || code.heavy_cut.cuts()) && schedule_.code.loop_trips == 0)
+      bad("cuts loops that no device ends");
+    const FaceWalk& w = code.walk;
+    if ((w.lists || w.watched) && (pass_->kind != Pass::Kind::Raster || pass_->hardware)) bad("walks no faces");
+    if (w.lists &&
+        (w.team < 1 || w.middle_box < 1 || w.middle_invocations < w.team || w.large_invocations < kLargeTeam))
+      bad("has too few invocations for the faces on its lists");
   }
 
   bool check_ops() {

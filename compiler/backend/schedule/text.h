@@ -2,6 +2,7 @@
 // The schedule's text form, behind the text of its graph (ir/print.h):
 //
 //   schedule after keep-sums                    // the pass that left it; compiling goes on with the next one
+//   code wide words, clears of 31               // how shaders are written, where that is chosen: see below
 //   leaf position : vec3[V]                     // resources: leaves first, in the graph's order
 //   half buffer normal : vec3[V]                // words before the storage: step_index, entries, sums, half
 //   image shade : float[W, H]
@@ -32,6 +33,17 @@
 //   no rows "why"
 //   rows face[0, 1, 2] of V                     // or: rows sorted of W * H, and lines of places:
 //     place %12 adds %13 in if %40 branch 0 of the table, if %41 branch 1
+//   lists in runs
+//   heavy if %40, if %41 by subgroups apart 32  // branches of a second dispatch
+//   cut loops 8000, watched                     // trips in a dispatch; `cut heavy loops` in the second one
+//   skips zeros
+//   tells loss                                  // whether it is NaN or Inf
+//   walks faces of 64 alone, of 4096 by 8 in 8192, others in 4096, watched
+//
+// Of all shaders, behind the first line:
+//
+//   code native floats, texel reads, hidden stores, wide words, layers at once, clears of 31, loops of 65535
+//   hidden divisors %4 %9                       // `strict hidden divisors`, `moderate divisors`
 //
 // `input:` before a value that a pass reads as an input attachment, and `in place`, follow from the rest.
 #pragma once

@@ -5,7 +5,9 @@
 #include <cmath>
 #include <iterator>
 
+#include "compiler/backend/analysis/alike_branches.h"
 #include "compiler/backend/analysis/fold_memory.h"
+#include "compiler/backend/analysis/raster_parts.h"
 #include "compiler/ir/dim_bound.h"
 #include "compiler/ir/yields.h"
 
@@ -256,7 +258,21 @@ Trips trips_of(const Graph& graph, std::span<const ir::OpId> ops) {
     }
     all += inside;
   }
+  // A loop over branches that share a text takes one for each at most.
+  for (const Together& together : alike_together(graph, ops))
+    if (together.ops.size() > 1) all.most = all.most + Dim(static_cast<int64_t>(together.ops.size()) + 1);
   return all;
+}
+
+WalkTrips walk_trips(const Graph& graph, const Pass& pass, const Op& op, const Pass* setup, bool wide) {
+  const Trips closures = trips_of_regions(graph, op);
+  const Trips captured = trips_of(graph, {pass.ops.begin(), pass.ops.end() - 1});
+  WalkTrips trips;
+  const auto ranks = static_cast<int64_t>(raster_parts(op).count);
+  trips.pixel = closures.most + captured.most + Dim(wide ? ranks + 1 : 0);
+  trips.face = setup == nullptr ? Dim(0) : trips_of(graph, setup->ops).most;
+  trips.watched = closures.unknown + closures.promised + captured.unknown + captured.promised > 0;
+  return trips;
 }
 
 bool may_pass_limit(const Trips& trips, const target::Profile& profile, int64_t times) {

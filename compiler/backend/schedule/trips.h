@@ -8,6 +8,7 @@
 #include <optional>
 #include <span>
 
+#include "compiler/backend/schedule/schedule.h"
 #include "compiler/ir/graph.h"
 #include "compiler/target/profile.h"
 
@@ -29,6 +30,16 @@ Trips trips_of(const ir::Graph& graph, std::span<const ir::OpId> ops);
 
 // What an op's regions take together, each run once: those of a raster are its closures.
 Trips trips_of_regions(const ir::Graph& graph, const ir::Op& op);
+
+// What the loops of the shader that walks a raster's faces take, beside those of the walk itself.
+struct WalkTrips {
+  ir::Dim pixel;         // for a pixel
+  ir::Dim face;          // to set a face up again
+  bool watched = false;  // whether nothing but data, or the program's word, bounds them
+};
+
+// `setup`: the pass that is run again for each face, or null. `wide`: entries are of 64 bits (Code::wide_words).
+WalkTrips walk_trips(const ir::Graph& graph, const Pass& pass, const ir::Op& op, const Pass* setup, bool wide);
 
 // Whether so many are not known to be within what the profile lets an invocation take, which is shared by `times` runs.
 bool may_pass_limit(const Trips& trips, const target::Profile& profile, int64_t times = 1);

@@ -14,7 +14,6 @@ namespace ops = dr::ops;
 namespace {
 
 constexpr Type kVec3 = vec(3);
-constexpr int64_t kWidth = 4, kHeight = 3, kLayers = 2;
 
 // What can be used at some place: the values of each type, and the domain that they stretch to.
 struct Scope {
@@ -26,8 +25,8 @@ struct Scope {
 
 class Generator {
  public:
-  explicit Generator(uint64_t seed) : random_(seed) {
-    root_.domain = {kWidth, kHeight, kLayers};
+  Generator(uint64_t seed, const std::array<int64_t, 3>& sizes) : random_(seed) {
+    root_.domain = {sizes[0], sizes[1], sizes[2]};
     root_.root = true;
   }
 
@@ -346,6 +345,6 @@ class Generator {
 
 }  // namespace
 
-Graph random_graph(uint64_t seed) { return Generator(seed).make(); }
+Graph random_graph(uint64_t seed, const std::array<int64_t, 3>& sizes) { return Generator(seed, sizes).make(); }
 
 }  // namespace dr::passes_test

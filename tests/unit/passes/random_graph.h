@@ -4,13 +4,15 @@
 // with them exactly: whoever changes a result changes it visibly.
 #pragma once
 
+#include <array>
 #include <cstdint>
 
 #include "compiler/ir/graph.h"
 
 namespace dr::passes_test {
 
-// The leaves are float "f0".."f2", int "i0".."i1", bool "b0", vec3 "v0", of constant extents; the step is "run".
-ir::Graph random_graph(uint64_t seed);
+// The leaves are float "f0".."f2", int "i0".."i1", bool "b0", vec3 "v0", of constant extents, on each axis its size or
+// 1; the step is "run".
+ir::Graph random_graph(uint64_t seed, const std::array<int64_t, 3>& sizes = {4, 3, 2});
 
 }  // namespace dr::passes_test

@@ -4,7 +4,7 @@
 
 #include "compiler/ir/graph.h"
 
-namespace dr::backend::glsl {
+namespace dr::backend {
 
 // Whether `v` is hidden from the driver where something is divided by it, which else may make something else of the
 // quotient. lavapipe's gives garbage for one by a zero that it sees at compile time; NVIDIA's takes x / sqrt(y) for x
@@ -16,4 +16,4 @@ bool hide_as_divisor(const ir::Graph& graph, ir::ValueId v, bool native);
 // Whether `v` is surely no larger than 2^126 and a few bits, up to which devices divide as they should.
 bool is_moderate(const ir::Graph& graph, ir::ValueId v);
 
-}  // namespace dr::backend::glsl
+}  // namespace dr::backend

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "compiler/backend/glsl/divisors.h"
+#include "compiler/backend/analysis/divisors.h"
 
 #include <algorithm>
 #include <cmath>
@@ -7,7 +7,7 @@
 
 #include "compiler/ops/op.h"
 
-namespace dr::backend::glsl {
+namespace dr::backend {
 
 using ir::Op;
 using ir::OpKind;
@@ -53,4 +53,4 @@ bool is_moderate(const ir::Graph& graph, ValueId v) {
   return false;
 }
 
-}  // namespace dr::backend::glsl
+}  // namespace dr::backend

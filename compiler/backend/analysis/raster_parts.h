@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: Apache-2.0
+// The operands and dimensions of a Raster op by their part.
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+#include "compiler/ir/graph.h"
+
+namespace dr::backend {
+
+struct RasterParts {
+  size_t count;  // K
+  std::vector<ir::ValueId> fields, corners;
+  ir::ValueId cull;
+  ir::Dim w, h, l, faces;
+  ir::Extent extent() const { return {w, h, l}; }
+};
+
+RasterParts raster_parts(const ir::Op& op);
+
+}  // namespace dr::backend

@@ -1,0 +1,18 @@
+// SPDX-License-Identifier: Apache-2.0
+// Branches that are worth a dispatch of their own, for devices whose lanes run both branches of every `if`
+// (Profile::lanes_in_turn), and for large pictures on others.
+#pragma once
+
+#include <vector>
+
+#include "compiler/backend/schedule/schedule.h"
+#include "compiler/backend/schedule/trips.h"
+
+namespace dr::backend {
+
+// The `if`s of a map pass whose first branch is worth leaving out for the elements that do not take it; empty if all of
+// it is not. `trips`: of the pass.
+std::vector<ir::OpId> heavy_branches(const ir::Graph& graph, const Pass& pass, const Trips& trips,
+                                     const target::Profile& profile);
+
+}  // namespace dr::backend
