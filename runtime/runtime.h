@@ -82,6 +82,9 @@ class Device {
 using Moving = std::map<std::string, std::set<std::string>>;
 using Rebuild = std::function<Result<std::vector<uint8_t>>(const Moving& moving)>;
 
+// "dressi: warning: ..."
+void warn_on_stderr(const std::string& warning);
+
 struct LoadOptions {
   // The bundle comes from somebody whom the user trusts as a programmer, or was compiled just now: its shaders go to
   // the driver as they are. Otherwise they are validated, and compared with the bundle's tables and the device.
@@ -107,6 +110,9 @@ struct LoadOptions {
   bool store_all = false;
   // Leaves and outputs stand in memory that CUDA sees, on devices that can: see Program::cuda_leaf.
   bool share = false;
+  // Told once of each output and leaf that is read and holds a NaN or Inf, and of each pass that left one: a line on
+  // stderr. Called by the thread that calls the program. Empty: nobody is told, and nothing looked at.
+  std::function<void(const std::string&)> warn = warn_on_stderr;
 };
 
 // What commands (dispatches, render passes, copies, fills) amount to.
@@ -223,7 +229,7 @@ class Program {
   Result<std::optional<NotFinite>> checked_run(const std::string& step);
   // What of the step left a NaN or Inf in a leaf, or in an output of one element, since this was asked last: pass and
   // lines ("update (fit.dr:3)"), one for each pass. Bare sums and scatters do not say so, nor
-  // passes that have no buffer to spare on the device.
+  // passes that have no buffer to spare on the device. With LoadOptions::warn runs ask now and then themselves.
   Result<std::vector<std::string>> told_not_finite(const std::string& step);
   // Results of the step's last run.
   Result<io::Array> output(const std::string& step, const std::string& name);

@@ -39,7 +39,7 @@ runtime/cache            BUNDLE
 runtime/vk               BUNDLE compiler/io/ compiler/ir/dim.h compiler/target/ runtime/runtime.h runtime/data/ runtime/cache/
 runtime/watch            compiler/io/
 runtime/jit              runtime/ compiler/ dsl/
-runtime/c                runtime/ compiler/backend/bundle/ compiler/ir/initial_step.h compiler/ir/internal_error.h compiler/target/
+runtime/c                runtime/ compiler/backend/bundle/ compiler/backend/plan/ compiler/ir/initial_step.h compiler/ir/internal_error.h compiler/target/
 '
 # Short names: B is the back end, BUNDLE its contract with the runtime, GRAPH what all that read a graph may use.
 rules=${rules//BUNDLE/B/bundle/}
@@ -127,7 +127,7 @@ probe compiler/backend/compile.cpp '"compiler/backend/emit/generator.h"' pass
 
 # Emission asks the schedule how code is to be written, never the device (compiler/backend/lowering/choose_code.h).
 asks_device() {
-  (cd "$1/compiler/backend" && grep -rnsE 'target::|[pP]rofile[_.]|compiler/target' emit glsl plan || true) |
+  (cd "$1/compiler/backend" && grep -rnsE 'target::|(^|[^a-zA-Z_])profile_?[.]|compiler/target' emit glsl || true) |
     grep -vE '^[^:]*:[0-9]+: *//'
 }
 mkdir -p "$tree/asks/compiler/backend/emit"

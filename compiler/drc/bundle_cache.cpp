@@ -71,11 +71,9 @@ BundleCache::BundleCache(const BuildOptions& options) {
   if (id.empty() || std::holds_alternative<std::string>(profile) || !file) return;
   key_ = "bundle ";
   for (const std::string& part :
-       {id, input.file, text.str(), target::write_profile(std::get<target::Profile>(profile)), input.compile.lower,
-        input.compile.raster, input.compile.scatter, input.compile.float_profile, input.compile.pack,
-        std::string(input.compile.plain_gradients ? "plain" : "")})
+       {id, input.file, text.str(), target::write_profile(std::get<target::Profile>(profile)),
+        driver::command_line(input.compile), std::string(input.compile.plain_gradients ? "plain" : "")})
     add(key_, part);
-  for (const std::string& part : input.compile.ablate) add(key_, part);
   add(key_, "defines");
   for (const std::string& part : input.defines) add(key_, part);
 }

@@ -97,9 +97,6 @@ std::vector<std::string> graph_pass_names();
 std::vector<std::string> schedule_pass_names();
 std::vector<std::string> bundle_pass_names();
 
-// The options as words of a command line, those that are not the default ones.
-std::string command_line(const Options& options);
-
 // Keeps the graph, the options and the message where a person finds them, and returns the file's name; empty where
 // nothing can be written.
 std::string keep_reproducer(const ir::Graph& graph, const Options& options, const std::string& message);

@@ -9,19 +9,30 @@
 namespace dr::driver {
 
 struct Options {
-  std::string profile;                   // a built-in name or a file
-  std::string lower = "auto";            // auto, fragment, compute
-  std::string raster = "auto";           // auto, hardware, compute
-  std::string pack = "fused";            // fused, naive
-  std::vector<std::string> ablate;       // substages, stages, remat, and the names of compiler/backend/skips.h
-  std::string scatter = "auto";          // auto, exact, rows, atomic
-  std::string float_profile = "strict";  // strict, native
-  bool shader_cache = true;              // keep assembled shaders on disk
+  std::string profile;  // a built-in name or a file
+  // choices() has the words.
+  std::string lower = "auto", raster = "auto", pack = "fused", scatter = "auto", float_profile = "strict";
+  std::vector<std::string> ablate;  // of ablations(), and the names of compiler/backend/skips.h
+  bool shader_cache = true;         // keep assembled shaders on disk
   std::vector<std::string> include_dirs;
   std::map<std::string, std::string, std::less<>> defines;
   std::vector<std::string> adjoints;  // STEP:LEAF,...:OUTPUT,...: steps to be added (passes::add_adjoint)
   bool plain_gradients = false;       // differentiate functions that have a @vjp by their own text
   friend bool operator==(const Options&, const Options&) = default;
 };
+
+// An option that is one word, as commands (--name=word) and the C interface (name, word) take it.
+struct Choice {
+  std::string name, text;  // a help text in lower case
+  std::string Options::*value = nullptr;
+  std::vector<std::string> words;  // those there are; empty: any
+};
+const std::vector<Choice>& choices();
+
+// What `--ablate` switches off; what `--no-skip` does is in compiler/backend/skips.h.
+const std::vector<std::string>& ablations();
+
+// The options as words of a command line, those that are not the default ones.
+std::string command_line(const Options& options);
 
 }  // namespace dr::driver

@@ -10,22 +10,6 @@
 
 namespace dr::driver {
 
-std::string command_line(const Options& options) {
-  const Options plain;
-  std::string out;
-  const auto add = [&](const char* name, const std::string& value, const std::string& usual) {
-    if (value != usual) out += std::string(" ") + name + "=" + value;
-  };
-  add("--profile", options.profile, plain.profile);
-  add("--lower", options.lower, plain.lower);
-  add("--raster", options.raster, plain.raster);
-  add("--pack", options.pack, plain.pack);
-  add("--scatter", options.scatter, plain.scatter);
-  add("--float", options.float_profile, plain.float_profile);
-  for (const std::string& part : options.ablate) out += " --ablate=" + part;
-  return out;
-}
-
 std::string keep_reproducer(const ir::Graph& graph, const Options& options, const std::string& message) {
   std::string text = "// drc build" + command_line(options) + "\n// ";
   for (const char c : message.substr(0, message.find("\nstep ")))

@@ -90,21 +90,18 @@ std::string info_of(const dr::bundle::BundleT& bundle) {
   return out.dump();
 }
 
+std::string known_options() {
+  std::string out;
+  for (const dr::driver::Choice& choice : dr::driver::choices()) out += choice.name + ", ";
+  return out + "ablate, adjoint, include and define:NAME";
+}
+
 dr::jit::Options compile_options(const char* const* options) {
   dr::jit::Options chosen;
   for_each_option(options, [&](const std::string& key, const std::string& value) {
-    if (key == "profile")
-      chosen.profile = value;
-    else if (key == "lower")
-      chosen.lower = value;
-    else if (key == "raster")
-      chosen.raster = value;
-    else if (key == "pack")
-      chosen.pack = value;
-    else if (key == "scatter")
-      chosen.scatter = value;
-    else if (key == "float")
-      chosen.float_profile = value;
+    const auto choice = std::ranges::find(dr::driver::choices(), key, &dr::driver::Choice::name);
+    if (choice != dr::driver::choices().end())
+      chosen.*choice->value = value;
     else if (key == "ablate")
       chosen.ablate.push_back(value);
     else if (key == "include")
@@ -114,9 +111,7 @@ dr::jit::Options compile_options(const char* const* options) {
     else if (key.starts_with("define:"))
       chosen.defines[key.substr(7)] = value;
     else
-      fail("unknown option '" + key +
-           "' of compiling; there are profile, lower, raster, pack, scatter, float, ablate, adjoint, include and "
-           "define:NAME");
+      fail("unknown option '" + key + "' of compiling; there are " + known_options());
   });
   return chosen;
 }
@@ -235,11 +230,19 @@ dressi_run* dressi_run_open(dressi_device* device, dressi_bundle* bundle, const 
     auto run = std::make_unique<dressi_run>();
     for (const auto& step : bundle->tables.steps)
       for (const auto& output : step->outputs) run->outputs[step->name].push_back(output->name);
+    const auto warn = [here = run.get()](const std::string& warning) {
+      if (here->warn != nullptr)
+        here->warn(warning.c_str(), here->warn_context);
+      else
+        dr::runtime::warn_on_stderr(warning);
+    };
     if (!device->device) {
-      run->program = std::make_shared<dr::jit::ReferenceProgram>(must(dr::jit::ReferenceProgram::load(bundle->bytes)));
+      run->program =
+          std::make_shared<dr::jit::ReferenceProgram>(must(dr::jit::ReferenceProgram::load(bundle->bytes, warn)));
       return run.release();
     }
     dr::runtime::LoadOptions load;
+    load.warn = warn;
     bool rebuild = true;
     const auto is_on = [](const std::string& key, const std::string& value) {
       if (value != "on" && value != "off") fail("expected on or off for '" + key + "', found '" + value + "'");
@@ -269,6 +272,14 @@ dressi_run* dressi_run_open(dressi_device* device, dressi_bundle* bundle, const 
 }
 
 void dressi_run_free(dressi_run* run) { delete run; }
+
+int dressi_on_warning(dressi_run* run, dressi_warn warn, void* context) {
+  return with_program(0, run, [&](auto&, dressi_run& here) {
+    here.warn = warn;
+    here.warn_context = context;
+    return 1;
+  });
+}
 
 int dressi_bind(dressi_run* run, const char* leaf, const dressi_array* data) {
   return with_program(0, run, [&](auto& program, dressi_run&) {

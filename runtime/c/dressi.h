@@ -93,15 +93,20 @@ DRESSI_API const void* dressi_bundle_bytes(dressi_bundle* bundle, size_t* size);
  * Leaves with "from_host" true take no memory of CUDA. */
 DRESSI_API const char* dressi_bundle_info(dressi_bundle* bundle);
 
-/* The commands of a step in the order in which they run: [{"kind", "label", "ops", "lines", "reads", "writes", "joins",
- * "steady"}]; kinds are dispatch, draw, fill, copy and reduce, `reads` and `writes` names of resources. A draw that
- * joins belongs to the render pass before it; what is steady changes in each run and is never left out. */
+/* The commands of a step in the order in which they run: [{"kind", "label", "ops", "elements", "shaders", "reads",
+ * "writes", "joins", "steady", "leaves", "lines"}]; kinds are dispatch, draw, fill, copy and reduce, `reads` and
+ * `writes` names of resources. A draw that joins belongs to the render pass before it; what is steady changes in each
+ * run and is never left out. */
 DRESSI_API const char* dressi_schedule(dressi_bundle* bundle, const char* step);
 
 /* `options`: pairs as above, "cache", "rebuild", "store_all" and "share" with "on" or "off", "memory" with bytes. The
  * bundle may be freed while the run lives, the device may not be used for anything else then but other runs. */
 DRESSI_API dressi_run* dressi_run_open(dressi_device* device, dressi_bundle* bundle, const char* const* options);
 DRESSI_API void dressi_run_free(dressi_run* run);
+/* Who is told, once of each, of outputs and leaves that are read and hold a NaN or Inf, and of passes that left one; a
+ * line on stderr for NULL, as at first. It is called within the call that reads or runs, by its thread. */
+typedef void (*dressi_warn)(const char* warning, void* context);
+DRESSI_API int dressi_on_warning(dressi_run* run, dressi_warn warn, void* context);
 DRESSI_API int dressi_bind(dressi_run* run, const char* leaf, const dressi_array* data);
 DRESSI_API int dressi_bind_symbol(dressi_run* run, const char* symbol, int64_t value);
 DRESSI_API int dressi_step(dressi_run* run, const char* step, int times);

@@ -33,6 +33,8 @@ struct dressi_bundle {
 
 struct dressi_run {
   std::mutex mutex;
+  dressi_warn warn = nullptr;  // none: stderr
+  void* warn_context = nullptr;
   // Shared with views of its memory.
   std::variant<std::shared_ptr<dr::runtime::Program>, std::shared_ptr<dr::jit::ReferenceProgram>> program;
   std::string text;                                         // of the last answer

@@ -124,23 +124,13 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
   app.add_option("--log-every", options.log_every, "read scalar outputs every so many runs of a step")
       ->capture_default_str()
       ->check(CLI::PositiveNumber);
-  app.add_option("--profile", options.compile.profile, "device profile to compile for (default: the device's own)");
-  app.add_option("--lower", options.compile.lower, "where maps run")
-      ->capture_default_str()
-      ->check(CLI::IsMember({"auto", "fragment", "compute"}));
-  app.add_option("--raster", options.compile.raster, "how raster runs")
-      ->capture_default_str()
-      ->check(CLI::IsMember({"auto", "hardware", "compute"}));
-  app.add_option("--scatter", options.compile.scatter, "how scattered values are summed")
-      ->capture_default_str()
-      ->check(CLI::IsMember({"auto", "exact", "rows", "atomic"}));
-  app.add_option("--float", options.compile.float_profile,
-                 "floats: our own functions, the same bits however ops are packed, or the driver's, faster")
-      ->capture_default_str()
-      ->check(CLI::IsMember({"strict", "native"}));
-  app.add_option("--pack", options.compile.pack, "how ops share passes")
-      ->capture_default_str()
-      ->check(CLI::IsMember({"fused", "naive"}));
+  for (const driver::Choice& choice : driver::choices()) {
+    const bool is_profile = choice.name == "profile";
+    CLI::Option* option = app.add_option("--" + choice.name, options.compile.*choice.value,
+                                         choice.text + (is_profile ? " (default: the device's own)" : ""));
+    if (!is_profile) option->capture_default_str();
+    if (!choice.words.empty()) option->check(CLI::IsMember(choice.words));
+  }
   app.add_option("-D", defines, "NAME=VALUE: replace a const of the program");
   app.add_option("-I", options.compile.include_dirs, "folder to look for imported modules in");
   std::vector<std::string> ablate;

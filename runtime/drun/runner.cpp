@@ -101,7 +101,8 @@ int run_program(const Options& options) {
                               .reuse_commands = options.commands,
                               .pipeline_folder = options.pipelines ? jit::cache_folder() : std::string(),
                               .memory_limit = options.memory,
-                              .store_all = options.check_finite};
+                              .store_all = options.check_finite,
+                              .warn = {}};  // a session says more
     if (options.rebuild) load.rebuild = jit::rebuilder(bundle, options.compile);
     runtime::Program program = must(runtime::Program::load(device, bundle, load));
     const jit::Floor floor =

@@ -7,6 +7,7 @@
 #include "compiler/backend/bundle/bundle.h"
 #include "compiler/ir/parse.h"
 #include "compiler/reference/evaluate.h"
+#include "runtime/data/warnings.h"
 
 namespace dr::jit {
 
@@ -54,6 +55,13 @@ struct ReferenceProgram::State {
   std::map<std::string, reference::StepResult> results;
   std::map<std::string, reference::Frozen> frozen, recorded;
   bool float32 = false;
+  runtime::Warnings warnings;
+
+  io::Result<io::Array> seen(const std::string& what, const reference::Image& image) {
+    auto out = to_array(image);
+    if (out) warnings.look(what, *out);
+    return out;
+  }
 };
 
 ReferenceProgram::ReferenceProgram() = default;
@@ -61,7 +69,8 @@ ReferenceProgram::ReferenceProgram(ReferenceProgram&&) noexcept = default;
 ReferenceProgram& ReferenceProgram::operator=(ReferenceProgram&&) noexcept = default;
 ReferenceProgram::~ReferenceProgram() = default;
 
-io::Result<ReferenceProgram> ReferenceProgram::load(std::span<const uint8_t> bytes) {
+io::Result<ReferenceProgram> ReferenceProgram::load(std::span<const uint8_t> bytes,
+                                                    std::function<void(const std::string&)> warn) {
   const auto bundle = bundle::read(bytes);
   if (const auto* problem = std::get_if<std::string>(&bundle)) return io::Error{*problem};
   auto graph = ir::parse(std::get<bundle::BundleT>(bundle).graph);
@@ -70,6 +79,7 @@ io::Result<ReferenceProgram> ReferenceProgram::load(std::span<const uint8_t> byt
   ReferenceProgram program;
   program.state_ =
       std::make_unique<State>(std::move(std::get<ir::Graph>(graph)), std::get<bundle::BundleT>(bundle).symbols);
+  program.state_->warnings = runtime::Warnings(std::move(warn));
   return program;
 }
 
@@ -132,7 +142,7 @@ io::Result<io::Array> ReferenceProgram::output(const std::string& step, const st
   if (result == state_->results.end()) return io::Error{"step '" + step + "' has not run yet"};
   const auto it = result->second.outputs.find(name);
   if (it == result->second.outputs.end()) return io::Error{"step '" + step + "' has no output '" + name + "'"};
-  return to_array(it->second);
+  return state_->seen("output '" + step + "." + name + "'", it->second);
 }
 
 io::Result<io::Array> ReferenceProgram::leaf(const std::string& name) {
@@ -144,7 +154,7 @@ io::Result<io::Array> ReferenceProgram::leaf(const std::string& name) {
     if (auto problem = session.prepare()) return io::Error{*problem};
     if (!session.has_leaf(name)) return io::Error{"leaf '" + name + "' has no data"};
   }
-  return to_array(state_->session.leaf(name));
+  return state_->seen("leaf '" + name + "'", state_->session.leaf(name));
 }
 
 void ReferenceProgram::freeze(const std::string& step, const std::vector<std::vector<io::Array>>& rasters) {

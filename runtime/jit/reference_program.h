@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <memory>
 #include <span>
@@ -17,7 +18,9 @@ namespace dr::jit {
 class ReferenceProgram {
  public:
   // The bundle's graph text is what runs; its shaders are not looked at.
-  static io::Result<ReferenceProgram> load(std::span<const uint8_t> bundle);
+  // `warn` is as runtime::LoadOptions has it.
+  static io::Result<ReferenceProgram> load(std::span<const uint8_t> bundle,
+                                           std::function<void(const std::string&)> warn = {});
   ReferenceProgram(ReferenceProgram&&) noexcept;
   ReferenceProgram& operator=(ReferenceProgram&&) noexcept;
   ~ReferenceProgram();

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The public functions: there is no policy here, and exceptions stay inside.
 #include <algorithm>
+#include <cstdio>
 #include <map>
 
 #include "compiler/backend/bundle/check_shaders.h"
@@ -75,6 +76,11 @@ std::vector<io::Array> parts_of_entries(const io::Array& entries, size_t ranks) 
   return out;
 }
 
+std::string output_text(const std::string& step, const std::string& name) {
+  return "output '" + step + "." + name + "'";
+}
+std::string leaf_text(const std::string& name) { return "leaf '" + name + "'"; }
+
 }  // namespace
 
 io::Array HostArray::copied() const {
@@ -87,6 +93,18 @@ io::Array HostArray::copied() const {
   const auto* from = static_cast<const std::byte*>(data);
   out.bytes.assign(from, from + static_cast<size_t>(out.scalar_count()) * io::scalar_size(kind));
   return out;
+}
+
+void warn_on_stderr(const std::string& warning) { std::fprintf(stderr, "dressi: warning: %s\n", warning.c_str()); }
+
+// A view is looked at when it is given, now and then: what it shows later is not known.
+std::optional<HostArray> Program::State::seen(const std::string& what, std::optional<HostArray> view) {
+  if (view)
+    warnings.now_and_then([&] {
+      warnings.look(what, io::Scalars{view->kind, view->components, view->width, view->height, view->layers,
+                                      static_cast<const std::byte*>(view->data)});
+    });
+  return view;
 }
 
 Work& Work::operator+=(const Work& other) {
@@ -126,6 +144,7 @@ std::unique_ptr<Program::State> Program::State::load(std::shared_ptr<DeviceState
   state->versions.assign(state->bundle.leaves.size(), 1);
   state->views.resize(state->bundle.leaves.size() + 1);
   state->options = options;
+  state->warnings = Warnings(options.warn);
   if (options.store_all)
     for (const auto& r : state->bundle.resources)
       if (r->storage == bundle::Storage::Tile) r->storage = bundle::Storage::Image;
@@ -251,6 +270,7 @@ Result<void> Program::run(const std::string& step, int times) {
           take_rebuilt();
           done += state().run(step, times - done);
         }
+        state().hear_of_not_finite(step);
       },
       breaks(state_));
 }
@@ -366,9 +386,11 @@ Result<io::Array> Program::output(const std::string& step, const std::string& na
     const size_t index = s.step_index(step);
     for (const auto& o : s.bundle.steps[index]->outputs)
       if (o->name == name) {
-        if (const auto kept = s.kept.find(index); kept != s.kept.end()) return kept->second.at(name);
-        s.require_run(step);
-        return s.on_device->transfer.download(o->resource);
+        const auto kept = s.kept.find(index);
+        if (kept == s.kept.end()) s.require_run(step);
+        io::Array out = kept != s.kept.end() ? kept->second.at(name) : s.on_device->transfer.download(o->resource);
+        s.warnings.look(output_text(step, name), out);
+        return out;
       }
     throw Failure{"step '" + step + "' has no output '" + name + "'"};
   });
@@ -411,7 +433,9 @@ Result<io::Array> Program::leaf(const std::string& name) {
         State& s = state();
         const auto index = s.leaf_index(name);
         s.prepare_leaf(index);
-        return s.on_device->transfer.download(s.bundle.leaves[index]->resource);
+        io::Array out = s.on_device->transfer.download(s.bundle.leaves[index]->resource);
+        s.warnings.look(leaf_text(name), out);
+        return out;
       },
       breaks(state_));
 }
@@ -422,7 +446,7 @@ Result<std::optional<HostArray>> Program::leaf_view(const std::string& name) {
         State& s = state();
         const auto index = s.leaf_index(name);
         s.prepare_leaf(index);
-        return s.view(s.bundle.leaves[index]->resource, index);
+        return s.seen(leaf_text(name), s.view(s.bundle.leaves[index]->resource, index));
       },
       breaks(state_));
 }
@@ -435,7 +459,7 @@ Result<std::optional<HostArray>> Program::output_view(const std::string& step, c
       if (o->name != name) continue;
       if (s.kept.contains(index)) return std::nullopt;
       s.require_run(step);
-      return s.view(o->resource, s.bundle.leaves.size());
+      return s.seen(output_text(step, name), s.view(o->resource, s.bundle.leaves.size()));
     }
     throw Failure{"step '" + step + "' has no output '" + name + "'"};
   });

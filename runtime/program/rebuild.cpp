@@ -112,6 +112,7 @@ void Program::State::take_over(State& old) {
   old.on_device->queue.finish();
   sizes = old.sizes;
   rebuilds = old.rebuilds + 1;
+  warnings = std::move(old.warnings);
   pipelines_before = old.pipelines_before;
   pipelines_before += old.on_device->pipelines.counters();
   // Contents of leaves: from memory to memory, where no tables are made of them.

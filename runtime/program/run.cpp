@@ -203,6 +203,15 @@ std::vector<std::string> Program::State::told_not_finite(const std::string& name
   return out;
 }
 
+void Program::State::hear_of_not_finite(const std::string& name) {
+  warnings.now_and_then([&] {
+    const int64_t runs = on_device->steps[step_index(name)].counters.runs;
+    for (const std::string& pass : told_not_finite(name))
+      warnings.once("pass " + pass,
+                    "pass " + pass + " left a NaN or Inf by run " + std::to_string(runs) + " of step '" + name + "'");
+  });
+}
+
 void Program::State::require_whole_loops(size_t index) {
   const bundle::StepT& step = *bundle.steps[index];
   for (const auto& c : step.commands) {

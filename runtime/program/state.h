@@ -10,6 +10,7 @@
 
 #include "runtime/cache/moving_leaves.h"
 #include "runtime/cache/run_list.h"
+#include "runtime/data/warnings.h"
 #include "runtime/program/rebuild.h"
 #include "runtime/runtime.h"
 #include "runtime/vk/commands.h"
@@ -88,6 +89,7 @@ struct Program::State {
   bool run_whole = false;                         // outputs may have been written to
   bool broken = false;                            // a change ended half-way
   LoadOptions options;
+  Warnings warnings;
   std::shared_ptr<Tally> tally = std::make_shared<Tally>();
   std::shared_ptr<CudaOrder> order;  // with a stream of CUDA, which has seen memory of the program
   std::optional<OnDevice> on_device;
@@ -111,6 +113,8 @@ struct Program::State {
   bool write(size_t leaf, const HostArray& data);
   // Of a resource whose memory the host sees; nothing where a copy is needed. `holder` is its place in `views`.
   std::optional<HostArray> view(size_t resource, size_t holder);
+  // The view, which is warned of if it is `what` and not finite.
+  std::optional<HostArray> seen(const std::string& what, std::optional<HostArray> view);
   bool has_views() const;
   // Memory and contents for a step: what only other steps need may stay unbound.
   void prepare(const bundle::StepT& step);
@@ -146,6 +150,8 @@ struct Program::State {
   // Whether such a word was set; clears it.
   bool watch(uint32_t word);
   std::vector<std::string> told_not_finite(const std::string& step);
+  // Warns of what passes left, as told_not_finite() has it, now and then.
+  void hear_of_not_finite(const std::string& step);
   std::vector<CommandTime> timed_run(const std::string& step);
   std::optional<NotFinite> checked_run(const std::string& step);
   void set_runs(const std::string& step, int64_t runs);

@@ -9,7 +9,7 @@ source "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/suite.bash"
 suite avocado "$@"
 mesh=${rest[0]:-${DR_SHARED_DATA:-$root/../shared/data}/gltf/Avocado/Avocado.gltf}
 if [[ ! -e $mesh ]]; then echo "avocado: skipped, there is no $mesh"; exit 0; fi
-/usr/bin/python3 - "$bin/drun" "$here/avocado.dr" "$mesh" "${rest[1]:-60}" "$device" "$quick" << 'END'
+/usr/bin/python3 - "$bin/drun" "$here/cases/avocado.dr" "$mesh" "${rest[1]:-60}" "$device" "$quick" << 'END'
 import json, os, subprocess, sys, time
 
 drun, program, mesh, frames, device, quick = *sys.argv[1:4], int(sys.argv[4]), *sys.argv[5:7]

@@ -21,7 +21,7 @@ mesh = suite.icosphere(3)
 for way in ways:
     for form in forms:
         files = {name: suite.out / f"{name}.npy" for name in ("to_slide", "pixel")}
-        suite.call("drc", "eval", here / "blending.dr", "-D", f"S={size}", *consts(way, form), *mesh, "--step", "gradient",
+        suite.call("drc", "eval", here / "cases" / "blending.dr", "-D", f"S={size}", *consts(way, form), *mesh, "--step", "gradient",
                    *(w for name, file in files.items() for w in ("--save", f"{name}={file}")))
         found, points = (np.load(files[name]).astype(np.float64).reshape(-1, 2) for name in ("to_slide", "pixel"))
         row = {"way": way, "form": form, "pixels": size, **distance_from(found, true_gradient(points), points, size)}

@@ -16,7 +16,7 @@ for levels in "${levels_of[@]}"; do
   for radius in "${radii[@]}"; do
     for mode in "0 0 1" "0 0 3" "0 0 5" "1 0 1" "1 0 2" "1 0 3" "1 1 1" "1 1 2" "1 1 3"; do
       read -r outlines everywhere layers <<< "$mode"
-      "$bin/drun" "$here/edge_modes.dr" --device "$device" -D R=$radius -D K="$layers" -D outlines="$outlines" -D everywhere="$everywhere" \
+      "$bin/drun" "$here/cases/edge_modes.dr" --device "$device" -D R=$radius -D K="$layers" -D outlines="$outlines" -D everywhere="$everywhere" \
         --bind "position=$out/sphere.obj:position" --bind "face=$out/sphere.obj:indices" --out "$out" > /dev/null
       /usr/bin/python3 - "$out/log.jsonl" $((20 * 4 ** levels)) "$radius" "$outlines" "$everywhere" "$layers" << 'END'
 import json, sys

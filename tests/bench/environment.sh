@@ -12,6 +12,6 @@ if [[ ! -d $maps ]]; then echo "environment: skipped, there is no $maps"; exit 0
 names=(venice_sunset_1k quarry_01_1k)
 if [[ -n $quick ]]; then names=(venice_sunset_1k); fi
 for name in "${names[@]}"; do
-  "$bin/drun" "$here/environment.dr" --device "$device" --bind "sky=$maps/$name.hdr" --step filter --out "$out/$name" > "$out/$name.txt"
+  "$bin/drun" "$here/cases/environment.dr" --device "$device" --bind "sky=$maps/$name.hdr" --step filter --out "$out/$name" > "$out/$name.txt"
   python3 "$here/environment.py" "$out/$name" "$name" 0.5
 done | tee "$out/figures.json"

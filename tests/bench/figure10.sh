@@ -27,7 +27,7 @@ courses = {}
 for name, driver in places.items():
     environment = dict(given, VK_ICD_FILENAMES=driver, VK_DRIVER_FILES=driver) if driver else given
     ways = [w for _ in range(10) for w in ("--step", f"fit={steps // 10}", "--step", "measure")]
-    subprocess.run([suite.build / "bin" / "drun", here / "figure11.dr", "--device", "" if driver else name, "-D", "S=64", "--bind", f"steps=={steps}.0",
+    subprocess.run([suite.build / "bin" / "drun", here / "cases" / "figure11.dr", "--device", "" if driver else name, "-D", "S=64", "--bind", f"steps=={steps}.0",
                     "--bind", "radius==[[2, 2]]", "--bind", "trial==0",
                     *bound, *ways, "--log-every", str(steps), "--out", suite.out / name], env=environment, stdout=subprocess.DEVNULL, check=True)
     log = [json.loads(line) for line in (suite.out / name / "log.jsonl").read_text().splitlines()]

@@ -13,7 +13,7 @@ run() { "$bin/drun" "$@" --device "$device" > "$out/run.txt" || { cat "$out/run.
 target=$out/target
 run "$root/docs/examples/pear/target.dr" -D "W=$size" -D "H=$size" -D "T=$size" --step render --step meshes --out "$target"
 fit() {  # fit INVERSE RATE OUT OPTION...
-  run "$here/inverse_uv.dr" -I "$root/docs/examples/pear" -D "T=$size" -D "inverse=$1" --bind "rate==$2" --bind "steps==$steps.0" --bind "position=$target/meshes.pear_position.npy" --bind "face=$target/meshes.pear_face.npy" --bind "uv=$target/meshes.pear_uv.npy" \
+  run "$here/cases/inverse_uv.dr" -I "$root/docs/examples/pear" -D "T=$size" -D "inverse=$1" --bind "rate==$2" --bind "steps==$steps.0" --bind "position=$target/meshes.pear_position.npy" --bind "face=$target/meshes.pear_face.npy" --bind "uv=$target/meshes.pear_uv.npy" \
     --bind "uv_face=$target/meshes.pear_uv_face.npy" --bind "view=$target/render.view.npy" --bind "mask=$target/render.mask.npy" \
     --bind "image=$target/render.image.npy" --out "$3" "${@:4}"
 }

@@ -30,7 +30,7 @@ def sphere(levels):
 def evaluated(bound, consts, **outputs):
     """The evaluator's output of each step, a pair a vertex."""
     saves = [w for step, name in outputs.items() for w in ("--step", step, "--save", f"{name}={suite.out / name}.npy")]
-    suite.call("drc", "eval", here / "pareto.dr", *bound, *consts, *saves)
+    suite.call("drc", "eval", here / "cases" / "pareto.dr", *bound, *consts, *saves)
     return [np.load(suite.out / f"{name}.npy").astype(np.float64).reshape(-1, 2) for name in outputs.values()]
 
 

@@ -28,7 +28,7 @@ exact=(--bind "position=$target/meshes.pear_position.npy" --bind "face=$target/m
   --bind "uv_face=$target/meshes.pear_uv_face.npy")
 texture() {
   run "$pear/fit.dr" "${exact[@]}" "${pictures[@]}" --step fit_texture=150 --out "$out/exact" > "$out/exact.txt"
-  run "$here/pear_texels.dr" -I "$pear" "${exact[@]}" --bind "view=$target/render.view.npy" \
+  run "$here/cases/pear_texels.dr" -I "$pear" "${exact[@]}" --bind "view=$target/render.view.npy" \
     --bind "mask=$target/render.mask.npy" --bind "albedo=$out/exact/albedo.npy" --out "$out/texels" > "$out/texels.txt"
 }
 

@@ -16,6 +16,6 @@ if [[ ! -e $spot/cow.obj ]]; then echo "pose: skipped, there is no $spot/cow.obj
   --bind "albedo=$spot/cow_texture.png" --step pictures --out "$out/target" > "$out/target.txt"
 from=()
 for leaf in position face uv uv_face view mask image; do from+=(--bind "$leaf=$out/target/pictures.$leaf.npy"); done
-"$bin/drun" "$here/pose.dr" --device "$device" "${from[@]}" --bind "albedo=$spot/cow_texture.png" --step fit=$steps \
+"$bin/drun" "$here/cases/pose.dr" --device "$device" "${from[@]}" --bind "albedo=$spot/cow_texture.png" --step fit=$steps \
   --out "$out/fit" > "$out/fit.txt"
 tail -n 1 "$out/fit/log.jsonl" | tee "$out/figures.json"

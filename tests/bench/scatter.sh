@@ -28,7 +28,7 @@ for index in near anywhere one; do
     least='' scatter=$way step=add
     if [[ $way == sorted ]]; then scatter=rows step=add_computed; fi
     for _ in 1 2 3; do
-      us=$("$bin/drun" "$here/scatter.dr" --device "$device" --scatter "$scatter" --bind "index=$out/$index.npy" --bind "value=$out/value.npy" \
+      us=$("$bin/drun" "$here/cases/scatter.dr" --device "$device" --scatter "$scatter" --bind "index=$out/$index.npy" --bind "value=$out/value.npy" \
         --step "$step=$runs" --timing 2>&1 | sed -n 's/^add[a-z_]*: \([0-9.]*\) us a run while.*/\1/p') || us=''
       [[ -n $us ]] || break
       least=$(printf '%s\n' "$us" $least | sort -g | head -1)

@@ -28,7 +28,7 @@ awk -v levels=4 -f "$here/icosphere.awk" > "$out/sphere.obj"
         for (i = 1; i <= m; ++i) { o = 2562 + s * n; print "f", o + a[i], o + b[i], o + c[i] }
     }'
 } > "$out/crowd.obj"
-run() { "$bin/drun" "$here/skip.dr" -D outlines="$outlines" -D skip="$skip" --device "$device" --bind "position=$out/$mesh.obj:position" \
+run() { "$bin/drun" "$here/cases/skip.dr" -D outlines="$outlines" -D skip="$skip" --device "$device" --bind "position=$out/$mesh.obj:position" \
   --bind "face=$out/$mesh.obj:indices" "$@"; }
 printf '%7s %9s %5s  %6s %9s %9s %9s %9s %9s  %8s %8s %8s\n' mesh edges skip band all proposed measured boxes smaller hard soft others
 for mesh in "${meshes[@]}"; do

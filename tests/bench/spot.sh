@@ -23,7 +23,7 @@ run "$pear/fit.dr" --bind "position=$out/sphere/meshes.position.npy" --bind "fac
   --mesh "$out/fit.glb=position:face"
 
 judge() {  # judge VIEWS: against the mesh itself
-  run "$root/tests/bench/judge_shape.dr" --bind "position=$out/fit/position.npy" --bind "face=$out/sphere/meshes.face.npy" \
+  run "$here/cases/judge_shape.dr" --bind "position=$out/fit/position.npy" --bind "face=$out/sphere/meshes.face.npy" \
     --bind "true_position=$out/train/silhouettes.position.npy" --bind "true_face=$out/train/silhouettes.face.npy" --bind "view=$out/$1/silhouettes.view.npy" \
     --step silhouettes --step distances --out "$out/judge_$1"
 }

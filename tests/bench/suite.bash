@@ -56,6 +56,6 @@ draw_points() {
 
 # judge_points DEVICE FILE: NAME.py judges what the step `terms` of NAME.dr makes of them there; FILE.json has its record.
 judge_points() {
-  "$bin/drun" "$here/$suite.dr" --device "$1" "${from[@]}" --step terms --out "$out/out" > "$out/run.txt"
+  "$bin/drun" "$here/cases/$suite.dr" --device "$1" "${from[@]}" --step terms --out "$out/out" > "$out/run.txt"
   python3 "$here/$suite.py" judge "$out" | tee "$out/$2.json"
 }

@@ -78,7 +78,7 @@ class Suite:
         return done.stdout
 
     def drun(self, program, *arguments):
-        return self.call("drun", here / program, "--device", self.device, *arguments)
+        return self.call("drun", here / "cases" / program, "--device", self.device, *arguments)
 
     def pace(self, program, step, runs, arguments):
         """us a run of a step, and what drun printed."""
@@ -116,7 +116,7 @@ class Suite:
         shutil.rmtree(folder, ignore_errors=True)
         self.drun(program, *arguments, *options, "--step", step, "--dump-raster", folder / "decisions", "--out", folder)
         saves = [word for name in outputs for word in ("--save", f"{step}.{name}={folder / ('expected.' + name)}.npy")]
-        self.call("drc", "eval", here / program, *arguments, "--step", step, "--freeze", folder / "decisions", *saves)
+        self.call("drc", "eval", here / "cases" / program, *arguments, "--step", step, "--freeze", folder / "decisions", *saves)
         result = {}
         for name in outputs:
             found, expected = (np.load(folder / file).astype(np.float64) for file in (f"{step}.{name}.npy", f"expected.{name}.npy"))

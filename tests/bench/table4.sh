@@ -19,7 +19,7 @@ for sphere in "${spheres[@]}"; do
   awk '/^v/ { print "v", 1.03 * $2 + 0.01, 0.97 * $3, $4; next } { print }' "$out/sphere.obj" > "$out/goal.obj"
   for size in "${sizes[@]}"; do
     for scatter in exact atomic; do
-      "$build/bin/bench_handwritten" "$out.jsonl" "$here/table4.dr" "$device" "$rounds" "$scatter" "size=$size" -- \
+      "$build/bin/bench_handwritten" "$out.jsonl" "$here/cases/table4.dr" "$device" "$rounds" "$scatter" "size=$size" -- \
         "position=$out/sphere.obj:position" "face=$out/sphere.obj:indices" "goal=$out/goal.obj:position" rate==1e-6 ||
         printf '%9s %6s %s: not measured\n' "$((2 * around * (rings - 1)))" "$size" "$scatter"
     done

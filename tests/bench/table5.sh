@@ -19,7 +19,7 @@ if [[ -n $quick ]]; then size=512 textures=(512 1024) rounds=3 spheres=("96 75")
     awk -v around="$around" -v rings="$rings" -v textured=1 -f "$here/uv_sphere.awk" > "$out/sphere.obj"
     for texture in "${textures[@]}"; do
       for scatter in exact atomic; do
-        "$build/bin/bench_handwritten" "$out/handwritten.jsonl" "$here/table5.dr" "$device" "$rounds" "$scatter" "size=$size" \
+        "$build/bin/bench_handwritten" "$out/handwritten.jsonl" "$here/cases/table5.dr" "$device" "$rounds" "$scatter" "size=$size" \
           "T=$texture" -- position="$out/sphere.obj:position" face="$out/sphere.obj:indices" uv="$out/sphere.obj:uv" \
           uv_face="$out/sphere.obj:uv_indices" rate==1e-6 hold==1 ||
           printf '%9s %6s %8s  %s: not measured\n' "$((2 * around * (rings - 1)))" "$size" "$texture" "$scatter"

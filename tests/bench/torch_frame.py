@@ -48,7 +48,7 @@ class Empty(torch.autograd.Function):
 def measure(device, around, rings, size, frames):
     where = "cuda" if torch.cuda.is_available() and device.lower() != "lavapipe" else "cpu"
     wait = torch.cuda.synchronize if where == "cuda" else (lambda: None)
-    program = dressi.compile(HERE / "table4.dr", device=device, defines={"size": size})
+    program = dressi.compile(HERE / "cases/table4.dr", device=device, defines={"size": size})
     position, face = sphere(around, rings)
     goal = position * np.float32([1.03, 0.97, 1]) + np.float32([0.01, 0, 0])
     native = program.bind(position=position, face=face, goal=goal, rate=1e-6)

@@ -260,3 +260,50 @@ TEST_CASE("the reference answers alike") {
   CHECK(program.rasters("fit").empty());
   REQUIRE(other.run("fit"));
 }
+
+TEST_CASE("what is read and is not finite is told of once, and so is what a pass left") {
+  const char* text = R"(edition 1;
+param p : float[W] = 1.0;
+input t : float[W];
+step look { output wide = 1.0 / t, fine = t + 1.0; }
+step spoil { p <- p / t; output total = sum(p); }
+)";
+  const Array some = Array::from_floats(std::vector<float>{1, 0, 2, 4}, 1);
+  const auto tells = [&](auto& program, std::vector<std::string>& said) {
+    REQUIRE(program.bind("t", some));
+    REQUIRE(program.run("look"));
+    for (int k = 0; k < 2; ++k) REQUIRE(program.output("look", "fine"));
+    CHECK(said.empty());
+    for (int k = 0; k < 2; ++k) REQUIRE(program.output("look", "wide"));
+    CHECK(said == std::vector<std::string>{"output 'look.wide' has Inf at element (1, 0, 0)"});
+    said.clear();
+    REQUIRE(program.run("spoil"));
+  };
+  everywhere([&](runtime::Device& device, const std::vector<uint8_t>&) {
+    const auto bundle = test::compile_text("api_faults_nan.dr", text, device.profile_name());
+    std::vector<std::string> said;
+    runtime::LoadOptions options;
+    options.warn = [&](const std::string& warning) { said.push_back(warning); };
+    auto program = test::must(runtime::Program::load(device, bundle, options));
+    tells(program, said);
+    REQUIRE(said.size() == 1);
+    INFO(said[0]);
+    CHECK(said[0].find("left a NaN or Inf by run 1 of step 'spoil'") != std::string::npos);
+    REQUIRE(program.leaf("p"));
+    REQUIRE(said.size() == 2);
+    CHECK(said[1] == "leaf 'p' has Inf at element (1, 0, 0)");
+
+    options.warn = {};
+    auto silent = test::must(runtime::Program::load(device, bundle, options));
+    said.clear();
+    REQUIRE(silent.bind("t", some));
+    REQUIRE(silent.run("spoil"));
+    REQUIRE(silent.leaf("p"));
+    CHECK(said.empty());
+    CHECK(test::must(silent.told_not_finite("spoil")).size() == 1);
+
+    auto judge =
+        test::must(jit::ReferenceProgram::load(bundle, [&](const std::string& warning) { said.push_back(warning); }));
+    tells(judge, said);
+  });
+}

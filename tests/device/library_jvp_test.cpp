@@ -8,11 +8,11 @@
 #include <map>
 
 #include "compiler/reference/evaluate.h"
-#include "tests/bench/must.h"
 #include "tests/catch.h"
 #include "tests/device/accuracy/library.h"
 #include "tests/device/accuracy/library_draw.h"
 #include "tests/device/accuracy/library_text.h"
+#include "tests/must.h"
 
 using namespace dr;
 namespace library = accuracy::library;

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a program says about itself: why a gradient is what it is, and its commands."""
+import warnings
 import xml.etree.ElementTree as xml
 
 import numpy as np
@@ -88,3 +89,23 @@ step fit { ramp <- ramp + 1.0; noise <- noise * 1.0; output ramp_ = ramp; }
     assert np.unique(program.bind(scale=0.0)["noise"]).size > 60
     with pytest.raises(dressi.Error, match="scale"):
         program.bind().step("look")
+
+
+def test_what_is_not_finite_is_warned_of_once(device):
+    program = dressi.compile(
+        "edition 1;\nparam p : float[W] = 1.0;\ninput t : float[W];\nstep look { output wide = 1.0 / t, fine = t + 1.0; }\n"
+        "step spoil { p <- p / t; }\n",
+        device=device,
+    )
+    run = program.bind(t=[1.0, 0.0, 2.0])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert run.step("look", outputs=["fine"])["fine"][1] == 1
+    with pytest.warns(dressi.NotFiniteWarning, match=r"output 'look.wide' has Inf at element \(1, 0, 0\).*check_finite"):
+        run.step("look")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        run.step("look")
+    with pytest.warns(dressi.NotFiniteWarning, match="left a NaN or Inf by run 3|leaf 'p' has Inf"):
+        run.step("spoil", times=3)
+        assert np.isinf(run["p"][1])

@@ -36,7 +36,7 @@ KINDS = {
     None: "void", ctypes.c_int: "int", ctypes.c_char_p: "text", ctypes.c_void_p: "pointer", ctypes.c_size_t: "size",
     ctypes.c_int64: "int64", ctypes.POINTER(_library.Array): "dressi_array*", ctypes.POINTER(_library.NamedArray): "dressi_named_array*",
     ctypes.POINTER(ctypes.c_int64): "int64_t*", ctypes.POINTER(ctypes.c_size_t): "size_t*", ctypes.POINTER(ctypes.c_int): "int*",
-    ctypes.POINTER(ctypes.c_char_p): "texts",
+    ctypes.POINTER(ctypes.c_char_p): "texts", _library.Warn: "dressi_warn",
 }  # fmt: skip
 
 

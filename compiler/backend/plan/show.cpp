@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "compiler/backend/plan/show.h"
 
+#include <algorithm>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <vector>
@@ -69,17 +70,7 @@ class Inspector {
     }
     auto& steps = array("steps");
     for (const auto& s : b_.steps) {
-      ordered_json step{{"name", s->name}, {"commands", ordered_json::array()}, {"outputs", ordered_json::array()}};
-      for (const auto& c : s->commands)
-        step["commands"].push_back({{"kind", lower(EnumNameCommandKind(c->kind))},
-                                    {"label", c->label},
-                                    {"elements", elements(*c)},
-                                    {"shaders", shaders_of(*c)},
-                                    {"reads", names(*c, false)},
-                                    {"writes", names(*c, true)},
-                                    {"steady", c->steady},
-                                    {"leaves", leaves_of(*c)},
-                                    {"lines", lines(*c)}});
+      ordered_json step{{"name", s->name}, {"commands", commands(*s)}, {"outputs", ordered_json::array()}};
       for (const auto& o : s->outputs)
         step["outputs"].push_back({{"name", o->name}, {"resource", b_.resources[o->resource]->name}});
       steps.push_back(std::move(step));
@@ -91,6 +82,23 @@ class Inspector {
                          {"entry", "main"},
                          {"bytes", s->spirv.size() * 4}});
     return root;
+  }
+
+  nlohmann::ordered_json commands(const bundle::StepT& step) const {
+    auto out = nlohmann::ordered_json::array();
+    for (const auto& c : step.commands)
+      out.push_back({{"kind", lower(EnumNameCommandKind(c->kind))},
+                     {"label", c->label},
+                     {"ops", c->ops},
+                     {"elements", elements(*c)},
+                     {"shaders", shaders_of(*c)},
+                     {"reads", names(*c, false)},
+                     {"writes", names(*c, true)},
+                     {"joins", c->joins},
+                     {"steady", c->steady},
+                     {"leaves", leaves_of(*c)},
+                     {"lines", lines(*c)}});
+    return out;
   }
 
   std::string text() const {
@@ -166,7 +174,8 @@ class Inspector {
     std::vector<std::string> out;
     for_each_access(c, [&](uint32_t r, bundle::Access access) {
       const bool has = access == bundle::Access::ReadWrite || (access == bundle::Access::Write) == written;
-      if (has) out.push_back(b_.resources[r]->name);
+      const std::string& name = b_.resources[r]->name;
+      if (has && std::ranges::find(out, name) == out.end()) out.push_back(name);
     });
     return out;
   }
@@ -198,6 +207,9 @@ class Inspector {
 }  // namespace
 
 std::string show(const bundle::BundleT& bundle) { return Inspector(bundle).text(); }
+std::string show_commands(const bundle::BundleT& bundle, const bundle::StepT& step) {
+  return Inspector(bundle).commands(step).dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
+}
 std::string show_json(const bundle::BundleT& bundle) { return Inspector(bundle).json().dump(2) + "\n"; }
 
 }  // namespace dr::backend

@@ -10,5 +10,7 @@ namespace dr::backend {
 
 std::string show(const bundle::BundleT& bundle);
 std::string show_json(const bundle::BundleT& bundle);
+// The commands of a step, as JSON: what show_json() has under "commands".
+std::string show_commands(const bundle::BundleT& bundle, const bundle::StepT& step);
 
 }  // namespace dr::backend

@@ -3,6 +3,7 @@
 
 #include "compiler/io/array/array.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <limits>
@@ -116,18 +117,37 @@ std::vector<float> Array::to_floats() const {
   return values;
 }
 
-std::optional<Place> first_not_finite(const Array& array) {
-  if (array.kind != ElementKind::Float32 && array.kind != ElementKind::Float64) return std::nullopt;
-  std::optional<Place> first;
-  int64_t scalar = 0;
-  for_each_scalar(array, [&](double value) {
-    const int64_t element = scalar++ / array.components;
-    if (first || std::isfinite(value)) return;
-    const int64_t row = element / array.width;
-    first = Place{element % array.width, row % array.height, row / array.height, value};
-  });
-  return first;
+Scalars scalars_of(const Array& array) {
+  return {array.kind, array.components, array.width, array.height, array.layers, array.bytes.data()};
 }
+
+std::optional<Place> first_not_finite(const Scalars& s) {
+  const int64_t count = s.components * s.width * s.height * s.layers;
+  const auto first = [&]<class T>(T value) -> std::optional<Place> {
+    // Whole blocks first, without a branch a scalar: nearly always all are finite.
+    constexpr int64_t kBlock = 1024;
+    for (int64_t begin = 0; begin < count; begin += kBlock) {
+      const int64_t end = std::min(count, begin + kBlock);
+      bool finite = true;
+      for (int64_t i = begin; i < end; ++i) {
+        std::memcpy(&value, s.data + static_cast<size_t>(i) * sizeof(T), sizeof(T));
+        finite &= std::abs(value) <= std::numeric_limits<T>::max();
+      }
+      for (int64_t i = begin; !finite && i < end; ++i) {
+        std::memcpy(&value, s.data + static_cast<size_t>(i) * sizeof(T), sizeof(T));
+        if (std::isfinite(value)) continue;
+        const int64_t element = i / s.components, row = element / s.width;
+        return Place{element % s.width, row % s.height, row / s.height, static_cast<double>(value)};
+      }
+    }
+    return std::nullopt;
+  };
+  if (s.kind == ElementKind::Float32) return first(float{});
+  if (s.kind == ElementKind::Float64) return first(double{});
+  return std::nullopt;
+}
+
+std::optional<Place> first_not_finite(const Array& array) { return first_not_finite(scalars_of(array)); }
 
 std::string describe(const Place& p) {
   return cat(std::isnan(p.value) ? "NaN"

@@ -98,7 +98,16 @@ struct Place {
   int64_t x = 0, y = 0, layer = 0;
   double value = 0;
 };
+// The scalars of an array in memory that may be somebody else's, elements in the order of Array.
+struct Scalars {
+  ElementKind kind = ElementKind::Float32;
+  int components = 1;
+  int64_t width = 0, height = 1, layers = 1;
+  const std::byte* data = nullptr;
+};
+Scalars scalars_of(const Array& array);
 // The first element with a component that is NaN or Inf, if there is one.
+std::optional<Place> first_not_finite(const Scalars& scalars);
 std::optional<Place> first_not_finite(const Array& array);
 // "NaN at element (3, 1, 0)", or Inf or -Inf.
 std::string describe(const Place& not_finite);

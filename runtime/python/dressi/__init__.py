@@ -10,7 +10,7 @@
 Arrays have their natural shapes: `vec3[V]` is (V, 3), `vec3[W, H, N]` is (N, H, W, 3), `mat4[N]` is (N, 4, 4), rows first.
 """
 from ._cuda import CudaArray
-from ._library import BindError, CompileError, DeviceError, Error, InternalError, Stopped, library as _c
+from ._library import BindError, CompileError, DeviceError, Error, InternalError, NotFiniteWarning, Stopped, library as _c
 from ._program import Device, Program, Run, Watch, compile, devices, load, reference
 from ._show import Counters, GradientExplanation, NotFinite, Picture, Schedule, Timing
 
@@ -26,6 +26,7 @@ __all__ = [
     "GradientExplanation",
     "InternalError",
     "NotFinite",
+    "NotFiniteWarning",
     "Picture",
     "Program",
     "Run",

@@ -37,6 +37,10 @@ class Stopped(Error):
     """The page of `Run.watch` was told to stop the run. Leaves hold what the runs so far made."""
 
 
+class NotFiniteWarning(RuntimeWarning):
+    """An output or a leaf that was read holds a NaN or Inf, or a pass of a step left one. Each is told of once a run."""
+
+
 class InternalError(Error):
     """A mistake of Dressi itself. The message says where what reproduces it is kept."""
 
@@ -61,6 +65,8 @@ class NamedArray(ctypes.Structure):
     _fields_ = [("name", ctypes.c_char_p), ("array", Array)]
 
 
+Warn = ctypes.CFUNCTYPE(None, ctypes.c_char_p, ctypes.c_void_p)  # dressi_warn
+
 _text, _handle, _array = ctypes.c_char_p, ctypes.c_void_p, ctypes.POINTER(Array)
 _pairs = ctypes.POINTER(ctypes.c_char_p)
 _numbers, _named = ctypes.POINTER(ctypes.c_int64), ctypes.POINTER(NamedArray)
@@ -83,6 +89,7 @@ _functions: dict[str, tuple[Any, list[Any]]] = {
     "dressi_schedule": (_text, [_handle, _text]),
     "dressi_run_open": (_handle, [_handle, _handle, _pairs]),
     "dressi_run_free": (None, [_handle]),
+    "dressi_on_warning": (ctypes.c_int, [_handle, Warn, ctypes.c_void_p]),
     "dressi_bind": (ctypes.c_int, [_handle, _text, _array]),
     "dressi_bind_symbol": (ctypes.c_int, [_handle, _text, ctypes.c_int64]),
     "dressi_step": (ctypes.c_int, [_handle, _text, ctypes.c_int]),

@@ -10,6 +10,7 @@ import os
 import pathlib
 import sys
 import time
+import warnings
 import weakref
 from typing import TYPE_CHECKING, Any, Mapping, Sequence
 
@@ -221,6 +222,14 @@ class Run:
         self._known: set[str] = set()  # leaves that gave theirs
         self._exact = device.name == "reference"  # it computes in float64
         self._watch: Watch | None = None
+        self._words: list[str] = []  # of warnings that are not told yet
+        said = self._words.append
+        self._warn = c.Warn(lambda text, _: said(text.decode(errors="replace")))  # lives as long as the run
+        c.library.dressi_on_warning(self._handle, self._warn, None)
+
+    def _tell(self) -> None:
+        while self._words:
+            warnings.warn(self._words.pop(0) + ": Run.check_finite says where it begins", c.NotFiniteWarning, stacklevel=3)
 
     def bind(self, arrays: Mapping[str, Any] | None = None, /, *, symbols: Mapping[str, int] | None = None, **more: Any) -> Run:
         """Gives leaves their data, which is copied, and symbols that no leaf determines their values. Returns the run."""
@@ -305,7 +314,9 @@ class Run:
                 c.checked(0)
         else:
             self._run_many(name, times, progress)
-        return {wanted: self._fetch(name, wanted) for wanted in (types if outputs is None else outputs)}
+        results = {wanted: self._fetch(name, wanted) for wanted in (types if outputs is None else outputs)}
+        self._tell()
+        return results
 
     def _run_many(self, name: str, times: int, progress: bool) -> None:
         done, chunk, shown = 0, 1, time.monotonic()
@@ -359,9 +370,12 @@ class Run:
         if self._stream is not None:
             self._use_stream(current_stream(self.device))
         if step is not None:
-            return self._fetch(step, name)
-        c.checked(c.library.dressi_leaf(self._handle, name.encode(), ctypes.byref(dense)))
-        return from_dense(self.program.leaf_types[name], dense)
+            copied = self._fetch(step, name)
+        else:
+            c.checked(c.library.dressi_leaf(self._handle, name.encode(), ctypes.byref(dense)))
+            copied = from_dense(self.program.leaf_types[name], dense)
+        self._tell()
+        return copied
 
     def output(self, name: str, *, step: str | None = None) -> Any:
         """An output of the last run of a step. On a device that is the processor it is the memory that the device
@@ -374,6 +388,7 @@ class Run:
             return CudaArray(self, name, step, type_)
         dense = c.Array()
         found = c.checked(c.library.dressi_output_view(self._handle, step.encode(), name.encode(), ctypes.byref(dense)))
+        self._tell()
         return from_dense(type_, dense, writable=found == _VIEW)
 
     def __getitem__(self, leaf: str) -> Any:
@@ -387,6 +402,7 @@ class Run:
             return CudaArray(self, leaf, None, type_)
         dense = c.Array()
         found = c.checked(c.library.dressi_leaf_view(self._handle, leaf.encode(), ctypes.byref(dense)))
+        self._tell()
         return from_dense(type_, dense, writable=found == _VIEW)
 
     def __setitem__(self, leaf: str, value: Any) -> None:

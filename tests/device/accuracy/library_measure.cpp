@@ -11,10 +11,10 @@
 #include "compiler/backend/spirv/shader_cache.h"
 #include "compiler/ir/pins.h"
 #include "compiler/reference/evaluate.h"
-#include "tests/bench/must.h"
 #include "tests/device/accuracy/errors.h"
 #include "tests/device/accuracy/library_draw.h"
 #include "tests/device/accuracy/library_text.h"
+#include "tests/must.h"
 
 namespace dr::accuracy::library {
 

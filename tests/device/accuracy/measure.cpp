@@ -11,10 +11,10 @@
 #include "compiler/backend/spirv/shader_cache.h"
 #include "compiler/ops/emit.h"
 #include "compiler/passes/passes.h"
-#include "tests/bench/must.h"
 #include "tests/device/accuracy/errors.h"
 #include "tests/device/accuracy/samples.h"
 #include "tests/gradient/build.h"
+#include "tests/must.h"
 
 namespace dr::accuracy {
 

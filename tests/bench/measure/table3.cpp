@@ -13,7 +13,7 @@
 
 #include "runtime/jit/jit.h"
 #include "runtime/runtime.h"
-#include "tests/bench/must.h"
+#include "tests/must.h"
 
 using namespace dr;
 

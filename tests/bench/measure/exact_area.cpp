@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tests/bench/exact_area.h"
+#include "tests/bench/measure/exact_area.h"
 
 #include <algorithm>
 #include <cmath>

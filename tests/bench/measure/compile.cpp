@@ -18,7 +18,7 @@
 #include "compiler/passes/passes.h"
 #include "compiler/target/profile.h"
 #include "dsl/parser.h"
-#include "tests/bench/compile_input.h"
+#include "tests/bench/measure/compile_input.h"
 
 using namespace dr;
 

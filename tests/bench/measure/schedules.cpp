@@ -27,7 +27,7 @@
 #include "compiler/target/profile.h"
 #include "dsl/diagnostic.h"
 #include "runtime/runtime.h"
-#include "tests/bench/must.h"
+#include "tests/must.h"
 
 using namespace dr;
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tests/bench/sweep_judge.h"
+#include "tests/bench/measure/sweep_judge.h"
 
 #include <algorithm>
 #include <bit>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 
-#include "tests/bench/compile_input.h"
+#include "tests/bench/measure/compile_input.h"
 
 namespace dr::bench {
 namespace {

@@ -2,7 +2,7 @@
 #include <array>
 #include <deque>
 
-#include "tests/bench/compile_input.h"
+#include "tests/bench/measure/compile_input.h"
 #include "tests/gradient/build.h"
 
 namespace dr::bench {

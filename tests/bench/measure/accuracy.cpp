@@ -14,7 +14,7 @@
 #include <sstream>
 
 #include "compiler/ops/op.h"
-#include "tests/bench/every_float.h"
+#include "tests/bench/measure/every_float.h"
 #include "tests/device/accuracy/library.h"
 #include "tests/device/accuracy/measure.h"
 

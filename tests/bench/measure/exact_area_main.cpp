@@ -10,8 +10,8 @@
 #include <string>
 
 #include "compiler/io/array/array.h"
-#include "tests/bench/exact_area.h"
-#include "tests/bench/must.h"
+#include "tests/bench/measure/exact_area.h"
+#include "tests/must.h"
 
 using namespace dr;
 using benchmark::must;

@@ -9,10 +9,10 @@
 
 #include "compiler/ops/emit.h"
 #include "compiler/passes/passes.h"
-#include "tests/bench/must.h"
 #include "tests/device/accuracy/batch.h"
 #include "tests/device/accuracy/samples.h"
 #include "tests/gradient/build.h"
+#include "tests/must.h"
 
 using namespace dr;
 using namespace dr::accuracy;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tests/bench/every_float.h"
+#include "tests/bench/measure/every_float.h"
 
 #include <algorithm>
 #include <cstdio>

@@ -23,7 +23,7 @@
 #include "runtime/jit/jit.h"
 #include "runtime/vk/memory.h"
 #include "runtime/vk/queue.h"
-#include "tests/bench/must.h"
+#include "tests/must.h"
 
 using namespace dr;
 using runtime::Block;
@@ -450,7 +450,7 @@ int bench(int argc, char** argv) {
     must(program.bind(leaf, leaves[leaf]));
   }
 
-  Machine machine(device, program_file.parent_path() / "handwritten");
+  Machine machine(device, program_file.parent_path() / "../measure/handwritten");
   must(program.run("look", 1));
   const io::Array expected = must(program.output("look", "gradient"));
   double apart = 0;

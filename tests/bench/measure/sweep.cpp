@@ -19,11 +19,11 @@
 #include "compiler/backend/spirv/shader_cache.h"
 #include "compiler/ops/emit.h"
 #include "compiler/passes/passes.h"
-#include "tests/bench/must.h"
-#include "tests/bench/sweep_judge.h"
+#include "tests/bench/measure/sweep_judge.h"
 #include "tests/device/accuracy/measure.h"
 #include "tests/device/accuracy/samples.h"
 #include "tests/gradient/build.h"
+#include "tests/must.h"
 
 using namespace dr;
 using accuracy::Values;

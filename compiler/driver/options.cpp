@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "compiler/driver/options.h"
+
+namespace dr::driver {
+
+const std::vector<Choice>& choices() {
+  static const std::vector<Choice> kChoices = {
+      {"profile", "device to compile for: a built-in name or a JSON file", &Options::profile, {}},
+      {"lower", "where maps run", &Options::lower, {"auto", "fragment", "compute"}},
+      {"raster", "how raster runs", &Options::raster, {"auto", "hardware", "compute"}},
+      {"scatter", "how scattered values are summed", &Options::scatter, {"auto", "exact", "rows", "atomic"}},
+      {"float",
+       "floats: our own functions, the same bits however ops are packed, or the driver's, faster",
+       &Options::float_profile,
+       {"strict", "native"}},
+      {"pack", "how ops share passes", &Options::pack, {"fused", "naive"}},
+  };
+  return kChoices;
+}
+
+const std::vector<std::string>& ablations() {
+  static const std::vector<std::string> kParts = {"substages", "stages", "remat", "cache"};
+  return kParts;
+}
+
+std::string command_line(const Options& options) {
+  const Options plain;
+  std::string out;
+  for (const Choice& choice : choices())
+    if (options.*choice.value != plain.*choice.value) out += " --" + choice.name + "=" + options.*choice.value;
+  for (const std::string& part : options.ablate) out += " --ablate=" + part;
+  return out;
+}
+
+}  // namespace dr::driver
