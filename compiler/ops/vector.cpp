@@ -232,6 +232,7 @@ std::vector<OpInfo> vector_ops() {
        .shape = Shape::Elementwise,
        .doc = "Inner product, summed in the order of the components (vec4: in pairs).",
        .cost = 2,
+       .zero = ZeroWhere::AFactorIs,
        .infer = infer_dot,
        .eval = eval_dot,
        .glsl = function<"dr_dot">,

@@ -38,6 +38,8 @@ ir::Graph differentiate(const ir::Graph& graph, const Skips& skips = {});
 ir::Graph simplify(const ir::Graph& graph, const Skips& skips = {});
 // Scatters whose places can be undone become gathers.
 ir::Graph invert_scatters(const ir::Graph& graph, const Skips& skips = {});
+// An `if` that both scatters and gives values at its own element becomes two.
+ir::Graph split_scatters(const ir::Graph& graph, const Skips& skips = {});
 // Write scattered terms of a sum next to each other, so that they can become one.
 ir::Graph group_sums(const ir::Graph& graph, const Skips& skips = {});
 // Move what scatters of a region compute their indices of to the root region, where no step changes it.

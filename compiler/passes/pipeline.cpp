@@ -12,6 +12,7 @@ constexpr Pass kDefaultPasses[] = {
     {"simplify", simplify},                // fewer ops to differentiate; Grad targets stay what the program named
     {"differentiate", differentiate},      // no Grad op is left
     {"invert-scatters", invert_scatters},  // adjoints of reads at places that are known
+    {"split-scatters", split_scatters},    // what a branch scatters, apart from what it gives its element
     {"simplify", simplify},                // adjoints that nobody asked for, ops that forward and backward share
     {"group-sums", group_sums},            // scattered terms that can be summed as one
     {"hoist-indices", hoist_indices},      // where scatters add, so that it can be kept

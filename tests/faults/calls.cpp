@@ -79,6 +79,24 @@ bool is_ours(void* caller) {
   return places().library.holds(at) && is_through_library();
 }
 
+// Drivers take templates of the executable, such as those of strings, where they have the same ones: no frame may be
+// of any other library.
+bool is_all_ours() {
+  const auto look = [](_Unwind_Context* context, void* found) {
+    const uintptr_t at = _Unwind_GetIP(context);
+    if (places().library.holds(at) || places().executable.holds(at)) return _URC_NO_REASON;
+    Dl_info info = {};
+    if (dladdr(reinterpret_cast<void*>(at), &info) == 0 || info.dli_fname == nullptr) return _URC_NO_REASON;
+    for (const char* known : {"libdr_faults", "libc.so", "libgcc", "ld-linux"})
+      if (std::strstr(info.dli_fname, known) != nullptr) return _URC_NO_REASON;
+    *static_cast<bool*>(found) = false;
+    return _URC_END_OF_STACK;
+  };
+  bool found = true;
+  _Unwind_Backtrace(look, &found);
+  return found;
+}
+
 template <class F>
 F next(const char* name) {
   return reinterpret_cast<F>(dlsym(RTLD_NEXT, name));
@@ -89,7 +107,7 @@ bool in_main = false;
 int (*real_main)(int, char**, char**) = nullptr;
 
 void* allocate(size_t size, void* caller) {
-  if (in_main && is_ours(caller) && is_due(Kind::New, "operator new")) return nullptr;
+  if (in_main && is_ours(caller) && is_due(Kind::New, "operator new", is_all_ours)) return nullptr;
   return std::malloc(size == 0 ? 1 : size);
 }
 

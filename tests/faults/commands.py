@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Faults in drun and drc: each Vulkan call, allocation and file call of a few commands fails once.
 
-  commands.py DRUN DRC SHIM LAYERS [--places N|all] [--kind KIND]... [--without COMMAND]...
+  commands.py DRUN DRC SHIM LAYERS [--places N|all] [--kind KIND]... [--without COMMAND]... [--only COMMAND]... [--leaks LSAN]
 
 A command then does what it was asked for, in the bits of a run without faults, or says in words why not and exits with
 1 or 2; it dies of no signal, leaves no Vulkan object, and no file that is neither the old nor the new one. Run again
 without faults, where it stands, it gives the right files. --places says how many places of each command and kind are
-tried, evenly spread. Under AddressSanitizer leaks count too.
+tried, evenly spread. Under AddressSanitizer leaks count too, and with --leaks "$(gcc -print-file-name=liblsan.so)" those
+of any build: not those of a driver, whose library is gone when they are told.
 """
 import argparse
 import json
@@ -77,6 +78,9 @@ class Suite:
         for line in asan.splitlines():
             if "libasan" in line:
                 env["LD_PRELOAD"] = line.split()[2] + " " + self.options.shim
+        if self.options.leaks:
+            env["LD_PRELOAD"] += " " + self.options.leaks
+            env["LSAN_OPTIONS"] = "exitcode=0:" + os.environ.get("LSAN_OPTIONS", "")
         if fault:
             env["DR_FAULT"] = fault
         return env
@@ -107,6 +111,13 @@ class Suite:
                 report[word] = rest
             (self.root / "report").unlink()
         return done.returncode, done.stderr, report
+
+    @staticmethod
+    def leaks(words):
+        """What LeakSanitizer tells of, where any of it is ours: a driver is gone by then, and its frames have no name or
+        that of what was mapped there since."""
+        told = re.findall(r"^((?:Direct|Indirect) leak of .*?)(?:\n\n|\Z)", words, re.M | re.S)
+        return [leak for leak in told if re.search(r"\(\S*(?:/drun|/drc|libdr_faults|libstdc\+\+|libstb|libtinygltf)", leak)]
 
     @staticmethod
     def files(room):
@@ -146,6 +157,10 @@ class Suite:
             complain(f"ends with {code}")
         elif code != 0 and len(words) < 10:
             complain(f"ends with {code} without a word")
+        if self.options.leaks:
+            for leak in self.leaks(words):
+                complain("leaks: " + leak)
+            words = words.partition("\n=====")[0]
         if "AddressSanitizer" in words or "LeakSanitizer" in words or "runtime error" in words:
             complain("a sanitizer speaks")
         if report.get("alive"):
@@ -178,6 +193,8 @@ class Suite:
         shutil.copytree(room, start, symlinks=True)
         code, words, report = self.run(room, command)
         assert code == 0, f"{what}: {words}"
+        for leak in self.leaks(words) if self.options.leaks else []:
+            self.complain(f"{what}, without a fault, leaks: {leak}")
         new = self.files(room)
         for kind in self.options.kind or KINDS:
             places = int(report[kind])
@@ -189,7 +206,7 @@ class Suite:
 
     def go(self):
         for what, (before, command) in commands(self.options.drun, self.options.drc).items():
-            if what in (self.options.without or []):
+            if what in (self.options.without or []) or what not in (self.options.only or [what]):
                 continue
             self.try_command(what, before, command)
         return 1 if self.problems else 0
@@ -202,6 +219,8 @@ def main():
     parser.add_argument("--places", default="2")
     parser.add_argument("--kind", action="append", choices=KINDS)
     parser.add_argument("--without", action="append", metavar="COMMAND")
+    parser.add_argument("--only", action="append", metavar="COMMAND")
+    parser.add_argument("--leaks", metavar="LSAN", help="LeakSanitizer's library")
     options = parser.parse_args()
     icd = os.environ.get("DR_LAVAPIPE_ICD")
     if icd is None:

@@ -23,7 +23,7 @@ std::string failed();
 // Vulkan objects that were made and not destroyed: "2 Buffer, 1 Fence".
 std::string alive();
 
-// For the layer and the calls: whether this call is to fail.
-bool is_due(Kind kind, const char* name);
+// For the layer and the calls: whether this call is to fail. Where it turns out that it may not, the next one does.
+bool is_due(Kind kind, const char* name, bool (*may_fail)() = nullptr);
 
 }  // namespace dr::faults

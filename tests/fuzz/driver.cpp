@@ -9,7 +9,8 @@
 //
 // Where the code tells what it reaches (coverage.h), an input that reaches something new is changed again from then on,
 // files that reach nothing new are not changed, and --keep writes such inputs to a folder, from where later runs start.
-// A line each time that the runs have doubled says how many there were and what they reached.
+// A line each time that the runs have doubled says how many there were, what they reached, and which was the last to
+// reach something new. SIGINT and SIGTERM end it as time does.
 #include <fcntl.h>
 #include <sys/time.h>
 #include <unistd.h>
@@ -79,7 +80,10 @@ void on_signal(int signal) {
   raise(signal);
 }
 
+volatile std::sig_atomic_t is_stopped = 0;
+
 void install_handlers() {
+  for (const int signal : {SIGINT, SIGTERM}) std::signal(signal, [](int) { is_stopped = 1; });
   if (__sanitizer_set_death_callback != nullptr) __sanitizer_set_death_callback(save_input);
   static std::array<char, 1 << 16> stack;  // where the usual one has overflowed
   stack_t other = {};
@@ -162,7 +166,7 @@ class Fuzzer {
   std::vector<std::string> files_;     // as they came
   std::vector<dr::fuzz::Input> pool_;  // what is changed
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
-  uint64_t number_ = 0;
+  uint64_t number_ = 0, last_new_ = 0;
 };
 
 // What reaches what none before it did is changed from then on.
@@ -173,6 +177,7 @@ void Fuzzer::try_input(const std::string& text, bool from_files) {
   const double cost = processor_time() - start;
   const dr::fuzz::Coverage after = dr::fuzz::coverage();
   const bool is_new = after.blocks != before.blocks || after.edges != before.edges;
+  if (is_new) last_new_ = number_;
   if (is_new || (from_files && after.blocks == 0)) pool_.push_back({text, cost});
   if (is_new && !from_files) keep(text);
   if (number_ >= 1024 && (number_ & (number_ - 1)) == 0) report();
@@ -189,14 +194,17 @@ void Fuzzer::report() const {
   const dr::fuzz::Coverage reached = dr::fuzz::coverage();
   std::printf("%llu runs in %.0f seconds", static_cast<unsigned long long>(number_), elapsed());
   if (reached.blocks > 0)
-    std::printf(": %llu blocks, %llu edges, %zu inputs", static_cast<unsigned long long>(reached.blocks),
-                static_cast<unsigned long long>(reached.edges), pool_.size());
+    std::printf(": %llu blocks, %llu edges, %zu inputs, the last of them run %llu",
+                static_cast<unsigned long long>(reached.blocks), static_cast<unsigned long long>(reached.edges),
+                pool_.size(), static_cast<unsigned long long>(last_new_));
   std::printf("\n");
   std::fflush(stdout);
 }
 
 void Fuzzer::go() {
-  for (const std::string& text : files_) try_input(text, true);
+  for (const std::string& text : files_)
+    if (is_stopped == 0) try_input(text, true);
+  if (pool_.empty()) return report();
   dr::fuzz::Mutator mutator(pool_, files_, settings_.seed);
   std::mt19937_64 seeds(settings_.seed);
   constexpr size_t kMost = size_t{1} << 17;
@@ -212,7 +220,7 @@ void Fuzzer::go() {
   const auto is_over = [&](uint64_t changed) {
     return settings_.seconds > 0 ? elapsed() >= static_cast<double>(settings_.seconds) : changed >= settings_.runs;
   };
-  for (uint64_t changed = 0; !is_over(changed); ++changed) try_input(next(), false);
+  for (uint64_t changed = 0; !is_over(changed) && is_stopped == 0; ++changed) try_input(next(), false);
   report();
 }
 

@@ -158,10 +158,18 @@ Images run_on(const runtime::Device& device, const Problem& problem, const ir::G
   if (const auto* wrong = std::get_if<std::string>(&options)) throw std::runtime_error(*wrong);
   auto compiled = backend::compile(graph, profile, std::get<backend::CompileOptions>(options));
   if (const auto* limit = std::get_if<backend::Limit>(&compiled)) throw BeyondProfile(limit->text);
-  auto program = value_of(runtime::Program::load(device, bundle::write(std::get<backend::Compiled>(compiled).bundle)));
+  auto loaded = runtime::Program::load(device, bundle::write(std::get<backend::Compiled>(compiled).bundle));
+  // What depends on extents is told when data is there.
+  const auto done = [](const auto& result) {
+    if (result) return;
+    if (result.error().find("the device allows") != std::string::npos) throw BeyondProfile(result.error());
+    throw std::runtime_error(result.error());
+  };
+  done(loaded);
+  runtime::Program program = std::move(loaded).value();
   const Images data = data_of(problem);
-  for (const auto& leaf : program.leaves()) value_of(program.bind(leaf.name, array_of(data.at(leaf.name))));
-  value_of(program.run("run"));
+  for (const auto& leaf : program.leaves()) done(program.bind(leaf.name, array_of(data.at(leaf.name))));
+  done(program.run("run"));
   Images out;
   for (const auto& [name, expected] : like) {
     const std::vector<double> found = value_of(program.output("run", name)).to_doubles();

@@ -48,7 +48,7 @@ struct Way {
   const char* scatter = "auto";
   std::string str() const;
 };
-// What a profile cannot meet is thrown as this.
+// What a profile or a device cannot meet, as it says, is thrown as this.
 struct BeyondProfile : std::runtime_error {
   using std::runtime_error::runtime_error;
 };

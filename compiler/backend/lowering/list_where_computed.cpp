@@ -90,9 +90,8 @@ void list_where_computed(const ir::Graph& graph, const target::Profile& profile,
       Pass& pass = step.passes[static_cast<size_t>(by)];
       // Both run whenever the step does: else one could be left out without the other.
       if (!pass.steady || !scatter.steady) continue;
-      constexpr uint32_t kLists = 2;  // its own heavy elements, and these
       Bindings own = bindings_of(schedule.resources, resources_of(step, pass.reads), pass.writes.size());
-      own.buffers += kLists;
+      own.more += kMapLists;
       if (!fits(profile, own)) continue;
       taken.insert(by);
       scatter.listed_by = by;

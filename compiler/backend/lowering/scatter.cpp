@@ -180,7 +180,7 @@ class StepLegalizer {
   // What a shader binds that reads and writes these, and buffers besides.
   Bindings bindings(std::span<const ValueId> reads, size_t writes, bool hardware, uint32_t more_buffers) const {
     Bindings out = bindings_of(schedule_.resources, resources_of(step_, reads), writes, hardware);
-    out.buffers += more_buffers;
+    out.more += more_buffers;
     return out;
   }
 

@@ -99,8 +99,8 @@ void StepPacker::absorb_into(OpId scatter) {
     if (own_reads.insert(v).second) inside += kRuns * move_ns(v, false);
     if (std::ranges::all_of(users_[v.index], is_here)) before += move_ns(v, true);
   }
-  const auto buffers = static_cast<uint32_t>(own_reads.size()) + kScatterBuffers;
-  if (inside > before || !fits(profile_, {.buffers = buffers, .writes = 1})) return;
+  const auto buffers = static_cast<uint32_t>(own_reads.size());
+  if (inside > before || !fits(profile_, {.buffers = buffers, .writes = 1, .more = kScatterBuffers})) return;
   for (OpId id : moved) absorbed_[id.index] = true;
 }
 

@@ -29,7 +29,7 @@ bool is_crowded(const Schedule& schedule, const StepSchedule& step, const Pass& 
   const std::vector<uint32_t> written = resources_of(step, pass.writes);
   Bindings all = bindings_of(schedule.resources, resources_of(step, pass.reads),
                              std::set<uint32_t>(written.begin(), written.end()).size(), pass.hardware);
-  if (pass.kind == Pass::Kind::Scatter) all.buffers += kScatterBuffers;
+  if (pass.kind == Pass::Kind::Scatter) all.more += kScatterBuffers;
   return !fits(profile, all);
 }
 

@@ -20,7 +20,11 @@ constexpr size_t kMaxSize = 6144;
 // A pass is merged with one of so many before it, and among so many passes, which keeps packing near linear.
 constexpr size_t kMergeReach = 64, kMergeWindow = 4096;
 
-uint32_t more_buffers(const Pass& pass) { return pass.kind == Pass::Kind::Scatter ? kScatterBuffers : 0; }
+// Where lanes go in turn, a map may list its heavy elements, and those that a scatter runs for.
+uint32_t more_buffers(const target::Profile& profile, const Pass& pass) {
+  if (pass.kind == Pass::Kind::Scatter) return kScatterBuffers;
+  return profile.lanes_in_turn && pass.kind == Pass::Kind::Map && !pass.hardware ? kMapLists : 0;
+}
 
 bool is_in(const std::vector<ValueId>& sorted, ValueId v) {
   return std::binary_search(sorted.begin(), sorted.end(), v);
@@ -115,7 +119,7 @@ bool StepPacker::within_limits(const Pass& pass) const {
   for (ValueId v : pass.writes) written.insert(resource_index(v));
   for (ValueId v : pass.reads) reads.push_back(resource_index(v));
   Bindings all = bindings_of(resources_, std::move(reads), written.size(), pass.hardware);
-  all.buffers += more_buffers(pass);
+  all.more += more_buffers(profile_, pass);
   return fits(profile_, all);
 }
 
@@ -145,7 +149,7 @@ void StepPacker::spill(const Pass& pass) {
         if (inside->second.size() > most_reads) most = v, most_reads = inside->second.size();
       }
       Bindings all = bindings_of(resources_, own, 1, pass.hardware);
-      all.buffers += more_buffers(pass);
+      all.more += more_buffers(profile_, pass);
       if (fits(profile_, all) || !most.valid()) {
         reads[id] = std::move(own);
         break;
@@ -250,6 +254,9 @@ void StepPacker::add_map_passes(const Extent& domain, const std::vector<OpId>& g
 // away. What two shaders need is computed twice.
 std::vector<ValueId> StepPacker::choose(std::span<const ValueId>& targets, int level, bool hardware) {
   std::vector<ValueId> chosen;
+  Pass pass;
+  pass.hardware = hardware;
+  const uint32_t more = more_buffers(profile_, pass);
   elsewhere_.clear();
   begin_cone(level);
   for (; !targets.empty(); targets = targets.subspan(1)) {
@@ -257,7 +264,8 @@ std::vector<ValueId> StepPacker::choose(std::span<const ValueId>& targets, int l
     if (written_[v.index]) continue;
     grow(v);
     const auto count = static_cast<uint32_t>(chosen.size()) + 1;
-    if (fits(profile_, {cone_.buffers, cone_.images, count, hardware}) && (count == 1 || cone_.size <= kMaxSize)) {
+    if (fits(profile_, {cone_.buffers, cone_.images, count, hardware, more}) &&
+        (count == 1 || cone_.size <= kMaxSize)) {
       chosen.push_back(v);
       continue;
     }

@@ -187,12 +187,14 @@ class StepChecker {
   }
 
   void check_limits() {
-    std::set<uint32_t> buffers, images;
+    // Where lanes go in turn, what is only read is a texel buffer.
+    std::set<uint32_t> buffers, images, texels;
     for (ValueId v : pass().reads)
-      if (const auto it = step_.stored.find(v); it != step_.stored.end())
-        (schedule_.resources[it->second.index].storage == Resource::Storage::Buffer ? buffers : images)
-            .insert(it->second.index);
-    const size_t sampled = images.size() + (profile_.lanes_in_turn ? buffers.size() : 0);
+      if (const auto it = step_.stored.find(v); it != step_.stored.end()) {
+        const bool buffer = schedule_.resources[it->second.index].storage == Resource::Storage::Buffer;
+        (!buffer ? images : profile_.lanes_in_turn ? texels : buffers).insert(it->second.index);
+      }
+    const size_t sampled = images.size() + texels.size();
     size_t colors = 0;
     for (ValueId v : pass().writes)
       if (const auto it = step_.stored.find(v); it != step_.stored.end()) {
@@ -204,7 +206,7 @@ class StepChecker {
     over(buffers.size(), "storage buffers", profile_.max_per_stage_descriptor_storage_buffers);
     over(sampled, "sampled images", profile_.max_per_stage_descriptor_sampled_images);
     over(colors, "colour attachments", profile_.max_color_attachments);
-    over(buffers.size() + images.size() + colors, "resources", profile_.max_per_stage_resources);
+    over(buffers.size() + sampled + colors, "resources", profile_.max_per_stage_resources);
     if (pass().hardware && may_pass_limit(trips_of(graph_, pass().ops), profile_))
       report(Violation::Kind::Limit, "loops of a fragment shader that may take more trips than the " +
                                          std::to_string(profile_.loop_trips) + " that the device allows");

@@ -21,10 +21,12 @@ std::vector<uint32_t> resources_of(const StepSchedule& step, std::span<const ir:
 }
 
 bool fits(const target::Profile& profile, const Bindings& b) {
-  const uint32_t bound = b.buffers + (b.hardware ? 0 : b.writes);
+  // What is only read is a texel buffer where lanes go in turn, which counts as a sampled image.
+  const uint32_t texels = profile.lanes_in_turn ? b.buffers : 0;
+  const uint32_t bound = b.buffers - texels + b.more + (b.hardware ? 0 : b.writes);
   if (bound > profile.max_per_stage_descriptor_storage_buffers ||
-      b.images + (profile.lanes_in_turn ? b.buffers : 0) > profile.max_per_stage_descriptor_sampled_images ||
-      b.buffers + b.images + b.writes > profile.max_per_stage_resources)
+      b.images + texels > profile.max_per_stage_descriptor_sampled_images ||
+      b.buffers + b.more + b.images + b.writes > profile.max_per_stage_resources)
     return false;
   if (!b.hardware) return true;
   return b.writes <= profile.max_color_attachments &&

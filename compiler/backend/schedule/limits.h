@@ -17,6 +17,7 @@ struct Bindings {
   uint32_t images = 0;
   uint32_t writes = 0;
   bool hardware = false;  // a fragment shader: what it writes are colour attachments, otherwise buffers
+  uint32_t more = 0;      // storage buffers that a lowering adds, which the shader may read and write
 };
 
 // Of a shader that reads the resources with these numbers, which may repeat.
@@ -27,6 +28,8 @@ std::vector<uint32_t> resources_of(const StepSchedule& step, std::span<const ir:
 
 // That lowering a scatter may add to what its pass reads and writes: sums or tables, and lists.
 inline constexpr uint32_t kScatterBuffers = 3;
+// Lists that a map's shader may write.
+inline constexpr uint32_t kMapLists = 2;
 
 bool fits(const target::Profile& profile, const Bindings& bindings);
 
