@@ -13,7 +13,7 @@ from pathlib import Path
 from suite import Suite, fronts, here, text
 
 suite = Suite("gradients")
-ways = {"coverage": {"way": 0}, "coverage, 4 outlines": {"way": 0, "K": 4}, "coverage, 16 outlines": {"way": 0, "K": 16}, "outlines, r = 2": {"way": 1}, "outlines, r = 4": {"way": 1, "R": 4.0},
+ways = {"coverage": {"way": 0}, "coverage, 12 outlines": {"way": 0, "K": 12}, "outlines, r = 2": {"way": 1}, "outlines, r = 4": {"way": 1, "R": 4.0},
         "all edges, K = 3": {"way": 2, "K": 3}, "antialias": {"way": 3}}
 
 
@@ -119,5 +119,5 @@ for name, file in {} if suite.quick else meshes.items():
     for side in range(4):
         turned = position @ turn("y", side * np.pi / 2 + 0.1).T @ turn("x", 0.2).T
         measure(f"{name} {side}", turned, faces, camera(3.0), turned * 1.03 + [0.03, 0.02, 0], 1024 if name == "nefertiti" else 512,
-                ["coverage", "coverage, 4 outlines", "coverage, 16 outlines", "outlines, r = 2"])
+                ["coverage", "coverage, 12 outlines", "outlines, r = 2"])
 PYTHON

@@ -236,42 +236,56 @@ void Generator::raster_compute(const Pass& pass, const ir::Op& op) {
         c.push = {rank_run / 2, rank_run % 2, 0};
       }
 
-  if (stay) return;
-  Shader r = strict_shader();
-  if (wide) wide_extensions(r);
+  if (!stay) resolve(pass, op, keys, ids, wide);
+}
+
+// Takes faces and tags out of what the walks left, some ranks at a time: a dispatch binds two buffers for each.
+void Generator::resolve(const Pass& pass, const ir::Op& op, uint32_t keys, uint32_t ids, bool wide) {
+  constexpr size_t kRanks = 8;
+  const RasterParts parts = raster_parts(op);
+  const Dim pixels = element_count(parts.extent());
   const std::string n = dim_expression(pixels);
-  linear_index(r, n);
-  place_from_index(r, parts.extent());
-  const std::string in_keys = wide ? r.read_words(keys, "slots", "uint64_t") : std::string();
-  if (wide) {
-    for (size_t k = 0; k < parts.count; ++k) {
+  // A tag that is the same for all faces is computed of nothing.
+  const ir::ValueInfo& tag = graph_.value(graph_.region(op.regions[kTag]).yields[0]);
+  const bool computed = tag.op.valid();
+  const ir::Op& of_tag = computed ? graph_.op(tag.op) : op;
+  const bool constant = computed && of_tag.kind == ir::OpKind::Const;
+  for (size_t begin = 0; begin < parts.count; begin += kRanks) {
+    Shader r = strict_shader();
+    if (wide) wide_extensions(r);
+    linear_index(r, n);
+    place_from_index(r, parts.extent());
+    const std::string in_keys = wide ? r.read_words(keys, "slots", "uint64_t") : std::string();
+    const std::string in_ids = wide ? std::string() : r.read_words(ids, "faces");
+    if (!wide) r.body().line("vec2 p = vec2(at.xy) + 0.5;");
+    for (size_t k = begin; k < std::min(begin + kRanks, parts.count); ++k) {
       const std::string rank = std::to_string(k);
-      r.body().line("uint64_t entry_" + rank + " = " + in_keys + "(" + rank + " * " + n + " + index);");
-      r.body().line("bool none_" + rank + " = entry_" + rank + " == 0xfffffffffffffffful;");
-      r.store(op.results[2 * k], "at",
-              "(none_" + rank + " ? -1 : int(uint((entry_" + rank + " >> 4) & 0xfffffffful)))");
-      r.store(op.results[2 * k + 1], "at", "(none_" + rank + " ? 0 : int(entry_" + rank + " & 15ul))");
-    }
-  } else {
-    const std::string in_ids = r.read_words(ids, "faces");
-    r.body().line("vec2 p = vec2(at.xy) + 0.5;");
-    for (size_t k = 0; k < parts.count; ++k) {
-      const std::string rank = std::to_string(k);
+      if (wide) {
+        r.body().line("uint64_t entry_" + rank + " = " + in_keys + "(" + rank + " * " + n + " + index);");
+        r.body().line("bool none_" + rank + " = entry_" + rank + " == 0xfffffffffffffffful;");
+        r.store(op.results[2 * k], "at",
+                "(none_" + rank + " ? -1 : int(uint((entry_" + rank + " >> 4) & 0xfffffffful)))");
+        r.store(op.results[2 * k + 1], "at", "(none_" + rank + " ? 0 : int(entry_" + rank + " & 15ul))");
+        continue;
+      }
       r.body().line("int face_" + rank + " = int(" + in_ids + "(" + rank + " * " + n + " + index));");
       r.body().line("int tag_" + rank + " = 0;");
       r.body().line("if (face_" + rank + " >= 0) {");
       r.push_scope();
       RasterClosures tags(r, graph_, pass, op);
-      tags.load_fields("ivec3(face_" + rank + ", 0, at.z)");
-      tags.captured();
-      r.body().line("tag_" + rank + " = " + tags.closure(kTag) + " & 15;");
+      if (!constant) {
+        tags.load_fields("ivec3(face_" + rank + ", 0, at.z)");
+        tags.captured();
+      }
+      r.body().line("tag_" + rank + " = " +
+                    (constant ? glsl::literal(ir::kInt, of_tag.attrs.floats) : tags.closure(kTag)) + " & 15;");
       r.pop_scope();
       r.body().line("}");
       r.store(op.results[2 * k], "at", "face_" + rank);
       r.store(op.results[2 * k + 1], "at", "tag_" + rank);
     }
+    dispatch(pass, "_resolve", r, pixels.str());
   }
-  dispatch(pass, "_resolve", r, pixels.str());
 }
 
 }  // namespace dr::backend

@@ -79,7 +79,7 @@ class StepCode {
         code.heavy = heavy_branches(graph_, pass, trips, profile_);
       const bool lists = std::ranges::any_of(step_.passes, [&](const Pass& p) { return p.listed_by == place; });
       code.lists_in_runs = profile_.lanes_in_turn && (lists || !code.heavy.empty());
-      code.cut = cut(trips, each(pass));
+      code.cut = cut(code.heavy.empty() ? trips : light_trips(pass), each(pass));
       if (!code.heavy.empty()) {
         code.heavy_cut = cut(trips, 1);
         code.heavy_by_subgroups = profile_.subgroup_arithmetic && !profile_.lanes_in_turn;
@@ -87,6 +87,16 @@ class StepCode {
       }
     }
     code.told = told(pass);
+  }
+
+  // What loops of the first dispatch take, which leaves the heavy branches out.
+  Trips light_trips(const Pass& pass) const {
+    Trips all;
+    for (const ir::OpId id : pass.ops) {
+      const bool left_out = std::ranges::find(pass.code.heavy, id) != pass.code.heavy.end();
+      all += left_out ? trips_of(graph_, graph_.region(graph_.op(id).regions[1]).ops) : trips_of(graph_, {&id, 1});
+    }
+    return all;
   }
 
   LoopCut cut(const Trips& trips, int each) const {

@@ -181,11 +181,11 @@ std::vector<Function> pictures() {
         "hardsoftras.blend(soft, fn(s) { hardsoftras.interpolate(s, paint) }, vec3(0.1, 0.2, 0.3))",
         {over("value", kFrame, "1.0 + 0.0 * y.x", "1", kDesign), to_clip, to_paint});
   }
-  add("coverage.silhouette", "", "float", across, "coverage.silhouette($clip, $face, across, 64, 64, nearest = 4)",
-      {one, to_clip});
+  add("coverage.silhouette", "", "float", across, "coverage.silhouette($clip, $face, across, 64, 64)", {one, to_clip});
+  add("coverage.crowded", "", "float", across,
+      "if coverage.crowded($clip, $face, across, 64, 64, nearest = 1) { 1.0 } else { 0.0 }", {one});
   add("coverage.blend", "", "vec3", across,
-      "coverage.blend($clip, $face, across, 64, 64, fn(hit) { raster.interpolate(hit, paint) }, vec3(0.1, 0.2, 0.3), "
-      "nearest = 4)",
+      "coverage.blend($clip, $face, across, 64, 64, fn(hit) { raster.interpolate(hit, paint) }, vec3(0.1, 0.2, 0.3))",
       {over("value", kFrame, "1.0 + 0.0 * y.x", "1", kDesign), to_clip, to_paint});
   const std::string hit = "  let hit = raster.rasterize($clip, $face, 64, 64);\n";
   add("raster.rasterize", "weight", "vec3", hit, "hit.weight",

@@ -287,12 +287,12 @@ def antialias(
     pos_gradient_boost: float = 1.0,
     *,
     exact: bool = False,
-    outlines: int = 8,
+    outlines: int = 20,
 ) -> Any:
     """`color` [minibatch, height, width, channels] with soft edges, through which gradients reach `pos`.
 
     Of faces smaller than a pixel most outlines are not found, as in nvdiffrast. `exact=True` finds all: each pixel has the colours
-    of both sides by the area that they cover of it, and gradients are those of the area. Of at most so many `outlines` in a pixel
+    of both sides by the area that they cover of it, and gradients are those of the area. Of at most so many `outlines` in 2 x 2 pixels
     that is exact, in time and memory that grow with them. No part of the mesh may lie before the near plane.
     """
     tri, rast = _array(tri), _array(rast)
