@@ -28,7 +28,7 @@ constexpr double kTrip = 3, kUnknownTrips = 32, kInnerTrips = 8;
 constexpr double kWorthwhile = 0.75;
 // Elements of a block, the words that are kept for all of them, and how long its text may be in op_size() units: longer
 // ones take a driver long, and registers run out.
-constexpr int kMostElements = 16, kMostWordsInTurn = 32, kMostWords = 64;
+constexpr int kMostElements = 16, kMostWordsInTurn = 32, kMostWordsRead = 64;
 constexpr double kMostText = 1500;
 // Invocations that a device needs to be busy.
 constexpr int64_t kBusyLanesInTurn = 256, kBusy = 16384;
@@ -62,7 +62,7 @@ class Chooser {
       return *w;
     };
     double least = kWorthwhile;
-    const int most_words = profile_.lanes_in_turn ? kMostWordsInTurn : kMostWords;
+    const int most_words = profile_.lanes_in_turn ? kMostWordsInTurn : kMostWordsRead;
     static constexpr int kSizes[] = {1, 2, 3, 4, 8};
     for (const int w : kSizes)
       for (const int h : kSizes)
