@@ -37,8 +37,8 @@ TEST_CASE("the default passes run in order and leave no grad") {
                                    CHECK(verify(after).empty());
                                    CHECK(milliseconds >= 0);
                                  }});
-  CHECK(names == std::vector<std::string>{"simplify", "differentiate", "invert-scatters", "simplify", "group-sums",
-                                          "hoist-indices"});
+  CHECK(names == std::vector<std::string>{"simplify", "differentiate", "invert-scatters", "split-scatters", "simplify",
+                                          "group-sums", "hoist-indices"});
   CHECK(print(graph).find("grad") == std::string::npos);
 }
 
