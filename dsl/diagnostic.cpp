@@ -155,9 +155,8 @@ Diagnostic& DiagnosticList::error(Code code, const Span& span, std::string messa
   const bool is_told = std::ranges::any_of(list_, [&](const Diagnostic& d) {
     return d.severity == Severity::Error && d.code == code && d.span == span && d.message == diagnostic.message;
   });
-  const bool keep = error_count_ < kMaxErrors && !is_told;
-  if (!is_told) ++error_count_;
-  if (keep) return list_.emplace_back(std::move(diagnostic));
+  // It counts all the same: the parser ends at a number of errors.
+  if (error_count_++ < kMaxErrors && !is_told) return list_.emplace_back(std::move(diagnostic));
   return overflow_ = std::move(diagnostic);
 }
 
