@@ -111,7 +111,8 @@ nan() { # DEVICE
   [[ $status == 1 ]] && grep -q 'after run [0-9]* of' err || fail "$1: --strict-finite: $status $(cat err)"
   status=0
   "$drun" loss.dr --device "$1" --step fit=60 --strict-finite > out 2> err || status=$?
-  [[ $status == 1 ]] && grep -q "output 'fit.error' is nan in run 11" err || fail "$1: a loss: $status $(cat err)"
+  # The root is no number from run 7 on. Lines come after run 1 and 11, and between them on a machine that is slow.
+  [[ $status == 1 ]] && grep -Eq "output 'fit.error' is nan in run ([789]|1[01]):" err || fail "$1: a loss: $status $(cat err)"
 }
 # One run of many leaves an Inf that the next one overwrites: the pass tells it on the device. Another cause is told at once.
 at_once() { # DEVICE
