@@ -31,7 +31,7 @@ constexpr double kWorthwhile = 0.75;
 constexpr int kMostElements = 16, kMostWordsInTurn = 32, kMostWordsRead = 64;
 constexpr double kMostText = 1500;
 // Invocations that a device needs to be busy.
-constexpr int64_t kBusyLanesInTurn = 256, kBusy = 65536;
+constexpr int64_t kBusyLanesInTurn = 256, kBusy = 131072;
 // Reads that go into shared memory are repeated at least so often. To wait for each other takes each invocation as long
 // as some reads.
 constexpr double kRepeated = 4, kWait = 4;
