@@ -111,7 +111,8 @@ class Chooser {
     for (size_t axis = 0; axis < 3; ++axis) {
       if (!sizes[axis]->is_constant() || sizes[axis]->constant() < 1) continue;
       const int64_t n = sizes[axis]->constant(), each = block.each[axis];
-      waste *= static_cast<double>((n + each - 1) / each * each) / static_cast<double>(n);
+      const int64_t whole = (n + each - 1) / each * each;
+      waste *= static_cast<double>(whole) / static_cast<double>(n);
     }
     return waste;
   }
