@@ -163,7 +163,7 @@ void add_gathers(const Graph& graph, const Op& op, std::vector<OpId>& out) {
 }  // namespace
 
 std::optional<FixedTrips> fixed_trips(const Graph& graph, const Op& loop) {
-  int64_t bounds[2];
+  int64_t bounds[2] = {};
   for (const size_t k : {size_t{0}, size_t{1}}) {
     const OpId id = graph.value(loop.operands[k]).op;
     if (!id.valid()) return std::nullopt;
