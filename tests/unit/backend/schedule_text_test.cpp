@@ -162,8 +162,9 @@ TEST_CASE("the text of a schedule is what it says") {
   CHECK(print_whole(graph, schedule) == std::string(kGraph) + std::string(kSchedule));
   CHECK(schedule.after == "choose-sums");
   const Pass& pass = schedule.steps.at(0).passes.at(1);
-  CHECK(pass.kind == Pass::Kind::Scatter);
-  CHECK(pass.rows.leaf == 1);
+  REQUIRE(pass.is<ScatterPass>());
+  REQUIRE(pass.get<ScatterPass>().lowering() == ScatterLowering::Rows);
+  CHECK(std::get<RowsOfLeaf>(pass.get<ScatterPass>().rows().table).leaf == 1);
   CHECK(pass.stage == 1);
 }
 
@@ -189,8 +190,7 @@ TEST_CASE("what does not fit together in a schedule is said with its pass") {
   CHECK(error_of(changed("reads i exp", "reads i")) == "step go, pass sum: op 'scatter_add' lacks an operand");
   CHECK(error_of(changed("reads i exp", "reads exp i")) == "step go, pass sum: reads values out of order");
   CHECK(error_of(changed("rows i[0]", "rows i[3]")) == "step go, pass sum: has rows by a column that leaf 'i' lacks");
-  CHECK(error_of(changed("    rows i[0] of V\n", "")) ==
-        "step go, pass sum: has rows without a table, or a table without rows");
+  CHECK(error_of(changed("    rows i[0] of V\n", "")) == "step go, pass sum: has rows without a table");
   CHECK(error_of(changed("sum sum of %sum.3", "sum sum of %2")) ==
         "step go, pass sum: sums a term that it does not scatter");
   CHECK(error_of(changed("  output sum = sum\n", "")) == "step go: has other outputs than the graph's step");
