@@ -30,7 +30,7 @@ class PassReader : protected ir::TextReader {
   // A pass, behind that word; it becomes the last of its step.
   bool pass(uint32_t stage);
 
-  const Graph& graph_;
+  const ir::Graph& graph_;
   const std::unordered_map<uint64_t, ir::ValueId>& values_;
   Schedule schedule_;
   std::map<std::string, uint32_t, std::less<>> resources_;
