@@ -129,7 +129,8 @@ bool Checker::header() {
     return fail("the lowering is unknown");
   for (size_t k = 0; k < b_.features.size(); ++k) {
     if (b_.features[k] > Feature::MAX)
-      return fail("the bundle needs feature " + std::to_string(static_cast<int>(b_.features[k])) + ", which is unknown");
+      return fail("the bundle needs feature " + std::to_string(static_cast<int>(b_.features[k])) +
+                  ", which is unknown");
     if (k > 0 && b_.features[k] <= b_.features[k - 1]) return fail("features stand out of order");
   }
   for (const std::string& file : b_.files)
@@ -153,7 +154,8 @@ bool Checker::resources() {
     const std::string where = "resource '" + r->name + "'";
     if (r->storage > Storage::MAX || r->role > Role::MAX) return fail(where + " is of an unknown kind");
     if (r->list > ListKind::MAX) return fail(where + " is an unknown list");
-    if (r->list != ListKind::None && r->role != Role::Scratch) return fail(where + " is a list, and yet no scratch buffer");
+    if (r->list != ListKind::None && r->role != Role::Scratch)
+      return fail(where + " is a list, and yet no scratch buffer");
     if (!type(r->type, where) || !extent(r->extent, where)) return false;
     if (!r->room.empty() && (r->role != Role::Scratch || !expression(r->room, where)))
       return fail(where + " does without room that it needs");

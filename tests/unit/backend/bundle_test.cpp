@@ -163,7 +163,10 @@ TEST_CASE("what FlatBuffers cannot know is checked") {
                      {[](auto& b) { b.lowering = static_cast<Lowering>(9); }, "the lowering is unknown"},
                      {[](auto& b) { b.raster = static_cast<RasterLowering>(255); }, "the lowering is unknown"},
                      {[](auto& b) { b.features = {static_cast<Feature>(200)}; }, "needs feature 200, which is unknown"},
-                     {[](auto& b) { b.features = {Feature::Multiview, Feature::ShaderInt64}; }, "out of order"},
+                     {[](auto& b) {
+                        b.features = {Feature::Multiview, Feature::ShaderInt64};
+                      },
+                      "out of order"},
                      {[](auto& b) { b.resources[0]->list = static_cast<ListKind>(3); }, "an unknown list"},
                      {[](auto& b) { b.resources[0]->list = ListKind::Active; }, "and yet no scratch buffer"},
                      {[](auto& b) { b.steps[0]->outputs[0]->resource = 1; }, "output 'y'"},
