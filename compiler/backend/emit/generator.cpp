@@ -314,7 +314,7 @@ void Generator::map_pass(const Pass& pass) {
     const bool joined = scatter->get<ScatterPass>().joined_run() != nullptr;
     if (joined) targets_[scatter] = scatter_targets(*scatter);
     const bool all_here = joined && scatter->get<ScatterPass>().lowering() == ScatterLowering::Atomic;
-    if (!all_here) active_lists_[scatter] = add_list(*scatter, "active");
+    if (!all_here) active_lists_[scatter] = add_list(*scatter, "active", bundle::ListKind::Active);
   }
   if (map.block) return block_map_pass(pass, *map.block);
   if (map.code.heavy) return listed_map_pass(pass, *map.code.heavy);

@@ -134,7 +134,6 @@ struct JoinedRun {
 inline constexpr int kJoinRounds = 2;
 inline constexpr uint32_t kMaxJoinedLanes = 128;
 
-// Float sums in fixed point, by two runs: the first finds the largest contribution, the second adds.
 struct OwnFirstRun : OwnRun {
   bool relists = false;  // it lists what adds something for the second
 };
@@ -142,6 +141,8 @@ struct JoinedFirstRun : JoinedRun {
   // It keeps what elements add, as far as there is room: the second then need not compute it again.
   bool keeps_terms = false;
 };
+
+// Float sums in fixed point, by two runs: the first finds the largest contribution, the second adds.
 struct ExactScatter {
   std::variant<OwnFirstRun, JoinedFirstRun> first_run;
   bool joins_lanes = false;  // lanes of a subgroup that add to the same element join what they add
