@@ -180,8 +180,8 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
   fill("clear " + pass.name, keys, 0xffffffffu);
   if (!wide) fill("clear " + pass.name + " faces", ids, 0xffffffffu);
   const Pass* const setup = raster.setup ? &step_->pass(raster.setup->pass) : nullptr;
-  const bool again = raster.setup && raster.setup->again;
-  const WalkTrips trips = walk_trips(graph_, pass, op, again ? setup : nullptr, wide);
+  const bool sets_up_again = raster.setup && raster.setup->again;
+  const WalkTrips trips = walk_trips(graph_, pass, op, sets_up_again ? setup : nullptr, wide);
   const FaceLists lists(raster.walk.lists, schedule_.code.loop_trips, faces, parts.w * parts.h, trips);
   const bool watched = raster.walk.watched;
   const uint32_t list_words = lists.used() ? add_scratch(pass.name + "_lists", lists.words().str()) : keys;
@@ -208,7 +208,7 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
     if (watched) s.cut_loops();
     if (listed)
       walk.listed(s, [&] {
-        if (again) s.element_ops(setup->ops);
+        if (sets_up_again) s.element_ops(setup->ops);
       });
     else
       walk.faces(

@@ -2,6 +2,7 @@
 #include "compiler/backend/schedule/pass_reader.h"
 
 #include <algorithm>
+#include <iterator>
 
 namespace dr::backend {
 
@@ -130,11 +131,18 @@ bool PassReader::pass(uint32_t stage) {
     bool is_decision = true;
     if (!decision(pass, is_decision)) return false;
     if (!is_decision) {
+      if (!ends_pass()) return expected("what passes of its kind have, 'stage', 'pass', 'output', 'update' or '}'");
       go_back(before);
       step_->passes.push_back(std::move(pass));
       return true;
     }
   }
+}
+
+// Whether what comes next is of the step.
+bool PassReader::ends_pass() {
+  constexpr std::string_view kWords[] = {"stage", "pass", "output", "update"};
+  return at_end() || peek() == '}' || peek() == '%' || std::ranges::find(kWords, peek_word()) != std::end(kWords);
 }
 
 bool PassReader::decision(Pass& pass, bool& is_one) {

@@ -43,6 +43,7 @@ class PassReader : protected ir::TextReader {
   bool kind(Pass& pass);
   bool lowering(ScatterPass& scatter);
 
+  bool ends_pass();
   // One line about a pass, if there is one that passes of its kind may have.
   bool decision(Pass& pass, bool& is_one);
 

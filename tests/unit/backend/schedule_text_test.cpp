@@ -184,6 +184,35 @@ TEST_CASE("what is wrong with a schedule's text is said with its line") {
         "11: expected 'leaf', 'step', or an op's results, found 'schedules'");
 }
 
+TEST_CASE("a pass has what its kind has, and no other") {
+  const auto with = [](std::string_view before, std::string_view line) {
+    return changed(before, std::string(before) + std::string(line));
+  };
+  constexpr std::string_view kMap = "    writes exp\n", kScatter = "    sum sum of %sum.3\n";
+  constexpr std::string_view kRows = "scatter rows [V]", kTable = "    rows i[0] of V\n";
+  const auto refuses = [](const std::string& text, std::string_view word) {
+    const std::string error = error_of(text), found = ", found '" + std::string(word) + "'";
+    return error.find("expected what passes of its kind have") != std::string::npos && error.ends_with(found);
+  };
+  CHECK(error_of(with(kMap, "    block 2 1 1\n")) == "none");
+  CHECK(refuses(with(kMap, "    relist\n"), "relist"));
+  CHECK(refuses(with(kMap, "    walks faces alone, watched\n"), "walks"));
+  for (const std::string_view word : {"partial", "active", "relist", "join", "cut", "skips", "set"})
+    CHECK(refuses(with(kScatter, "    " + std::string(word) + " exp\n"), word));
+  const auto exact = [&](std::string_view lines) {
+    std::string text = changed(kRows, "scatter exact [V]");
+    const size_t at = text.find(kTable);
+    return text.replace(at, kTable.size(), lines);
+  };
+  CHECK(error_of(exact("    active exp\n    listed by exp\n    join lanes\n    relist\n")) == "none");
+  CHECK(error_of(exact("    active exp\n    joins exp\n    keeps terms\n")) == "none");
+  CHECK(refuses(exact("    active exp\n    joins exp\n    relist\n"), "relist"));
+  CHECK(refuses(exact("    active exp\n    keeps terms\n"), "keeps"));
+  CHECK(refuses(exact("    listed by exp\n"), "listed"));
+  CHECK(refuses(exact("    skips zeros\n"), "skips"));
+  CHECK(refuses(exact(kTable), "rows"));
+}
+
 TEST_CASE("what does not fit together in a schedule is said with its pass") {
   CHECK(error_of(changed("buffer exp : float[V]", "buffer exp : vec2[V]")) ==
         "step go: stores a value of another type in 'exp'");
