@@ -15,8 +15,8 @@
 #include "compiler/language_server/positions.h"
 #include "compiler/lower/program/observation.h"
 #include "dsl/diagnostic/diagnostic.h"
-#include "dsl/syntax/lexer.h"
 #include "dsl/source/source.h"
+#include "dsl/syntax/lexer.h"
 
 namespace dr::language_server {
 

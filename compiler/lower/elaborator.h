@@ -23,9 +23,9 @@
 #include "compiler/lower/program/observation.h"
 #include "compiler/lower/value.h"
 #include "compiler/ops/op.h"
-#include "dsl/syntax/ast.h"
 #include "dsl/diagnostic/diagnostic.h"
 #include "dsl/source/source.h"
+#include "dsl/syntax/ast.h"
 
 namespace dr::topology {
 struct Table;

@@ -12,9 +12,9 @@
 #include <vector>
 
 #include "compiler/ir/graph.h"
-#include "dsl/syntax/ast.h"
 #include "dsl/diagnostic/diagnostic.h"
 #include "dsl/source/source.h"
+#include "dsl/syntax/ast.h"
 
 namespace dr::lower {
 

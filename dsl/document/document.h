@@ -4,8 +4,8 @@
 
 #include <string>
 
-#include "dsl/syntax/ast.h"
 #include "dsl/source/source.h"
+#include "dsl/syntax/ast.h"
 
 namespace dr::dsl {
 

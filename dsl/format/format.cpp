@@ -6,8 +6,8 @@
 #include <utility>
 #include <vector>
 
-#include "dsl/syntax/dump.h"
 #include "dsl/format/tree.h"
+#include "dsl/syntax/dump.h"
 #include "dsl/syntax/parser.h"
 
 namespace dr::dsl {

@@ -8,8 +8,8 @@
 #include <string_view>
 #include <vector>
 
-#include "dsl/syntax/lexer.h"
 #include "dsl/source/source.h"
+#include "dsl/syntax/lexer.h"
 
 namespace dr::dsl {
 

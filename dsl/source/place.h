@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Places in source texts, printed as diagnostics print them (dsl/diagnostic/diagnostic.h), for messages that have no code.
+// Places in source texts, printed as diagnostics print them (dsl/diagnostic/diagnostic.h), for messages that have no
+// code.
 #pragma once
 
 #include <string>

@@ -3,10 +3,10 @@
 // result is always a usable tree (Expr::Kind::Error where text could not be read).
 #pragma once
 
-#include "dsl/syntax/ast.h"
 #include "dsl/diagnostic/diagnostic.h"
-#include "dsl/syntax/lexer.h"
 #include "dsl/source/source.h"
+#include "dsl/syntax/ast.h"
+#include "dsl/syntax/lexer.h"
 
 namespace dr::dsl {
 

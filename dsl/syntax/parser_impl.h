@@ -9,11 +9,11 @@
 #include <string_view>
 #include <vector>
 
-#include "dsl/syntax/ast.h"
 #include "dsl/diagnostic/diagnostic.h"
+#include "dsl/source/source.h"
+#include "dsl/syntax/ast.h"
 #include "dsl/syntax/lexer.h"
 #include "dsl/syntax/parser.h"
-#include "dsl/source/source.h"
 
 namespace dr::dsl {
 

@@ -20,8 +20,8 @@
 #include "compiler/ir/yields.h"
 #include "compiler/ops/op.h"
 #include "compiler/passes/copy_steps.h"
-#include "compiler/passes/simplify/fold_use.h"
 #include "compiler/passes/passes.h"
+#include "compiler/passes/simplify/fold_use.h"
 
 namespace dr::passes {
 
