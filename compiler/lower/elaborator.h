@@ -568,7 +568,7 @@ class Elaborator {
   std::map<std::string, StepCount, std::less<>> step_counts_;  // by the step's whole name
   std::vector<std::pair<uint32_t, ValueId>> initials_;         // leaves and the images that fill them
   std::map<uint32_t, Value> leaf_values_;                      // of declared leaves
-  std::map<ValueId, ValueId> outside_;                          // of outside()
+  std::map<ValueId, ValueId> outside_;                         // of outside()
   // The expression of a top-level `let` that may make an instance, and the name that it gets.
   std::pair<const Expr*, const dsl::Name*> instance_let_{};
   std::vector<std::pair<std::string, Span>> instances_;  // that are being elaborated, for notes
