@@ -51,7 +51,7 @@
 
 #include "compiler/ir/dim.h"
 #include "compiler/ir/type.h"
-#include "dsl/source.h"
+#include "dsl/source/source.h"
 
 namespace dr::ir {
 

@@ -20,12 +20,12 @@
 
 #include "compiler/ir/graph.h"
 #include "compiler/lower/lower.h"
-#include "compiler/lower/observation.h"
+#include "compiler/lower/program/observation.h"
 #include "compiler/lower/value.h"
 #include "compiler/ops/op.h"
-#include "dsl/ast.h"
-#include "dsl/diagnostic.h"
-#include "dsl/source.h"
+#include "dsl/diagnostic/diagnostic.h"
+#include "dsl/source/source.h"
+#include "dsl/syntax/ast.h"
 
 namespace dr::topology {
 struct Table;
