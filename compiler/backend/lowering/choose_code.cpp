@@ -29,8 +29,9 @@ struct Bins {
   int middle_invocations, large_invocations;
 };
 constexpr Bins kCpu{64, 4096, 1 << 13, 1 << 12};
-// A raster that keeps so many faces of a pixel lists what few faces have, as outlines are. On a CPU, whose lanes take each other's
-// branches, a lane that walks its box alone makes all lanes beside it go over that; a team walks the few that are left.
+// A raster that keeps so many faces of a pixel lists what few faces have, as outlines are. On a CPU, whose lanes take
+// each other's branches, a lane that walks its box alone makes all lanes beside it go over that; a team walks the few
+// that are left.
 constexpr int64_t kManyKept = 12;
 
 // Those of a GPU, which starts few workgroups faster than many, and has work for more in large pictures.
