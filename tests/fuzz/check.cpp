@@ -30,7 +30,7 @@ void check_passes(const ir::Graph& graph) {
   ir::Graph current = graph;
   for (const passes::Pass& pass : passes::default_passes()) {
     current = passes::run_passes(current, {&pass, 1});  // verifies after
-    text = check_text(current, text);  // most passes leave most graphs as they are
+    text = check_text(current, text);                   // most passes leave most graphs as they are
   }
 }
 
