@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Bundles from strangers: mutated ones are loaded and run, in processes of their own, and end in an answer, not in a
 // signal. DR_TABLE_MUTATIONS and DR_SPIRV_MUTATIONS say how many, DR_FIRST_MUTATION with which number to begin; a
-// number is a seed, so that what is printed can be run again alone; what does not end or dies is left as a file mutant-N.drb
-// where this was called, for `drun --timeout`.
+// number is a seed, so that what is printed can be run again alone; what does not end or dies is left as a file
+// mutant-N.drb where this was called, for `drun --timeout`.
 #include <fcntl.h>
 #include <poll.h>
 #include <sys/wait.h>
