@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """Breaks Dressi on purpose, by category, and prints a table: how many inputs there were, how many ended in a signal, took more
-than 20 s of processor time (or two minutes, where they wait) or were wrong without a word, and how many were right or answered. The first three are to be zero: else the exit code is
-1. What was found stands below the table, one line each.
+than 20 s of processor time (or two minutes, where they wait) or were wrong without a word, and how many were right or answered.
+The first three are to be zero: else the exit code is 1. What was found stands below the table, one line each.
 
 usage: table.py BUILD [--only NAME,...] [--many] [--folder FOLDER]
   --only    sources, runs, bundles, mutations, readers, files, checkpoints, kills, hands, meshes, api, install
