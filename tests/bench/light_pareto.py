@@ -63,6 +63,7 @@ def lights(suite):
     truth = look(suite, "pareto_sky.dr", consts(way=2), ["picture", "to_sky"])
     ways = [(f"split sum, {n} points", consts(way=0, N=n)) for n in ((16, 64) if suite.quick else (4, 16, 64, 256))]
     ways += [] if suite.quick else [(f"split sum, {k} maps", consts(way=0, N=64, levels=k)) for k in (3, 12)]
+    ways += [(f"split sum, bent, {n} points", consts(way=0, N=n, bent="true")) for n in ((16,) if suite.quick else (16, 64))]
     ways += [(f"sampled, {n} points", consts(way=1, N=n)) for n in ((16,) if suite.quick else (4, 16, 64, 256))]
     cells = []
     for name, arguments in ways:
