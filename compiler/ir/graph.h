@@ -198,6 +198,11 @@ class Builder {
     open.swap(stack_);
   }
 
+  // Takes ops out of a region, whose results nothing names any more.
+  void remove(RegionId region, const std::function<bool(OpId)>& is_unused) {
+    std::erase_if(graph_.regions_[region.index].ops, is_unused);
+  }
+
   // Memory for so many ops, to spare growing.
   void reserve(size_t ops);
   void set_name(ValueId id, std::string name) { graph_.values_[id.index].name = std::move(name); }

@@ -403,6 +403,7 @@ std::optional<Extent> Elaborator::region_domain(Extent domain, std::span<const i
     return true;
   };
   for (const ir::RegionId region : regions) {
+    forget_outside(region);
     for (const ir::OpId op : b_.graph().region(region).ops) {
       for (const ValueId result : b_.graph().op(op).results) {
         if (!include(result)) return std::nullopt;

@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Built-in functions of whole images, gradients, and arrays.
 #include <algorithm>
+#include <functional>
+#include <map>
+#include <ranges>
+#include <set>
 
 #include "compiler/lower/elaborator.h"
 #include "compiler/ops/emit.h"
@@ -24,6 +28,57 @@ Value Elaborator::image_op(OpKind kind, std::span<const Value> operands, ir::Att
 
 // ---- indexed reads and writes ----
 
+// A value outside of all regions, or what is computed in one of such values alone: computed once more before it, since
+// all of an image may be read of it then. Invalid for what depends on the region's own.
+ValueId Elaborator::outside(ValueId value) {
+  const ir::ValueInfo& info = b_.value(value);
+  if (info.region == b_.graph().root()) return value;
+  if (const auto found = outside_.find(value); found != outside_.end()) return found->second;
+  ValueId& out = outside_[value];  // invalid so far
+  if (!info.op.valid()) return out;
+  const ir::Op op = b_.graph().op(info.op);
+  if (!op.regions.empty() || op.results.size() != 1) return {};
+  std::vector<ValueId> operands;
+  for (const ValueId operand : op.operands) {
+    operands.push_back(outside(operand));
+    if (!operands.back().valid()) return {};
+  }
+  const ir::ResultType type{info.type, info.extent};
+  b_.at_root([&] {
+    outside_[value] = op.operands.empty() ? b_.graph().op(b_.add(op.kind, {}, {&type, 1}, op.attrs)).results[0]
+                                          : ops::emit(b_, op.kind, std::move(operands), op.attrs);
+  });
+  return outside_[value];
+}
+
+// Takes out of a region what is computed outside of it instead and nothing in it names any more: its extent is not the
+// region's.
+void Elaborator::forget_outside(ir::RegionId region) {
+  const ir::Graph& graph = b_.graph();
+  if (outside_.empty()) return;
+  std::map<ValueId, size_t> uses;
+  const std::function<void(ir::RegionId)> count = [&](ir::RegionId at) {
+    for (const ValueId value : graph.region(at).yields) ++uses[value];
+    for (const ir::OpId op : graph.region(at).ops) {
+      for (const ValueId value : graph.op(op).operands) ++uses[value];
+      for (const ir::RegionId inner : graph.op(op).regions) count(inner);
+    }
+  };
+  count(region);
+  std::set<ir::OpId> unused;
+  for (const ir::OpId id : graph.region(region).ops | std::views::reverse) {
+    const ir::Op& op = graph.op(id);
+    const bool elsewhere = std::ranges::all_of(op.results, [&](ValueId result) {
+      const auto found = outside_.find(result);
+      return found != outside_.end() && found->second.valid() && uses[result] == 0;
+    });
+    if (!elsewhere) continue;
+    unused.insert(id);
+    for (const ValueId value : op.operands) --uses[value];
+  }
+  b_.remove(region, [&](ir::OpId id) { return unused.contains(id); });
+}
+
 bool Elaborator::is_index(const Value& value) const {
   if (!value.is_numeric()) return false;
   const Type type = element_type(value);
@@ -34,12 +89,16 @@ Value Elaborator::gather(const Value& base, const Value& index, const Span& base
                          std::string_view where) {
   if (refuse_element(base, where.substr(where.find(' ') + 1), base_span)) return Error{};
   const auto* source = base.get<Image>();
+  if (in_region() && source) {
+    const ValueId there = outside(source->id);
+    if (there.valid() && there != source->id) return gather(Image{there, 0}, index, base_span, index_span, where);
+  }
   if (in_region() && (!source || b_.value(source->id).region != b_.graph().root())) {
     return fail(Code::E0703, base_span,
                 "expected an image from outside " + std::string(regions_.back().what) + " " + std::string(where) +
                     ", found one that is computed inside",
                 {{regions_.back().span, "the region is here"}},
-                "compute it before with 'let', also where it is an argument of the call and made of constants alone");
+                "what depends on the region's own values is one element; read each image before it is computed with");
   }
   const Extent extent = extent_of(base);
   const std::string name = label(base, describe(base));
