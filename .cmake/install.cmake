@@ -12,7 +12,7 @@ install(TARGETS drun RUNTIME)
 
 # dr_runtime and dr_jit, and what they link.
 set(libraries dr_include dr_warnings dr_runtime dr_jit dr_io dr_bundle dr_dim dr_topology dr_dsl dr_ir dr_ops dr_target
-  dr_lower dr_passes dr_reference dr_analysis dr_schedule dr_cost dr_pack dr_lowering dr_glsl dr_plan dr_emit dr_spirv
+  dr_stdlib dr_lower dr_passes dr_reference dr_analysis dr_schedule dr_cost dr_pack dr_lowering dr_glsl dr_plan dr_emit dr_spirv
   dr_backend dr_driver)
 foreach(library IN LISTS libraries)
   string(REGEX REPLACE "^dr_" "" name ${library})

@@ -6,16 +6,23 @@ set -euo pipefail
 
 # For a folder, what its files may include besides the folder itself. The deepest folder that matches decides.
 rules='
-dsl
+dsl/source
+dsl/diagnostic           dsl/source/
+dsl/syntax               dsl/source/ dsl/diagnostic/
+dsl/format               dsl/source/ dsl/diagnostic/ dsl/syntax/
+dsl/document             dsl/source/ dsl/syntax/
 compiler/ir              dsl/
 compiler/ops             dsl/ compiler/ir/
 compiler/target          dsl/ compiler/ir/ compiler/ops/
 compiler/topology
 compiler/lower           dsl/ compiler/ir/ compiler/ops/ compiler/topology/
 compiler/passes          dsl/ compiler/ir/ compiler/ops/ compiler/target/ compiler/topology/
+compiler/passes/gradient  GRAPH PASSES
+compiler/passes/scatter   GRAPH PASSES
+compiler/passes/simplify  GRAPH PASSES
 compiler/reference       dsl/ compiler/ir/ compiler/ops/ compiler/topology/
 compiler/backend/bundle    compiler/ir/dim.h
-compiler/backend/analysis  BUNDLE GRAPH dsl/source.h
+compiler/backend/analysis  BUNDLE GRAPH dsl/source/source.h
 compiler/backend/schedule  BUNDLE GRAPH compiler/target/ B/analysis/
 compiler/backend/cost      BUNDLE GRAPH compiler/target/ B/analysis/ B/schedule/
 compiler/backend/pack      BUNDLE GRAPH compiler/target/ B/analysis/ B/schedule/ B/cost/
@@ -41,7 +48,8 @@ runtime/watch            compiler/io/
 runtime/jit              runtime/ compiler/ dsl/
 runtime/c                runtime/ compiler/backend/bundle/ compiler/backend/plan/ compiler/ir/initial_step.h compiler/ir/internal_error.h compiler/target/
 '
-# Short names: B is the back end, BUNDLE its contract with the runtime, GRAPH what all that read a graph may use.
+# Short names: B is the back end, BUNDLE its contract with the runtime, GRAPH what all that read a graph may use, PASSES what passes share.
+rules=${rules//PASSES/compiler/passes/passes.h compiler/passes/copy_steps.h}
 rules=${rules//BUNDLE/B/bundle/}
 rules=${rules//GRAPH/compiler/ir/ compiler/ops/}
 rules=${rules// B\// compiler/backend/}

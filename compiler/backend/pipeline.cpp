@@ -103,10 +103,11 @@ Outcome run_emit(Compilation& c) {
   bundle.version = bundle::kVersion;
   bundle.profile = c.profile.name;
   bundle.loop_trips = c.out.schedule.code.loop_trips;
-  bundle.float_profile = c.out.schedule.code.native ? "native" : "strict";
+  bundle.float_profile = c.out.schedule.code.native ? bundle::FloatProfile::Native : bundle::FloatProfile::Strict;
   const bool naive = !packing.fused && !packing.recompute && !packing.stages;
-  bundle.lowering = std::string(naive ? "naive," : "fused,") + (packing.fragment ? "fragment," : "compute,") +
-                    (packing.hardware_raster ? "hardware" : "compute");
+  bundle.packing = naive ? bundle::Packing::Naive : bundle::Packing::Fused;
+  bundle.lowering = packing.fragment ? bundle::Lowering::Fragment : bundle::Lowering::Compute;
+  bundle.raster = packing.hardware_raster ? bundle::RasterLowering::Hardware : bundle::RasterLowering::Compute;
   bundle.graph = ir::print(c.graph());
   if (!c.lines.files().empty()) bundle.op_lines = c.lines.in_text_order(c.graph());
   c.generator = std::make_unique<Generator>(c.graph(), c.out.schedule, c.lines);

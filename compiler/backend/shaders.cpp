@@ -103,10 +103,15 @@ void assemble_shaders(const std::filesystem::path& cache_folder, Compiled& compi
     subgroups = subgroups || uses("GL_KHR_shader_subgroup_arithmetic");
     multiview = multiview || uses("GL_EXT_multiview");
   }
-  if (wide) bundle.features = {"shader_int64", "shader_buffer_int64_atomics"};
-  if (subgroups) bundle.features.push_back("subgroup_arithmetic");
-  if (multiview) bundle.features.push_back("multiview");
-  if (float_atomics) bundle.features.push_back("shader_buffer_float32_atomic_add");
+  using bundle::Feature;
+  const auto need = [&](bool used, Feature feature) {
+    if (used) bundle.features.push_back(feature);
+  };
+  need(wide, Feature::ShaderInt64);
+  need(wide, Feature::ShaderBufferInt64Atomics);
+  need(subgroups, Feature::SubgroupArithmetic);
+  need(multiview, Feature::Multiview);
+  need(float_atomics, Feature::ShaderBufferFloat32AtomicAdd);
 }
 
 }  // namespace dr::backend

@@ -15,17 +15,11 @@ passes::Skips pass_skips(std::span<const std::string> off) {
   return skips;
 }
 
-std::vector<std::pair<std::string, std::string>> skip_defines(std::span<const std::string> off,
-                                                              const target::Profile& profile) {
-  // Of outlines ten thousands of candidate pixels are left out at most, each some hundred operations, for which half a
-  // dozen dispatches wait for each other: see docs/results/notebook.md.
-  constexpr double kMostOperations = 1e7;
-  const bool soft = std::ranges::find(off, "soft") == off.end();
-  const bool outlines = profile.costs.dispatch_ns * profile.costs.compute_operations_per_ns < kMostOperations;
-  std::vector<std::pair<std::string, std::string>> out;
-  if (!soft) out.emplace_back("std.hardsoftras.skips", "false");
-  if (!soft || !outlines) out.emplace_back("std.hardsoftras.outlines_skips", "false");
-  return out;
+std::vector<std::pair<std::string, std::string>> build_defines(std::span<const std::string> off,
+                                                               const target::Profile& profile) {
+  const double operations = profile.costs.dispatch_ns * profile.costs.compute_operations_per_ns;
+  return {{"std.build.skips", std::ranges::find(off, "soft") == off.end() ? "true" : "false"},
+          {"std.build.dispatch_operations", std::to_string(operations)}};
 }
 
 std::vector<SkipCount> left_out_of_graph(const ir::Graph& graph, const passes::Skips::LeftOut& left_out) {

@@ -20,9 +20,9 @@ inline constexpr std::string_view kSkips[] = {"dead",   "zero",     "fold", "sha
 // The passes' part of what is switched off.
 passes::Skips pass_skips(std::span<const std::string> off);
 
-// The library's part: consts of modules and the values that they get, unless -D gives them others.
-std::vector<std::pair<std::string, std::string>> skip_defines(std::span<const std::string> off,
-                                                              const target::Profile& profile);
+// The library's part: the consts of std.build and their values, unless -D gives them others.
+std::vector<std::pair<std::string, std::string>> build_defines(std::span<const std::string> off,
+                                                               const target::Profile& profile);
 
 // One skip's work: what is done, and what is left out.
 struct SkipCount {

@@ -22,7 +22,7 @@
 #include "compiler/drc/phase_times.h"
 #include "compiler/driver/driver.h"
 #include "compiler/ir/print.h"
-#include "dsl/diagnostic.h"
+#include "dsl/diagnostic/diagnostic.h"
 
 namespace dr::drc {
 namespace {

@@ -87,9 +87,11 @@ std::optional<std::string> BundleCache::find() const {
 
 void BundleCache::store(const std::string& bundle, const dsl::SourceManager& sources) const {
   if (key_.empty()) return;
-  // The program comes first.
-  for (uint32_t k = 1; k < sources.size(); ++k)
-    if (!lower::library_module(std::string(sources.name(dsl::FileId{k})))) return;
+  // The program comes first. The consts that -D and the profile give values are part of the key.
+  for (uint32_t k = 1; k < sources.size(); ++k) {
+    const std::string name(sources.name(dsl::FileId{k}));
+    if (!name.starts_with("-D ") && !lower::library_module(name)) return;
+  }
   std::vector<uint32_t> words(1 + (bundle.size() + 3) / 4);
   words[0] = static_cast<uint32_t>(bundle.size());
   std::memcpy(words.data() + 1, bundle.data(), bundle.size());

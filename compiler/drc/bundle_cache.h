@@ -7,7 +7,7 @@
 #include <string>
 
 #include "compiler/drc/command.h"
-#include "dsl/source.h"
+#include "dsl/source/source.h"
 
 namespace dr::drc {
 

@@ -8,8 +8,8 @@
 #include "compiler/drc/output.h"
 #include "compiler/lower/lower.h"
 #include "compiler/ops/document.h"
-#include "dsl/document.h"
-#include "dsl/parser.h"
+#include "dsl/document/document.h"
+#include "dsl/syntax/parser.h"
 
 namespace dr::drc {
 namespace {

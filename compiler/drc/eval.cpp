@@ -17,8 +17,8 @@
 #include "compiler/ir/pins.h"
 #include "compiler/passes/passes.h"
 #include "compiler/reference/evaluate.h"
-#include "dsl/diagnostic.h"
-#include "dsl/place.h"
+#include "dsl/diagnostic/diagnostic.h"
+#include "dsl/source/place.h"
 
 namespace dr::drc {
 namespace {

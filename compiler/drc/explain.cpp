@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // `drc explain`: what a code of a message means.
-#include "dsl/explain.h"
+#include "dsl/diagnostic/explain.h"
 
 #include <cstdio>
 

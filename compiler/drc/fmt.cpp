@@ -6,8 +6,8 @@
 #include "compiler/drc/input.h"
 #include "compiler/drc/output.h"
 #include "compiler/ir/graph.h"
-#include "dsl/format.h"
-#include "dsl/parser.h"
+#include "dsl/format/format.h"
+#include "dsl/syntax/parser.h"
 
 namespace dr::drc {
 namespace {

@@ -8,9 +8,9 @@
 #include <iostream>
 #include <sstream>
 
-#include "dsl/diagnostic.h"
-#include "dsl/dump.h"
-#include "dsl/parser.h"
+#include "dsl/diagnostic/diagnostic.h"
+#include "dsl/syntax/dump.h"
+#include "dsl/syntax/parser.h"
 
 namespace dr::drc {
 

@@ -15,7 +15,7 @@
 #include "compiler/backend/skips.h"
 #include "compiler/drc/command.h"
 #include "compiler/drc/messages.h"
-#include "dsl/parser.h"
+#include "dsl/syntax/parser.h"
 #include "version_generated.h"
 
 namespace {

@@ -5,8 +5,8 @@
 #include <cstdint>
 #include <string>
 
-#include "dsl/diagnostic.h"
-#include "dsl/source.h"
+#include "dsl/diagnostic/diagnostic.h"
+#include "dsl/source/source.h"
 
 namespace dr::drc {
 

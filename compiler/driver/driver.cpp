@@ -159,7 +159,7 @@ const ir::Graph* Compilation::lowered() {
   lowering.parse_milliseconds = &parse_milliseconds_;
   if (!options_.profile.empty() || profile_) {
     if (!profile()) return nullptr;
-    for (auto& define : backend::skip_defines(options_.ablate, *profile_)) lowering.defines.insert(std::move(define));
+    for (auto& define : backend::build_defines(options_.ablate, *profile_)) lowering.defines.insert(std::move(define));
   }
   lowered_ = lower::lower(sources_, file_, lowering, diagnostics_);
   if (!lowered_) return nullptr;

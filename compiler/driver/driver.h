@@ -17,8 +17,8 @@
 #include "compiler/ir/graph.h"
 #include "compiler/passes/passes.h"
 #include "compiler/target/profile.h"
-#include "dsl/diagnostic.h"
-#include "dsl/source.h"
+#include "dsl/diagnostic/diagnostic.h"
+#include "dsl/source/source.h"
 
 namespace dr::driver {
 

@@ -5,9 +5,9 @@
 #include <optional>
 
 #include "compiler/ir/print.h"
-#include "compiler/passes/explain_grad.h"
-#include "dsl/diagnostic.h"
-#include "dsl/place.h"
+#include "compiler/passes/gradient/explain_grad.h"
+#include "dsl/diagnostic/diagnostic.h"
+#include "dsl/source/place.h"
 
 namespace dr::driver {
 namespace {

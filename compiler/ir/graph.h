@@ -51,7 +51,7 @@
 
 #include "compiler/ir/dim.h"
 #include "compiler/ir/type.h"
-#include "dsl/source.h"
+#include "dsl/source/source.h"
 
 namespace dr::ir {
 
@@ -196,6 +196,11 @@ class Builder {
     open.swap(stack_);
     append();
     open.swap(stack_);
+  }
+
+  // Takes ops out of a region, whose results nothing names any more.
+  void remove(RegionId region, const std::function<bool(OpId)>& is_unused) {
+    std::erase_if(graph_.regions_[region.index].ops, is_unused);
   }
 
   // Memory for so many ops, to spare growing.

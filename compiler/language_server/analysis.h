@@ -13,10 +13,10 @@
 
 #include "compiler/language_server/declarations.h"
 #include "compiler/language_server/positions.h"
-#include "compiler/lower/observation.h"
-#include "dsl/diagnostic.h"
-#include "dsl/lexer.h"
-#include "dsl/source.h"
+#include "compiler/lower/program/observation.h"
+#include "dsl/diagnostic/diagnostic.h"
+#include "dsl/source/source.h"
+#include "dsl/syntax/lexer.h"
 
 namespace dr::language_server {
 

@@ -8,8 +8,8 @@
 #include <string_view>
 #include <vector>
 
-#include "dsl/ast.h"
-#include "dsl/source.h"
+#include "dsl/source/source.h"
+#include "dsl/syntax/ast.h"
 
 namespace dr::language_server {
 

@@ -6,7 +6,7 @@
 #include <charconv>
 #include <filesystem>
 
-#include "dsl/utf8.h"
+#include "dsl/source/utf8.h"
 
 namespace dr::language_server {
 

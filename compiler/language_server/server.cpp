@@ -13,7 +13,7 @@
 #include "compiler/language_server/answers.h"
 #include "compiler/language_server/library_files.h"
 #include "compiler/language_server/protocol.h"
-#include "dsl/format.h"
+#include "dsl/format/format.h"
 
 namespace dr::language_server {
 namespace {

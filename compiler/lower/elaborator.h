@@ -20,12 +20,12 @@
 
 #include "compiler/ir/graph.h"
 #include "compiler/lower/lower.h"
-#include "compiler/lower/observation.h"
+#include "compiler/lower/program/observation.h"
 #include "compiler/lower/value.h"
 #include "compiler/ops/op.h"
-#include "dsl/ast.h"
-#include "dsl/diagnostic.h"
-#include "dsl/source.h"
+#include "dsl/diagnostic/diagnostic.h"
+#include "dsl/source/source.h"
+#include "dsl/syntax/ast.h"
 
 namespace dr::topology {
 struct Table;
@@ -522,6 +522,8 @@ class Elaborator {
                        const Dim& vertices);
   Value gather(const Value& base, const Value& index, const Span& base_span, const Span& index_span,
                std::string_view where = "before '.at'");
+  ValueId outside(ValueId value);
+  void forget_outside(ir::RegionId region);
   bool is_index(const Value& value) const;
   Value image_op(OpKind kind, std::span<const Value> operands, ir::Attrs attrs, std::span<const Value> elements_of);
   std::optional<std::array<bool, 3>> reduction_axes(const BuiltinCall& call);
@@ -566,6 +568,7 @@ class Elaborator {
   std::map<std::string, StepCount, std::less<>> step_counts_;  // by the step's whole name
   std::vector<std::pair<uint32_t, ValueId>> initials_;         // leaves and the images that fill them
   std::map<uint32_t, Value> leaf_values_;                      // of declared leaves
+  std::map<ValueId, ValueId> outside_;                         // of outside()
   // The expression of a top-level `let` that may make an instance, and the name that it gets.
   std::pair<const Expr*, const dsl::Name*> instance_let_{};
   std::vector<std::pair<std::string, Span>> instances_;  // that are being elaborated, for notes

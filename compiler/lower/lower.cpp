@@ -11,7 +11,7 @@
 #include "compiler/ir/initial_step.h"
 #include "compiler/lower/elaborator.h"
 #include "compiler/ops/emit.h"
-#include "dsl/parser.h"
+#include "dsl/syntax/parser.h"
 
 namespace dr::lower {
 

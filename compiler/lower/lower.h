@@ -12,13 +12,13 @@
 #include <vector>
 
 #include "compiler/ir/graph.h"
-#include "dsl/ast.h"
-#include "dsl/diagnostic.h"
-#include "dsl/source.h"
+#include "dsl/diagnostic/diagnostic.h"
+#include "dsl/source/source.h"
+#include "dsl/syntax/ast.h"
 
 namespace dr::lower {
 
-struct Observation;  // compiler/lower/observation.h
+struct Observation;  // compiler/lower/program/observation.h
 
 struct Options {
   std::vector<std::string> include_dirs;  // -I

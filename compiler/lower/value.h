@@ -19,7 +19,7 @@
 #include <vector>
 
 #include "compiler/ir/graph.h"
-#include "dsl/ast.h"
+#include "dsl/syntax/ast.h"
 
 namespace dr::lower {
 

@@ -10,7 +10,7 @@
 
 #include "compiler/target/builtin_profiles.h"
 #include "compiler/target/device_report.h"
-#include "dsl/diagnostic.h"
+#include "dsl/diagnostic/diagnostic.h"
 
 namespace dr::target {
 

@@ -2,7 +2,6 @@
 #include "runtime/jit/rebuild.h"
 
 #include <algorithm>
-#include <sstream>
 #include <tuple>
 
 #include "compiler/backend/compile.h"
@@ -18,9 +17,10 @@ using io::Error;
 using io::Result;
 
 Options with_lowering_of(const bundle::BundleT& bundle, Options options) {
-  std::stringstream words(bundle.lowering);
-  for (std::string* word : {&options.pack, &options.lower, &options.raster}) std::getline(words, *word, ',');
-  options.float_profile = bundle.float_profile;
+  options.pack = bundle::word(EnumNamePacking(bundle.packing));
+  options.lower = bundle::word(EnumNameLowering(bundle.lowering));
+  options.raster = bundle::word(EnumNameRasterLowering(bundle.raster));
+  options.float_profile = bundle::word(EnumNameFloatProfile(bundle.float_profile));
   if (options.profile.empty()) options.profile = bundle.profile;
   return options;
 }

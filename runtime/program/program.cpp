@@ -2,7 +2,6 @@
 // The public functions: there is no policy here, and exceptions stay inside.
 #include <algorithm>
 #include <cstdio>
-#include <map>
 
 #include "compiler/backend/bundle/check_shaders.h"
 #include "compiler/ir/initial_step.h"
@@ -81,6 +80,18 @@ std::string output_text(const std::string& step, const std::string& name) {
 }
 std::string leaf_text(const std::string& name) { return "leaf '" + name + "'"; }
 
+// Whether the device has what a bundle's shaders need.
+bool has(const DeviceState& device, bundle::Feature feature) {
+  switch (feature) {
+    case bundle::Feature::ShaderInt64:
+    case bundle::Feature::ShaderBufferInt64Atomics: return device.int64_atomics;
+    case bundle::Feature::SubgroupArithmetic: return device.subgroup_arithmetic;
+    case bundle::Feature::Multiview: return device.multiview_views > 0;
+    case bundle::Feature::ShaderBufferFloat32AtomicAdd: return device.float_atomics;
+  }
+  return false;
+}
+
 }  // namespace
 
 io::Array HostArray::copied() const {
@@ -149,20 +160,11 @@ std::unique_ptr<Program::State> Program::State::load(std::shared_ptr<DeviceState
     for (const auto& r : state->bundle.resources)
       if (r->storage == bundle::Storage::Tile) r->storage = bundle::Storage::Image;
   if (!state->device) return state;
-  for (const std::string& feature : state->bundle.features) {
-    const DeviceState& d = *state->device;
-    const std::map<std::string_view, bool> known = {{"shader_buffer_float32_atomic_add", d.float_atomics},
-                                                    {"shader_int64", d.int64_atomics},
-                                                    {"shader_buffer_int64_atomics", d.int64_atomics},
-                                                    {"subgroup_arithmetic", d.subgroup_arithmetic},
-                                                    {"multiview", d.multiview_views > 0}};
-    const auto it = known.find(feature);
-    if (it == known.end())
-      throw Failure{"the bundle needs the feature '" + feature + "', which this runtime does not know"};
-    if (!it->second)
+  for (const bundle::Feature feature : state->bundle.features)
+    if (!has(*state->device, feature))
       throw Failure{"the bundle was built for profile '" + state->bundle.profile + "' and needs the feature '" +
-                    feature + "', which the device lacks; build it for the device's own profile"};
-  }
+                    bundle::word(EnumNameFeature(feature)) +
+                    "', which the device lacks; build it for the device's own profile"};
   if (!options.trusted) {
     const DeviceState& d = *state->device;
     const bundle::ShaderLimits limits{.shared_bytes = d.properties.limits.maxComputeSharedMemorySize,

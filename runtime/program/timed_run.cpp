@@ -17,20 +17,13 @@ std::vector<std::string> lines_of(const bundle::BundleT& bundle, const bundle::S
 
 namespace {
 
-// The list that a dispatch runs for, if it does: a scratch buffer. Its words are as
-// compiler/backend/emit/element_lists.h has them, 3 one more than the elements on it. A dispatch that walks a list in a
-// loop takes no size from it. Lists of faces have words of their own (face_lists.h).
+// The list that a dispatch runs for, if it does. A dispatch that walks a list in a loop takes no size from it.
 std::optional<uint32_t> list_of(const bundle::BundleT& bundle, const Primitive& p) {
-  for (const Access& a : p.accesses)
-    if (a.use == Use::IndirectRead && !bundle.resources[a.resource]->name.ends_with("_lists")) return a.resource;
-  for (const Access& a : p.accesses)
-    if (const std::string& name = bundle.resources[a.resource]->name;
-        a.use == Use::ComputeRead && (name.ends_with("_active") || name.ends_with("_heavy")))
-      return a.resource;
+  for (const Use use : {Use::IndirectRead, Use::ComputeRead})
+    for (const Access& a : p.accesses)
+      if (a.use == use && bundle.resources[a.resource]->list != bundle::ListKind::None) return a.resource;
   return std::nullopt;
 }
-constexpr int64_t kListHead = 4;
-constexpr vk::DeviceSize kListEnd = 3 * sizeof(uint32_t);
 
 }  // namespace
 
@@ -82,7 +75,7 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
       if (lists[k]) {
         Queue::everything_before(commands);
         commands.copyBuffer(*on_device->memory.buffer(*lists[k]).buffer, *ends,
-                            vk::BufferCopy(kListEnd, end_at, sizeof(uint32_t)));
+                            vk::BufferCopy(bundle::kListEnd * sizeof(uint32_t), end_at, sizeof(uint32_t)));
         end_at += sizeof(uint32_t);
         Queue::everything_before(commands);
       }
@@ -123,10 +116,10 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
     if (!lists[k]) continue;
     const bundle::CommandT& command = *table.commands[chosen[k]->first];
     const bundle::ResourceT& elements = *bundle.resources[*lists[k]];
-    t.list = elements.name.ends_with("_heavy") ? "branches" : "active";
+    t.list = bundle::word(EnumNameListKind(elements.list));
     t.listed = int64_t{list_ends[list++]} - 1;
     t.elements = command.indirect >= 0 ? sizes.evaluate(command.elements, "pass '" + command.label + "'")
-                                       : sizes.evaluate(elements.extent->w, elements.name) - kListHead;
+                                       : sizes.evaluate(elements.extent->w, elements.name) - bundle::kListHead;
   }
   return out;
 }

@@ -186,7 +186,7 @@ void Commands::render_pass(Draws draws, std::vector<Primitive>& out) {
     for (const auto& b : c->bindings) p.accesses.push_back({b->resource, Use::GraphicsRead});
   }
   // Shaders that do not count the layers that are drawn at once draw one.
-  const bool several = std::ranges::count(bundle_.features, "multiview") != 0;
+  const bool several = std::ranges::count(bundle_.features, bundle::Feature::Multiview) != 0;
   const auto all = static_cast<uint32_t>(size.l),
              at_once = several ? std::clamp(device_->multiview_views, 1u, 32u) : 1u;
   // A render pass and its pipelines are for a number of layers: that of all parts, or what is left for the last.

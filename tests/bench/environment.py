@@ -14,11 +14,15 @@ def directions(width, height):
     return d.reshape(-1, 3)
 
 
+def solid_angles(width, height):
+    edge = np.cos(np.pi * np.arange(height + 1) / height)
+    return np.repeat((edge[:-1] - edge[1:]) * 2 * np.pi / width, width)
+
+
 def exact(sky, alpha):
     """Irradiance over pi, and the lobe of alpha, for 32 x 16 directions."""
     height, width, _ = sky.shape
-    edge = np.cos(np.pi * np.arange(height + 1) / height)
-    solid = np.repeat((edge[:-1] - edge[1:]) * 2 * np.pi / width, width)
+    solid = solid_angles(width, height)
     light, to = sky.reshape(-1, 3), directions(width, height)
     irradiance, lobe = [], []
     for n in directions(32, 16):
@@ -39,7 +43,10 @@ def main():
     figures = {"map": name}
     for what, truth in (("whole", irradiance), ("halved", irradiance), ("harmonics", irradiance), ("summed", lobe), ("sampled", lobe)):
         off = np.abs(load(what).reshape(-1, 3) - truth)
-        figures[what] = {"rms over mean": float(np.sqrt((off ** 2).mean()) / truth.mean()), "largest over mean": float(off.max() / truth.mean())}
+        # By solid angle the poles count no more than the equator; of grey light a sun's own colour counts less.
+        grey = lambda light: np.sqrt(solid_angles(32, 16) @ light.mean(-1) ** 2)
+        figures[what] = {"rms over mean": float(np.sqrt((off ** 2).mean()) / truth.mean()), "largest over mean": float(off.max() / truth.mean()),
+                         "L2 over L2, grey, by solid angle": float(grey(load(what).reshape(-1, 3) - truth) / grey(truth))}
     print(json.dumps(figures))
 
 

@@ -10,8 +10,8 @@
 #include <set>
 #include <sstream>
 
-#include "dsl/diagnostic.h"
-#include "dsl/parser.h"
+#include "dsl/diagnostic/diagnostic.h"
+#include "dsl/syntax/parser.h"
 #include "tests/catch.h"
 #include "tests/device/accuracy/library.h"
 #include "tests/device/devices.h"

@@ -206,7 +206,7 @@ TEST_CASE("lanes that join what they add give the same bits") {
       const auto apart = compile(path, profile, "exact"), joined = compile(path, joining(profile), "exact");
       const auto needs = [](const std::vector<uint8_t>& bytes) {
         const auto features = std::get<bundle::BundleT>(bundle::read(bytes)).features;
-        return std::find(features.begin(), features.end(), "subgroup_arithmetic") != features.end();
+        return std::find(features.begin(), features.end(), bundle::Feature::SubgroupArithmetic) != features.end();
       };
       CHECK_FALSE(needs(apart));
       CHECK(needs(joined));

@@ -17,7 +17,7 @@ DRC, ROOT = Path("drc"), Path(".")
 
 def builtins():
     """The functions of the language: those of the table, and those that entries of ops offer by the op's name."""
-    names = re.findall(r'^        \{"(\w+)", \d', (ROOT / "compiler/lower/builtins.cpp").read_text(), re.M)
+    names = re.findall(r'^        \{"(\w+)", \d', (ROOT / "compiler/lower/builtins/builtins.cpp").read_text(), re.M)
     op_names = dict(re.findall(r'^DR_(?:OP|ELEMENTWISE)\((\w+), "(\w+)"\)', (ROOT / "compiler/ir/op_kinds.def").read_text(), re.M))
     for family in sorted((ROOT / "compiler/ops").glob("*.cpp")):
         for entry in family.read_text().split("{.kind = OpKind::")[1:]:

@@ -142,7 +142,7 @@ class Answers(unittest.TestCase):
     def test_every_word_of_the_language_is_explained(self):
         builtins = editor.builtins()
         self.assertGreater(len(builtins), 100)
-        lexer = (editor.ROOT / "dsl/lexer.cpp").read_text()
+        lexer = (editor.ROOT / "dsl/syntax/lexer.cpp").read_text()
         keywords = [word.lower() for word in re.findall(r"TokenKind::(\w+)", lexer.split("kKeywords[] = {")[1].split("}")[0])]
         self.assertEqual(len(keywords), 13)
         for word in builtins + keywords + ["param", "input", "state", "step", "struct", "optimizer", "private", "import"]:

@@ -5,7 +5,7 @@
 
 #include "compiler/lower/lower.h"
 #include "compiler/passes/passes.h"
-#include "dsl/format.h"
+#include "dsl/format/format.h"
 #include "tests/fuzz/check.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {

@@ -14,8 +14,8 @@ export PATH=$work/bin:$PATH
 failed=0
 fail() { printf '%s\n' "$*"; failed=1; }
 
-codes=$(sed -nE 's/^DR_DIAGNOSTIC\((E[0-9]{4}),.*/\1/p' "$root/dsl/diagnostic_codes.def")
-sections=$(sed -n 's/^## //p' "$root/dsl/explanations.md")
+codes=$(sed -nE 's/^DR_DIAGNOSTIC\((E[0-9]{4}),.*/\1/p' "$root/dsl/diagnostic/diagnostic_codes.def")
+sections=$(sed -n 's/^## //p' "$root/dsl/diagnostic/explanations.md")
 [[ $codes == "$sections" ]] || fail "explanations.md and diagnostic_codes.def name other codes, or in another order:" \
   "$(diff <(printf '%s\n' "$codes") <(printf '%s\n' "$sections") | grep '^[<>]')"
 
@@ -24,7 +24,7 @@ awk -v folder="$work" '
   /^## / { code = $2; count = 0; next }
   /^```(dr|sh)$/ { name = sprintf("%s/%s.%d.%s", folder, code, ++count, substr($0, 4)); next }
   /^```$/ { close(name); name = ""; next }
-  name { print > name }' "$root/dsl/explanations.md"
+  name { print > name }' "$root/dsl/diagnostic/explanations.md"
 
 # try CODE NUMBER STATUS: runs an example; `messages` is what it says.
 try() {

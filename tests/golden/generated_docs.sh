@@ -67,14 +67,14 @@ help: did you mean 'position'?
 ```
 
 `drc explain CODE` says what a code means, with an example that gets it and one that does not. The texts stand in
-[dsl/explanations.md](../../dsl/explanations.md). A code keeps its meaning for ever.
+[dsl/diagnostic/explanations.md](../../dsl/diagnostic/explanations.md). A code keeps its meaning for ever.
 
 Exit codes of [drc](drc.md): 0 ok, 1 an error in the input, 2 bad usage, 3 an internal error.
 
 | code | means |
 | --- | --- |
 END
-  "$drc" explain | awk '{ code = $1; sub(/^[^ ]+ +/, ""); printf "| [%s](../../dsl/explanations.md#%s) | %s |\n", code, tolower(code), $0 }'
+  "$drc" explain | awk '{ code = $1; sub(/^[^ ]+ +/, ""); printf "| [%s](../../dsl/diagnostic/explanations.md#%s) | %s |\n", code, tolower(code), $0 }'
 } > "$work/errors.md"
 
 # The words that editors colour as functions.

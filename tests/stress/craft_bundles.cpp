@@ -134,7 +134,7 @@ const Craft kCrafts[] = {
      }},
     {"no_leaves_in_step", [](auto& b) { b.steps[0]->leaves.clear(); }},
     {"unknown_symbol", [](auto& b) { b.steps[0]->symbols = {"nosuch"}; }},
-    {"unknown_feature", [](auto& b) { b.features = {"time_travel"}; }},
+    {"unknown_feature", [](auto& b) { b.features = {static_cast<dr::bundle::Feature>(200)}; }},
     {"junk_graph", [](auto& b) { b.graph = std::string(1 << 20, '('); }},
     {"no_graph", [](auto& b) { b.graph.clear(); }},
     {"initial_nan", [](auto& b) { b.leaves[0]->initial = {1e300}; }},

@@ -14,7 +14,7 @@
 #include "compiler/backend/spirv/shader_cache.h"
 #include "compiler/lower/lower.h"
 #include "compiler/passes/passes.h"
-#include "dsl/diagnostic.h"
+#include "dsl/diagnostic/diagnostic.h"
 #include "runtime/runtime.h"
 #include "tests/catch.h"
 #include "tests/device/devices.h"

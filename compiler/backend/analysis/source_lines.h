@@ -9,7 +9,7 @@
 
 #include "bundle_generated.h"
 #include "compiler/ir/graph.h"
-#include "dsl/source.h"
+#include "dsl/source/source.h"
 
 namespace dr::backend {
 

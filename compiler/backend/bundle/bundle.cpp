@@ -3,6 +3,7 @@
 #include "compiler/backend/bundle/bundle.h"
 
 #include <algorithm>
+#include <cctype>
 #include <cstring>
 
 namespace dr::bundle {
@@ -14,6 +15,16 @@ constexpr size_t kPrefix = sizeof(uint32_t), kChecksum = sizeof(uint64_t);
 constexpr const char* kDamaged = "the bundle is damaged or cut off";
 
 }  // namespace
+
+std::string word(const char* enumerator) {
+  std::string out;
+  for (const char* c = enumerator; *c != 0; ++c) {
+    const auto letter = static_cast<unsigned char>(*c);
+    if (std::isupper(letter) && !out.empty()) out += '_';
+    out += static_cast<char>(std::tolower(letter));
+  }
+  return out;
+}
 
 std::vector<uint8_t> write(const BundleT& bundle) {
   // Room for all that is large, so that it is not copied while the buffer grows.

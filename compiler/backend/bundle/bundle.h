@@ -14,7 +14,14 @@
 
 namespace dr::bundle {
 
-inline constexpr uint32_t kVersion = 12;
+inline constexpr uint32_t kVersion = 13;
+
+// Words of a list (ListKind): 0 to 2 the workgroups of 64 that take one element each, then one more than there are,
+// then the elements.
+inline constexpr int kListEnd = 3, kListHead = 4;
+
+// The word of an enumerator in commands, options and what is printed: "ShaderInt64" is "shader_int64".
+std::string word(const char* enumerator);
 
 // Deterministic bytes: the tables with their length before them, and a checksum of both behind them.
 std::vector<uint8_t> write(const BundleT& bundle);

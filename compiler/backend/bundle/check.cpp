@@ -123,10 +123,16 @@ bool Checker::line(const Line& line, const std::string& where) {
 }
 
 bool Checker::header() {
-  if (!title(b_.profile, "the profile") || !title(b_.lowering, "the lowering")) return false;
-  if (b_.float_profile != "strict" && b_.float_profile != "native") return fail("the float profile is unknown");
-  for (const std::string& feature : b_.features)
-    if (!name(feature, "a feature")) return false;
+  if (!title(b_.profile, "the profile")) return false;
+  if (b_.float_profile > FloatProfile::MAX) return fail("the float profile is unknown");
+  if (b_.packing > Packing::MAX || b_.lowering > Lowering::MAX || b_.raster > RasterLowering::MAX)
+    return fail("the lowering is unknown");
+  for (size_t k = 0; k < b_.features.size(); ++k) {
+    if (b_.features[k] > Feature::MAX)
+      return fail("the bundle needs feature " + std::to_string(static_cast<int>(b_.features[k])) +
+                  ", which is unknown");
+    if (k > 0 && b_.features[k] <= b_.features[k - 1]) return fail("features stand out of order");
+  }
   for (const std::string& file : b_.files)
     if (file.find_first_of("\n\t") != std::string::npos || !text(file, "a file's name"))
       return fail("a file's name holds control characters");
@@ -147,6 +153,9 @@ bool Checker::resources() {
     if (!title(r->name, "a resource")) return false;
     const std::string where = "resource '" + r->name + "'";
     if (r->storage > Storage::MAX || r->role > Role::MAX) return fail(where + " is of an unknown kind");
+    if (r->list > ListKind::MAX) return fail(where + " is an unknown list");
+    if (r->list != ListKind::None && r->role != Role::Scratch)
+      return fail(where + " is a list, and yet no scratch buffer");
     if (!type(r->type, where) || !extent(r->extent, where)) return false;
     if (!r->room.empty() && (r->role != Role::Scratch || !expression(r->room, where)))
       return fail(where + " does without room that it needs");

@@ -9,8 +9,7 @@
 
 namespace dr::backend {
 
-// Words of a list: 0 to 2 the workgroups of 64 that take one each, then one more than there are, then the elements.
-inline constexpr int kListEnd = 3, kListHead = 4;
+using bundle::kListEnd, bundle::kListHead;
 
 // A call that adds an element to a list and gives its place there. Workgroups go on in the next row as those of other
 // dispatches do. `together`: the lanes of a subgroup that are here take their places by one atomic.

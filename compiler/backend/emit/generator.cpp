@@ -314,7 +314,7 @@ void Generator::map_pass(const Pass& pass) {
   if (const Pass* scatter = listed_for(pass)) {
     if (scatter->joins_lister) targets_[scatter] = scatter_targets(*scatter);
     const bool all_here = scatter->joins_lister && scatter->scatter == ScatterLowering::Atomic;
-    if (!all_here) active_lists_[scatter] = add_list(*scatter, "active");
+    if (!all_here) active_lists_[scatter] = add_list(*scatter, "active", bundle::ListKind::Active);
   }
   if (pass.block.elements() > 1) return block_map_pass(pass);
   if (!pass.code.heavy.empty()) return listed_map_pass(pass);

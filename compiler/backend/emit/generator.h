@@ -110,7 +110,7 @@ class Generator {
   // Says in a word of the pass that one of PassCode::told is NaN or Inf.
   void tell_not_finite(glsl::Shader& shader, const Pass& pass);
   // An empty list of elements of the pass, a scratch buffer; a dispatch can be as large as it is long.
-  uint32_t add_list(const Pass& pass, const std::string& name);
+  uint32_t add_list(const Pass& pass, const std::string& name, bundle::ListKind kind);
   uint32_t list_active(const Pass& pass);
   void rows_pass(const Pass& pass);
   // A table of rows in two resources of the bundle: where each row starts, and its items, each with its row.

@@ -20,7 +20,7 @@ constexpr int kWalking = 1 << 16;
 
 void Generator::listed_map_pass(const Pass& pass) {
   const std::vector<ir::OpId>& heavy = pass.code.heavy;
-  const uint32_t list = add_list(pass, "heavy");
+  const uint32_t list = add_list(pass, "heavy", bundle::ListKind::Branches);
   const std::string count = element_count(pass.domain).str();
   {
     Shader s = shader();

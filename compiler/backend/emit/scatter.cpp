@@ -101,15 +101,16 @@ std::vector<ir::OpId> Generator::element_ops(const Pass& pass) const {
   return out;
 }
 
-uint32_t Generator::add_list(const Pass& pass, const std::string& name) {
+uint32_t Generator::add_list(const Pass& pass, const std::string& name, bundle::ListKind kind) {
   const uint32_t list = add_scratch(pass.name + "_" + name, (element_count(pass.domain) + ir::Dim(kListHead)).str());
+  bundle_->resources[list]->list = kind;
   fill("clear " + pass.name + " " + name, list, 1, std::to_string(kListHead));
   return list;
 }
 
 // Lists the elements that add something.
 uint32_t Generator::list_active(const Pass& pass) {
-  const uint32_t list = add_list(pass, "active");
+  const uint32_t list = add_list(pass, "active", bundle::ListKind::Active);
   Shader s = shader();
   ListingLoop loop(s, pass.domain, pass.code.lists_in_runs);
   std::vector<ValueId> needed;
@@ -339,7 +340,7 @@ void Generator::scatter_pass(const Pass& pass) {
   if (joined && pass.scatter == ScatterLowering::Atomic) return;
   const uint32_t list = !listed ? 0 : pass.listed_by >= 0 ? active_lists_.at(&pass) : list_active(pass);
   uint32_t adding = 0;
-  if (lists) adding = add_list(pass, "adding");
+  if (lists) adding = add_list(pass, "adding", bundle::ListKind::Active);
   const std::vector<Target> targets = joined ? targets_.at(&pass) : scatter_targets(pass);
   const ir::Dim invocations = pass.keeps_terms ? room_for_terms(pass.domain) : element_count(pass.domain);
   Shader s = shader();

@@ -15,11 +15,6 @@ namespace {
 
 using bundle::BundleT;
 
-std::string lower(std::string text) {
-  for (char& c : text) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  return text;
-}
-
 // "vec3[V]" as in the language; all resources of a bundle have scalars, vectors or matrices of floats.
 std::string type_text(const bundle::TypeT& type, const bundle::ExtentT& extent) {
   const char* const prefixes[] = {"b", "i", "u", ""};
@@ -30,7 +25,7 @@ std::string type_text(const bundle::TypeT& type, const bundle::ExtentT& extent) 
   else if (type.rows > 1)
     out = std::string(prefixes[scalar]) + "vec" + std::to_string(type.rows);
   else
-    out = lower(bundle::EnumNamesScalar()[scalar]);
+    out = bundle::word(bundle::EnumNamesScalar()[scalar]);
   std::string axes = extent.w;
   if (extent.h != "1" || extent.l != "1") axes += ", " + extent.h;
   if (extent.l != "1") axes += ", " + extent.l;
@@ -46,24 +41,25 @@ class Inspector {
     ordered_json root;
     root["version"] = b_.version;
     root["profile"] = b_.profile;
-    root["lowering"] = b_.lowering;
-    root["float_profile"] = b_.float_profile;
-    root["features"] = b_.features;
+    root["lowering"] = lowering();
+    root["float_profile"] = bundle::word(EnumNameFloatProfile(b_.float_profile));
+    auto& features = root["features"] = ordered_json::array();
+    for (const bundle::Feature feature : b_.features) features.push_back(bundle::word(EnumNameFeature(feature)));
     root["symbols"] = b_.symbols;
     root["files"] = b_.files;
     auto array = [&](const char* name) -> ordered_json& { return root[name] = ordered_json::array(); };
     auto& leaves = array("leaves");
     for (const auto& l : b_.leaves)
       leaves.push_back({{"name", l->name},
-                        {"kind", lower(EnumNameLeafKind(l->kind))},
+                        {"kind", bundle::word(EnumNameLeafKind(l->kind))},
                         {"type", type_text(*l->type, *l->extent)},
                         {"initial", l->initial}});
     auto& resources = array("resources");
     for (size_t k = 0; k < b_.resources.size(); ++k) {
       const bundle::ResourceT& r = *b_.resources[k];
       resources.push_back({{"name", r.name},
-                           {"storage", lower(EnumNameStorage(r.storage))},
-                           {"role", lower(EnumNameRole(r.role))},
+                           {"storage", bundle::word(EnumNameStorage(r.storage))},
+                           {"role", bundle::word(EnumNameRole(r.role))},
                            {"type", type_text(*r.type, *r.extent)},
                            {"slot", r.slot},
                            {"alive", lifetime(k)}});
@@ -78,7 +74,7 @@ class Inspector {
     auto& shaders = array("shaders");
     for (const auto& s : b_.shaders)
       shaders.push_back({{"name", s->name},
-                         {"stage", lower(EnumNameStage(s->stage))},
+                         {"stage", bundle::word(EnumNameStage(s->stage))},
                          {"entry", "main"},
                          {"bytes", s->spirv.size() * 4}});
     return root;
@@ -87,7 +83,7 @@ class Inspector {
   nlohmann::ordered_json commands(const bundle::StepT& step) const {
     auto out = nlohmann::ordered_json::array();
     for (const auto& c : step.commands)
-      out.push_back({{"kind", lower(EnumNameCommandKind(c->kind))},
+      out.push_back({{"kind", bundle::word(EnumNameCommandKind(c->kind))},
                      {"label", c->label},
                      {"ops", c->ops},
                      {"elements", elements(*c)},
@@ -110,7 +106,7 @@ class Inspector {
     };
     auto get = [](const nlohmann::ordered_json& item, const char* key) { return item[key].get<std::string>(); };
     std::string out = "bundle version " + std::to_string(b_.version) + ", profile " + b_.profile + ", " +
-                      b_.float_profile + ", " + b_.lowering + "\n";
+                      get(root, "float_profile") + ", " + lowering() + "\n";
     if (!b_.features.empty()) out += "features " + list(root["features"]) + "\n";
     out += "symbols " + list(root["symbols"]) + "\nleaves\n";
     for (const auto& l : root["leaves"]) {
@@ -151,6 +147,10 @@ class Inspector {
   }
 
  private:
+  std::string lowering() const {
+    return bundle::word(EnumNamePacking(b_.packing)) + "," + bundle::word(EnumNameLowering(b_.lowering)) + "," +
+           bundle::word(EnumNameRasterLowering(b_.raster));
+  }
   std::string lifetime(size_t resource) const {
     const Lifetime& life = lives_[resource];
     if (!life.transient()) return "always";

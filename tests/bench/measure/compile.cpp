@@ -17,7 +17,7 @@
 #include "compiler/lower/lower.h"
 #include "compiler/passes/passes.h"
 #include "compiler/target/profile.h"
-#include "dsl/parser.h"
+#include "dsl/syntax/parser.h"
 #include "tests/bench/measure/compile_input.h"
 
 using namespace dr;

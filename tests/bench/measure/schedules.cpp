@@ -25,7 +25,7 @@
 #include "compiler/lower/lower.h"
 #include "compiler/passes/passes.h"
 #include "compiler/target/profile.h"
-#include "dsl/diagnostic.h"
+#include "dsl/diagnostic/diagnostic.h"
 #include "runtime/runtime.h"
 #include "tests/must.h"
 
@@ -56,7 +56,7 @@ ir::Graph graph_of(const std::string& path, const target::Profile& profile) {
   dsl::SourceManager sources;
   dsl::DiagnosticList diagnostics;
   lower::Options options;
-  for (auto& define : backend::skip_defines({}, profile)) options.defines.insert(std::move(define));
+  for (auto& define : backend::build_defines({}, profile)) options.defines.insert(std::move(define));
   const auto graph = lower::lower(sources, sources.add(path, text.str()), options, diagnostics);
   if (!graph) stop(dsl::format(diagnostics, sources));
   passes::PipelineOptions pipeline;

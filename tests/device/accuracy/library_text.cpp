@@ -7,7 +7,7 @@
 
 #include "compiler/lower/lower.h"
 #include "compiler/passes/passes.h"
-#include "dsl/diagnostic.h"
+#include "dsl/diagnostic/diagnostic.h"
 
 namespace dr::accuracy::library {
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The catalogue, the list, the formatter and the search for the nearest name.
-#include "dsl/diagnostic.h"
+#include "dsl/diagnostic/diagnostic.h"
 
 #include <set>
 
@@ -28,7 +28,7 @@ std::string formatted(std::string text, uint32_t begin, uint32_t end) {
 TEST_CASE("codes are sorted, unique and have a summary") {
   const std::string_view names[] = {
 #define DR_DIAGNOSTIC(code, summary) #code,
-#include "dsl/diagnostic_codes.def"
+#include "dsl/diagnostic/diagnostic_codes.def"
 #undef DR_DIAGNOSTIC
   };
   std::string_view last;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The formatter on every program of the tree, as written and with its blanks and comments shuffled. What a layout looks
 // like is shown by the golden files in tests/golden/fmt.
-#include "dsl/format.h"
+#include "dsl/format/format.h"
 
 #include <filesystem>
 #include <fstream>
@@ -9,7 +9,7 @@
 #include <random>
 #include <vector>
 
-#include "dsl/format_tokens.h"
+#include "dsl/format/tokens.h"
 #include "tests/catch.h"
 
 using namespace dr::dsl;

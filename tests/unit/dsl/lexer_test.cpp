@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tokens: numbers beside dots, the encoding, documentation, and what is no token.
-#include "dsl/lexer.h"
+#include "dsl/syntax/lexer.h"
 
 #include <cmath>
 #include <limits>
 
-#include "dsl/utf8.h"
+#include "dsl/source/utf8.h"
 #include "tests/catch.h"
 #include "tests/unit/dsl/support.h"
 

@@ -288,7 +288,7 @@ TEST_CASE("messages are lower case, short and without a full stop; every code ha
   }
   const std::string_view codes[] = {
 #define DR_DIAGNOSTIC(code, summary) #code,
-#include "dsl/diagnostic_codes.def"
+#include "dsl/diagnostic/diagnostic_codes.def"
 #undef DR_DIAGNOSTIC
   };
   for (const std::string_view code : codes) {

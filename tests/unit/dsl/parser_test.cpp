@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Correct programs and their trees: one test a part of the grammar.
-#include "dsl/parser.h"
+#include "dsl/syntax/parser.h"
 
 #include "tests/catch.h"
 #include "tests/unit/dsl/support.h"

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Spans and positions: the edges of lines and of files.
-#include "dsl/source.h"
+#include "dsl/source/source.h"
 
 #include "tests/catch.h"
 

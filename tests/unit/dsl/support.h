@@ -6,11 +6,11 @@
 #include <string_view>
 #include <utility>
 
-#include "dsl/ast.h"
-#include "dsl/diagnostic.h"
-#include "dsl/dump.h"
-#include "dsl/parser.h"
-#include "dsl/source.h"
+#include "dsl/diagnostic/diagnostic.h"
+#include "dsl/source/source.h"
+#include "dsl/syntax/ast.h"
+#include "dsl/syntax/dump.h"
+#include "dsl/syntax/parser.h"
 
 namespace dr::dsl::test {
 

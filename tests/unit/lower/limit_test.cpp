@@ -9,7 +9,7 @@
 #include "compiler/ir/print.h"
 #include "compiler/lower/lower.h"
 #include "compiler/passes/passes.h"
-#include "dsl/parser.h"
+#include "dsl/syntax/parser.h"
 #include "tests/catch.h"
 
 using namespace dr;
