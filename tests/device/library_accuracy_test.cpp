@@ -57,7 +57,7 @@ TEST_CASE("every function of the library has a row of accuracy") {
     CHECK_FALSE(other.where.empty());
   }
   for (const auto& file : std::filesystem::directory_iterator(std::filesystem::path(DR_SOURCE_DIR) / "stdlib/std"))
-    all.merge(declared(file.path()));
+    if (file.is_regular_file()) all.merge(declared(file.path()));
   CHECK(all.size() > 100);
   for (const std::string& name : all) {
     INFO(name);

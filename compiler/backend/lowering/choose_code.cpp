@@ -29,6 +29,10 @@ struct Bins {
   int middle_invocations, large_invocations;
 };
 constexpr Bins kCpu{64, 4096, 1 << 13, 1 << 12};
+// A raster that keeps so many faces of a pixel lists what few faces have, as outlines are. On a CPU, whose lanes take
+// each other's branches, a lane that walks its box alone makes all lanes beside it go over that; a team walks the few
+// that are left.
+constexpr int64_t kManyKept = 12;
 
 // Those of a GPU, which starts few workgroups faster than many, and has work for more in large pictures.
 Bins gpu_bins(const Dim& pixels) {
@@ -158,7 +162,8 @@ class StepCode {
     walk.watched = limit > 0 && trips.watched;
     walk.lists = profile_.subgroup_size > 1 || limit > 0;
     if (!walk.lists) return;
-    walk.small_box = limit == 0 || short_ones ? bins.small_box : 0;
+    const bool few_faces = bins.small_box == kCpu.small_box && static_cast<int64_t>(parts.count) >= kManyKept;
+    walk.small_box = !few_faces && (limit == 0 || short_ones) ? bins.small_box : 0;
     walk.middle_box = bins.middle_box;
     // A power of two, so that teams share the invocations evenly whatever the profile says.
     walk.team = static_cast<int>(std::bit_floor(std::clamp(profile_.subgroup_size, 1u, 128u)));

@@ -183,7 +183,8 @@ std::vector<Function> pictures() {
   }
   add("coverage.silhouette", "", "float", across, "coverage.silhouette($clip, $face, across, 64, 64)", {one, to_clip});
   add("coverage.crowded", "", "float", across,
-      "if coverage.crowded($clip, $face, across, 64, 64, nearest = 1) { 1.0 } else { 0.0 }", {one});
+      "if coverage.crowded($clip, $face, across, 2, 2, nearest = 1).at(coord(64, 64).xy / 32) { 1.0 } else { 0.0 }",
+      {one});
   add("coverage.blend", "", "vec3", across,
       "coverage.blend($clip, $face, across, 64, 64, fn(hit) { raster.interpolate(hit, paint) }, vec3(0.1, 0.2, 0.3))",
       {over("value", kFrame, "1.0 + 0.0 * y.x", "1", kDesign), to_clip, to_paint});
