@@ -101,7 +101,6 @@ with open(out / "programs.json", "w") as file:
             if not problem:
                 report = subprocess.run([bin / "drc", "inspect", "--json", bundle], stdout=subprocess.PIPE, text=True).stdout
                 row["shaders"], row["megabytes"] = len(json.loads(report).get("shaders", [])), round(bundle.stat().st_size / 1e6, 2)
-            if not problem:
                 run = [bin / "drun", bundle, *bind, "--device", device, "--out", out / "run"]
                 whole, _, problem = timed(run, env)
                 if base is None:
