@@ -22,9 +22,9 @@ class Warnings {
   void look(const std::string& what, const io::Array& read);
   void look(const std::string& what, const io::Scalars& read);
   void once(const std::string& of, const std::string& message);
-  // Runs `look`, unless such looks would take more than a hundredth of the time: for what nobody asked to read. What they
-  // did not take is saved up, but no more than a millisecond of it, so that many short runs are not all looked at because
-  // of a long one before.
+  // Runs `look`, unless such looks would take more than a hundredth of the time: for what nobody asked to read. What
+  // they did not take is saved up, but no more than a millisecond of it, so that many short runs are not all looked at
+  // because of a long one before.
   template <class Look>
   void now_and_then(const Look& look) {
     constexpr int kShare = 100;
