@@ -2,6 +2,7 @@
 // NaN and Inf in what the host reads, or in what a pass left: somebody is told, once for each of them.
 #pragma once
 
+#include <algorithm>
 #include <chrono>
 #include <functional>
 #include <set>
@@ -21,22 +22,28 @@ class Warnings {
   void look(const std::string& what, const io::Array& read);
   void look(const std::string& what, const io::Scalars& read);
   void once(const std::string& of, const std::string& message);
-  // Runs `look`, unless such looks would take more than a hundredth of the time: for what nobody asked to read.
+  // Runs `look`, unless such looks would take more than a hundredth of the time: for what nobody asked to read. What
+  // they did not take is saved up, but no more than a millisecond of it, so that many short runs are not all looked at
+  // because of a long one before.
   template <class Look>
   void now_and_then(const Look& look) {
-    constexpr double kShare = 0.01;
+    constexpr int kShare = 100;
+    constexpr Clock::duration kMost = std::chrono::milliseconds(1);
     const auto begin = Clock::now();
-    if (!wanted() || spent_ > kShare * (begin - made_)) return;
+    left_ = std::min(left_ + (begin - looked_) / kShare, kMost);
+    looked_ = begin;
+    if (!wanted() || left_ <= Clock::duration::zero()) return;
     look();
-    spent_ += Clock::now() - begin;
+    looked_ = Clock::now();
+    left_ -= looked_ - begin;
   }
 
  private:
   using Clock = std::chrono::steady_clock;
   Warn warn_;
   std::set<std::string> told_;
-  Clock::time_point made_ = Clock::now();
-  Clock::duration spent_{0};
+  Clock::time_point looked_ = Clock::now();
+  Clock::duration left_ = std::chrono::milliseconds(1);  // that looks may take
 };
 
 }  // namespace dr::runtime

@@ -5,6 +5,7 @@ An output that a device writes is near the evaluator's, or holds a NaN or Inf of
 number that is wrong, or one that is not finite without a word, is a failure.
 
 usage: huge_meshes.py DRUN PROGRAM [STEP ...]
+DR_HUGE_SIZES="1 1e30 1e34 1.5e38" looks at more sizes.
 """
 import os
 import pathlib
@@ -18,7 +19,7 @@ except ImportError:
     print("numpy is not there")
     sys.exit(77)
 
-SIZES = (1.0, 1e30, 1e34, 1.5e38)
+SIZES = tuple(float(size) for size in os.environ.get("DR_HUGE_SIZES", "1e30 1.5e38").split())
 NEAR = 2e-3  # of an output's largest number; gradients of outlines are of few digits
 LEAST = 1e-36  # below it numbers may be subnormal, and 0 on a device
 
