@@ -84,7 +84,6 @@ programs = [("lets", lets, [1]),
             ("loop", loop, [128] if quick else [128, 1024]),
             ("wide", wide, [100] if quick else [100, 1000]),
             ("soft rasterizer, K", soft, [1, 8] if quick else [1, 2, 4, 8, 16, 32, 64])]
-run_largest = {"soft rasterizer, K": 16}  # beyond, drivers take minutes
 out.mkdir(parents=True, exist_ok=True)
 print(f"\n{'program':24} {'size':>6} {'drc s':>8} {'wall s':>8} {'shaders':>8} {'MB':>7} {'driver s':>9}")
 with open(out / "programs.json", "w") as file:
@@ -102,7 +101,6 @@ with open(out / "programs.json", "w") as file:
             if not problem:
                 report = subprocess.run([bin / "drc", "inspect", "--json", bundle], stdout=subprocess.PIPE, text=True).stdout
                 row["shaders"], row["megabytes"] = len(json.loads(report).get("shaders", [])), round(bundle.stat().st_size / 1e6, 2)
-            if not problem and size <= run_largest.get(name, size):
                 run = [bin / "drun", bundle, *bind, "--device", device, "--out", out / "run"]
                 whole, _, problem = timed(run, env)
                 if base is None:

@@ -9,16 +9,22 @@
 # mesh is the hull of its projected vertices, and moving an edge changes coverage by the integral along it, which is cut at the
 # pixels' borders. Times are `us a run while several are under way`; see suite.py. Before that, the bias of meshes of 80 to 5,120 faces.
 # Then where fits of a shape and of a texture are after 1, 3 and 10 seconds (--quick: 1), by three seeds (one): see outcome.py.
-# Fronts of each kind of error; plot.png, plot_resolution.png, plot_shape.png, plot_texture.png.
+# Then what lights a frame: mirrored light, shadow maps, filters of textures; see light_pareto.py. --light: that part alone.
+# Fronts of each kind of error; plot.png, plot_resolution.png, plot_shape.png, plot_texture.png, plot_light.png.
 set -euo pipefail
 PYTHONDONTWRITEBYTECODE=1 PYTHONPATH=$(dirname "$(readlink -f "${BASH_SOURCE[0]}")") exec /usr/bin/python3 - "$@" << 'END'
-import functools
+import functools, sys
 import numpy as np
+import light_pareto
 import outcome
 from coverage import distance_from, true_gradient
 from suite import Failed, Suite, fronts, here, lines, plt, text
 
-suite = Suite("pareto")
+alone = "--light" in sys.argv
+suite = Suite("pareto", [word for word in sys.argv[1:] if word != "--light"])
+if alone:
+    light_pareto.lights(suite)
+    sys.exit()
 size = 96 if suite.quick else 256
 kinds = ("numerical_vertices", "numerical_texels", "bias", "bias_whole")
 
@@ -121,4 +127,5 @@ suite.save(figure, "plot_resolution")
 
 outcome.shapes(suite)
 outcome.textures(suite)
+light_pareto.lights(suite)
 END

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # HardSoftRas with and without leaving out soft work that does not show, and with either shape of enlarged faces: the same bits on each device, by compute loops and by
-# draws. usage: soft_skip_test.sh DRUN
+# draws; and loops over more fragments than are written out. usage: soft_skip_test.sh DRUN
 set -euo pipefail
 drun=$(readlink -f "$1")
 here=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd)
@@ -37,6 +37,16 @@ check() {
 if [[ -n ${DR_LAVAPIPE_ICD-} ]]; then
   check "$DR_LAVAPIPE_ICD" compute outlines thin layers faces both_sides
   check "$DR_LAVAPIPE_ICD" hardware thin faces face_shapes
+fi
+# Loops over fragments give what the same fragments give written out; gradients to a millionth.
+loops=$here/../golden/programs/soft_loops.dr
+if [[ -n ${DR_LAVAPIPE_ICD-} ]]; then
+  VK_ICD_FILENAMES=$DR_LAVAPIPE_ICD VK_DRIVER_FILES=$DR_LAVAPIPE_ICD "$drun" "$loops" \
+    --bind "face==$(sed -n '1s/.*--bind face=//p' "$loops")" --step everywhere > "$folder/loops" 2>&1 || failed=1
+  if (($(grep -c '^everywhere\..* = 0$' "$folder/loops") != 8)); then
+    echo "loops over fragments: $(cat "$folder/loops")"
+    failed=1
+  fi
 fi
 # One step is enough where compiling a shader takes seconds.
 if [[ -n ${DR_SWIFTSHADER_ICD-} ]]; then check "$DR_SWIFTSHADER_ICD" compute thin; fi

@@ -166,6 +166,24 @@ bool Elaborator::loop_range(const Value& value, const Expr& expr, std::string_vi
   return false;
 }
 
+namespace {
+
+// The number that an int is held to by `min(n, 64)`.
+std::optional<Dim> held_below(const ir::Graph& graph, const Value& value) {
+  const auto* image = value.get<Image>();
+  if (!image || !graph.value(image->id).op.valid()) return std::nullopt;
+  const ir::Op& op = graph.op(graph.value(image->id).op);
+  if (op.kind != OpKind::Min) return std::nullopt;
+  for (const ValueId operand : op.operands) {
+    const ir::OpId from = graph.value(operand).op;
+    if (!from.valid() || graph.op(from).kind != OpKind::Const) continue;
+    return Dim(static_cast<int64_t>(graph.op(from).attrs.floats[0]));
+  }
+  return std::nullopt;
+}
+
+}  // namespace
+
 // The most trips that there are: what the program promises, or what is known; -1: any number. Nothing after an error.
 std::optional<int64_t> Elaborator::loop_bound(const Expr* promise, const Value& begin, const Value& end) {
   if (promise) {
@@ -175,8 +193,10 @@ std::optional<int64_t> Elaborator::loop_bound(const Expr* promise, const Value& 
     report(Code::E0710, promise->span, "expected a bound of at least 0 on the trips, found " + std::to_string(*known));
     return std::nullopt;
   }
-  if (!begin.is<Dim>() || !end.is<Dim>()) return -1;
-  const Dim trips = end.as<Dim>() - begin.as<Dim>();
+  if (!begin.is<Dim>()) return -1;
+  const auto last = end.is<Dim>() ? std::optional(end.as<Dim>()) : held_below(b_.graph(), end);
+  if (!last) return -1;
+  const Dim trips = *last - begin.as<Dim>();
   return trips.is_constant() ? std::max<int64_t>(trips.constant(), 0) : -1;
 }
 
