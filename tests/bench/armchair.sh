@@ -42,7 +42,6 @@ true = {h: np.array([(loss(h * a) - loss(-h * a)) / (2 * h) for a in axes]) for 
 print("the reference's steps agree to", f"{apart(true[1e-3], true[3e-3]):.2g}", flush=True)
 suite.record(reference=list(true[1e-3]), steps_apart=apart(true[1e-3], true[3e-3]))
 
-np.save(suite.out / "view.npy", np.stack([v.T for v in views]).reshape(len(views), 1, 1, 16).astype(np.float32))
 bound = suite.bind("armchair", position=position, face=faces, target=target)
 
 
@@ -63,7 +62,7 @@ for way, name in ((0, "coverage"), (1, "outlines, r = 2")):
     suite.record(**row, gradient=list(g))
     print(row, flush=True)
 
-# A motion that turns and shifts: only where the turn is about the start's own axis is the gradient to `rotation` that of `far`, so it shifts.
+# A shift: its gradient at each place is that to `translation`.
 along = np.array([0, 0, 0, 1.0, 0.6, -0.4]) / np.linalg.norm([1.0, 0.6, -0.4])
 h, worst = 1e-3, 0.0
 places = np.linspace(0.0, 0.02, 3 if suite.quick else 6)
