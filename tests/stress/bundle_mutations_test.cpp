@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Bundles from strangers: mutated ones are loaded and run, in processes of their own, and end in an answer, not in a
 // signal. DR_TABLE_MUTATIONS and DR_SPIRV_MUTATIONS say how many, DR_FIRST_MUTATION with which number to begin; a
-// number is a seed, so that what is printed can be run again alone.
+// number is a seed, so that what is printed can be run again alone; what does not end or dies is left as a file
+// mutant-N.drb where this was called, for `drun --timeout`.
 #include <fcntl.h>
 #include <poll.h>
 #include <sys/wait.h>
@@ -133,6 +134,12 @@ struct Counts {
   std::vector<std::string> signals;
 };
 
+void leave(const std::vector<bundle::BundleT>& all, Mutate mutate, uint64_t number) {
+  const std::vector<uint8_t> bytes = mutant(all, mutate, number);
+  std::ofstream("mutant-" + std::to_string(number) + ".drb", std::ios::binary)
+      .write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
+}
+
 // A process a few hundred mutants; one that dies is followed by another after the mutant that it died of.
 Counts run_mutants(const std::vector<bundle::BundleT>& all, Mutate mutate, uint64_t first, uint64_t count) {
   constexpr int kLongest = 60'000;  // ms, on a machine that does much else
@@ -168,10 +175,12 @@ Counts run_mutants(const std::vector<bundle::BundleT>& all, Mutate mutate, uint6
     waitpid(child, &status, 0);
     if (hangs) {
       std::printf("mutant %llu does not end\n", static_cast<unsigned long long>(next));
+      leave(all, mutate, next);
       ++out.hung;
       ++out.done;
       ++next;
     } else if (WIFSIGNALED(status)) {
+      leave(all, mutate, next);
       out.signals.push_back(std::to_string(next) + ": " + strsignal(WTERMSIG(status)));
       ++out.done;
       ++next;

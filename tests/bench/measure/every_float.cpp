@@ -70,7 +70,7 @@ void document_every_float(const std::string& folder) {
 ## Every float
 
 Unary float ops, and their derivatives with adjoint 1, over bit patterns of float32, made by `./dr bench sweep`: on GPUs over all 2^32, which
-leaves no chance to the sample; on CPU devices over every 4099th, the ends of each exponent and the special values. Domains, scales,
+leaves no chance to the sample; on CPU devices over every 13th, the ends of each exponent and the special values. Domains, scales,
 exceptions and bounds are those of the tables above, and so is the judge. Patterns outside the domain, NaN and Inf included, were looked at
 for results that are not finite where the exact one is. Cells are as above.
 

@@ -2,7 +2,9 @@
 // Every float: unary float ops, value and derivative with adjoint 1, on a device over all 2^32 bit patterns, in both
 // float profiles, against the float64 evaluator. Measure, domain, scale and exceptions are those of the accuracy table.
 //
-//   bench_sweep OUT NAME DEVICE [--quick] [--threads N] [--ops A,B]   lines of JSON, one a row
+//   bench_sweep OUT NAME DEVICE [--every N] [--threads N] [--ops A,B]   lines of JSON, one a row
+//
+// With --every, each Nth pattern from 0 on, and the ends of exponents and special values. An odd N has all low bits.
 #include <malloc.h>
 
 #include <array>
@@ -39,42 +41,67 @@ using sweep::Judge;
 using sweep::Row;
 using sweep::Tally;
 
-constexpr int64_t kSide = 2048;     // of an image: 2^22 patterns
-constexpr uint32_t kStride = 4099;  // of patterns with --quick, a prime
-constexpr int64_t kQuickWidth = 1024;
-static_assert(kSide * kSide % Judge::kBatch == 0 && kQuickWidth % Judge::kBatch == 0);  // it takes whole batches
+constexpr int64_t kSide = 2048;  // of an image: 2^22 patterns at most
+constexpr int64_t kListWidth = 1024;
+static_assert(kSide % Judge::kBatch == 0 && kListWidth % Judge::kBatch == 0);  // it takes whole batches
 
 // ---- Patterns ----
 
-// Every kStride-th pattern, the ends and the middle of each exponent of both signs, and the special values.
-std::vector<int32_t> quick_patterns() {
+// Images of patterns that are `stride` apart, or one of patterns that are listed.
+struct Patterns {
+  uint32_t stride = 1;
+  std::vector<int32_t> list = {};
+
+  int64_t width() const { return list.empty() ? kSide : kListWidth; }
+  int64_t height() const {
+    if (!list.empty()) return static_cast<int64_t>(list.size()) / kListWidth;
+    return std::clamp<int64_t>((int64_t{1} << 32) / (stride * kSide), 1, kSide);
+  }
+  int64_t count() const { return width() * height(); }
+  // Enough for all; what the last one has beyond 2^32 begins anew between those that were.
+  size_t images() const {
+    const int64_t all = ((int64_t{1} << 32) + stride - 1) / stride;
+    return list.empty() ? static_cast<size_t>((all + count() - 1) / count()) : 1;
+  }
+  uint32_t base(size_t image) const {
+    return static_cast<uint32_t>(static_cast<uint64_t>(image) * static_cast<uint64_t>(count()) * stride);
+  }
+  uint32_t at(uint32_t base, size_t k) const {
+    return list.empty() ? base + stride * static_cast<uint32_t>(k) : static_cast<uint32_t>(list[k]);
+  }
+};
+
+// The ends and the middle of each exponent of both signs, and the special values.
+Patterns special_patterns() {
   std::vector<uint32_t> bits;
-  for (uint64_t p = 0; p < uint64_t{1} << 32; p += kStride) bits.push_back(static_cast<uint32_t>(p));
   for (uint32_t e = 0; e < 512; ++e)
     for (const uint32_t m : {0u, 1u, 2u, 0x3fffffu, 0x400000u, 0x7ffffeu, 0x7fffffu}) bits.push_back(e << 23 | m);
   for (const double x : accuracy::special_floats()) bits.push_back(std::bit_cast<uint32_t>(static_cast<float>(x)));
-  while (bits.size() % kQuickWidth != 0) bits.push_back(0x3f800000);
-  return {reinterpret_cast<int32_t*>(bits.data()), reinterpret_cast<int32_t*>(bits.data()) + bits.size()};
+  while (bits.size() % kListWidth != 0) bits.push_back(0x3f800000);
+  Patterns out;
+  for (const uint32_t b : bits) out.list.push_back(static_cast<int32_t>(b));
+  return out;
 }
 
 // ---- The device ----
 
-// The bundle that computes value and derivative of patterns that count on from `base`, or that `base` lists.
+// The bundle that computes value and derivative of patterns from `base` on, or that `base` lists.
 std::vector<uint8_t> compile(const Group& group, bool native, const std::string& profile_name,
-                             const std::vector<int32_t>& patterns) {
+                             const Patterns& patterns) {
   ir::Builder b;
-  const int64_t width = patterns.empty() ? kSide : kQuickWidth;
-  const int64_t height = patterns.empty() ? kSide : static_cast<int64_t>(patterns.size()) / kQuickWidth;
-  const ir::Extent extent{ir::Dim(width), ir::Dim(height), 1};
+  const ir::Extent extent{ir::Dim(patterns.width()), ir::Dim(patterns.height()), 1};
   ValueId bits;
-  if (patterns.empty()) {
+  if (patterns.list.empty()) {
     const auto coordinate = [&](int64_t axis) {
       ir::Attrs attrs = gradient_test::dims(extent);
       attrs.ints = {axis};
       return ops::emit(b, OpKind::Coord, {}, attrs);
     };
-    const ValueId row = ops::mul(b, coordinate(1), ops::constant(b, ir::kInt, static_cast<double>(width)));
-    bits = ops::add(b, gradient_test::leaf(b, "base", ir::kInt, {}), ops::add(b, row, coordinate(0)));
+    const auto times = [&](ValueId x, int64_t by) {
+      return by == 1 ? x : ops::mul(b, x, ops::constant(b, ir::kInt, static_cast<double>(by)));
+    };
+    const ValueId place = ops::add(b, times(coordinate(1), patterns.width()), coordinate(0));
+    bits = ops::add(b, gradient_test::leaf(b, "base", ir::kInt, {}), times(place, patterns.stride));
   } else {
     bits = gradient_test::leaf(b, "base", ir::kInt, extent);
   }
@@ -96,19 +123,27 @@ std::vector<uint8_t> compile(const Group& group, bool native, const std::string&
   return bundle::write(std::get<backend::Compiled>(compiled).bundle);
 }
 
+// Half of all patterns give NaN or Inf, or take some.
+runtime::LoadOptions quiet() {
+  runtime::LoadOptions options;
+  options.warn = nullptr;
+  return options;
+}
+
 class DeviceProgram {
  public:
   DeviceProgram(const runtime::Device& device, const std::vector<uint8_t>& bundle, bool differentiable,
-                const std::vector<int32_t>& patterns)
-      : program_(must(runtime::Program::load(device, bundle))), differentiable_(differentiable) {
-    if (!patterns.empty())
-      must(program_.bind(
-          "base", io::Array::from_ints(patterns, 1, kQuickWidth, static_cast<int64_t>(patterns.size()) / kQuickWidth)));
+                const Patterns& patterns)
+      : program_(must(runtime::Program::load(device, bundle, quiet()))),
+        differentiable_(differentiable),
+        listed_(!patterns.list.empty()) {
+    if (listed_)
+      must(program_.bind("base", io::Array::from_ints(patterns.list, 1, patterns.width(), patterns.height())));
   }
 
   // Value, and the derivative if there is one, of the patterns from `base` on, if they are not listed.
-  std::vector<io::Array> run(std::optional<uint32_t> base) {
-    if (base) must(program_.bind("base", io::Array::from_ints(std::array{static_cast<int32_t>(*base)})));
+  std::vector<io::Array> run(uint32_t base) {
+    if (!listed_) must(program_.bind("base", io::Array::from_ints(std::array{static_cast<int32_t>(base)})));
     must(program_.run("go"));
     std::vector<io::Array> out;
     out.push_back(must(program_.output("go", "value")));
@@ -118,57 +153,58 @@ class DeviceProgram {
 
  private:
   runtime::Program program_;
-  bool differentiable_;
+  bool differentiable_, listed_;
 };
 
 // ---- Judging ----
 
 // What the device found of the patterns from `base` on, or of those listed, by profile and output.
 void judge(Judge& one, const std::vector<Row>& rows, const std::vector<io::Array> (&found)[2], uint32_t base,
-           const std::vector<int32_t>& patterns) {
+           const Patterns& patterns) {
   const auto count = static_cast<size_t>(found[0][0].scalar_count());
   std::vector<uint32_t> bits(Judge::kBatch);
   std::vector<const float*> by_row(rows.size());
   for (size_t begin = 0; begin < count; begin += bits.size()) {
-    for (size_t i = 0; i < bits.size(); ++i)
-      bits[i] = patterns.empty() ? base + static_cast<uint32_t>(begin + i) : static_cast<uint32_t>(patterns[begin + i]);
+    for (size_t i = 0; i < bits.size(); ++i) bits[i] = patterns.at(base, begin + i);
     for (size_t r = 0; r < rows.size(); ++r)
       by_row[r] = found[rows[r].native][rows[r].derivative].as<float>().data() + begin;
     one.batch(bits.data(), by_row);
   }
 }
 
-// Each device is one opening of the same, for a thread that runs, reads back and judges chunks.
-void sweep_op(const std::vector<runtime::Device>& devices, const std::string& name, const Group& group,
-              const std::vector<int32_t>& patterns, std::ofstream& out) {
-  const auto begin = std::chrono::steady_clock::now();
-  const std::vector<Row> rows = sweep::rows_of(group);
-  const ir::Graph graph = sweep::judge_graph(group, rows);
-  const runtime::Device& device = devices[0];
-  const std::string known = device.profile_name();
+// Each device is one opening of the same, for a thread that runs, reads back and judges images.
+void sweep_patterns(const std::vector<runtime::Device>& devices, const Group& group, const std::vector<Row>& rows,
+                    const Patterns& patterns, std::vector<Judge>& judges) {
+  const std::string known = devices[0].profile_name();
   std::vector<std::vector<uint8_t>> bundles;
   for (const bool native : {false, true})
     if (!native || group.has_native())
       bundles.push_back(compile(group, native, known.empty() ? "lavapipe" : known, patterns));
-  const size_t chunks = patterns.empty() ? (size_t{1} << 32) / (kSide * kSide) : 1;
+  std::atomic<size_t> next{0};
+  std::vector<std::jthread> threads;
+  for (size_t t = 0; t < devices.size(); ++t)
+    threads.emplace_back([&, t] {
+      std::vector<DeviceProgram> programs;
+      for (const auto& bundle : bundles) programs.emplace_back(devices[t], bundle, group.differentiable(), patterns);
+      std::vector<io::Array> found[2];
+      for (size_t k = next++; k < patterns.images(); k = next++) {
+        const uint32_t base = patterns.base(k);
+        for (size_t p = 0; p < programs.size(); ++p) found[p] = programs[p].run(base);
+        judge(judges[t], rows, found, base, patterns);
+      }
+    });
+}
+
+void sweep_op(const std::vector<runtime::Device>& devices, const std::string& name, const Group& group, uint32_t stride,
+              std::ofstream& out) {
+  const auto begin = std::chrono::steady_clock::now();
+  const std::vector<Row> rows = sweep::rows_of(group);
+  const ir::Graph graph = sweep::judge_graph(group, rows);
+  const runtime::Device& device = devices[0];
   std::vector<Judge> judges;
   for (size_t t = 0; t < devices.size(); ++t) judges.emplace_back(graph, rows);
-  std::atomic<size_t> next{0};
-  {
-    std::vector<std::jthread> threads;
-    for (size_t t = 0; t < devices.size(); ++t)
-      threads.emplace_back([&, t] {
-        std::vector<DeviceProgram> programs;
-        for (const auto& bundle : bundles) programs.emplace_back(devices[t], bundle, group.differentiable(), patterns);
-        std::vector<io::Array> found[2];
-        for (size_t k = next++; k < chunks; k = next++) {
-          const auto base = static_cast<uint32_t>(k * kSide * kSide);
-          for (size_t p = 0; p < programs.size(); ++p)
-            found[p] = programs[p].run(patterns.empty() ? std::optional(base) : std::nullopt);
-          judge(judges[t], rows, found, base, patterns);
-        }
-      });
-  }
+  sweep_patterns(devices, group, rows, {.stride = stride}, judges);
+  if (stride > 1) sweep_patterns(devices, group, rows, special_patterns(), judges);
   const std::string op(ir::op_name(group.kind));
   for (size_t r = 0; r < rows.size(); ++r) {
     Tally all = judges[0].tallies()[r];
@@ -184,7 +220,7 @@ void sweep_op(const std::vector<runtime::Device>& devices, const std::string& na
                           {"name", name},
                           {"device", device.info().name},
                           {"driver", device.info().driver},
-                          {"patterns", patterns.empty() ? "all" : "every " + std::to_string(kStride) + "th"},
+                          {"patterns", stride == 1 ? "all" : "every " + std::to_string(stride) + "th"},
                           {"n", all.count()},
                           {"special", all.special},
                           {"not_finite", all.not_finite},
@@ -216,13 +252,13 @@ void sweep_op(const std::vector<runtime::Device>& devices, const std::string& na
 int run(const std::vector<std::string>& arguments) {
   const std::string &file = arguments[0], &name = arguments[1], &wanted = arguments[2];
   size_t threads = std::max(1u, std::thread::hardware_concurrency());
-  std::vector<int32_t> patterns;
+  uint32_t stride = 1;
   std::string only;
   for (size_t k = 3; k < arguments.size(); ++k) {
     const std::string& a = arguments[k];
     const std::string next = k + 1 < arguments.size() ? arguments[k + 1] : "";
-    if (a == "--quick")
-      patterns = quick_patterns(), threads = 1;
+    if (a == "--every" && std::atoi(next.c_str()) > 0)
+      stride = static_cast<uint32_t>(std::atoi(next.c_str())), ++k;
     else if (a == "--threads" && std::atoi(next.c_str()) > 0)
       threads = static_cast<size_t>(std::atoi(next.c_str())), ++k;
     else if (a == "--ops" && !next.empty())
@@ -239,7 +275,7 @@ int run(const std::vector<std::string>& arguments) {
   if (!out) stop("cannot write '" + file + "'");
   for (const Group& group : sweep::groups())
     if (only.empty() || only.find("," + std::string(ir::op_name(group.kind)) + ",") != std::string::npos)
-      sweep_op(devices, name, group, patterns, out);
+      sweep_op(devices, name, group, stride, out);
   return 0;
 }
 
@@ -248,6 +284,6 @@ int run(const std::vector<std::string>& arguments) {
 int main(int argc, char** argv) {
   const std::vector<std::string> arguments(argv + 1, argv + argc);
   if (arguments.size() >= 4 && arguments[0] == "run") return run({arguments.begin() + 1, arguments.end()});
-  std::fputs("usage: bench_sweep run OUT NAME DEVICE [--quick] [--threads N] [--ops A,B]\n", stderr);
+  std::fputs("usage: bench_sweep run OUT NAME DEVICE [--every N] [--threads N] [--ops A,B]\n", stderr);
   return 2;
 }

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Breaks Dressi on purpose, by category, and prints a table: how many inputs there were, how many ended in a signal, took longer
-than 20 s or were wrong without a word, and how many were right or answered. The first three are to be zero: else the exit code is
-1. What was found stands below the table, one line each.
+"""Breaks Dressi on purpose, by category, and prints a table: how many inputs there were, how many ended in a signal, took more
+than 20 s of processor time (or two minutes, where they wait) or were wrong without a word, and how many were right or answered.
+The first three are to be zero: else the exit code is 1. What was found stands below the table, one line each.
 
 usage: table.py BUILD [--only NAME,...] [--many] [--folder FOLDER]
   --only    sources, runs, bundles, mutations, readers, files, checkpoints, kills, hands, meshes, api, install
@@ -12,7 +12,9 @@ usage: table.py BUILD [--only NAME,...] [--many] [--folder FOLDER]
 import argparse
 import os
 import re
+import resource
 import shutil
+import signal
 import struct
 import subprocess
 import sys
@@ -25,9 +27,14 @@ import files
 import runs
 import sources
 
-LONGEST = 20  # seconds
+LONGEST = 20  # seconds of processor time: those of the clock say how busy a machine is
+PATIENCE = 120  # seconds of the clock
 HERE = Path(__file__).resolve().parent
 TESTS = HERE.parent.parent
+
+
+def limit():
+    resource.setrlimit(resource.RLIMIT_CPU, (LONGEST, LONGEST + 5))
 
 
 class Row:
@@ -43,12 +50,14 @@ class Row:
         self.tried += 1
         begin = time.monotonic()
         try:
-            done = subprocess.run(command, cwd=cwd, capture_output=True, timeout=LONGEST, stdin=subprocess.DEVNULL)
+            done = subprocess.run(command, cwd=cwd, capture_output=True, timeout=PATIENCE, stdin=subprocess.DEVNULL, preexec_fn=limit)
         except subprocess.TimeoutExpired:
             self.blame("hung", name, f"after {time.monotonic() - begin:.0f} s")
             return -1
         said = done.stderr.decode(errors="replace")
-        if done.returncode not in accepts or "internal error" in said:
+        if done.returncode == -signal.SIGXCPU:
+            self.blame("hung", name, f"after {LONGEST} s of processor time")
+        elif done.returncode not in accepts or "internal error" in said:
             self.blame("crashed", name, f"exit {done.returncode} {said}")
         elif reference and done.returncode != 0:  # all of these are to run, and to agree
             self.blame("wrong", name, said)
