@@ -64,7 +64,7 @@ def lights(suite):
     ways = [(f"split sum, {n} points", consts(way=0, N=n)) for n in ((16, 64) if suite.quick else (4, 16, 64, 256))]
     ways += [] if suite.quick else [(f"split sum, {k} maps", consts(way=0, N=64, levels=k)) for k in (3, 12)]
     ways += [(f"split sum, bent, {n} points", consts(way=0, N=n, bent="true")) for n in ((16,) if suite.quick else (16, 64))]
-    ways += [(f"sampled, {n} points", consts(way=1, N=n)) for n in ((16,) if suite.quick else (4, 16, 64, 256))]
+    ways += [(f"sampled, {n} points", consts(way=1, N=n)) for n in ((16, 64) if suite.quick else (4, 16, 64, 256))]
     cells = []
     for name, arguments in ways:
         found = look(suite, "pareto_sky.dr", arguments, ["picture", "to_sky"])
