@@ -53,9 +53,11 @@ auto sums_of(const backend::Schedule& schedule) {
   std::vector<std::tuple<size_t, backend::ScatterLowering, Sums>> out;
   for (size_t k = 0; k < schedule.steps.size(); ++k)
     for (const backend::Pass& pass : schedule.steps[k].passes) {
+      const auto* scatter = pass.as<backend::ScatterPass>();
+      if (scatter == nullptr || scatter->sums.empty()) continue;
       Sums sums;
-      for (const backend::ScatterSum& sum : pass.sums) sums.emplace_back(sum.value, sum.terms);
-      if (!sums.empty()) out.emplace_back(k, pass.scatter, std::move(sums));
+      for (const backend::ScatterSum& sum : scatter->sums) sums.emplace_back(sum.value, sum.terms);
+      out.emplace_back(k, scatter->lowering(), std::move(sums));
     }
   std::sort(out.begin(), out.end());
   return out;

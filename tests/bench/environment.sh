@@ -13,5 +13,5 @@ names=(venice_sunset_1k quarry_01_1k)
 if [[ -n $quick ]]; then names=(venice_sunset_1k); fi
 for name in "${names[@]}"; do
   "$bin/drun" "$here/cases/environment.dr" --device "$device" --bind "sky=$maps/$name.hdr" --step filter --out "$out/$name" > "$out/$name.txt"
-  python3 "$here/environment.py" "$out/$name" "$name" 0.5
+  /usr/bin/python3 "$here/environment.py" "$out/$name" "$name" 0.5
 done | tee "$out/figures.json"

@@ -18,7 +18,7 @@ struct ScatterLeaf {
   struct Branch {
     ir::OpId op;
     size_t region = 0;
-    bool in_table = false;  // rows leave sources out where it is not taken, rather than add zero; see RowsTable
+    bool in_table = false;  // rows leave sources out where it is not taken, rather than add zero; see RowsScatter
   };
   std::vector<Branch> path;
   ir::ValueId index, value;

@@ -84,7 +84,7 @@ struct Model {
 
   double pass_cost(size_t index) {
     const Pass& pass = step.passes[index];
-    const bool fragment = pass.kind == Pass::Kind::Map && pass.hardware;
+    const bool fragment = pass.is<FragmentPass>();
     const bool joins = index > 0 && step.passes[index - 1].stage == pass.stage;
     const double count = elements(pass.domain);
     double cost = fragment ? (joins ? costs.subpass_ns : costs.pass_ns) : costs.dispatch_ns;
@@ -100,32 +100,35 @@ struct Model {
     for (ir::OpId id : pass.ops)
       if (graph.op(id).kind != OpKind::Raster) work += arithmetic(graph.op(id));
     work *= count / (fragment ? costs.fragment_operations_per_ns : costs.compute_operations_per_ns);
-    switch (pass.kind) {
-      case Pass::Kind::Map: return cost + work;
-      case Pass::Kind::Reduce:
+    switch (pass.kind()) {
+      case PassKind::Map: return cost + work;
+      case PassKind::Reduce:
         for (double n = count; n > kReduceGroup; n /= kReduceGroup) cost += costs.dispatch_ns;
         return cost + work;
-      case Pass::Kind::Scatter: {
+      case PassKind::Scatter: {
+        const auto& scatter = pass.get<ScatterPass>();
         // A row's sources are read where the table says.
-        if (pass.scatter == ScatterLowering::Rows)
+        if (scatter.lowering() == ScatterLowering::Rows)
           return cost + work + costs.dispatch_ns + 4 * count / costs.compute_buffer_bytes_per_ns;
         // Clearing, the list of those that add something, the largest contribution, the sums, their conversion; two
         // words a contribution. The shader runs twice.
-        const double active = pass.active.empty() ? 1 : kActive;
-        return cost + 3 * costs.dispatch_ns + (pass.active.empty() ? 0 : costs.dispatch_ns) + active * loads +
-               2 * active * work + 3 * active * count * costs.atomic_add_ns;
+        const bool all = scatter.clauses().empty();
+        const double active = all ? 1 : kActive;
+        return cost + 3 * costs.dispatch_ns + (all ? 0 : costs.dispatch_ns) + active * loads + 2 * active * work +
+               3 * active * count * costs.atomic_add_ns;
       }
-      case Pass::Kind::Raster: break;
+      case PassKind::Raster: break;
     }
     const Op& op = graph.op(graph.value(pass.writes.front()).op);
     const double faces = evaluate(op.attrs.dims[3]);
     const double layers = evaluate(pass.domain.l), ranks = static_cast<double>(op.results.size()) / 2;
-    const double triangle = pass.hardware ? costs.hardware_triangle_ns : costs.compute_triangle_ns;
-    double pixel = pass.hardware ? costs.hardware_pixel_ns : costs.compute_pixel_ns;
-    pixel += arithmetic(op) / (pass.hardware ? costs.fragment_operations_per_ns : costs.compute_operations_per_ns);
-    cost += ranks * (pass.hardware ? costs.pass_ns : costs.dispatch_ns);
+    const bool drawn = pass.is_drawn();
+    const double triangle = drawn ? costs.hardware_triangle_ns : costs.compute_triangle_ns;
+    double pixel = drawn ? costs.hardware_pixel_ns : costs.compute_pixel_ns;
+    pixel += arithmetic(op) / (drawn ? costs.fragment_operations_per_ns : costs.compute_operations_per_ns);
+    cost += ranks * (drawn ? costs.pass_ns : costs.dispatch_ns);
     // Draws find one rank after the other.
-    cost += (pass.hardware ? ranks : 1) * faces * layers * (triangle + assumptions.faces_cover * pixel);
+    cost += (drawn ? ranks : 1) * faces * layers * (triangle + assumptions.faces_cover * pixel);
     return cost;
   }
 };

@@ -26,8 +26,7 @@ bool divides(int n, const Dim& d) { return n == 1 || (d.is_constant() && d.const
 
 }  // namespace
 
-void Generator::block_map_pass(const Pass& pass) {
-  const Block& block = pass.block;
+void Generator::block_map_pass(const Pass& pass, const Block& block) {
   const Extent& domain = pass.domain;
   Shader s = shader();
   if (!changing_) changing_.emplace(graph_);
@@ -35,10 +34,9 @@ void Generator::block_map_pass(const Pass& pass) {
   std::array<std::string, 3> apart;  // from member to member
   std::string first;                 // the place of the first member
   Dim invocations = element_count(blocks);
-  const std::array<int, 3> box = block.reads_together() ? block.box() : block.each;
-  if (block.reads_together()) {
+  const std::array<int, 3> box = block.box();
+  if (const auto& together = block.together) {
     const Extent groups = boxes(domain, box);
-    const std::string n = std::to_string(block.invocations());
     s.body().line("int group = int(gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x);");
     s.body().line("if (group >= " + dim_expression(element_count(groups)) + ") return;");
     s.body().line("int lane = int(gl_LocalInvocationID.x);");
@@ -47,19 +45,19 @@ void Generator::block_map_pass(const Pass& pass) {
       return "ivec3(" + std::to_string(v[0]) + ", " + std::to_string(v[1]) + ", " + std::to_string(v[2]) + ")";
     };
     s.body().line("ivec3 origin = at * " + vector(box) + ";");
-    const std::string w = std::to_string(block.group[0]), h = std::to_string(block.group[1]);
+    const std::string w = std::to_string(together->group[0]), h = std::to_string(together->group[1]);
     s.body().line("ivec3 in_group = ivec3(lane % " + w + ", (lane / " + w + ") % " + h + ", lane / (" + w + " * " + h +
                   "));");
-    for (size_t axis = 0; axis < 3; ++axis) apart[axis] = std::to_string(block.group[axis]);
+    for (size_t axis = 0; axis < 3; ++axis) apart[axis] = std::to_string(together->group[axis]);
     first = "origin + in_group";
-    invocations = element_count(groups) * Dim(block.invocations());
+    invocations = element_count(groups) * Dim(together->invocations());
   } else {
     linear_index(s, dim_expression(invocations));
     place_from_index(s, blocks);
     for (size_t axis = 0; axis < 3; ++axis) apart[axis] = dim_expression(size_on(blocks, axis));
     first = "at";
   }
-  const Cut cut = this->cut(s, pass, pass.code.cut, "index", 1, &blocks);
+  const Cut cut = this->cut(s, pass, pass.get<MapPass>().code.cut, "index", 1, &blocks);
   std::vector<Shader::Member> members;
   std::string last;  // the last place there is, where members may lie beyond
   for (size_t axis = 0; axis < 3; ++axis)
@@ -77,23 +75,23 @@ void Generator::block_map_pass(const Pass& pass) {
         const std::string there = first + " + ivec3(" + step + ")";
         // Beyond the last element stand those there that compute what it does, and store nothing.
         s.body().line("ivec3 " + at + " = " + (whole ? there : "min(" + there + ", ivec3(" + last + "))") + ";");
-        if (block.reads_together()) s.body().line("ivec3 " + in + " = in_group + ivec3(" + step + ");");
+        if (block.together) s.body().line("ivec3 " + in + " = in_group + ivec3(" + step + ");");
         members.push_back({.at = at, .in_group = in, .place = place});
       }
   const size_t count = members.size();
   std::vector<std::array<int, 3>> places;
   for (const Shader::Member& m : members) places.push_back(m.place);
   s.set_members(*changing_, std::move(members));
-  if (block.reads_together()) {
-    Shader::SharedReads together{.loop = block.loop,
-                                 .trips = block.trips,
-                                 .group = block.invocations(),
-                                 .lane = "lane",
-                                 .origin = "origin",
-                                 .reads = {}};
-    for (const ir::OpId id : block.gathers)
-      together.reads.emplace_back(id, *read_part(graph_, graph_.op(id), block.loop, box, block.trips, *changing_));
-    s.read_together(std::move(together));
+  if (const auto& together = block.together) {
+    Shader::SharedReads reads{.loop = together->loop,
+                              .trips = together->trips,
+                              .group = together->invocations(),
+                              .lane = "lane",
+                              .origin = "origin",
+                              .reads = {}};
+    for (const ir::OpId id : together->gathers)
+      reads.reads.emplace_back(id, *read_part(graph_, graph_.op(id), together->loop, box, together->trips, *changing_));
+    s.read_together(std::move(reads));
   }
   open_cut(s, cut, "return;");
   s.element_ops(pass.ops);
@@ -106,7 +104,7 @@ void Generator::block_map_pass(const Pass& pass) {
       const Dim& size = size_on(domain, axis);
       const int n = places[k][axis];
       // The first member of a block is there.
-      if (divides(box[axis], size) || (n == 0 && !block.reads_together())) continue;
+      if (divides(box[axis], size) || (n == 0 && !block.together)) continue;
       inside += (inside.empty() ? "" : " && ") + ("(" + first + ")") + kAxis[axis] +
                 (n == 0 ? "" : " + " + std::to_string(n) + " * " + apart[axis]) + " < " + dim_expression(size);
     }
@@ -118,7 +116,8 @@ void Generator::block_map_pass(const Pass& pass) {
   }
   s.only_member(0);
   end_cut(s, cut);
-  set_trips(dispatch(pass, "", s, invocations.str(), {0, 0, 0}, block.reads_together() ? block.invocations() : 0), cut);
+  set_trips(dispatch(pass, "", s, invocations.str(), {0, 0, 0}, block.together ? block.together->invocations() : 0),
+            cut);
 }
 
 }  // namespace dr::backend

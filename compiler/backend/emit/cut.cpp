@@ -8,10 +8,10 @@ namespace dr::backend {
 
 using glsl::Shader;
 
-Generator::Cut Generator::cut(Shader& s, const Pass& pass, const LoopCut& how, const std::string& element, int each,
-                              const ir::Extent* domain) {
+Generator::Cut Generator::cut(Shader& s, const Pass& pass, const std::optional<LoopCut>& how,
+                              const std::string& element, int each, const ir::Extent* domain) {
   Cut cut;
-  if (!how.cuts()) return cut;
+  if (!how) return cut;
   cut.how = how;
   cut.trips = (trips_of(graph_, pass.ops).most + ir::Dim(each > 1 ? 2 : 0)) * ir::Dim(each);
   cut.element = element;
@@ -21,7 +21,7 @@ Generator::Cut Generator::cut(Shader& s, const Pass& pass, const LoopCut& how, c
   cut.state = add_scratch(pass.name + "_loops_" + number, "1");
   bundle_->resources[cut.state]->room = (cut.trips - ir::Dim(schedule_.code.loop_trips)).str();
   bundle_->resources[cut.state]->extent->w = element_count(domain == nullptr ? pass.domain : *domain).str();
-  if (cut.how.watched) {
+  if (cut.how->watched) {
     cut.watch = add_scratch(pass.name + "_unfinished_" + number, "1");
     bundle_->resources[cut.watch]->role = bundle::Role::Watch;
   }
@@ -29,17 +29,17 @@ Generator::Cut Generator::cut(Shader& s, const Pass& pass, const LoopCut& how, c
 }
 
 void Generator::open_cut(Shader& s, const Cut& cut, const std::string& skip) {
-  if (cut.how.cuts()) s.body().line("if (part_trips != 0 && !resume_loops(" + cut.element + ")) " + skip);
+  if (cut.how) s.body().line("if (part_trips != 0 && !resume_loops(" + cut.element + ")) " + skip);
 }
 
 void Generator::close_cut(Shader& s, const Cut& cut) {
-  if (!cut.how.cuts()) return;
+  if (!cut.how) return;
   bundle::ResourceT& state = *bundle_->resources[cut.state];
   const auto elements = ir::Dim::parse(state.extent->w);
   state.extent->w = (*elements * ir::Dim(s.cut_loops().words())).str();
   s.cut_loops().set_state(s.bind_words(cut.state, "loops", bundle::Access::ReadWrite));
   s.body().line("if (part_trips != 0) keep_loops(" + cut.element + ");");
-  if (cut.how.watched) {
+  if (cut.how->watched) {
     const std::string word = s.bind_words(cut.watch, "unfinished_loops", bundle::Access::ReadWrite);
     s.body().line("if (unfinished || (pc.layer == 3 && paused)) " + word + ".d[0] = 1u;");
   }
@@ -48,17 +48,17 @@ void Generator::close_cut(Shader& s, const Cut& cut) {
 }
 
 void Generator::end_cut(Shader& s, const Cut& cut) {
-  if (!cut.how.cuts()) return;
+  if (!cut.how) return;
   s.pop_scope();
   s.body().line("}");
 }
 
 void Generator::set_trips(bundle::CommandT& command, const Cut& cut) const {
-  if (!cut.how.cuts()) return;
+  if (!cut.how) return;
   command.trips = cut.trips.str();
   command.most_trips = schedule_.code.loop_trips;
-  command.part_trips = cut.how.part;
-  if (cut.how.watched) command.watch = static_cast<int>(cut.watch);
+  command.part_trips = cut.how->part;
+  if (cut.how->watched) command.watch = static_cast<int>(cut.watch);
 }
 
 }  // namespace dr::backend

@@ -15,14 +15,15 @@ const char* const kListNames[] = {"middle", "large"};
 
 }  // namespace
 
-FaceLists::FaceLists(const FaceWalk& walk, uint32_t loop_trips, const Dim& faces, const Dim& pixels,
+FaceLists::FaceLists(const std::optional<FaceBins>& bins, uint32_t loop_trips, const Dim& faces, const Dim& pixels,
                      const WalkTrips& trips)
     : faces_(faces),
       trips_(trips),
       limit_(loop_trips),
-      walk_(walk),
-      lists_{List{walk.team, walk.middle_invocations, Dim(walk.middle_box)},
-             List{kLargeTeam, walk.large_invocations, pixels}} {}
+      used_(bins.has_value()),
+      bins_(bins.value_or(FaceBins{})),
+      lists_{List{bins_.team, bins_.middle_invocations, Dim(bins_.middle_box)},
+             List{kLargeTeam, bins_.large_invocations, pixels}} {}
 
 // Of each list: teams that share a face, faces or parts of them that a team may walk, and the rows of workgroups that
 // so many faces need beyond the first.
@@ -68,7 +69,7 @@ std::string FaceLists::append(Shader& s, const std::string& list) const {
             ".d[" + count(1) + "]" + one + "  else place = int(atomicAdd(" + list + ".d[" + count(0) + "]" + one +
             "  " + list + ".d[(large ? " + dim_expression(faces_ + Dim(head())) + " : " + std::to_string(head()) +
             ") + place] = uint(index);\n" + more + "}\n");
-  return "list_face(area > " + std::to_string(walk_.middle_box) + ", index);";
+  return "list_face(area > " + std::to_string(bins_.middle_box) + ", index);";
 }
 
 std::string FaceLists::quotient(const std::string& a, const std::string& b) { return "quotient(" + a + ", " + b + ")"; }

@@ -16,12 +16,12 @@ namespace dr::backend {
 // one could not walk it: usual pictures need one row, and one team.
 class FaceLists {
  public:
-  FaceLists(const FaceWalk& walk, uint32_t loop_trips, const ir::Dim& faces, const ir::Dim& pixels,
+  FaceLists(const std::optional<FaceBins>& bins, uint32_t loop_trips, const ir::Dim& faces, const ir::Dim& pixels,
             const WalkTrips& trips);
 
-  bool used() const { return walk_.lists; }
+  bool used() const { return used_; }
   // Boxes of up to so many pixels are walked by the invocation that finds them; 0: none are.
-  int small_box() const { return walk_.small_box; }
+  int small_box() const { return bins_.small_box; }
   // Whether the numbers of workgroups stand in the first words.
   bool bounded() const { return limit_ > 0; }
   ir::Dim words() const { return faces_ * ir::Dim(2) + ir::Dim(head()); }
@@ -51,7 +51,8 @@ class FaceLists {
   ir::Dim faces_;
   WalkTrips trips_;
   int64_t limit_ = 0;
-  FaceWalk walk_;
+  bool used_ = false;
+  FaceBins bins_;
   std::array<List, 2> lists_;
 };
 

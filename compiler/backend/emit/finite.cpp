@@ -9,9 +9,10 @@ using glsl::Shader;
 using ir::ValueId;
 
 void Generator::tell_not_finite(Shader& s, const Pass& pass) {
-  if (pass.code.told.empty()) return;
+  const std::vector<ValueId>& told = pass.get<MapPass>().code.told;
+  if (told.empty()) return;
   std::string any;
-  for (const ValueId v : pass.code.told) {
+  for (const ValueId v : told) {
     const ir::Type& t = resource(v).type;
     for (int c = 0; c < t.components(); ++c) {
       const std::string one = "size_bits(" + glsl::component(t, s.use(v), c) + ")";

@@ -92,7 +92,8 @@ void Generator::process(bundle::BundleT& bundle, std::vector<GlslShader>& shader
   }
   for (const StepSchedule& s : schedule_.steps)
     for (const Pass& pass : s.passes)
-      for (const ValueId v : pass.partial) bundle.resources[s.stored.at(v).index]->partial = true;
+      if (const auto* map = pass.as<MapPass>())
+        for (const ValueId v : map->partial) bundle.resources[s.stored.at(v).index]->partial = true;
   for (const StepSchedule& s : schedule_.steps) step(s);
 }
 
@@ -107,20 +108,17 @@ void Generator::step(const StepSchedule& schedule) {
   for (size_t k = 0; k < schedule.passes.size(); ++k) {
     const Pass& pass = schedule.passes[k];
     const bool joins = k > 0 && schedule.passes[k - 1].stage == pass.stage;
-    const bool later =
-        std::ranges::any_of(schedule.passes, [&](const Pass& other) { return other.set_up_by == static_cast<int>(k); });
-    if (later) continue;
-    const Pass* const setup = pass.set_up_by < 0 ? nullptr : &schedule.passes[static_cast<size_t>(pass.set_up_by)];
+    if (set_up_for(schedule, pass_id(k)) != nullptr) continue;  // that runs it
+    const Pass* const setup = pass.setup() == nullptr ? nullptr : &schedule.pass(pass.setup()->pass);
     set_lines(pass, setup);
     ops_ = pass.ops.size() + (setup == nullptr ? 0 : setup->ops.size());
-    switch (pass.kind) {
-      case Pass::Kind::Map:
-        pass.hardware ? fragment_pass(pass, stage_inputs(schedule, k), joins) : map_pass(pass);
-        break;
-      case Pass::Kind::Reduce: reduce_pass(pass); break;
-      case Pass::Kind::Scatter: scatter_pass(pass); break;
-      case Pass::Kind::Raster: raster_pass(pass); break;
-    }
+    std::visit(
+        Overloaded{[&](const MapPass&) { map_pass(pass); },
+                   [&](const FragmentPass&) { fragment_pass(pass, stage_inputs(schedule, k), joins); },
+                   [&](const ReducePass&) { reduce_pass(pass); }, [&](const ScatterPass&) { scatter_pass(pass); },
+                   [&](const RasterPass& raster) { raster_compute(pass, raster, graph_.op(pass.ops.back())); },
+                   [&](const DrawnRasterPass&) { raster_hardware(pass, graph_.op(pass.ops.back())); }},
+        pass.of_kind);
   }
   lines_.clear();
   ops_ = 0;
@@ -311,16 +309,18 @@ void place_from_index(Shader& s, const Extent& e, const std::string& index) {
 }
 
 void Generator::map_pass(const Pass& pass) {
+  const auto& map = pass.get<MapPass>();
   if (const Pass* scatter = listed_for(pass)) {
-    if (scatter->joins_lister) targets_[scatter] = scatter_targets(*scatter);
-    const bool all_here = scatter->joins_lister && scatter->scatter == ScatterLowering::Atomic;
+    const bool joined = scatter->get<ScatterPass>().joined_run() != nullptr;
+    if (joined) targets_[scatter] = scatter_targets(*scatter);
+    const bool all_here = joined && scatter->get<ScatterPass>().lowering() == ScatterLowering::Atomic;
     if (!all_here) active_lists_[scatter] = add_list(*scatter, "active", bundle::ListKind::Active);
   }
-  if (pass.block.elements() > 1) return block_map_pass(pass);
-  if (!pass.code.heavy.empty()) return listed_map_pass(pass);
+  if (map.block) return block_map_pass(pass, *map.block);
+  if (map.code.heavy) return listed_map_pass(pass, *map.code.heavy);
   Shader s = shader();
-  ListingLoop loop(s, pass.domain, pass.code.lists_in_runs);
-  const Cut cut = this->cut(s, pass, pass.code.cut, loop.element(), loop.each());
+  ListingLoop loop(s, pass.domain, map.code.lists_in_runs);
+  const Cut cut = this->cut(s, pass, map.code.cut, loop.element(), loop.each());
   open_cut(s, cut, loop.skip());
   s.element_ops(pass.ops);
   close_cut(s, cut);

@@ -40,22 +40,22 @@ class Generator {
   // Source lines behind the ops of a pass, and of what sets it up; they go into the commands made next.
   void set_lines(const Pass& pass, const Pass* setup);
   void map_pass(const Pass& pass);
-  void listed_map_pass(const Pass& pass);
+  void listed_map_pass(const Pass& pass, const HeavyBranches& heavy);
   // Several elements an invocation (block.cpp).
-  void block_map_pass(const Pass& pass);
+  void block_map_pass(const Pass& pass, const Block& block);
   // `inputs`: values that it reads as input attachments; `joins`: it goes on in the render pass before.
   void fragment_pass(const Pass& pass, const std::vector<ir::ValueId>& inputs, bool joins);
   // A shader whose loops are cut (cut.cpp). What an element computes stands between open_cut() and close_cut(), what it
   // leaves behind between that and end_cut().
   struct Cut {
-    LoopCut how;
+    std::optional<LoopCut> how;
     ir::Dim trips;                  // of an invocation
     uint32_t state = 0, watch = 0;  // bundle resources
     std::string element;
   };
   // `each`: elements of an invocation, one after the other; `domain`: invocations.
-  Cut cut(glsl::Shader& shader, const Pass& pass, const LoopCut& how, const std::string& element, int each = 1,
-          const ir::Extent* domain = nullptr);
+  Cut cut(glsl::Shader& shader, const Pass& pass, const std::optional<LoopCut>& how, const std::string& element,
+          int each = 1, const ir::Extent* domain = nullptr);
   // `skip`: is done with the element.
   static void open_cut(glsl::Shader& shader, const Cut& cut, const std::string& skip);
   void close_cut(glsl::Shader& shader, const Cut& cut);
@@ -79,9 +79,9 @@ class Generator {
   // Declares what adds to a target; gives what a shader with a first run does at its end. `lists`: the variable `adds`
   // says whether an element adds anything.
   std::string declare_target(glsl::Shader& shader, const Pass& pass, const Target& target, Runs runs, bool lists);
-  // What a map pass does for the scatter that joins it (Pass::joins_lister).
+  // What a map pass does for the scatter that joins it (JoinedRun).
   void scatter_where_listed(glsl::Shader& shader, const Pass& pass, const Pass& scatter);
-  // Contributions that the first run of exact sums keeps for the second (Pass::keeps_terms), by their place in the list
+  // Contributions that the first run of exact sums keeps for the second (JoinedFirstRun), by their place in the list
   // of active elements: words of the buffer; what scatter_<name> does with one, its `value` for `element` at `site`;
   // that an element has none yet; and the add_<name> of them all, a part of which each invocation takes.
   ir::Dim words_of_terms(const Target& target, const ir::Extent& domain) const;
@@ -103,11 +103,11 @@ class Generator {
   // The scatter of the step that a map pass lists elements for, if there is one.
   const Pass* listed_for(const Pass& pass) const;
   // A condition: whether an element is active.
-  std::string active_condition(glsl::Shader& shader, const Pass& scatter) const;
+  std::string active_condition(glsl::Shader& shader, const Clauses& clauses) const;
   // Stores what a map pass writes at an element and, where it lists elements for a scatter, lists it; `loop`: that the
   // shader runs, if it does; `active`: whether the element may be one of those.
   void store_results(glsl::Shader& shader, const Pass& pass, ListingLoop* loop = nullptr, bool active = true);
-  // Says in a word of the pass that one of PassCode::told is NaN or Inf.
+  // Says in a word of the pass that one of those that a map tells of is NaN or Inf.
   void tell_not_finite(glsl::Shader& shader, const Pass& pass);
   // An empty list of elements of the pass, a scratch buffer; a dispatch can be as large as it is long.
   uint32_t add_list(const Pass& pass, const std::string& name, bundle::ListKind kind);
@@ -118,15 +118,14 @@ class Generator {
     uint32_t starts = 0, items = 0;
   };
   // The host makes it: two leaves.
-  Table rows_table(const RowsTable& rows);
+  Table rows_table(const RowsScatter& rows, const RowsOfLeaf& of);
   // The device makes it, when what its indices depend on changed.
   Table sorted_table(const Pass& pass);
   void key_pass(const Pass& pass, uint32_t keys);
   ir::Dim row_items(const Pass& pass) const;
   std::vector<ir::OpId> element_ops(const Pass& pass) const;
-  void raster_pass(const Pass& pass);
   void raster_hardware(const Pass& pass, const ir::Op& op);
-  void raster_compute(const Pass& pass, const ir::Op& op);
+  void raster_compute(const Pass& pass, const RasterPass& raster, const ir::Op& op);
   void resolve(const Pass& pass, const ir::Op& op, uint32_t keys, uint32_t ids, bool wide);
   // Loops of closures that no part of which can be left to a later dispatch: the run fails where they may take too many
   // trips, or, watched, where the driver ends one.
@@ -202,7 +201,7 @@ class Generator {
   std::set<uint32_t> step_tables_;  // leaves
 };
 
-// How many elements of a list have room for what they add (Pass::keeps_terms): few add something to a sum whose
+// How many elements of a list have room for what they add (JoinedFirstRun): few add something to a sum whose
 // elements are listed, and those beyond are computed again.
 ir::Dim room_for_terms(const ir::Extent& domain);
 // Opens a compute shader's main: computes `index`, returns past `elements` if it says some.

@@ -18,13 +18,14 @@ constexpr int kWalking = 1 << 16;
 
 }  // namespace
 
-void Generator::listed_map_pass(const Pass& pass) {
-  const std::vector<ir::OpId>& heavy = pass.code.heavy;
+void Generator::listed_map_pass(const Pass& pass, const HeavyBranches& branches) {
+  const MapCode& code = pass.get<MapPass>().code;
+  const std::vector<ir::OpId>& heavy = branches.ops;
   const uint32_t list = add_list(pass, "heavy", bundle::ListKind::Branches);
   const std::string count = element_count(pass.domain).str();
   {
     Shader s = shader();
-    ListingLoop loop(s, pass.domain, pass.code.lists_in_runs);
+    ListingLoop loop(s, pass.domain, code.lists_in_runs);
     // Where no condition holds, `false` stands for all: nothing is read that only a branch left out needs. Elsewhere
     // what follows a condition that holds is wrong, another condition too, and does not count.
     std::set<ValueId> conditions;
@@ -40,7 +41,7 @@ void Generator::listed_map_pass(const Pass& pass) {
     for (const ValueId v : std::set<ValueId>(conditions))
       if (computed.count(v) == 0) suppose(v);
     for (const ir::OpId id : heavy) s.leave_out_branch(id);
-    const Cut cut = this->cut(s, pass, pass.code.cut, loop.element(), loop.each());
+    const Cut cut = this->cut(s, pass, code.cut, loop.element(), loop.each());
     open_cut(s, cut, loop.skip());
     for (const ir::OpId id : pass.ops) {
       s.element_ops({id});
@@ -51,14 +52,14 @@ void Generator::listed_map_pass(const Pass& pass) {
     for (const std::string& condition : found) any += (any.empty() ? "" : " || ") + condition;
     const std::string words = s.bind_words(list, "heavy_elements", bundle::Access::ReadWrite);
     s.body().line("if (" + any + ") {");
-    if (pass.code.heavy_by_subgroups) subgroup_extensions(s);
-    loop.add(words, pass.code.heavy_by_subgroups);
+    if (branches.by_subgroups) subgroup_extensions(s);
+    loop.add(words, branches.by_subgroups);
     s.body().line(loop.skip());
     s.body().line("}");
     // Where each clause of the scatter has a condition of a branch left out, no element is active here.
     bool active = false;
     if (const Pass* scatter = listed_for(pass))
-      active = std::ranges::any_of(scatter->active, [&](const std::vector<ValueId>& clause) {
+      active = std::ranges::any_of(scatter->get<ScatterPass>().clauses(), [&](const std::vector<ValueId>& clause) {
         return std::ranges::none_of(
             heavy, [&](ir::OpId id) { return std::ranges::find(clause, graph_.op(id).operands[0]) != clause.end(); });
       });
@@ -71,13 +72,13 @@ void Generator::listed_map_pass(const Pass& pass) {
   const std::string words = s.read_words(list, "heavy_elements");
   const std::string item = std::to_string(kListHead) + " + ",
                     end = "int(" + words + "(" + std::to_string(kListEnd) + ")) - 1";
-  const bool walks = pass.code.heavy_apart > 0;
+  const bool walks = branches.apart > 0;
   if (walks) {
     // Elements side by side would take each other's branches: each gets a subgroup of its own where there are enough.
     const std::string all = std::to_string(kWalking);
     linear_index(s, all);
     s.body().line("int end = " + end + ", apart = clamp(" + all + " / max(end, 1), 1, " +
-                  std::to_string(pass.code.heavy_apart) + ");");
+                  std::to_string(branches.apart) + ");");
     s.body().line("if (index % apart != 0) return;");
     s.body().line("for (index /= apart; index < end; index += (" + all + " - 1) / apart + 1) {");
     s.push_scope();
@@ -86,7 +87,7 @@ void Generator::listed_map_pass(const Pass& pass) {
   }
   s.body().line("int element = int(" + words + "(" + item + "index));");
   place_from_index(s, pass.domain, "element");
-  const Cut cut = this->cut(s, pass, pass.code.heavy_cut, "element");
+  const Cut cut = this->cut(s, pass, branches.cut, "element");
   open_cut(s, cut, "return;");
   s.element_ops(pass.ops);
   close_cut(s, cut);

@@ -166,7 +166,7 @@ void Generator::set_walk_trips(bundle::CommandT& c, const WalkTrips& trips, std:
   if (watch) c.watch = static_cast<int>(*watch);
 }
 
-void Generator::raster_compute(const Pass& pass, const ir::Op& op) {
+void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const ir::Op& op) {
   const RasterParts parts = raster_parts(op);
   const Dim pixels = element_count(parts.extent());
   const Dim slots = pixels * Dim(static_cast<int64_t>(parts.count));
@@ -179,10 +179,11 @@ void Generator::raster_compute(const Pass& pass, const ir::Op& op) {
   const uint32_t ids = wide ? keys : add_scratch(pass.name + "_faces", slots.str());
   fill("clear " + pass.name, keys, 0xffffffffu);
   if (!wide) fill("clear " + pass.name + " faces", ids, 0xffffffffu);
-  const Pass* const setup = pass.set_up_by < 0 ? nullptr : &step_->passes[static_cast<size_t>(pass.set_up_by)];
-  const WalkTrips trips = walk_trips(graph_, pass, op, pass.sets_up_again ? setup : nullptr, wide);
-  const FaceLists lists(pass.code.walk, schedule_.code.loop_trips, faces, parts.w * parts.h, trips);
-  const bool watched = pass.code.walk.watched;
+  const Pass* const setup = raster.setup ? &step_->pass(raster.setup->pass) : nullptr;
+  const bool sets_up_again = raster.setup && raster.setup->again;
+  const WalkTrips trips = walk_trips(graph_, pass, op, sets_up_again ? setup : nullptr, wide);
+  const FaceLists lists(raster.walk.lists, schedule_.code.loop_trips, faces, parts.w * parts.h, trips);
+  const bool watched = raster.walk.watched;
   const uint32_t list_words = lists.used() ? add_scratch(pass.name + "_lists", lists.words().str()) : keys;
   if (lists.used())
     fill("clear " + pass.name + " lists", list_words, lists.clear_value(), std::to_string(lists.cleared()));
@@ -196,7 +197,7 @@ void Generator::raster_compute(const Pass& pass, const ir::Op& op) {
   };
   const auto store_listed = [&](Shader& s) {
     if (setup == nullptr) return;
-    for (const ValueId v : setup->partial) s.store(v, "at", s.use(v));
+    for (const ValueId v : setup->get<MapPass>().partial) s.store(v, "at", s.use(v));
   };
   const auto run = [&](bool listed, const char* suffix, const Dim& elements) {
     Shader s = strict_shader();
@@ -207,7 +208,7 @@ void Generator::raster_compute(const Pass& pass, const ir::Op& op) {
     if (watched) s.cut_loops();
     if (listed)
       walk.listed(s, [&] {
-        if (pass.sets_up_again) s.element_ops(setup->ops);
+        if (sets_up_again) s.element_ops(setup->ops);
       });
     else
       walk.faces(

@@ -42,14 +42,6 @@ vec2 grown_corner(vec2 a, vec2 b, vec2 c, int k, vec2 size) {
 
 }  // namespace
 
-void Generator::raster_pass(const Pass& pass) {
-  const ir::Op& op = graph_.op(pass.ops.back());
-  if (pass.hardware)
-    raster_hardware(pass, op);
-  else
-    raster_compute(pass, op);
-}
-
 void Generator::raster_hardware(const Pass& pass, const ir::Op& op) {
   const RasterParts parts = raster_parts(op);
   const std::string w = dim_expression(parts.w), h = dim_expression(parts.h);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Scatter passes as gathers: each target reads its sources in ascending order from a table (RowsTable). Float sums are
-// 64-bit fixed point numbers in registers, scaled for the largest contribution of the row. Blocks of 256 items that lie
-// within one row are summed by a dispatch of their own before, so that no row is walked for long.
+// Scatter passes as gathers: each target reads its sources in ascending order from a table (RowsScatter). Float sums
+// are 64-bit fixed point numbers in registers, scaled for the largest contribution of the row. Blocks of 256 items that
+// lie within one row are summed by a dispatch of their own before, so that no row is walked for long.
 #include <algorithm>
 #include <set>
 
@@ -36,11 +36,10 @@ int words_of(const ir::Type& type) { return type.is_float() ? 2 + 2 * type.compo
 
 }  // namespace
 
-Generator::Table Generator::rows_table(const RowsTable& rows) {
+Generator::Table Generator::rows_table(const RowsScatter& rows, const RowsOfLeaf& of) {
   std::string columns;
-  for (const int c : rows.columns) columns += (columns.empty() ? "" : ",") + std::to_string(c);
-  const std::string base =
-      "rows of " + schedule_.resources[rows.leaf].name + ":" + columns + " to " + rows.targets.str();
+  for (const int c : of.columns) columns += (columns.empty() ? "" : ",") + std::to_string(c);
+  const std::string base = "rows of " + schedule_.resources[of.leaf].name + ":" + columns + " to " + rows.targets.str();
   auto [it, is_new] = tables_.try_emplace(base);
   if (is_new) {
     const auto add = [&](const std::string& what, const ir::Type& type, const Dim& count) {
@@ -56,14 +55,14 @@ Generator::Table Generator::rows_table(const RowsTable& rows) {
       l->extent = bundle_extent({count, {}, {}});
       l->resource = static_cast<uint32_t>(bundle_->resources.size());
       l->table = "rows:" + what + ":" + columns;
-      l->table_of = static_cast<int>(rows.leaf);
+      l->table_of = static_cast<int>(of.leaf);
       bundle_->resources.push_back(std::move(r));
       bundle_->leaves.push_back(std::move(l));
       return static_cast<uint32_t>(bundle_->resources.size() - 1);
     };
     it->second.leaf = static_cast<uint32_t>(bundle_->leaves.size());
     it->second.table.starts = add("start", ir::kInt, rows.targets + Dim(1));
-    const Dim items = schedule_.resources[rows.leaf].extent.w * Dim(rows.names());
+    const Dim items = schedule_.resources[of.leaf].extent.w * Dim(rows.names());
     it->second.table.items = add("item", ir::vec(2, ir::Scalar::Int), items);
   }
   step_tables_.insert(it->second.leaf);
@@ -72,8 +71,11 @@ Generator::Table Generator::rows_table(const RowsTable& rows) {
 }
 
 Dim Generator::row_items(const Pass& pass) const {
-  const Dim sources = pass.rows.sorted() ? element_count(pass.domain) : schedule_.resources[pass.rows.leaf].extent.w;
-  return sources * Dim(pass.rows.names());
+  const RowsScatter& rows = pass.get<ScatterPass>().rows();
+  const Dim sources = std::visit(Overloaded{[&](const RowsOfLeaf& of) { return schedule_.resources[of.leaf].extent.w; },
+                                            [&](const SortedRows&) { return element_count(pass.domain); }},
+                                 rows.table);
+  return sources * Dim(rows.names());
 }
 
 namespace {
@@ -82,21 +84,26 @@ namespace {
 class RowsWriter {
  public:
   RowsWriter(const ir::Graph& graph, const Pass& pass, const std::vector<ir::OpId>& ops, Shader& shader)
-      : graph_(graph), pass_(pass), ops_(ops), s_(shader) {
+      : graph_(graph),
+        pass_(pass),
+        sums_(pass.get<ScatterPass>().sums),
+        rows_(pass.get<ScatterPass>().rows()),
+        ops_(ops),
+        s_(shader) {
     s_.prelude(glsl::kFixedShift);
     s_.prelude(glsl::kFixedFromFloat);
     s_.prelude(glsl::kFixedAdd);
   }
 
-  const ir::Type& type(size_t k) const { return graph_.value(pass_.sums[k].value).type; }
+  const ir::Type& type(size_t k) const { return graph_.value(sums_[k].value).type; }
   bool has_floats() const {
-    return std::any_of(pass_.sums.begin(), pass_.sums.end(),
+    return std::any_of(sums_.begin(), sums_.end(),
                        [&](const ScatterSum& sum) { return graph_.value(sum.value).type.is_float(); });
   }
   static std::string total(size_t k, int c) { return "total_" + std::to_string(k) + "_" + std::to_string(c); }
 
   void declare_totals() {
-    for (size_t k = 0; k < pass_.sums.size(); ++k) {
+    for (size_t k = 0; k < sums_.size(); ++k) {
       const std::string id = std::to_string(k);
       if (type(k).is_float()) line("uint largest_" + id + " = 0u, flags_" + id + " = 0u;");
       if (type(k).is_float()) line("int shift_" + id + " = 0;");
@@ -109,25 +116,26 @@ class RowsWriter {
   // Adds item `r`, or in run 0 looks at its magnitude.
   void add_item(const std::string& items) {
     line("int item = " + items + "(2 * r);");
-    const int64_t names = pass_.rows.names();
+    const int64_t names = rows_.names();
     const std::string source = "item / " + std::to_string(names);
     const ir::Extent& e = pass_.domain;
     line("int term = item % " + std::to_string(names) + ";");
-    if (!pass_.rows.sorted() || (e.h.is_one() && e.l.is_one())) {
+    if (rows_.sorted() == nullptr || (e.h.is_one() && e.l.is_one())) {
       line("ivec3 at = ivec3(" + source + ", 0, layer);");
     } else {
       line("int source = " + source + ";");
       const std::string w = dim_expression(e.w), h = dim_expression(e.h);
       line("ivec3 at = ivec3(source % " + w + ", (source / " + w + ") % " + h + ", source / (" + w + " * " + h + "));");
     }
-    if (pass_.rows.sorted()) return add_places();
+    if (rows_.sorted() != nullptr) return add_places(*rows_.sorted());
+    const std::vector<int>& columns = std::get<RowsOfLeaf>(rows_.table).columns;
     for (int64_t name = 0; name < names; ++name) {
       line((names == 1 ? std::string("{") : "if (term == " + std::to_string(name) + ") {"));
       s_.push_scope();
-      for (size_t k = 0; k < pass_.sums.size(); ++k)
-        for (const ValueId term : pass_.sums[k].terms) {
+      for (size_t k = 0; k < sums_.size(); ++k)
+        for (const ValueId term : sums_[k].terms) {
           const ir::Op& op = graph_.op(graph_.value(term).op);
-          if (column_of(op.operands[0]) != pass_.rows.columns[static_cast<size_t>(name)]) continue;
+          if (column_of(op.operands[0]) != columns[static_cast<size_t>(name)]) continue;
           s_.element_ops(ops_at(graph_, {}, ops_, std::span(&op.operands[1], 1)));
           add_value(k, s_.use(op.operands[1]));
         }
@@ -137,7 +145,7 @@ class RowsWriter {
   }
 
   void set_shifts(const std::string& count) {
-    for (size_t k = 0; k < pass_.sums.size(); ++k)
+    for (size_t k = 0; k < sums_.size(); ++k)
       if (type(k).is_float())
         line("shift_" + std::to_string(k) + " = fixed_shift(largest_" + std::to_string(k) + ", " + count + ");");
   }
@@ -154,17 +162,17 @@ class RowsWriter {
 
   // What the source adds at place `term`. Reads of one texture take most of what they add from the same values, so all
   // of it is computed and one chosen, rather than each in a branch of its own.
-  void add_places() {
+  void add_places(const SortedRows& table) {
     std::set<ir::OpId> computed;
-    for (size_t k = 0; k < pass_.sums.size(); ++k) {
+    for (size_t k = 0; k < sums_.size(); ++k) {
       // Names, each with the places that it stands for: what is added at one place together stands in several.
       std::vector<std::pair<std::string, std::set<int64_t>>> chosen;
-      for (const ValueId v : pass_.sums[k].terms) {
+      for (const ValueId v : sums_[k].terms) {
         const auto leaves = scatter_leaves(graph_, v);
         for (const ScatterLeaf& leaf : *leaves) {
           const auto place =
-              std::ranges::find_if(pass_.rows.places, [&](const ScatterLeaf& p) { return p.same_place(leaf); });
-          const int64_t term = place - pass_.rows.places.begin();
+              std::ranges::find_if(table.places, [&](const ScatterLeaf& p) { return p.same_place(leaf); });
+          const int64_t term = place - table.places.begin();
           std::string condition = "term == " + std::to_string(term);
           const std::string value = value_at(leaf, *place, computed, condition);
           auto into = std::ranges::find_if(chosen, [&](const auto& c) { return c.second.count(term) == 0; });
@@ -220,6 +228,8 @@ class RowsWriter {
 
   const ir::Graph& graph_;
   const Pass& pass_;
+  const std::vector<ScatterSum>& sums_;
+  const RowsScatter& rows_;
   const std::vector<ir::OpId>& ops_;
   Shader& s_;
 };
@@ -227,12 +237,16 @@ class RowsWriter {
 }  // namespace
 
 void Generator::rows_pass(const Pass& pass) {
-  const Table table = pass.rows.sorted() ? sorted_table(pass) : rows_table(pass.rows);
+  const std::vector<ScatterSum>& all = pass.get<ScatterPass>().sums;
+  const RowsScatter& rows = pass.get<ScatterPass>().rows();
+  const Table table = std::visit(Overloaded{[&](const RowsOfLeaf& of) { return rows_table(rows, of); },
+                                            [&](const SortedRows&) { return sorted_table(pass); }},
+                                 rows.table);
   const std::vector<ir::OpId> ops = element_ops(pass);
-  const Dim layers = pass.rows.sorted() ? Dim(1) : pass.domain.l;  // that one table serves
+  const Dim layers = rows.sorted() != nullptr ? Dim(1) : pass.domain.l;  // that one table serves
   const Dim blocks = row_items(pass).divided_by(kBlock) + Dim(1);
   int words = 0;
-  for (const ScatterSum& sum : pass.sums) words += words_of(graph_.value(sum.value).type);
+  for (const ScatterSum& sum : all) words += words_of(graph_.value(sum.value).type);
   const std::string block = "block", per_block = std::to_string(words);
   const uint32_t sums = add_scratch(pass.name + "_blocks", (blocks * layers * Dim(words)).str());
 
@@ -262,7 +276,7 @@ void Generator::rows_pass(const Pass& pass) {
     const auto put = [&](const std::string& value) {
       b.body().line(out + ".d[index * " + per_block + " + " + std::to_string(word++) + "] = " + value + ";");
     };
-    for (size_t k = 0; k < pass.sums.size(); ++k) {
+    for (size_t k = 0; k < all.size(); ++k) {
       const std::string id = std::to_string(k);
       const bool floats = writer.type(k).is_float();
       if (floats) put("largest_" + id), put("flags_" + id);
@@ -281,12 +295,12 @@ void Generator::rows_pass(const Pass& pass) {
   RowsWriter writer(graph_, pass, ops, s);
   declare_block(s, row_items(pass));
   s.prelude(glsl::kFixedToFloat);
-  linear_index(s, dim_expression(pass.rows.targets * layers));
+  linear_index(s, dim_expression(rows.targets * layers));
   const std::string starts = s.read_words(table.starts, "starts", "int");
   const std::string items = s.read_words(table.items, "items", "int");
   const std::string in = s.read_words(sums, "blocks");
-  s.body().line("int layer = index / " + dim_expression(pass.rows.targets) + ";");
-  s.body().line("int row = index % " + dim_expression(pass.rows.targets) + ";");
+  s.body().line("int layer = index / " + dim_expression(rows.targets) + ";");
+  s.body().line("int row = index % " + dim_expression(rows.targets) + ";");
   s.body().line("int begin = " + starts + "(row), end = " + starts + "(row + 1);");
   s.body().line("int bits = findMSB(uint(end - begin)) + 1;");
   writer.declare_totals();
@@ -296,7 +310,7 @@ void Generator::rows_pass(const Pass& pass) {
   s.body().line("int word = (layer * " + dim_expression(blocks) + " + r / " + block + ") * " + per_block + ";");
   int word = 0;
   const auto get = [&] { return in + "(word + " + std::to_string(word++) + ")"; };
-  for (size_t k = 0; k < pass.sums.size(); ++k) {
+  for (size_t k = 0; k < all.size(); ++k) {
     const std::string id = std::to_string(k);
     if (!writer.type(k).is_float()) {
       for (int c = 0; c < writer.type(k).components(); ++c) {
@@ -329,8 +343,8 @@ void Generator::rows_pass(const Pass& pass) {
   s.body().line("}");
   writer.set_shifts("bits");
   s.body().line("}");
-  for (size_t k = 0; k < pass.sums.size(); ++k) {
-    const ScatterSum& sum = pass.sums[k];
+  for (size_t k = 0; k < all.size(); ++k) {
+    const ScatterSum& sum = all[k];
     const std::string out = s.bind(step_->stored.at(sum.value), bundle::Access::Write);
     const int n = writer.type(k).components();
     for (int c = 0; c < n; ++c) {
@@ -342,7 +356,7 @@ void Generator::rows_pass(const Pass& pass) {
                     "] = " + s.at_once({writer.type(k).scalar, 1, 1}, value) + ";");
     }
   }
-  dispatch(pass, "", s, (pass.rows.targets * layers).str());
+  dispatch(pass, "", s, (rows.targets * layers).str());
 }
 
 }  // namespace dr::backend

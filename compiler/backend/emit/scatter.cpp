@@ -88,7 +88,7 @@ int Generator::contributions(const ScatterSum& sum) const {
 // The ops of a pass without the additions of what it scatters.
 std::vector<ir::OpId> Generator::element_ops(const Pass& pass) const {
   std::set<ValueId> sums;
-  for (const ScatterSum& sum : pass.sums) sums.insert(sum.terms.begin(), sum.terms.end());
+  for (const ScatterSum& sum : pass.get<ScatterPass>().sums) sums.insert(sum.terms.begin(), sum.terms.end());
   std::vector<ir::OpId> out;
   for (const ir::OpId id : pass.ops) {
     const ir::Op& op = graph_.op(id);
@@ -112,11 +112,12 @@ uint32_t Generator::add_list(const Pass& pass, const std::string& name, bundle::
 uint32_t Generator::list_active(const Pass& pass) {
   const uint32_t list = add_list(pass, "active", bundle::ListKind::Active);
   Shader s = shader();
-  ListingLoop loop(s, pass.domain, pass.code.lists_in_runs);
+  const ActiveList& elements = *pass.get<ScatterPass>().active_list();
+  ListingLoop loop(s, pass.domain, std::get<OwnList>(elements.listed_by).in_runs);
   std::vector<ValueId> needed;
-  for (const auto& clause : pass.active) needed.insert(needed.end(), clause.begin(), clause.end());
+  for (const auto& clause : elements.clauses) needed.insert(needed.end(), clause.begin(), clause.end());
   s.element_ops(ops_at(graph_, {}, pass.ops, needed));
-  const std::string active = active_condition(s, pass);
+  const std::string active = active_condition(s, elements.clauses);
   const std::string words = s.bind_words(list, "active_elements", bundle::Access::ReadWrite);
   s.body().line("if (" + active + ") {");
   loop.add(words);
@@ -126,9 +127,9 @@ uint32_t Generator::list_active(const Pass& pass) {
   return list;
 }
 
-std::string Generator::active_condition(Shader& s, const Pass& scatter) const {
+std::string Generator::active_condition(Shader& s, const Clauses& clauses) const {
   std::string active;
-  for (const auto& clause : scatter.active) {
+  for (const auto& clause : clauses) {
     std::string all;
     for (const ValueId v : clause) {
       const ir::Type& type = graph_.value(v).type;
@@ -137,50 +138,49 @@ std::string Generator::active_condition(Shader& s, const Pass& scatter) const {
                                             : type.is_scalar() ? x + " != " + glsl::zero(type)
                                                                : "any(notEqual(" + x + ", " + glsl::zero(type) + "))");
     }
-    active += (active.empty() ? "" : " || ") + (scatter.active.size() > 1 ? "(" + all + ")" : all);
+    active += (active.empty() ? "" : " || ") + (clauses.size() > 1 ? "(" + all + ")" : all);
   }
   return active;
 }
 
 const Pass* Generator::listed_for(const Pass& pass) const {
-  const auto place = static_cast<int>(&pass - step_->passes.data());
-  for (const Pass& other : step_->passes)
-    if (other.listed_by == place) return &other;
-  return nullptr;
+  return backend::listed_for(*step_, pass_id(static_cast<size_t>(&pass - step_->passes.data())));
 }
 
 void Generator::store_results(Shader& s, const Pass& pass, ListingLoop* loop, bool active) {
-  const auto is_partial = [&](ValueId v) { return std::ranges::find(pass.partial, v) != pass.partial.end(); };
+  const std::vector<ValueId>& partial = pass.get<MapPass>().partial;
+  const auto is_partial = [&](ValueId v) { return std::ranges::find(partial, v) != partial.end(); };
   for (const ValueId v : pass.writes)
     if (!is_partial(v)) s.store(v, s.at(), s.use(v));
   tell_not_finite(s, pass);
   const Pass* const scatter = listed_for(pass);
   if (scatter == nullptr || !active) return;
-  if (scatter->joins_lister) return scatter_where_listed(s, pass, *scatter);
+  if (scatter->get<ScatterPass>().joined_run() != nullptr) return scatter_where_listed(s, pass, *scatter);
   const std::string list = s.bind_words(active_lists_.at(scatter), "active_elements", bundle::Access::ReadWrite);
-  s.body().line("if (" + active_condition(s, *scatter) + ") {");
+  s.body().line("if (" + active_condition(s, scatter->get<ScatterPass>().clauses()) + ") {");
   if (loop != nullptr)
     loop->add(list);
   else
     s.body().line(append(s, list, Shader::element_index(pass.domain, "at")) + ";");
-  for (const ValueId v : pass.partial) s.store(v, "at", s.use(v));
+  for (const ValueId v : partial) s.store(v, "at", s.use(v));
   s.body().line("}");
 }
 
 std::vector<Generator::Target> Generator::scatter_targets(const Pass& pass) {
   std::vector<Target> targets;
-  std::vector<ScatterSum> sums = pass.sums;
+  const auto& scatter = pass.get<ScatterPass>();
+  std::vector<ScatterSum> sums = scatter.sums;
   for (const ValueId v : pass.writes)
     if (graph_.op(graph_.value(v).op).kind == OpKind::ScatterMax) sums.push_back({v, {v}});
   for (const ScatterSum& sum : sums) {
     const Resource& r = resource(sum.value);
     const bool maximum = graph_.op(graph_.value(sum.value).op).kind == OpKind::ScatterMax;
     Target t{sum, {std::to_string(targets.size()), r.type, r.extent}, resource_index(sum.value), 0};
-    t.fixed = r.type.is_float() && pass.scatter != ScatterLowering::Atomic && !named_once(graph_, sum.terms);
+    t.fixed = r.type.is_float() && scatter.lowering() != ScatterLowering::Atomic && !named_once(graph_, sum.terms);
     if (t.fixed) {
       t.most = contributions(sum);
       if (!r.sums) t.words = add_scratch(r.name + "_sums", words_of_sums(r.type, r.extent, wide_atomics()).str());
-      if (pass.keeps_terms) t.terms = add_scratch(r.name + "_terms", words_of_terms(t, pass.domain).str());
+      if (scatter.keeps_terms()) t.terms = add_scratch(r.name + "_terms", words_of_terms(t, pass.domain).str());
     }
     fill("clear " + r.name, t.words, maximum ? 0x80000000u : 0u);
     targets.push_back(std::move(t));
@@ -189,7 +189,8 @@ std::vector<Generator::Target> Generator::scatter_targets(const Pass& pass) {
 }
 
 std::string Generator::declare_target(Shader& s, const Pass& pass, const Target& t, Runs runs, bool lists) {
-  const bool wide = wide_atomics();
+  const auto& scatter = pass.get<ScatterPass>();
+  const bool wide = wide_atomics(), joins_lanes = scatter.joins_lanes();
   const std::string& id = t.accumulator.name;
   const Resource& r = resource(t.sum.value);
   const int n = r.type.components();
@@ -198,11 +199,11 @@ std::string Generator::declare_target(Shader& s, const Pass& pass, const Target&
     const std::string buffer =
         s.bind_words(t.words, "sums_" + id, bundle::Access::ReadWrite, wide ? "uint64_t" : "uint");
     if (wide) wide_extensions(s);
-    if (pass.join_lanes) subgroup_extensions(s);
+    if (joins_lanes) subgroup_extensions(s);
     s.prelude(glsl::kFixedShift);
     if (runs != Runs::First) {
       s.prelude(glsl::kFixedFromFloat);
-      s.prelude(pass.join_lanes ? glsl::kFixedSubgroup : "");
+      s.prelude(joins_lanes ? glsl::kFixedSubgroup : "");
     }
     if (runs != Runs::Second)
       s.declare("uint largest_" + id + " = 0u" + (t.most < 0 ? ", count_" + id + " = 0u" : "") + ";\n");
@@ -232,8 +233,8 @@ std::string Generator::declare_target(Shader& s, const Pass& pass, const Target&
       if (runs == Runs::Both) body += "  } else {\n";
       const std::string word = wide ? "uint64_t" : "uint";
       const std::string guard = runs == Runs::Both ? "pc.a == 0 && " : "",
-                        elect = pass.join_lanes ? " && subgroupElect()" : "";
-      if (pass.join_lanes) finish += "  largest_" + id + " = subgroupMax(largest_" + id + ");\n";
+                        elect = joins_lanes ? " && subgroupElect()" : "";
+      if (joins_lanes) finish += "  largest_" + id + " = subgroupMax(largest_" + id + ");\n";
       finish += "  if (" + guard + "largest_" + id + " != 0u" + elect + ") atomicMax(" + buffer + ".d[0], " + word +
                 "(largest_" + id + "));\n";
       if (t.most < 0)
@@ -250,7 +251,7 @@ std::string Generator::declare_target(Shader& s, const Pass& pass, const Target&
         body += "  uvec2 " + part(c) + " = " +
                 s.at_once(ir::vec(2, ir::Scalar::Uint), "fixed_from_float(" + x + ", shift_" + id + ")") + ";\n";
       }
-      if (pass.join_lanes) body += join_lanes(n, part) + "  if (adds_here) {\n";
+      if (joins_lanes) body += join_lanes(n, part) + "  if (adds_here) {\n";
       for (int c = 0; c < n; ++c) {
         if (wide) {
           body += "  if (" + part(c) + " != uvec2(0u)) atomicAdd(" + buffer + ".d[" + word_of("element", n, c) +
@@ -264,7 +265,7 @@ std::string Generator::declare_target(Shader& s, const Pass& pass, const Target&
       }
       body += "  if (flags != 0u) atomicOr(" + buffer + ".d[" + flags + "], " + (wide ? "uint64_t(flags)" : "flags") +
               ");\n";
-      if (pass.join_lanes) body += "  }\n";
+      if (joins_lanes) body += "  }\n";
       if (runs == Runs::Both) body += "  }\n";
     }
   } else {
@@ -274,7 +275,8 @@ std::string Generator::declare_target(Shader& s, const Pass& pass, const Target&
     if (r.type.is_float() && !stored) s.extension("GL_EXT_shader_atomic_float");
     if (runs == Runs::Both) body = "  if (pc.a != 0) {\n";  // needs no first run
     // Elements that add nothing may all name one element, such as the first, and would wait for each other there.
-    const bool tests = r.type.is_float() && pass.code.skips_zeros;
+    const auto* atomic = std::get_if<AtomicScatter>(&scatter.how);
+    const bool tests = r.type.is_float() && atomic != nullptr && atomic->skips_zeros;
     for (int c = 0; c < n; ++c) {
       const std::string x = component(r.type, "value", c);
       const std::string to = buffer + ".d[element * " + std::to_string(n) + " + " + std::to_string(c) + "]";
@@ -300,19 +302,20 @@ std::string Generator::declare_target(Shader& s, const Pass& pass, const Target&
 }
 
 void Generator::scatter_where_listed(Shader& s, const Pass& pass, const Pass& scatter) {
-  const bool fixed = scatter.scatter == ScatterLowering::Exact, keeps = scatter.keeps_terms;
+  const auto& how = scatter.get<ScatterPass>();
+  const bool fixed = how.lowering() == ScatterLowering::Exact, keeps = how.keeps_terms();
   if (fixed && !keeps) s.declare("uint adds = 0u;\n");
   if (keeps) s.declare("uint listed_at = 0u;\n");
   std::string finish;
   for (const Target& t : targets_.at(&scatter))
     finish += declare_target(s, scatter, t, fixed ? Runs::First : Runs::Second, fixed && !keeps);
   if (fixed && !keeps) s.body().line("adds = 0u;");
-  s.body().line("if (" + active_condition(s, scatter) + ") {");
+  s.body().line("if (" + active_condition(s, how.clauses()) + ") {");
   s.push_scope();
   const auto list = [&] {
     const std::string words = s.bind_words(active_lists_.at(&scatter), "active_elements", bundle::Access::ReadWrite);
-    if (scatter.join_lanes) subgroup_extensions(s);
-    return append(s, words, Shader::element_index(pass.domain, "at"), scatter.join_lanes);
+    if (how.joins_lanes()) subgroup_extensions(s);
+    return append(s, words, Shader::element_index(pass.domain, "at"), how.joins_lanes());
   };
   if (keeps) {
     s.body().line("listed_at = " + list() + ";");
@@ -323,7 +326,7 @@ void Generator::scatter_where_listed(Shader& s, const Pass& pass, const Pass& sc
   s.element_ops(ops);
   if (fixed) {
     if (!keeps) s.body().line("if (adds != 0u) {\n    " + list() + ";");
-    for (const ValueId v : pass.partial) s.store(v, "at", s.use(v));
+    for (const ValueId v : pass.get<MapPass>().partial) s.store(v, "at", s.use(v));
     if (!keeps) s.body().line("}");
   }
   s.pop_scope();
@@ -335,23 +338,25 @@ void Generator::scatter_where_listed(Shader& s, const Pass& pass, const Pass& sc
 }
 
 void Generator::scatter_pass(const Pass& pass) {
-  if (pass.scatter == ScatterLowering::Rows) return rows_pass(pass);
-  const bool lists = pass.relist, listed = !pass.active.empty(), joined = pass.joins_lister;
-  if (joined && pass.scatter == ScatterLowering::Atomic) return;
-  const uint32_t list = !listed ? 0 : pass.listed_by >= 0 ? active_lists_.at(&pass) : list_active(pass);
+  const auto& scatter = pass.get<ScatterPass>();
+  if (scatter.lowering() == ScatterLowering::Rows) return rows_pass(pass);
+  const bool lists = scatter.relists(), listed = !scatter.clauses().empty(), joined = scatter.joined_run() != nullptr;
+  const bool keeps = scatter.keeps_terms(), joins_lanes = scatter.joins_lanes();
+  if (joined && scatter.lowering() == ScatterLowering::Atomic) return;
+  const uint32_t list = !listed ? 0 : scatter.lister() ? active_lists_.at(&pass) : list_active(pass);
   uint32_t adding = 0;
   if (lists) adding = add_list(pass, "adding", bundle::ListKind::Active);
   const std::vector<Target> targets = joined ? targets_.at(&pass) : scatter_targets(pass);
-  const ir::Dim invocations = pass.keeps_terms ? room_for_terms(pass.domain) : element_count(pass.domain);
+  const ir::Dim invocations = keeps ? room_for_terms(pass.domain) : element_count(pass.domain);
   Shader s = shader();
   linear_index(s, dim_expression(invocations));
   if (!lists && !listed) place_from_index(s, pass.domain);
   std::string finish;
   const std::vector<ir::OpId> ops = element_ops(pass);
-  const Cut cut = this->cut(s, pass, pass.code.cut, lists || listed ? "element" : "index");
-  if (lists && !cut.how.cuts()) s.declare("uint adds = 0u;\n");
-  if (lists && cut.how.cuts()) s.cut_loops().keep(ir::kUint, "adds", true);
-  if (pass.join_lanes) s.declare("bool joins = true;\n");
+  const Cut cut = this->cut(s, pass, scatter.cut(), lists || listed ? "element" : "index");
+  if (lists && !cut.how) s.declare("uint adds = 0u;\n");
+  if (lists && cut.how) s.cut_loops().keep(ir::kUint, "adds", true);
+  if (joins_lanes) s.declare("bool joins = true;\n");
   for (const Target& t : targets) finish += declare_target(s, pass, t, joined ? Runs::Second : Runs::Both, lists);
   if (lists) {
     const std::string again = s.bind_words(adding, "adding_elements", bundle::Access::ReadWrite);
@@ -360,7 +365,7 @@ void Generator::scatter_pass(const Pass& pass) {
     s.body().line("int end = pc.a == 0 ? " +
                   (listed ? "int(" + first + "(" + end + ")) - 1" : dim_expression(element_count(pass.domain))) +
                   " : int(" + again + ".d[" + end + "]) - 1;");
-    if (pass.join_lanes) s.body().line("joins = end >= " + std::to_string(kWorthJoining) + ";");
+    if (joins_lanes) s.body().line("joins = end >= " + std::to_string(kWorthJoining) + ";");
     s.body().line("if (index >= end) return;");
     s.body().line("int element = pc.a == 0 ? " + (listed ? "int(" + first + "(" + item + "))" : "index") + " : int(" +
                   again + ".d[" + item + "]);");
@@ -373,8 +378,8 @@ void Generator::scatter_pass(const Pass& pass) {
     if (listed) {
       const std::string elements = s.read_words(list, "active_elements");
       s.body().line("int end = int(" + elements + "(" + std::to_string(kListEnd) + ")) - 1;");
-      if (pass.join_lanes) s.body().line("joins = end >= " + std::to_string(kWorthJoining) + ";");
-      if (pass.keeps_terms) {
+      if (joins_lanes) s.body().line("joins = end >= " + std::to_string(kWorthJoining) + ";");
+      if (keeps) {
         add_kept_terms(s, pass, targets);
         const std::string room = dim_expression(invocations);
         s.body().line("for (index += " + room + "; index < end; index += " + room + ") {");
@@ -388,7 +393,7 @@ void Generator::scatter_pass(const Pass& pass) {
     open_cut(s, cut, "return;");
     s.element_ops(ops);
     close_cut(s, cut);
-    if (pass.keeps_terms) {
+    if (keeps) {
       s.pop_scope();
       s.body().line("}");
     }
@@ -404,7 +409,7 @@ void Generator::scatter_pass(const Pass& pass) {
 
   const bool two_runs = !finish.empty();
   auto& magnitudes = dispatch(pass, joined ? " add" : "", s, invocations.str(), {two_runs ? 0 : 1, 0, 0});
-  if (listed && !pass.keeps_terms) magnitudes.indirect = static_cast<int>(list);
+  if (listed && !keeps) magnitudes.indirect = static_cast<int>(list);
   set_trips(magnitudes, cut);
   if (two_runs) {
     auto& sums_run = command(bundle::CommandKind::Dispatch, pass.name + " add");
@@ -471,8 +476,10 @@ Generator::FloatSums Generator::float_sums(Shader& s, const ir::Type& type, cons
 
 std::string Generator::sums_reader(Shader& s, ValueId value, const std::string& function) const {
   const ir::ValueInfo& info = graph_.value(value);
-  for (const Pass& pass : step_->passes)
-    for (const ScatterSum& sum : pass.sums) {
+  for (const Pass& pass : step_->passes) {
+    const auto* scatter = pass.as<ScatterPass>();
+    if (scatter == nullptr) continue;
+    for (const ScatterSum& sum : scatter->sums) {
       if (sum.value != value) continue;
       const FloatSums floats =
           float_sums(s, info.type, info.extent, resource_index(value), contributions(sum), pass.domain);
@@ -482,6 +489,7 @@ std::string Generator::sums_reader(Shader& s, ValueId value, const std::string& 
              "(ivec3 at) {\n  int index = " + Shader::element_index(info.extent, "at") + ";\n  " + floats.statements +
              "\n  return " + info.type.str() + "(" + components + ");\n}\n";
     }
+  }
   DR_ICE("sums that no pass of the step adds up");
 }
 

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tables of rows (RowsTable) that the device makes: items sorted by target, those of one target in ascending order, as
-// the host's are. Digit by digit from the lowest, four bits at a time, in an order that keeps that of equal digits: how
-// often each of the 16 stands in each chunk of 64 items, running sums of that, and from there the place of each item.
-// Nothing depends on which lane is first, and no lane has more than a chunk to do, however long the rows are. What none
-// names a target with goes away with the first digit.
+// Tables of rows (RowsScatter) that the device makes: items sorted by target, those of one target in ascending order,
+// as the host's are. Digit by digit from the lowest, four bits at a time, in an order that keeps that of equal digits:
+// how often each of the 16 stands in each chunk of 64 items, running sums of that, and from there the place of each
+// item. Nothing depends on which lane is first, and no lane has more than a chunk to do, however long the rows are.
+// What none names a target with goes away with the first digit.
 #include "compiler/backend/emit/generator.h"
 
 namespace dr::backend {
@@ -43,7 +43,7 @@ int most_digits(const Dim& targets) {
 }  // namespace
 
 Generator::Table Generator::sorted_table(const Pass& pass) {
-  const RowsTable& rows = pass.rows;
+  const RowsScatter& rows = pass.get<ScatterPass>().rows();
   const Dim count = row_items(pass);
   const Dim chunks = count.divided_by(kChunk) + Dim(1);
   const Dim counts = chunks * Dim(kDigits);
@@ -182,15 +182,17 @@ Generator::Table Generator::sorted_table(const Pass& pass) {
 
 // The target of each item, -1 where there is none.
 void Generator::key_pass(const Pass& pass, uint32_t keys) {
-  const RowsTable& rows = pass.rows;
-  const ir::Extent& to = graph_.value(pass.sums[0].value).extent;
+  const auto& scatter = pass.get<ScatterPass>();
+  const RowsScatter& rows = scatter.rows();
+  const std::vector<ScatterLeaf>& places = rows.sorted()->places;
+  const ir::Extent& to = graph_.value(scatter.sums[0].value).extent;
   const std::string names = std::to_string(rows.names());
   Shader s = strict_shader();
   linear_index(s, dim_expression(element_count(pass.domain)));
   place_from_index(s, pass.domain);
   const std::string out = s.bind_words(keys, "keys", Access::Write, "int");
-  for (size_t k = 0; k < rows.places.size(); ++k) {
-    const ScatterLeaf& leaf = rows.places[k];
+  for (size_t k = 0; k < places.size(); ++k) {
+    const ScatterLeaf& leaf = places[k];
     const std::string id = std::to_string(k);
     std::vector<ValueId> wanted{leaf.index};
     for (const ScatterLeaf::Branch& branch : leaf.path)

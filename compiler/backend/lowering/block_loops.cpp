@@ -49,8 +49,8 @@ class Chooser {
  public:
   Chooser(const Graph& graph, const target::Profile& profile) : graph_(graph), profile_(profile), changing_(graph) {}
 
-  Block choose(const Pass& pass) {
-    Block best;
+  std::optional<Block> choose(const Pass& pass) {
+    std::optional<Block> best;
     domain_ = axes_of(pass.domain);
     std::array<std::optional<Work>, 8> work;
     const auto of = [&](Axes axes) -> const Work& {
@@ -67,7 +67,7 @@ class Chooser {
     for (const int w : kSizes)
       for (const int h : kSizes)
         for (const int l : kSizes) {
-          const Block block{.each = {w, h, l}, .group = {}, .loop = {}, .gathers = {}};
+          const Block block{.each = {w, h, l}, .together = {}};
           const auto axes = static_cast<Axes>((w > 1 ? 1 : 0) | (h > 1 ? 2 : 0) | (l > 1 ? 4 : 0));
           if (axes == 0 || (axes & ~domain_) != 0 || block.elements() > kMostElements) continue;
           if (!keeps_busy(pass.domain, block)) continue;
@@ -81,7 +81,7 @@ class Chooser {
             best = block;
           }
         }
-    if (best.elements() > 1 && !profile_.lanes_in_turn) read_together(pass, best);
+    if (best && !profile_.lanes_in_turn) best->together = read_together(pass, *best);
     return best;
   }
 
@@ -155,19 +155,19 @@ class Chooser {
 
   // --- Reads of a workgroup ---
 
-  void read_together(const Pass& pass, Block& block) {
-    if (may_pass_limit(trips_of(graph_, pass.ops), profile_)) return;
+  std::optional<GroupReads> read_together(const Pass& pass, const Block& block) {
+    if (may_pass_limit(trips_of(graph_, pass.ops), profile_)) return std::nullopt;
     int wide = 0;
     for (const int n : block.each) wide += n > 1 ? 1 : 0;
     const auto most = static_cast<int>(profile_.max_compute_work_group_invocations);
-    if (wide < 2 || most < 64) return;
+    if (wide < 2 || most < 64) return std::nullopt;
+    std::array<int, 3> group{1, 1, 1};
     // 16 along the first axis, or as many as it has blocks; along the others what is left.
     int left = std::min(most >= 256 ? 256 : most >= 128 ? 128 : 64, 256);
     const ir::Dim* const sizes[] = {&pass.domain.w, &pass.domain.h, &pass.domain.l};
     for (size_t axis = 0; axis < 3; ++axis) {
-      block.group[axis] = 1;
       if (block.each[axis] == 1) continue;
-      int& n = block.group[axis] = wide == 1 ? left : left >= 128 ? (wide == 3 ? 4 : 16) : 8;
+      int& n = group[axis] = wide == 1 ? left : left >= 128 ? (wide == 3 ? 4 : 16) : 8;
       if (wide == 3 && axis == 0) n = left / 16;
       if (sizes[axis]->is_constant())
         while (n > 1 && (n / 2) * block.each[axis] >= sizes[axis]->constant()) n /= 2;
@@ -175,14 +175,14 @@ class Chooser {
       --wide;
     }
     saved_ = 0;
-    Block best = block;
-    for (const OpId id : pass.ops) look_for_reads(id, block, best);
-    block = best;
-    if (!block.reads_together()) block.group = {};
+    const GroupReads start{.group = group, .loop = {}, .gathers = {}};
+    std::optional<GroupReads> best;
+    for (const OpId id : pass.ops) look_for_reads(id, Block{block.each, start}, best);
+    return best;
   }
 
   // The loop with the largest share of reads that others of the workgroup do too, or one inside it.
-  void look_for_reads(OpId id, const Block& block, Block& best) {
+  void look_for_reads(OpId id, const Block& block, std::optional<GroupReads>& best) {
     const Op& op = graph_.op(id);
     if (!shares_trips(op, 7, changing_)) return;
     const auto fixed = fixed_trips(graph_, op);
@@ -194,30 +194,31 @@ class Chooser {
     }
     for (const int n : trips) {
       Block with = block;
-      with.loop = id;
-      with.trips = n;
-      const double saved = reads_saved(op, with);
+      with.together->loop = id;
+      with.together->trips = n;
+      const double saved = reads_saved(op, with, *with.together);
       const auto room = static_cast<int64_t>(profile_.max_compute_shared_memory_size / 2);
-      if (!with.reads_together() || saved <= saved_ || shared_bytes(graph_, with).value_or(room + 1) > room) continue;
+      if (with.together->gathers.empty() || saved <= saved_ || shared_bytes(graph_, with).value_or(room + 1) > room)
+        continue;
       saved_ = saved;
-      best = with;
+      best = std::move(with.together);
     }
     for (const OpId inner : graph_.region(op.regions[0]).ops) look_for_reads(inner, block, best);
   }
 
-  // Fills the block's gathers; of the reads of a trip, those that are repeated by others.
-  double reads_saved(const Op& loop, Block& block) {
+  // Fills the gathers of what is read together; of the reads of a trip, those that are repeated by others.
+  double reads_saved(const Op& loop, const Block& block, GroupReads& together) {
     double saved = 0;
     for (const OpId id : gathers_in(graph_, loop)) {
       const Op& gather = graph_.op(id);
-      const auto part = read_part(graph_, gather, block.loop, block.box(), block.trips, changing_);
+      const auto part = read_part(graph_, gather, together.loop, block.box(), together.trips, changing_);
       if (!part) continue;
-      double reads = static_cast<double>(block.invocations()) * block.trips;
+      double reads = static_cast<double>(together.invocations()) * together.trips;
       const Axes changes = changing_.of(gather);
       for (size_t axis = 0; axis < 3; ++axis)
         if (((changes >> axis) & 1) != 0) reads *= block.each[axis];
       bool always = true;  // not in a branch
-      for (OpId at = graph_.region(gather.parent).parent; at != block.loop;
+      for (OpId at = graph_.region(gather.parent).parent; at != together.loop;
            at = graph_.region(graph_.op(at).parent).parent) {
         always = always && graph_.op(at).kind == OpKind::Reduce;
         const auto fixed = always ? fixed_trips(graph_, graph_.op(at)) : std::nullopt;
@@ -226,10 +227,10 @@ class Chooser {
       if (!always) continue;
       const auto once = static_cast<double>(part->elements());
       if (reads < kRepeated * once) continue;
-      saved += (reads - once) / block.trips;
-      block.gathers.push_back(id);
+      saved += (reads - once) / together.trips;
+      together.gathers.push_back(id);
     }
-    saved -= kWait * block.invocations() / block.trips;
+    saved -= kWait * together.invocations() / together.trips;
     return saved;
   }
 
@@ -249,16 +250,16 @@ bool has_loop(const Graph& graph, const Pass& pass) {
 void block_loops(const Graph& graph, const target::Profile& profile, Schedule& schedule) {
   std::optional<Chooser> chooser;
   for (StepSchedule& step : schedule.steps) {
-    std::set<int> helpers;  // what they compute is listed, or goes into another's shader
-    for (const Pass& pass : step.passes) helpers.insert({pass.listed_by, pass.set_up_by});
     for (size_t k = 0; k < step.passes.size(); ++k) {
       Pass& pass = step.passes[k];
-      if (pass.kind != Pass::Kind::Map || pass.hardware || !pass.partial.empty() || !has_loop(graph, pass)) continue;
-      if (helpers.contains(static_cast<int>(k))) continue;
+      auto* map = pass.as<MapPass>();
+      if (map == nullptr || !map->partial.empty() || !has_loop(graph, pass)) continue;
+      // What those compute is listed, or goes into another's shader.
+      if (listed_for(step, pass_id(k)) != nullptr || set_up_for(step, pass_id(k)) != nullptr) continue;
       // Those run for the elements that take them alone.
       if (!heavy_branches(graph, pass, trips_of(graph, pass.ops), profile).empty()) continue;
       if (!chooser) chooser.emplace(graph, profile);
-      pass.block = chooser->choose(pass);
+      map->block = chooser->choose(pass);
     }
   }
 }

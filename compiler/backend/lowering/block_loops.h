@@ -15,7 +15,7 @@
 
 namespace dr::backend {
 
-// Fills Pass::block of compute maps where the profile's costs say that it pays.
+// Fills MapPass::block where the profile's costs say that it pays.
 void block_loops(const ir::Graph& graph, const target::Profile& profile, Schedule& schedule);
 
 }  // namespace dr::backend

@@ -56,99 +56,101 @@ class StepCode {
   void process() {
     for (size_t place = 0; place < step_.passes.size(); ++place) {
       Pass& pass = step_.passes[place];
-      pass.code = {};
-      switch (pass.kind) {
-        case Pass::Kind::Map:
-          if (!pass.hardware) map(pass, static_cast<int>(place));
-          break;
-        case Pass::Kind::Reduce: break;
-        case Pass::Kind::Scatter: scatter(pass); break;
-        case Pass::Kind::Raster:
-          if (!pass.hardware) raster(pass);
-          break;
-      }
+      std::visit(Overloaded{[&](MapPass& own) { own.code = map(pass, own, pass_id(place)); }, [](FragmentPass&) {},
+                            [](ReducePass&) {}, [&](ScatterPass& own) { scatter(pass, own); },
+                            [&](RasterPass& own) { own.walk = walk(pass, own); }, [](DrawnRasterPass&) {}},
+                 pass.of_kind);
     }
   }
 
  private:
-  // Elements that an invocation of a shader with a list takes, one after the other.
-  static int each(const Pass& pass) { return pass.code.lists_in_runs ? kListedRun : 1; }
-
-  void map(Pass& pass, int place) {
-    PassCode& code = pass.code;
-    const bool sets_up = std::ranges::any_of(step_.passes, [&](const Pass& p) { return p.set_up_by == place; });
-    if (!sets_up) {
+  MapCode map(const Pass& pass, const MapPass& map, PassId id) const {
+    MapCode code;
+    if (set_up_for(step_, id) == nullptr) {
       const Trips trips = trips_of(graph_, pass.ops);
-      if (options_.list_branches && pass.block.elements() == 1)
-        code.heavy = heavy_branches(graph_, pass, trips, profile_);
-      const bool lists = std::ranges::any_of(step_.passes, [&](const Pass& p) { return p.listed_by == place; });
-      code.lists_in_runs = profile_.lanes_in_turn && (lists || !code.heavy.empty());
-      code.cut = cut(code.heavy.empty() ? trips : light_trips(pass), each(pass));
-      if (!code.heavy.empty()) {
-        code.heavy_cut = cut(trips, 1);
-        code.heavy_by_subgroups = profile_.subgroup_arithmetic && !profile_.lanes_in_turn;
-        code.heavy_apart = profile_.lanes_in_turn ? 0 : profile_.subgroup_size;
-      }
+      if (options_.list_branches && !map.block) code.heavy = heavy(pass, trips);
+      code.lists_in_runs = profile_.lanes_in_turn && (code.heavy || listed_for(step_, id) != nullptr);
+      code.cut = cut(code.heavy ? light_trips(pass, *code.heavy) : trips, code.lists_in_runs ? kListedRun : 1);
     }
-    code.told = told(pass);
+    code.told = told(pass, map, code);
+    return code;
+  }
+
+  std::optional<HeavyBranches> heavy(const Pass& pass, const Trips& trips) const {
+    HeavyBranches heavy;
+    heavy.ops = heavy_branches(graph_, pass, trips, profile_);
+    if (heavy.ops.empty()) return std::nullopt;
+    heavy.cut = cut(trips, 1);
+    heavy.by_subgroups = profile_.subgroup_arithmetic && !profile_.lanes_in_turn;
+    heavy.apart = profile_.lanes_in_turn ? 0 : profile_.subgroup_size;
+    return heavy;
   }
 
   // What loops of the first dispatch take, which leaves the heavy branches out.
-  Trips light_trips(const Pass& pass) const {
+  Trips light_trips(const Pass& pass, const HeavyBranches& heavy) const {
     Trips all;
     for (const ir::OpId id : pass.ops) {
-      const bool left_out = std::ranges::find(pass.code.heavy, id) != pass.code.heavy.end();
+      const bool left_out = std::ranges::find(heavy.ops, id) != heavy.ops.end();
       all += left_out ? trips_of(graph_, graph_.region(graph_.op(id).regions[1]).ops) : trips_of(graph_, {&id, 1});
     }
     return all;
   }
 
-  LoopCut cut(const Trips& trips, int each) const {
+  // `each`: elements that an invocation takes, one after the other.
+  std::optional<LoopCut> cut(const Trips& trips, int each) const {
     const bool long_ones = may_pass_limit(trips, profile_, each),
                unknown = trips.unknown > 0 && profile_.loop_trips > 0;
-    if (!long_ones && !unknown) return {};
+    if (!long_ones && !unknown) return std::nullopt;
     // Lanes that go different ways take their trips one after the other, as the driver counts.
     const int64_t lanes = trips.even ? 1 : std::max<int64_t>(profile_.subgroup_size, 1);
     const int64_t part = int64_t{profile_.loop_trips} / lanes - overhead(trips, each);
     // Where data decides, the shader tells whether a loop did not come to its end.
-    return {static_cast<uint32_t>(std::max<int64_t>(part, 1)), unknown || trips.promised > 0};
+    return LoopCut{static_cast<uint32_t>(std::max<int64_t>(part, 1)), unknown || trips.promised > 0};
   }
 
   // Floats that the step leaves in a leaf, or in an output of one element, where the device has a buffer left for the
   // word that tells of them.
-  std::vector<ValueId> told(const Pass& pass) const {
+  std::vector<ValueId> told(const Pass& pass, const MapPass& map, const MapCode& code) const {
     const auto stays = [&](ValueId v) {
       const auto is_it = [&](const auto& named) { return named.second == v; };
       return std::ranges::any_of(step_.updates, is_it) ||
              (resource(v).extent.is_unit() && std::ranges::any_of(step_.outputs, is_it));
     };
-    const auto is_partial = [&](ValueId v) { return std::ranges::find(pass.partial, v) != pass.partial.end(); };
+    const auto is_partial = [&](ValueId v) { return std::ranges::find(map.partial, v) != map.partial.end(); };
     std::vector<ValueId> out, bound = pass.reads;
     for (const ValueId v : pass.writes) {
       if (!is_partial(v)) bound.push_back(v);
       if (resource(v).type.is_float() && !resource(v).half && stays(v) && !is_partial(v)) out.push_back(v);
     }
-    const LoopCut& cut = pass.code.heavy_cut.cuts() ? pass.code.heavy_cut : pass.code.cut;
+    const std::optional<LoopCut>& cut = code.heavy && code.heavy->cut ? code.heavy->cut : code.cut;
     const Bindings all = bindings_of(schedule_.resources, resources_of(step_, bound), 0);
     const uint32_t have =
-        all.buffers + all.images + (cut.cuts() ? 1 : 0) + (cut.watched ? 1 : 0) + (pass.code.heavy.empty() ? 0 : 1);
+        all.buffers + all.images + (cut ? 1 : 0) + (cut && cut->watched ? 1 : 0) + (code.heavy ? 1 : 0);
     if (have + 1 > profile_.max_per_stage_descriptor_storage_buffers || have + 1 > profile_.max_per_stage_resources)
       out.clear();
     return out;
   }
 
-  void scatter(Pass& pass) {
-    pass.code.skips_zeros =
-        pass.scatter == ScatterLowering::Atomic && !profile_.lanes_in_turn &&
-        std::ranges::any_of(pass.sums, [&](const ScatterSum& sum) { return graph_.value(sum.value).type.is_float(); });
-    if (pass.scatter == ScatterLowering::Rows) return;
-    pass.code.lists_in_runs = profile_.lanes_in_turn && !pass.active.empty() && pass.listed_by < 0;
-    pass.code.cut = cut(trips_of(graph_, pass.ops), 1);
+  void scatter(const Pass& pass, ScatterPass& scatter) const {
+    if (ActiveList* list = scatter.active_list())
+      if (auto* own = std::get_if<OwnList>(&list->listed_by)) own->in_runs = profile_.lanes_in_turn;
+    std::visit(
+        Overloaded{[&](ExactScatter& exact) { exact.cut = cut(trips_of(graph_, pass.ops), 1); }, [](RowsScatter&) {},
+                   [&](AtomicScatter& atomic) {
+                     atomic.cut = cut(trips_of(graph_, pass.ops), 1);
+                     atomic.skips_zeros = !profile_.lanes_in_turn && sums_floats(scatter);
+                   }},
+        scatter.how);
   }
 
-  void raster(Pass& pass) {
+  bool sums_floats(const ScatterPass& scatter) const {
+    return std::ranges::any_of(scatter.sums,
+                               [&](const ScatterSum& sum) { return graph_.value(sum.value).type.is_float(); });
+  }
+
+  FaceWalk walk(const Pass& pass, const RasterPass& raster) const {
     const ir::Op& op = graph_.op(pass.ops.back());
-    const Pass* setup = pass.sets_up_again ? &step_.passes[static_cast<size_t>(pass.set_up_by)] : nullptr;
+    const Pass* setup = raster.setup && raster.setup->again ? &step_.pass(raster.setup->pass) : nullptr;
     const WalkTrips trips = walk_trips(graph_, pass, op, setup, schedule_.code.wide_words);
     const RasterParts parts = raster_parts(op);
     const Dim pixels = parts.w * parts.h;
@@ -158,17 +160,18 @@ class StepCode {
     // pixels the sum over y of 64 / (y + 1).
     constexpr int64_t kSmallPixels = 320;
     const bool short_ones = trips.pixel.is_constant() && kSmallPixels * (trips.pixel.constant() + 1) < limit / 2;
-    FaceWalk& walk = pass.code.walk;
+    FaceWalk walk;
     walk.watched = limit > 0 && trips.watched;
-    walk.lists = profile_.subgroup_size > 1 || limit > 0;
-    if (!walk.lists) return;
+    if (profile_.subgroup_size <= 1 && limit == 0) return walk;
     const bool few_faces = bins.small_box == kCpu.small_box && static_cast<int64_t>(parts.count) >= kManyKept;
-    walk.small_box = !few_faces && (limit == 0 || short_ones) ? bins.small_box : 0;
-    walk.middle_box = bins.middle_box;
+    FaceBins& lists = walk.lists.emplace();
+    lists.small_box = !few_faces && (limit == 0 || short_ones) ? bins.small_box : 0;
+    lists.middle_box = bins.middle_box;
     // A power of two, so that teams share the invocations evenly whatever the profile says.
-    walk.team = static_cast<int>(std::bit_floor(std::clamp(profile_.subgroup_size, 1u, 128u)));
-    walk.middle_invocations = bins.middle_invocations;
-    walk.large_invocations = bins.large_invocations;
+    lists.team = static_cast<int>(std::bit_floor(std::clamp(profile_.subgroup_size, 1u, 128u)));
+    lists.middle_invocations = bins.middle_invocations;
+    lists.large_invocations = bins.large_invocations;
+    return walk;
   }
 
   const Resource& resource(ValueId v) const { return schedule_.resources[step_.stored.at(v).index]; }

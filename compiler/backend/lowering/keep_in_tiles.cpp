@@ -15,7 +15,7 @@ void keep_in_tiles(const ir::Graph& graph, Schedule& schedule) {
     for (const Pass& pass : step.passes) {
       for (ValueId v : pass.reads)
         if (const auto it = stage_of.find(v); it != stage_of.end() && it->second != pass.stage) stored.insert(v);
-      const bool fragment = pass.kind == Pass::Kind::Map && pass.hardware;
+      const bool fragment = pass.is<FragmentPass>();
       for (ValueId v : pass.writes)
         if (!fragment || !stage_of.try_emplace(v, pass.stage).second) stored.insert(v);
     }

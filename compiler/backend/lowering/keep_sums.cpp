@@ -14,7 +14,7 @@ namespace {
 
 // Whether a pass reads a value of its own extent at its own element and nowhere else.
 bool reads_in_place(const ir::Graph& graph, const Pass& pass, ValueId v) {
-  return pass.kind == Pass::Kind::Map && pass.domain == graph.value(v).extent &&
+  return pass.kind() == PassKind::Map && pass.domain == graph.value(v).extent &&
          std::ranges::none_of(pass.ops, [&](ir::OpId id) {
            const Uses uses = uses_of(graph, graph.op(id));
            return std::ranges::find(uses.elsewhere, v) != uses.elsewhere.end();
@@ -27,8 +27,9 @@ void keep_sums(const ir::Graph& graph, Schedule& schedule) {
   for (StepSchedule& step : schedule.steps) {
     const std::set<ValueId> kept = read_afterwards(graph, step);
     for (const Pass& pass : step.passes) {
-      if (pass.kind != Pass::Kind::Scatter || pass.scatter != ScatterLowering::Exact) continue;
-      for (const ScatterSum& sum : pass.sums) {
+      const auto* scatter = pass.as<ScatterPass>();
+      if (scatter == nullptr || scatter->exact() == nullptr) continue;
+      for (const ScatterSum& sum : scatter->sums) {
         const ValueId v = sum.value;
         if (!graph.value(v).type.is_float() || kept.count(v) != 0 || named_once(graph, sum.terms)) continue;
         std::vector<const Pass*> readers;

@@ -16,30 +16,32 @@ namespace {
 
 bool contains(const std::vector<ValueId>& values, ValueId v) { return std::ranges::find(values, v) != values.end(); }
 
-// The pass that computes every value of the clauses, the last that one of them waits for; -1: there is none.
-int lister(const ir::Graph& graph, const StepSchedule& step, size_t scatter) {
-  const Pass& wants = step.passes[scatter];
+// The map that computes every value of the clauses, the last that one of them waits for.
+std::optional<PassId> find_lister(const ir::Graph& graph, const StepSchedule& step, size_t scatter,
+                                  const Clauses& clauses) {
+  const ir::Extent& domain = step.passes[scatter].domain;
   const auto computes = [&](const Pass& pass, ValueId v) {
     return std::ranges::find(pass.ops, graph.value(v).op) != pass.ops.end();
   };
   for (size_t k = scatter; k-- > 0;) {
     const Pass& pass = step.passes[k];
-    if (pass.kind != Pass::Kind::Map || pass.hardware || pass.domain != wants.domain) continue;
-    const bool all = std::ranges::all_of(wants.active, [&](const std::vector<ValueId>& clause) {
+    if (!pass.is<MapPass>() || pass.domain != domain) continue;
+    const bool all = std::ranges::all_of(clauses, [&](const std::vector<ValueId>& clause) {
       return std::ranges::all_of(clause, [&](ValueId v) { return computes(pass, v); });
     });
-    if (all) return static_cast<int>(k);
+    if (all) return pass_id(k);
   }
-  return -1;
+  return std::nullopt;
 }
 
 // What a shader binds that does both the lister's work and the scatter's, and lists.
 Bindings joined_bindings(const Schedule& schedule, const StepSchedule& step, const Pass& scatter) {
-  const Pass& pass = step.passes[static_cast<size_t>(scatter.listed_by)];
+  const Pass& pass = step.pass(*scatter.lister());
   std::vector<uint32_t> reads = resources_of(step, pass.reads);
   for (const uint32_t r : resources_of(step, scatter.reads)) reads.push_back(r);
   constexpr size_t kLists = 1;
-  return bindings_of(schedule.resources, std::move(reads), pass.writes.size() + scatter.sums.size() + kLists);
+  return bindings_of(schedule.resources, std::move(reads),
+                     pass.writes.size() + scatter.get<ScatterPass>().sums.size() + kLists);
 }
 
 // Whether the lister can do at an active element what the scatter's first run does: all that it needs is there by then,
@@ -47,15 +49,16 @@ Bindings joined_bindings(const Schedule& schedule, const StepSchedule& step, con
 // of every `if`, few elements would make all pay.
 bool may_join(const ir::Graph& graph, const target::Profile& profile, const Schedule& schedule,
               const StepSchedule& step, const Pass& scatter, const std::set<ValueId>& elsewhere) {
-  if (profile.lanes_in_turn || scatter.scatter == ScatterLowering::Rows) return false;
+  if (profile.lanes_in_turn) return false;
   if (may_pass_limit(trips_of(graph, scatter.ops), profile)) return false;  // cut loops are a scatter's own
-  const Pass& pass = step.passes[static_cast<size_t>(scatter.listed_by)];
+  const PassId lister = *scatter.lister();
+  const std::vector<ScatterSum>& sums = scatter.get<ScatterPass>().sums;
   for (const ValueId v : scatter.writes) {
-    const bool sum = std::ranges::any_of(scatter.sums, [&](const ScatterSum& s) { return s.value == v; });
+    const bool sum = std::ranges::any_of(sums, [&](const ScatterSum& s) { return s.value == v; });
     if (!sum || !graph.value(v).type.is_float()) return false;
   }
-  if (std::ranges::any_of(pass.writes, [&](ValueId v) { return elsewhere.count(v) != 0; })) return false;
-  for (size_t k = static_cast<size_t>(scatter.listed_by) + 1; &step.passes[k] != &scatter; ++k)
+  if (std::ranges::any_of(step.pass(lister).writes, [&](ValueId v) { return elsewhere.count(v) != 0; })) return false;
+  for (size_t k = lister.index + 1; &step.passes[k] != &scatter; ++k)
     if (std::ranges::any_of(step.passes[k].writes, [&](ValueId v) { return contains(scatter.reads, v); })) return false;
   return fits(profile, joined_bindings(schedule, step, scatter));
 }
@@ -63,16 +66,16 @@ bool may_join(const ir::Graph& graph, const target::Profile& profile, const Sche
 // Whether what elements add may be kept: each term adds once at most, and shaders may bind one more buffer a sum.
 bool may_keep_terms(const ir::Graph& graph, const target::Profile& profile, const Schedule& schedule,
                     const StepSchedule& step, const Pass& scatter) {
-  if (scatter.scatter != ScatterLowering::Exact) return false;
   constexpr int kMostWords = 64;  // of an element
   int words = 0;
-  for (const ScatterSum& sum : scatter.sums)
+  const std::vector<ScatterSum>& sums = scatter.get<ScatterPass>().sums;
+  for (const ScatterSum& sum : sums)
     for (const ValueId term : sum.terms) {
       if (contributions(graph, term) != 1) return false;
       words += graph.value(term).type.components() + 1;
     }
   Bindings bindings = joined_bindings(schedule, step, scatter);
-  bindings.writes += static_cast<uint32_t>(scatter.sums.size());
+  bindings.writes += static_cast<uint32_t>(sums.size());
   return words <= kMostWords && fits(profile, bindings);
 }
 
@@ -81,20 +84,22 @@ bool may_keep_terms(const ir::Graph& graph, const target::Profile& profile, cons
 void list_where_computed(const ir::Graph& graph, const target::Profile& profile, Schedule& schedule) {
   for (StepSchedule& step : schedule.steps) {
     const std::set<ValueId> kept = read_afterwards(graph, step);
-    std::set<int> taken;
+    std::set<PassId> taken;
     for (size_t k = 0; k < step.passes.size(); ++k) {
       Pass& scatter = step.passes[k];
-      if (scatter.active.empty()) continue;
-      const int by = lister(graph, step, k);
-      if (by < 0 || taken.count(by) != 0) continue;
-      Pass& pass = step.passes[static_cast<size_t>(by)];
+      auto* sums = scatter.as<ScatterPass>();
+      ActiveList* active = sums == nullptr ? nullptr : sums->active_list();
+      if (active == nullptr) continue;
+      const auto by = find_lister(graph, step, k, active->clauses);
+      if (!by || taken.count(*by) != 0) continue;
+      Pass& pass = step.pass(*by);
       // Both run whenever the step does: else one could be left out without the other.
       if (!pass.steady || !scatter.steady) continue;
       Bindings own = bindings_of(schedule.resources, resources_of(step, pass.reads), pass.writes.size());
       own.more += kMapLists;
       if (!fits(profile, own)) continue;
-      taken.insert(by);
-      scatter.listed_by = by;
+      taken.insert(*by);
+      active->listed_by = *by;
       std::set<ValueId> elsewhere;
       for (const ir::OpId id : scatter.ops) {
         const Uses uses = uses_of(graph, graph.op(id));
@@ -103,12 +108,13 @@ void list_where_computed(const ir::Graph& graph, const target::Profile& profile,
       for (const ValueId v : pass.writes) {
         const bool others = std::ranges::any_of(
             step.passes, [&](const Pass& other) { return &other != &scatter && contains(other.reads, v); });
-        if (kept.count(v) == 0 && elsewhere.count(v) == 0 && !others) pass.partial.push_back(v);
+        if (kept.count(v) == 0 && elsewhere.count(v) == 0 && !others) pass.get<MapPass>().partial.push_back(v);
       }
-      scatter.joins_lister = may_join(graph, profile, schedule, step, scatter, elsewhere);
-      if (!scatter.joins_lister) continue;
-      scatter.relist = false;  // those that add nothing are not listed
-      scatter.keeps_terms = may_keep_terms(graph, profile, schedule, step, scatter);
+      if (!may_join(graph, profile, schedule, step, scatter, elsewhere)) continue;
+      sums->join_lister();
+      if (ExactScatter* exact = sums->exact())
+        std::get<JoinedFirstRun>(exact->first_run).keeps_terms =
+            may_keep_terms(graph, profile, schedule, step, scatter);
     }
   }
 }

@@ -13,7 +13,7 @@ void keep_entries(const ir::Graph& graph, const target::Profile& profile, Schedu
   for (StepSchedule& step : schedule.steps) {
     const std::set<ValueId> kept = read_afterwards(graph, step);
     for (const Pass& pass : step.passes) {
-      if (pass.kind != Pass::Kind::Raster || pass.hardware) continue;
+      if (!pass.is<RasterPass>()) continue;
       const std::vector<ValueId>& results = graph.op(pass.ops.back()).results;
       if (std::ranges::any_of(results, [&](ValueId v) { return kept.count(v) != 0; })) continue;
       const ResourceId id = step.stored.at(results[0]);

@@ -67,21 +67,23 @@ class StepLegalizer {
   // Whether passes were joined.
   bool process() {
     bool joined = false;
+    bool any = false;
     for (Pass& pass : step_.passes)
-      if (pass.kind == Pass::Kind::Scatter)
+      if (auto* scatter = pass.as<ScatterPass>())
         for (const ValueId v : pass.writes)
-          if (is_scatter_result(graph_, v)) pass.sums.push_back({v, {v}});
-    const bool any =
-        std::any_of(step_.passes.begin(), step_.passes.end(), [](const Pass& p) { return !p.sums.empty(); });
+          if (is_scatter_result(graph_, v)) {
+            scatter->sums.push_back({v, {v}});
+            any = true;
+          }
     if (!any) return false;
     index_passes();
     for (const ScatterSum& sum : find_sums()) joined = join(sum) || joined;
     std::erase_if(step_.passes, [](const Pass& pass) { return pass.writes.empty(); });
     for (Pass& pass : step_.passes)
-      if (!pass.sums.empty()) {
-        choose(pass);
-        pass.join_lanes = pass.scatter == ScatterLowering::Exact && joining_pays(pass);
-        choose_active(pass);
+      if (auto* scatter = pass.as<ScatterPass>(); scatter != nullptr && !scatter->sums.empty()) {
+        choose(pass, *scatter);
+        if (ExactScatter* exact = scatter->exact()) exact->joins_lanes = joining_pays(*scatter);
+        choose_active(pass, *scatter);
       }
     return joined;
   }
@@ -206,7 +208,7 @@ class StepLegalizer {
     if (was_stored && resource(sum.value).storage == Resource::Storage::Image) {
       for (const Pass& pass : step_.passes) {
         if (!std::binary_search(pass.reads.begin(), pass.reads.end(), sum.value)) continue;
-        if (!fits(profile_, bindings(pass.reads, pass.writes.size(), pass.hardware, 1))) return false;
+        if (!fits(profile_, bindings(pass.reads, pass.writes.size(), pass.is_drawn(), 1))) return false;
       }
       schedule_.resources[stored->second.index].storage = Resource::Storage::Buffer;
     }
@@ -234,7 +236,7 @@ class StepLegalizer {
     for (const size_t k : group) {
       Pass& pass = step_.passes[k];
       ops.insert(pass.ops.begin(), pass.ops.end());
-      for (ScatterSum& other : pass.sums)
+      for (ScatterSum& other : pass.get<ScatterPass>().sums)
         if (std::find(sum.terms.begin(), sum.terms.end(), other.value) == sum.terms.end())
           sums.push_back(std::move(other));
       for (const OpId id : pass.ops) holders_[id].erase(k);
@@ -246,7 +248,7 @@ class StepLegalizer {
     into.reads = read;
     into.writes.assign(writes.begin(), writes.end());
     std::sort(sums.begin(), sums.end(), [](const auto& a, const auto& b) { return a.value < b.value; });
-    into.sums = std::move(sums);
+    into.get<ScatterPass>().sums = std::move(sums);
     into.name.clear();
     for (const ValueId v : into.writes) into.name += (into.name.empty() ? "" : "_") + resource(v).name;
     for (const OpId id : into.ops) holders_[id].insert(*group.begin());
@@ -275,7 +277,7 @@ class StepLegalizer {
   // Listing the elements that may add something costs an element few loads; running one costs its own loads, twice. A
   // scatter of a region is worth it, since conditions of the program lie before it. What it finds to add nothing in the
   // first run is left out of the second.
-  void choose_active(Pass& pass) const {
+  void choose_active(const Pass& pass, ScatterPass& scatter) const {
     const bool regions = std::any_of(pass.ops.begin(), pass.ops.end(), [&](OpId id) {
       const Op& op = graph_.op(id);
       return !op.regions.empty() &&
@@ -284,63 +286,69 @@ class StepLegalizer {
     if (!regions) return;
     constexpr uint32_t kLists = 2;
     if (!fits(profile_, bindings(pass.reads, pass.writes.size(), false, kLists))) return;
-    if (pass.scatter == ScatterLowering::Rows || pass.writes.size() != pass.sums.size()) return;
-    const auto is_float = [&](const ScatterSum& sum) { return graph_.value(sum.value).type.is_float(); };
-    if (!std::all_of(pass.sums.begin(), pass.sums.end(), is_float)) return;
-    if (std::ranges::any_of(pass.sums, [&](const ScatterSum& sum) { return named_once(graph_, sum.terms); })) return;
-    pass.active = active_elements(graph_, pass);
-    pass.relist = pass.scatter == ScatterLowering::Exact;
+    if (pass.writes.size() != scatter.sums.size()) return;
+    if (!std::ranges::all_of(scatter.sums, [&](const ScatterSum& sum) { return is_float(sum); })) return;
+    if (std::ranges::any_of(scatter.sums, [&](const ScatterSum& sum) { return named_once(graph_, sum.terms); })) return;
+    OwnRun run;
+    if (Clauses clauses = active_elements(graph_, pass); !clauses.empty())
+      run.active = ActiveList{std::move(clauses), OwnList{}};
+    std::visit(Overloaded{[&](ExactScatter& exact) {
+                            exact.first_run = OwnFirstRun{std::move(run), true};
+                          },
+                          [](RowsScatter&) {}, [&](AtomicScatter& atomic) { atomic.run = std::move(run); }},
+               scatter.how);
   }
 
-  void choose(Pass& pass) {
+  bool is_float(const ScatterSum& sum) const { return graph_.value(sum.value).type.is_float(); }
+
+  void choose(const Pass& pass, ScatterPass& scatter) const {
     switch (lower_) {
-      case ScatterLower::Exact: break;
-      case ScatterLower::Atomic: {
-        const auto is_float = [&](const ScatterSum& sum) { return graph_.value(sum.value).type.is_float(); };
-        if (std::any_of(pass.sums.begin(), pass.sums.end(), is_float)) pass.scatter = ScatterLowering::Atomic;
-        break;
-      }
+      case ScatterLower::Exact: return;
+      case ScatterLower::Atomic:
+        if (std::ranges::any_of(scatter.sums, [&](const ScatterSum& sum) { return is_float(sum); }))
+          scatter.how = AtomicScatter{};
+        return;
       case ScatterLower::Auto:
-      case ScatterLower::Rows: {
-        const bool asked = lower_ == ScatterLower::Rows;
-        std::string lacks;
-        // A row's walk computes what an element adds for each of its items, in loops that cannot be cut.
-        constexpr int64_t kItems = 512;
-        if (may_pass_limit(trips_of(graph_, pass.ops), profile_, kItems)) {
-          if (asked) pass.no_rows = "its loops may take more trips than the device lets an invocation have";
-          break;
-        }
-        auto rows = rows_of(pass);
-        if (!rows || !(asked || rows_pay(pass, *rows))) {
-          rows = sorted_rows_of(pass, lacks);
-          if (rows && !asked && !(changes(pass) && rows_pay(pass, *rows))) rows.reset();
-        }
-        if (rows) {
-          pass.scatter = ScatterLowering::Rows;
-          pass.rows = std::move(*rows);
-        } else if (asked) {
-          pass.no_rows = lacks;
-        }
-        break;
-      }
+      case ScatterLower::Rows: choose_rows(pass, scatter, lower_ == ScatterLower::Rows); return;
     }
   }
 
+  void choose_rows(const Pass& pass, ScatterPass& scatter, bool asked) const {
+    const auto refuse = [&](std::string why) {
+      if (asked) scatter.exact()->no_rows = std::move(why);
+    };
+    // A row's walk computes what an element adds for each of its items, in loops that cannot be cut.
+    constexpr int64_t kItems = 512;
+    if (may_pass_limit(trips_of(graph_, pass.ops), profile_, kItems))
+      return refuse("its loops may take more trips than the device lets an invocation have");
+    std::string lacks;
+    auto rows = rows_of(pass, scatter);
+    if (!rows || !(asked || rows_pay(scatter, *rows))) {
+      rows = sorted_rows_of(pass, scatter, lacks);
+      if (rows && !asked && !(changes(scatter) && rows_pay(scatter, *rows))) rows.reset();
+    }
+    if (rows)
+      scatter.how = std::move(*rows);
+    else
+      refuse(lacks);
+  }
+
   // The table by which a pass can gather what it scatters.
-  std::optional<RowsTable> rows_of(const Pass& pass) const {
-    RowsTable rows;
+  std::optional<RowsScatter> rows_of(const Pass& pass, const ScatterPass& scatter) const {
+    RowsScatter rows;
+    auto& table = rows.table.emplace<RowsOfLeaf>();
     std::set<int> columns;
     bool first = true;
     size_t terms = 0;
-    for (const ScatterSum& sum : pass.sums) {
+    for (const ScatterSum& sum : scatter.sums) {
       const ir::Extent& to = graph_.value(sum.value).extent;
       for (const ValueId term : sum.terms) {
         const Op& op = def(term);
         if (op.kind != OpKind::ScatterAdd) return std::nullopt;
         const auto column = column_of(graph_, op.operands[0]);
         if (!column || graph_.value(op.operands[0]).type.rows != 1) return std::nullopt;
-        if (!first && (rows.leaf != column->leaf || rows.targets != to.w)) return std::nullopt;
-        rows.leaf = column->leaf;
+        if (!first && (table.leaf != column->leaf || rows.targets != to.w)) return std::nullopt;
+        table.leaf = column->leaf;
         rows.targets = to.w;
         columns.insert(column->column);
         first = false;
@@ -349,13 +357,13 @@ class StepLegalizer {
       // Layers stay apart, or there is one.
       if (!to.h.is_one() || to.l != pass.domain.l) return std::nullopt;
     }
-    if (pass.writes.size() != pass.sums.size()) return std::nullopt;
-    if (!pass.domain.h.is_one() || pass.domain.w != graph_.leaves[rows.leaf].extent.w) return std::nullopt;
+    if (pass.writes.size() != scatter.sums.size()) return std::nullopt;
+    if (!pass.domain.h.is_one() || pass.domain.w != graph_.leaves[table.leaf].extent.w) return std::nullopt;
     // The host fills the table when it binds the leaf: no step may change that.
     for (const ir::Step& step : graph_.steps)
       for (const ir::Update& update : step.updates)
-        if (update.leaf == rows.leaf) return std::nullopt;
-    rows.columns.assign(columns.begin(), columns.end());
+        if (update.leaf == table.leaf) return std::nullopt;
+    table.columns.assign(columns.begin(), columns.end());
     constexpr uint32_t kTable = 3;  // starts, items, sums of blocks
     if (!fits(profile_, bindings(pass.reads, pass.writes.size(), false, kTable))) return std::nullopt;
     return rows;
@@ -363,16 +371,17 @@ class StepLegalizer {
 
   // The table by which the device can: all that says where contributions go stays as it is in this step. `lacks`: why
   // there is none.
-  std::optional<RowsTable> sorted_rows_of(const Pass& pass, std::string& lacks) const {
-    RowsTable rows;
-    const ir::Extent& to = graph_.value(pass.sums[0].value).extent;
+  std::optional<RowsScatter> sorted_rows_of(const Pass& pass, const ScatterPass& scatter, std::string& lacks) const {
+    RowsScatter rows;
+    auto& places = rows.table.emplace<SortedRows>().places;
+    const ir::Extent& to = graph_.value(scatter.sums[0].value).extent;
     rows.targets = to.w * to.h * to.l;
     const auto lack = [&](const char* what) {
       lacks = what;
       return std::nullopt;
     };
-    if (pass.writes.size() != pass.sums.size()) return lack("the pass stores more than sums");
-    for (const ScatterSum& sum : pass.sums) {
+    if (pass.writes.size() != scatter.sums.size()) return lack("the pass stores more than sums");
+    for (const ScatterSum& sum : scatter.sums) {
       if (graph_.value(sum.value).extent != to) return lack("the pass sums into images of several extents");
       for (const ValueId term : sum.terms) {
         auto leaves = scatter_leaves(graph_, term);
@@ -382,11 +391,11 @@ class StepLegalizer {
           for (ScatterLeaf::Branch& branch : leaf.path)
             branch.in_table = !steady(leaf, graph_.op(branch.op).operands[0]);
           const auto same = [&](const ScatterLeaf& place) { return place.same_place(leaf); };
-          if (std::ranges::none_of(rows.places, same)) rows.places.push_back(std::move(leaf));
+          if (std::ranges::none_of(places, same)) places.push_back(std::move(leaf));
         }
       }
     }
-    if (rows.places.empty()) return lack("nothing is added anywhere");
+    if (places.empty()) return lack("nothing is added anywhere");
     constexpr uint32_t kTable = 3;  // starts, items, sums of blocks
     if (!fits(profile_, bindings(pass.reads, pass.writes.size(), false, kTable)))
       return lack("the profile allows too few buffers in a shader");
@@ -394,8 +403,8 @@ class StepLegalizer {
   }
 
   // Where what is scattered does not change either, a run seldom needs to add it up, and sorting is in vain.
-  bool changes(const Pass& pass) const {
-    return std::ranges::any_of(pass.sums, [&](const ScatterSum& sum) {
+  bool changes(const ScatterPass& scatter) const {
+    return std::ranges::any_of(scatter.sums, [&](const ScatterSum& sum) {
       return std::ranges::any_of(sum.terms, [&](ValueId term) { return steady(term); });
     });
   }
@@ -403,12 +412,12 @@ class StepLegalizer {
   // Lanes beside each other often add to one element, and atomics of one element wait for each other. Where none do,
   // joining is in vain: it has to cost little beside the atomics. On a processor, where a thread has all lanes of a
   // subgroup, atomics do not wait, and sums over lanes go lane by lane.
-  bool joining_pays(const Pass& pass) const {
+  bool joining_pays(const ScatterPass& scatter) const {
     if (!profile_.subgroup_arithmetic || profile_.subgroup_size < 2 || profile_.subgroup_size > kMaxJoinedLanes ||
         is_processor())
       return false;
     double joins = 0, words = 0;
-    for (const ScatterSum& sum : pass.sums) {
+    for (const ScatterSum& sum : scatter.sums) {
       const ir::Type& type = graph_.value(sum.value).type;
       if (!type.is_float()) continue;
       joins += kJoinRounds * (6 + 6 * type.components() * std::log2(profile_.subgroup_size));  // operations
@@ -419,12 +428,12 @@ class StepLegalizer {
   }
 
   // A contribution costs a row its number and two loads, and an exact sum three words of atomics and their clearing.
-  bool rows_pay(const Pass& pass, const RowsTable& rows) const {
+  bool rows_pay(const ScatterPass& scatter, const RowsScatter& rows) const {
     double row = 0, exact = 0;
     const target::Costs& c = profile_.costs;
-    for (const ScatterSum& sum : pass.sums) {
+    for (const ScatterSum& sum : scatter.sums) {
       double terms = static_cast<double>(sum.terms.size());
-      if (rows.sorted()) {
+      if (rows.sorted() != nullptr) {
         terms = 0;
         for (const ValueId term : sum.terms) terms += static_cast<double>(scatter_leaves(graph_, term)->size());
       }
@@ -449,6 +458,14 @@ class StepLegalizer {
   std::set<ValueId> kept_;
 };
 
+void run_all_elements(Pass& pass) {
+  auto* scatter = pass.as<ScatterPass>();
+  if (scatter == nullptr) return;
+  std::visit(Overloaded{[](ExactScatter& exact) { exact.first_run = OwnFirstRun{}; }, [](RowsScatter&) {},
+                        [](AtomicScatter& atomic) { atomic.run = OwnRun{}; }},
+             scatter->how);
+}
+
 }  // namespace
 
 std::optional<std::string> legalize_scatter(const Graph& graph, const target::Profile& profile,
@@ -463,7 +480,7 @@ std::optional<std::string> legalize_scatter(const Graph& graph, const target::Pr
   remove_resources(schedule, unused);
   if (!options.list_active)
     for (StepSchedule& step : schedule.steps)
-      for (Pass& pass : step.passes) pass.active.clear(), pass.relist = false;
+      for (Pass& pass : step.passes) run_all_elements(pass);
   return std::nullopt;
 }
 

@@ -120,11 +120,12 @@ class ActiveElements {
 
 }  // namespace
 
-std::vector<std::vector<ValueId>> active_elements(const Graph& graph, const Pass& pass) {
-  if (pass.writes.size() != pass.sums.size()) return {};
+Clauses active_elements(const Graph& graph, const Pass& pass) {
+  const std::vector<ScatterSum>& sums = pass.get<ScatterPass>().sums;
+  if (pass.writes.size() != sums.size()) return {};
   const ActiveElements analysis(graph, pass);
-  std::vector<std::vector<ValueId>> out;
-  for (const ScatterSum& sum : pass.sums)
+  Clauses out;
+  for (const ScatterSum& sum : sums)
     for (const ValueId term : sum.terms) {
       std::vector<ValueId> clause = analysis.clause(term);
       if (clause.empty()) return {};

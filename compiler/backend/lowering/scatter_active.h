@@ -11,6 +11,6 @@ namespace dr::backend {
 
 // A clause for each result: an element adds nothing to it unless all values of the clause are true or not zero.
 // Empty if that cannot be told from the pass's reads, or if elements store something of their own.
-std::vector<std::vector<ir::ValueId>> active_elements(const ir::Graph& graph, const Pass& pass);
+Clauses active_elements(const ir::Graph& graph, const Pass& pass);
 
 }  // namespace dr::backend

@@ -2,6 +2,7 @@
 #include "compiler/backend/lowering/set_up_in_raster.h"
 
 #include <algorithm>
+#include <utility>
 
 #include "compiler/backend/analysis/uses.h"
 #include "compiler/backend/schedule/limits.h"
@@ -53,20 +54,19 @@ bool cheap_again(const ir::Graph& graph, const Pass& setup) {
       if (std::ranges::find(setup.reads, v) != setup.reads.end() && here.insert(v).second)
         loaded += graph.value(v).type.components();
   }
-  for (ValueId v : setup.partial) kept += graph.value(v).type.components();
+  for (ValueId v : setup.get<MapPass>().partial) kept += graph.value(v).type.components();
   return loaded <= 2 * kept;
 }
 
 // Takes the partial results of a pass out of memory.
 void forget_partial(StepSchedule& step, Pass& setup, Pass& raster, std::set<uint32_t>& unused) {
-  for (ValueId v : setup.partial) {
+  for (ValueId v : std::exchange(setup.get<MapPass>().partial, {})) {
     std::erase(setup.writes, v);
     std::erase(raster.reads, v);
     unused.insert(step.stored.at(v).index);
     step.stored.erase(v);
   }
-  setup.partial.clear();
-  raster.sets_up_again = true;
+  raster.get<RasterPass>().setup->again = true;
 }
 
 }  // namespace
@@ -76,33 +76,34 @@ void set_up_in_raster(const ir::Graph& graph, const target::Profile& profile, Sc
   std::set<uint32_t> unused;
   for (StepSchedule& step : schedule.steps) {
     const std::set<ValueId> kept = read_afterwards(graph, step);
-    std::set<int> taken;  // those that list elements or set faces up already
-    for (const Pass& pass : step.passes) taken.insert(pass.listed_by);
+    const auto is_taken = [&](PassId map) {
+      return listed_for(step, map) != nullptr || set_up_for(step, map) != nullptr;
+    };
     for (size_t k = 0; k < step.passes.size(); ++k) {
       Pass& raster = step.passes[k];
-      if (raster.kind != Pass::Kind::Raster || raster.hardware) continue;
+      if (!raster.is<RasterPass>()) continue;
       const ir::Op& op = graph.op(raster.ops.back());
       const ir::Extent faces{op.attrs.dims[3], 1, op.attrs.dims[2]};
       // A captured value must not be taken for that of a face.
       if (faces == raster.domain) continue;
-      for (size_t j = k; j-- > 0 && raster.set_up_by < 0;) {
+      for (size_t j = k; j-- > 0 && raster.setup() == nullptr;) {
         const Pass& pass = step.passes[j];
-        const bool fits = pass.kind == Pass::Kind::Map && !pass.hardware && pass.domain == faces &&
-                          pass.steady == raster.steady && meet(raster.reads, pass.writes) &&
-                          taken.count(static_cast<int>(j)) == 0 && one_shader(step, schedule, profile, pass, raster) &&
+        const bool fits = pass.is<MapPass>() && pass.domain == faces && pass.steady == raster.steady &&
+                          meet(raster.reads, pass.writes) && !is_taken(pass_id(j)) &&
+                          one_shader(step, schedule, profile, pass, raster) &&
                           !may_pass_limit(trips_of(graph, pass.ops), profile, kShared);
         if (!fits) continue;
         const bool waits = std::any_of(step.passes.begin() + static_cast<std::ptrdiff_t>(j) + 1,
                                        step.passes.begin() + static_cast<std::ptrdiff_t>(k),
                                        [&](const Pass& between) { return depends(step, between, pass); });
         if (waits) continue;
-        taken.insert(raster.set_up_by = static_cast<int>(j));
+        raster.get<RasterPass>().setup = FaceSetup{pass_id(j)};
         Pass& setup = step.passes[j];
         for (ValueId v : setup.writes) {
           const bool others = std::ranges::any_of(step.passes, [&](const Pass& other) {
             return &other != &raster && std::ranges::find(other.reads, v) != other.reads.end();
           });
-          if (!others && kept.count(v) == 0) setup.partial.push_back(v);
+          if (!others && kept.count(v) == 0) setup.get<MapPass>().partial.push_back(v);
         }
         if (cheap_again(graph, setup)) forget_partial(step, setup, raster, unused);
       }

@@ -8,9 +8,9 @@
 
 namespace dr::backend {
 
-// Fills Pass::set_up_by where a raster by 64-bit atomics reads the results of a map pass over its faces and layers,
+// Fills RasterPass::setup where a raster by 64-bit atomics reads the results of a map pass over its faces and layers,
 // no pass between the two needs any of them or changes what it reads, both run whenever one of them does, and the
-// profile's limits allow one shader for both; and Pass::sets_up_again, or Pass::partial of that pass.
+// profile's limits allow one shader for both, which sets up again, or MapPass::partial of the map.
 void set_up_in_raster(const ir::Graph& graph, const target::Profile& profile, Schedule& schedule);
 
 }  // namespace dr::backend

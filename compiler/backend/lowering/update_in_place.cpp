@@ -34,7 +34,7 @@ bool may_overwrite(const ir::Graph& graph, const Schedule& schedule, const StepS
     if (written && (writes || std::any_of(pass.reads.begin(), pass.reads.end(), is_old))) return false;
     if (!writes) continue;
     written = true;
-    if (pass.kind != Pass::Kind::Map || pass.hardware || pass.domain != to.extent) return false;
+    if (!pass.is<MapPass>() || pass.domain != to.extent) return false;
     for (ir::OpId id : pass.ops) {
       const Uses uses = uses_of(graph, graph.op(id));
       if (std::any_of(uses.elsewhere.begin(), uses.elsewhere.end(), is_old)) return false;

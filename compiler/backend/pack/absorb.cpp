@@ -21,10 +21,10 @@ constexpr size_t kMaxOps = 64;  // that a scatter absorbs
 
 // Whether a value has to be stored whatever scatters do.
 bool StepPacker::stored_anyway(ValueId v) const {
-  if (roots_.count(v) != 0 || read_elsewhere_[v.index] || pass_kind(def(v)) != Pass::Kind::Map) return true;
+  if (roots_.count(v) != 0 || read_elsewhere_[v.index] || pass_kind(def(v)) != PassKind::Map) return true;
   return std::ranges::any_of(users_[v.index], [&](OpId user) {
     const Op& by = graph_.op(user);
-    return pass_kind(by) == Pass::Kind::Map && domain_of(graph_, by) != graph_.value(v).extent;
+    return pass_kind(by) == PassKind::Map && domain_of(graph_, by) != graph_.value(v).extent;
   });
 }
 
@@ -109,11 +109,11 @@ void StepPacker::find_absorbed() {
   // with it.
   std::set<Extent> by_regions;
   for (OpId id : order_)
-    if (const Op& op = graph_.op(id); !op.regions.empty() && pass_kind(op) == Pass::Kind::Scatter)
+    if (const Op& op = graph_.op(id); !op.regions.empty() && pass_kind(op) == PassKind::Scatter)
       by_regions.insert(domain_of(graph_, op));
   for (OpId id : order_) {
     const Op& op = graph_.op(id);
-    if (op.regions.empty() && pass_kind(op) == Pass::Kind::Scatter && by_regions.count(domain_of(graph_, op)) == 0)
+    if (op.regions.empty() && pass_kind(op) == PassKind::Scatter && by_regions.count(domain_of(graph_, op)) == 0)
       absorb_into(id);
   }
 }

@@ -25,11 +25,11 @@ using Group = std::vector<ValueId>;
 using Groups = std::vector<Group>;
 
 bool is_crowded(const Schedule& schedule, const StepSchedule& step, const Pass& pass, const target::Profile& profile) {
-  if (pass.kind == Pass::Kind::Raster || pass.kind == Pass::Kind::Reduce) return false;
+  if (pass.kind() == PassKind::Raster || pass.kind() == PassKind::Reduce) return false;
   const std::vector<uint32_t> written = resources_of(step, pass.writes);
   Bindings all = bindings_of(schedule.resources, resources_of(step, pass.reads),
-                             std::set<uint32_t>(written.begin(), written.end()).size(), pass.hardware);
-  if (pass.kind == Pass::Kind::Scatter) all.more += kScatterBuffers;
+                             std::set<uint32_t>(written.begin(), written.end()).size(), pass.is_drawn());
+  if (pass.is<ScatterPass>()) all.more += kScatterBuffers;
   return !fits(profile, all);
 }
 

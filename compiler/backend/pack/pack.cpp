@@ -103,7 +103,7 @@ bool StepPacker::recomputable(ValueId v, OpId user) const {
   // A scatter's shader runs twice; that of a region for few elements, see lowering/scatter_active.h.
   const bool twice =
       user.valid() &&
-      (absorbed_[user.index] || (pass_kind(graph_.op(user)) == Pass::Kind::Scatter && graph_.op(user).regions.empty()));
+      (absorbed_[user.index] || (pass_kind(graph_.op(user)) == PassKind::Scatter && graph_.op(user).regions.empty()));
   const int times = twice ? 2 : 1;
   return cost == 0 || times * cost <= (options_.recompute ? recompute_limit_ : 0);
 }
@@ -174,7 +174,7 @@ void StepPacker::find_levels() {
          .domain =
              [&](const Op& op) {
                const ValueId v = op.results[0];
-               const bool shares = options_.fused && pass_kind(op) == Pass::Kind::Map && !absorbed(v);
+               const bool shares = options_.fused && pass_kind(op) == PassKind::Map && !absorbed(v);
                return shares ? &graph_.value(v).extent : nullptr;
              },
          .recomputed = [&](ValueId v, OpId user) { return recomputable(v, user); },
@@ -195,8 +195,8 @@ void StepPacker::find_levels() {
 bool StepPacker::in_same_pass(const Op& user, OpId user_id, ValueId v) const {
   const OpId from = graph_.value(v).op;
   if (absorbed_[from.index]) return true;
-  return options_.fused && !absorbed_[user_id.index] && pass_kind(user) == Pass::Kind::Map &&
-         pass_kind(graph_.op(from)) == Pass::Kind::Map && level_[from.index] == level_[user_id.index] &&
+  return options_.fused && !absorbed_[user_id.index] && pass_kind(user) == PassKind::Map &&
+         pass_kind(graph_.op(from)) == PassKind::Map && level_[from.index] == level_[user_id.index] &&
          graph_.value(v).extent == domain_of(graph_, user);
 }
 
@@ -236,8 +236,8 @@ bool StepPacker::any_stored(const Op& op) const {
 bool StepPacker::is_image(ValueId v) const {
   const ir::ValueInfo& info = graph_.value(v);
   const Op& op = def(v);
-  const Pass::Kind kind = pass_kind(op);
-  if (is_memory(op) || kind != Pass::Kind::Map) return kind == Pass::Kind::Raster && drawn(op);
+  const PassKind kind = pass_kind(op);
+  if (is_memory(op) || kind != PassKind::Map) return kind == PassKind::Raster && drawn(op);
   if (looped_[info.op.index]) return false;
   return options_.fragment && !info.extent.h.is_one() && !info.type.is_matrix() && updated_.count(v) == 0;
 }

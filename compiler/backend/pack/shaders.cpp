@@ -22,8 +22,14 @@ constexpr size_t kMergeReach = 64, kMergeWindow = 4096;
 
 // Where lanes go in turn, a map may list its heavy elements, and those that a scatter runs for.
 uint32_t more_buffers(const target::Profile& profile, const Pass& pass) {
-  if (pass.kind == Pass::Kind::Scatter) return kScatterBuffers;
-  return profile.lanes_in_turn && pass.kind == Pass::Kind::Map && !pass.hardware ? kMapLists : 0;
+  if (pass.is<ScatterPass>()) return kScatterBuffers;
+  return profile.lanes_in_turn && pass.is<MapPass>() ? kMapLists : 0;
+}
+
+Pass map_pass(bool hardware) {
+  Pass pass;
+  if (hardware) pass.of_kind = FragmentPass{};
+  return pass;
 }
 
 bool is_in(const std::vector<ValueId>& sorted, ValueId v) {
@@ -118,7 +124,7 @@ bool StepPacker::within_limits(const Pass& pass) const {
   std::vector<uint32_t> reads;
   for (ValueId v : pass.writes) written.insert(resource_index(v));
   for (ValueId v : pass.reads) reads.push_back(resource_index(v));
-  Bindings all = bindings_of(resources_, std::move(reads), written.size(), pass.hardware);
+  Bindings all = bindings_of(resources_, std::move(reads), written.size(), pass.is_drawn());
   all.more += more_buffers(profile_, pass);
   return fits(profile_, all);
 }
@@ -148,7 +154,7 @@ void StepPacker::spill(const Pass& pass) {
         unite(own, inside->second);
         if (inside->second.size() > most_reads) most = v, most_reads = inside->second.size();
       }
-      Bindings all = bindings_of(resources_, own, 1, pass.hardware);
+      Bindings all = bindings_of(resources_, own, 1, pass.is_drawn());
       all.more += more_buffers(profile_, pass);
       if (fits(profile_, all) || !most.valid()) {
         reads[id] = std::move(own);
@@ -211,7 +217,7 @@ void StepPacker::cut(const Extent& domain, const std::vector<ValueId>& targets, 
 // ---- passes ----
 
 void StepPacker::add_pass(Pass pass) {
-  if (pass.kind == Pass::Kind::Map)
+  if (pass.kind() == PassKind::Map)
     for (ValueId v : pass.writes) written_[v.index] = true;
   pass.steady = steady_[graph_.value(pass.writes[0]).op.index];
   pass.name = pass_name(pass);
@@ -254,9 +260,7 @@ void StepPacker::add_map_passes(const Extent& domain, const std::vector<OpId>& g
 // away. What two shaders need is computed twice.
 std::vector<ValueId> StepPacker::choose(std::span<const ValueId>& targets, int level, bool hardware) {
   std::vector<ValueId> chosen;
-  Pass pass;
-  pass.hardware = hardware;
-  const uint32_t more = more_buffers(profile_, pass);
+  const uint32_t more = more_buffers(profile_, map_pass(hardware));
   elsewhere_.clear();
   begin_cone(level);
   for (; !targets.empty(); targets = targets.subspan(1)) {
@@ -310,14 +314,13 @@ std::vector<std::vector<ValueId>> StepPacker::gathered(std::span<const ValueId> 
 }
 
 void StepPacker::add_map_pass(const Extent& domain, const std::vector<ValueId>& targets, int level, bool hardware) {
-  Pass pass;
+  Pass pass = map_pass(hardware);
   pass.domain = domain;
-  pass.hardware = hardware;
   close_over(pass, targets, level);
   if (targets.size() == 1 && !within_limits(pass)) {
     if (hardware) {
       // One value alone needs more than a fragment shader may have: compute shaders may have more.
-      pass.hardware = false;
+      pass.of_kind = MapPass{};
       resource(targets[0]).storage = Resource::Storage::Buffer;
     }
     if (!within_limits(pass)) {
@@ -341,7 +344,7 @@ void StepPacker::make_passes() {
     std::vector<OpId> single;
     for (OpId id : levels[static_cast<size_t>(level)]) {
       const Op& op = graph_.op(id);
-      if (pass_kind(op) != Pass::Kind::Map) {
+      if (pass_kind(op) != PassKind::Map) {
         if (any_stored(op)) single.push_back(id);
         continue;
       }
@@ -356,15 +359,24 @@ void StepPacker::make_passes() {
     for (OpId id : single) {
       const Op& op = graph_.op(id);
       Pass pass;
-      pass.kind = pass_kind(op);
-      pass.hardware = pass.kind == Pass::Kind::Raster && drawn(op);
+      switch (pass_kind(op)) {
+        case PassKind::Map: break;  // those are in groups
+        case PassKind::Reduce: pass.of_kind = ReducePass{}; break;
+        case PassKind::Scatter: pass.of_kind = ScatterPass{}; break;
+        case PassKind::Raster:
+          if (drawn(op))
+            pass.of_kind = DrawnRasterPass{};
+          else
+            pass.of_kind = RasterPass{};
+          break;
+      }
       pass.domain = domain_of(graph_, op);
       std::vector<ValueId> targets;
       for (ValueId v : op.results)
         if (out_.stored.count(v) != 0) targets.push_back(v);
       set_group(std::vector{id});
       close_over(pass, targets, level);
-      if (pass.kind == Pass::Kind::Scatter && !within_limits(pass)) {
+      if (pass.is<ScatterPass>() && !within_limits(pass)) {
         spill(pass);
         set_group(std::vector{id});
         close_over(pass, targets, level);
@@ -416,7 +428,8 @@ void StepPacker::merge_passes(std::span<Pass> passes) {
   PassOrder order(passes);
   std::map<std::tuple<Extent, bool, bool>, std::vector<size_t>> alike;
   for (size_t k = 0; k < passes.size(); ++k)
-    if (passes[k].kind == Pass::Kind::Map) alike[{passes[k].domain, passes[k].hardware, passes[k].steady}].push_back(k);
+    if (passes[k].kind() == PassKind::Map)
+      alike[{passes[k].domain, passes[k].is_drawn(), passes[k].steady}].push_back(k);
   for (const auto& [key, members] : alike) {
     for (size_t i = 0; i < members.size(); ++i) {
       Pass& into = passes[members[i]];

@@ -53,7 +53,7 @@ class StagePacker {
 
  private:
   const Pass& pass(size_t k) const { return step_.passes[k]; }
-  bool is_fragment(size_t k) const { return pass(k).kind == Pass::Kind::Map && pass(k).hardware; }
+  bool is_fragment(size_t k) const { return pass(k).is<FragmentPass>(); }
 
   // Whether all that a pass reads has been written, by passes that are done or in `stage`.
   bool is_ready(size_t k, const std::set<size_t>& stage = {}) const {
@@ -78,7 +78,7 @@ class StagePacker {
   bool add_run() {
     std::vector<size_t> run, draws;
     for (size_t k = 0; k < step_.passes.size(); ++k)
-      if (!done_[k] && !is_fragment(k) && is_ready(k)) (pass(k).hardware ? draws : run).push_back(k);
+      if (!done_[k] && !is_fragment(k) && is_ready(k)) (pass(k).is_drawn() ? draws : run).push_back(k);
     if (!run.empty()) finish(run);
     for (size_t k : draws) finish({k});
     return !run.empty() || !draws.empty();

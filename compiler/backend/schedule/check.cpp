@@ -29,8 +29,6 @@ void captured_operands(const Graph& graph, const Op& op, std::set<ValueId>& out)
   }
 }
 
-bool is_fragment(const Pass& pass) { return pass.kind == Pass::Kind::Map && pass.hardware; }
-
 template <typename Values>
 bool contains(const Values& values, ValueId v) {
   return std::ranges::find(values, v) != values.end();
@@ -86,7 +84,7 @@ class StepChecker {
     check_rows();
     check_stage();
     check_writes();
-    if (pass().kind != Pass::Kind::Raster) check_limits();  // its draws and dispatches bind one result at a time
+    if (pass().kind() != PassKind::Raster) check_limits();  // its draws and dispatches bind one result at a time
     if (inputs_.size() > profile_.max_per_stage_descriptor_input_attachments)
       over(inputs_.size(), "input attachments", profile_.max_per_stage_descriptor_input_attachments);
   }
@@ -106,14 +104,14 @@ class StepChecker {
 
   // What sets the pass up runs no earlier than here.
   void check_setup() {
-    if (pass().set_up_by < 0) return;
-    const auto place = static_cast<size_t>(pass().set_up_by);
-    const Pass& setup = step_.passes[place];
-    for (size_t j = place + 1; j < place_; ++j)
+    const FaceSetup* by = pass().setup();
+    if (by == nullptr) return;
+    const Pass& setup = step_.pass(by->pass);
+    for (size_t j = by->pass.index + 1; j < place_; ++j)
       for (ValueId v : step_.passes[j].reads)
         if (contains(setup.writes, v)) unsound("sets up late what '" + step_.passes[j].name + "' reads");
     if (setup.steady != pass().steady) unsound("sets up what runs at other times");
-    if (pass().sets_up_again)
+    if (by->again)
       for (OpId id : setup.ops)
         for (ValueId v : graph_.op(id).results) here_.insert(v);
   }
@@ -132,9 +130,11 @@ class StepChecker {
   }
 
   void check_rows() {
-    if (pass().rows.places.empty()) return;
+    const auto* scatter = pass().as<ScatterPass>();
+    const auto* rows = scatter == nullptr ? nullptr : std::get_if<RowsScatter>(&scatter->how);
+    if (rows == nullptr || rows->sorted() == nullptr) return;
     const std::vector<bool> steady = steady_ops(graph_, graph_.steps[*graph_.step_index(step_.name)]);
-    for (const ScatterLeaf& place : pass().rows.places) {
+    for (const ScatterLeaf& place : rows->sorted()->places) {
       std::vector<ValueId> sorted_by{place.index};
       for (const ScatterLeaf::Branch& branch : place.path)
         if (branch.in_table) sorted_by.push_back(graph_.op(branch.op).operands[0]);
@@ -144,11 +144,11 @@ class StepChecker {
   }
 
   void check_stage() {
-    const bool fragment = is_fragment(pass());
+    const bool fragment = pass().is<FragmentPass>();
     if (place_ > 0 && step_.passes[place_ - 1].stage == pass().stage) {
       const Pass& before = step_.passes[place_ - 1];
-      if (fragment != is_fragment(before) ||
-          (fragment ? before.domain != pass().domain : pass().hardware || before.hardware))
+      if (fragment != before.is<FragmentPass>() ||
+          (fragment ? before.domain != pass().domain : pass().is_drawn() || before.is_drawn()))
         unsound("is of another kind or extent than the rest of its stage");
     }
     for (ValueId v : inputs_)
@@ -167,7 +167,7 @@ class StepChecker {
         continue;
       }
       if (to->leaf >= 0) check_overwritten(*to, step_.stored.at(v));
-      if (!ready_.insert(v).second && pass().kind != Pass::Kind::Map) unsound("stores a value twice");
+      if (!ready_.insert(v).second && pass().kind() != PassKind::Map) unsound("stores a value twice");
     }
   }
 
@@ -176,7 +176,7 @@ class StepChecker {
     for (ValueId old : elsewhere_)
       if (step_.stored.count(old) != 0 && step_.stored.at(old) == id)
         unsound("overwrites leaf '" + leaf.name + "' while it reads it at other places");
-    if (pass().kind != Pass::Kind::Map || pass().domain != leaf.extent)
+    if (pass().kind() != PassKind::Map || pass().domain != leaf.extent)
       unsound("overwrites leaf '" + leaf.name + "' from other places");
   }
 
@@ -208,25 +208,24 @@ class StepChecker {
     over(colors, "colour attachments", profile_.max_color_attachments);
     over(buffers.size() + sampled + colors, "resources", profile_.max_per_stage_resources);
     check_block();
-    if (pass().hardware && may_pass_limit(trips_of(graph_, pass().ops), profile_))
+    if (pass().is_drawn() && may_pass_limit(trips_of(graph_, pass().ops), profile_))
       report(Violation::Kind::Limit, "loops of a fragment shader that may take more trips than the " +
                                          std::to_string(profile_.loop_trips) + " that the device allows");
-    if (pass().hardware)
+    if (pass().is_drawn())
       over(buffers.size() + colors, "storage buffers and colour attachments",
            profile_.max_fragment_combined_output_resources, " in a fragment shader");
   }
 
   void check_block() {
-    const Block& block = pass().block;
-    if (!block.reads_together()) return;
-    over(static_cast<size_t>(block.invocations()), "invocations in a workgroup",
+    const auto* map = pass().as<MapPass>();
+    if (map == nullptr || !map->block || !map->block->together) return;
+    over(static_cast<size_t>(map->block->together->invocations()), "invocations in a workgroup",
          profile_.max_compute_work_group_invocations);
-    over(static_cast<size_t>(*shared_bytes(graph_, block)), "bytes that a workgroup shares",
+    over(static_cast<size_t>(*shared_bytes(graph_, *map->block)), "bytes that a workgroup shares",
          profile_.max_compute_shared_memory_size);
     if (may_pass_limit(trips_of(graph_, pass().ops), profile_))
       unsound("reads together in loops that may stop and go on later");
-    for (const Pass& other : step_.passes)
-      if (other.listed_by == static_cast<int>(place_)) unsound("computes elements side by side and lists them");
+    if (listed_for(step_, pass_id(place_)) != nullptr) unsound("computes elements side by side and lists them");
   }
 
   const Graph& graph_;

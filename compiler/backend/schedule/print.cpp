@@ -55,28 +55,8 @@ class Writer {
     out_ += "\n";
   }
 
-  void write_cut(const char* what, const LoopCut& cut) {
-    if (cut.cuts()) out_ += what + std::to_string(cut.part) + (cut.watched ? ", watched\n" : "\n");
-  }
-
-  void write_pass_code(const PassCode& code) {
-    if (code.lists_in_runs) out_ += "    lists in runs\n";
-    for (const OpId& id : code.heavy) out_ += (&id == code.heavy.data() ? "    heavy " : ", ") + op(id);
-    if (!code.heavy.empty())
-      out_ += std::string(code.heavy_by_subgroups ? " by subgroups" : "") +
-              (code.heavy_apart > 0 ? " apart " + std::to_string(code.heavy_apart) : "") + "\n";
-    write_cut("    cut loops ", code.cut);
-    write_cut("    cut heavy loops ", code.heavy_cut);
-    if (code.skips_zeros) out_ += "    skips zeros\n";
-    write_values("    tells", code.told);
-    const FaceWalk& w = code.walk;
-    const std::string watched = w.watched ? ", watched\n" : "\n";
-    if (w.lists)
-      out_ += "    walks faces of " + std::to_string(w.small_box) + " alone, of " + std::to_string(w.middle_box) +
-              " by " + std::to_string(w.team) + " in " + std::to_string(w.middle_invocations) + ", others in " +
-              std::to_string(w.large_invocations) + watched;
-    else if (w.watched)
-      out_ += "    walks faces alone" + watched;
+  void write_cut(const char* what, const std::optional<LoopCut>& cut) {
+    if (cut) out_ += what + std::to_string(cut->part) + (cut->watched ? ", watched\n" : "\n");
   }
 
   static const char* storage_name(Resource::Storage storage) {
@@ -114,11 +94,11 @@ class Writer {
   }
 
   // A pass by its name, and by its place too where several have that.
-  std::string pass_at(int place) const {
-    if (place < 0 || static_cast<size_t>(place) >= step_->passes.size()) return "?";
-    const std::string& name = step_->passes[static_cast<size_t>(place)].name;
+  std::string pass_at(PassId id) const {
+    if (id.index >= step_->passes.size()) return "?";
+    const std::string& name = step_->pass(id).name;
     const auto same = std::ranges::count(step_->passes, name, &Pass::name);
-    return ir::written_name(name) + (same == 1 ? "" : " at " + std::to_string(place));
+    return ir::written_name(name) + (same == 1 ? "" : " at " + std::to_string(id.index));
   }
 
   void write_step(const StepSchedule& step) {
@@ -162,28 +142,69 @@ class Writer {
     out_ += "\n    writes";
     for (const ValueId v : pass.writes) out_ += " " + at(v);
     out_ += "\n";
-    write_values("    partial", pass.partial);
-    write_block(pass.block);
-    for (const ScatterSum& sum : pass.sums) {
+    std::visit([&](const auto& own) { write_decisions(own); }, pass.of_kind);
+  }
+
+  void write_decisions(const MapPass& map) {
+    write_values("    partial", map.partial);
+    if (map.block) write_block(*map.block);
+    if (map.code.lists_in_runs) out_ += "    lists in runs\n";
+    if (map.code.heavy) write_heavy(*map.code.heavy);
+    write_cut("    cut loops ", map.code.cut);
+    if (map.code.heavy) write_cut("    cut heavy loops ", map.code.heavy->cut);
+    write_values("    tells", map.code.told);
+  }
+
+  void write_decisions(const FragmentPass&) {}
+  void write_decisions(const ReducePass&) {}
+
+  void write_decisions(const ScatterPass& scatter) {
+    for (const ScatterSum& sum : scatter.sums) {
       out_ += "    sum " + at(sum.value) + " of";
       for (const ValueId v : sum.terms) out_ += " " + use(v);
       out_ += "\n";
     }
-    if (!pass.active.empty()) out_ += "    active";
-    for (size_t c = 0; c < pass.active.size(); ++c)
-      for (size_t i = 0; i < pass.active[c].size(); ++i)
-        out_ += (i > 0 ? " and " : c > 0 ? ", or " : " ") + at(pass.active[c][i]);
-    if (!pass.active.empty()) out_ += "\n";
-    if (pass.listed_by >= 0)
-      out_ += (pass.joins_lister ? "    joins " : "    listed by ") + pass_at(pass.listed_by) + "\n";
-    if (pass.set_up_by >= 0)
-      out_ += "    set up by " + pass_at(pass.set_up_by) + (pass.sets_up_again ? ", twice where listed\n" : "\n");
-    if (pass.keeps_terms) out_ += "    keeps terms\n";
-    if (pass.join_lanes) out_ += "    join lanes\n";
-    if (pass.relist) out_ += "    relist\n";
-    if (!pass.no_rows.empty()) out_ += "    no rows " + ir::quoted_text(pass.no_rows) + "\n";
-    write_rows(pass.rows);
-    write_pass_code(pass.code);
+    const Clauses& clauses = scatter.clauses();
+    if (!clauses.empty()) out_ += "    active";
+    for (size_t c = 0; c < clauses.size(); ++c)
+      for (size_t i = 0; i < clauses[c].size(); ++i)
+        out_ += (i > 0 ? " and " : c > 0 ? ", or " : " ") + at(clauses[c][i]);
+    if (!clauses.empty()) out_ += "\n";
+    if (const auto lister = scatter.lister())
+      out_ += (scatter.joined_run() != nullptr ? "    joins " : "    listed by ") + pass_at(*lister) + "\n";
+    if (scatter.keeps_terms()) out_ += "    keeps terms\n";
+    if (scatter.joins_lanes()) out_ += "    join lanes\n";
+    if (scatter.relists()) out_ += "    relist\n";
+    if (const ExactScatter* exact = scatter.exact(); exact != nullptr && !exact->no_rows.empty())
+      out_ += "    no rows " + ir::quoted_text(exact->no_rows) + "\n";
+    if (const auto* rows = std::get_if<RowsScatter>(&scatter.how)) write_rows(*rows);
+    const ActiveList* list = scatter.active_list();
+    const OwnList* own = list == nullptr ? nullptr : std::get_if<OwnList>(&list->listed_by);
+    if (own != nullptr && own->in_runs) out_ += "    lists in runs\n";
+    write_cut("    cut loops ", scatter.cut());
+    if (const auto* atomic = std::get_if<AtomicScatter>(&scatter.how); atomic != nullptr && atomic->skips_zeros)
+      out_ += "    skips zeros\n";
+  }
+
+  void write_decisions(const RasterPass& raster) {
+    if (raster.setup)
+      out_ += "    set up by " + pass_at(raster.setup->pass) + (raster.setup->again ? ", twice where listed\n" : "\n");
+    const std::string watched = raster.walk.watched ? ", watched\n" : "\n";
+    if (const auto& bins = raster.walk.lists)
+      out_ += "    walks faces of " + std::to_string(bins->small_box) + " alone, of " +
+              std::to_string(bins->middle_box) + " by " + std::to_string(bins->team) + " in " +
+              std::to_string(bins->middle_invocations) + ", others in " + std::to_string(bins->large_invocations) +
+              watched;
+    else if (raster.walk.watched)
+      out_ += "    walks faces alone" + watched;
+  }
+
+  void write_decisions(const DrawnRasterPass&) {}
+
+  void write_heavy(const HeavyBranches& heavy) {
+    for (const OpId& id : heavy.ops) out_ += (&id == heavy.ops.data() ? "    heavy " : ", ") + op(id);
+    out_ += std::string(heavy.by_subgroups ? " by subgroups" : "") +
+            (heavy.apart > 0 ? " apart " + std::to_string(heavy.apart) : "") + "\n";
   }
 
   static std::string numbers(const std::array<int, 3>& n) {
@@ -191,27 +212,34 @@ class Writer {
   }
 
   void write_block(const Block& block) {
-    if (block.elements() != 1 || block.reads_together()) out_ += "    block " + numbers(block.each) + "\n";
-    if (!block.reads_together()) return;
+    out_ += "    block " + numbers(block.each) + "\n";
+    if (!block.together) return;
+    const GroupReads& together = *block.together;
     out_ += "    read together";
-    for (const OpId& id : block.gathers) out_ += (&id == block.gathers.data() ? " " : ", ") + op(id);
-    out_ += " by " + numbers(block.group) + " for " + std::to_string(block.trips) + " of " + op(block.loop) + "\n";
+    for (const OpId& id : together.gathers) out_ += (&id == together.gathers.data() ? " " : ", ") + op(id);
+    out_ +=
+        " by " + numbers(together.group) + " for " + std::to_string(together.trips) + " of " + op(together.loop) + "\n";
   }
 
-  void write_rows(const RowsTable& rows) {
-    if (rows.sorted()) {
-      out_ += "    rows sorted of " + rows.targets.str() + "\n";
-      for (const ScatterLeaf& place : rows.places) {
-        out_ += "      place " + use(place.index) + " adds " + use(place.value);
-        for (const ScatterLeaf::Branch& branch : place.path)
-          out_ += (&branch == place.path.data() ? " in " : ", ") + op(branch.op) + " branch " +
-                  std::to_string(branch.region) + (branch.in_table ? " of the table" : "");
-        out_ += "\n";
-      }
-    } else if (!rows.columns.empty()) {
-      out_ += "    rows " + ir::written_name(graph_.leaves[rows.leaf].name) + "[";
-      for (size_t c = 0; c < rows.columns.size(); ++c) out_ += (c ? ", " : "") + std::to_string(rows.columns[c]);
-      out_ += "] of " + rows.targets.str() + "\n";
+  void write_rows(const RowsScatter& rows) {
+    std::visit([&](const auto& table) { write_table(table, rows.targets); }, rows.table);
+  }
+
+  void write_table(const RowsOfLeaf& table, const ir::Dim& targets) {
+    if (table.columns.empty()) return;
+    out_ += "    rows " + ir::written_name(graph_.leaves[table.leaf].name) + "[";
+    for (size_t c = 0; c < table.columns.size(); ++c) out_ += (c ? ", " : "") + std::to_string(table.columns[c]);
+    out_ += "] of " + targets.str() + "\n";
+  }
+
+  void write_table(const SortedRows& table, const ir::Dim& targets) {
+    out_ += "    rows sorted of " + targets.str() + "\n";
+    for (const ScatterLeaf& place : table.places) {
+      out_ += "      place " + use(place.index) + " adds " + use(place.value);
+      for (const ScatterLeaf::Branch& branch : place.path)
+        out_ += (&branch == place.path.data() ? " in " : ", ") + op(branch.op) + " branch " +
+                std::to_string(branch.region) + (branch.in_table ? " of the table" : "");
+      out_ += "\n";
     }
   }
 

@@ -40,6 +40,17 @@ std::vector<ValueId> stage_inputs(const StepSchedule& step, size_t pass) {
   return out;
 }
 
+const Pass* listed_for(const StepSchedule& step, PassId map) {
+  const auto found = std::ranges::find_if(step.passes, [&](const Pass& pass) { return pass.lister() == map; });
+  return found == step.passes.end() ? nullptr : &*found;
+}
+
+const Pass* set_up_for(const StepSchedule& step, PassId map) {
+  const auto found = std::ranges::find_if(
+      step.passes, [&](const Pass& pass) { return pass.setup() != nullptr && pass.setup()->pass == map; });
+  return found == step.passes.end() ? nullptr : &*found;
+}
+
 RasterPart raster_part(const ir::Graph& graph, ValueId value) {
   const std::vector<ValueId>& results = graph.op(graph.value(value).op).results;
   const auto k = static_cast<size_t>(std::ranges::find(results, value) - results.begin());
@@ -67,48 +78,30 @@ bool has_scatter(const Op& op) {
 
 }  // namespace
 
-Pass::Kind pass_kind(const Op& op) {
-  switch (ops::info(op.kind).runs_as.value_or(ops::RunsAs::Map)) {
-    case ops::RunsAs::Reduce: return Pass::Kind::Reduce;
-    case ops::RunsAs::Scatter: return Pass::Kind::Scatter;
-    case ops::RunsAs::Raster: return Pass::Kind::Raster;
-    case ops::RunsAs::Map: break;
-  }
-  return has_scatter(op) ? Pass::Kind::Scatter : Pass::Kind::Map;
+PassKind pass_kind(const Op& op) {
+  const PassKind kind = ops::info(op.kind).runs_as.value_or(PassKind::Map);
+  return kind == PassKind::Map && has_scatter(op) ? PassKind::Scatter : kind;
 }
 
 // Elements over which an op's shader runs.
 ir::Extent domain_of(const Graph& graph, const Op& op) {
   switch (pass_kind(op)) {
-    case Pass::Kind::Raster: return {op.attrs.dims[0], op.attrs.dims[1], op.attrs.dims[2]};
-    case Pass::Kind::Scatter:
+    case PassKind::Raster: return {op.attrs.dims[0], op.attrs.dims[1], op.attrs.dims[2]};
+    case PassKind::Scatter:
       if (!op.regions.empty()) return {op.attrs.dims[0], op.attrs.dims[1], op.attrs.dims[2]};
       return *ir::broadcast(graph.value(op.operands[0]).extent, graph.value(op.operands[1]).extent);
-    case Pass::Kind::Reduce: return graph.value(op.operands[0]).extent;
-    case Pass::Kind::Map: break;
+    case PassKind::Reduce: return graph.value(op.operands[0]).extent;
+    case PassKind::Map: break;
   }
   return graph.value(op.results[0]).extent;
-}
-
-const char* kind_name(const Pass& pass) {
-  switch (pass.kind) {
-    case Pass::Kind::Map: return pass.hardware ? "fragment" : "compute";
-    case Pass::Kind::Reduce: return "reduce";
-    case Pass::Kind::Scatter:
-      return pass.scatter == ScatterLowering::Rows     ? "scatter rows"
-             : pass.scatter == ScatterLowering::Atomic ? "scatter atomic"
-                                                       : "scatter exact";
-    case Pass::Kind::Raster: return pass.hardware ? "raster hardware" : "raster compute";
-  }
-  return "";
 }
 
 std::optional<int64_t> shared_bytes(const ir::Graph& graph, const Block& block) {
   ChangingAxes changing(graph);
   int64_t bytes = 0;
-  for (const ir::OpId id : block.gathers) {
+  for (const ir::OpId id : block.together->gathers) {
     const ir::Op& op = graph.op(id);
-    const auto part = read_part(graph, op, block.loop, block.box(), block.trips, changing);
+    const auto part = read_part(graph, op, block.together->loop, block.box(), block.together->trips, changing);
     if (!part) return std::nullopt;
     bytes += 4 * part->elements() * graph.value(op.results[0]).type.components();
   }

@@ -3,7 +3,6 @@
 // lowering/, checked by check_schedule(), turned into shaders and commands by emit/.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <map>
 #include <optional>
@@ -11,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "compiler/backend/analysis/scatter_leaves.h"
+#include "compiler/backend/schedule/pass.h"
 #include "compiler/ir/graph.h"
 #include "compiler/target/profile.h"
 
@@ -40,94 +39,6 @@ struct Resource {
 // a word in any case, as words are what lanes may write side by side.
 bool is_packed(const ir::Graph& graph, ir::ValueId value);
 
-// Lanes that join what they add to one element do so for so many elements of a subgroup, which has so many lanes at
-// most.
-inline constexpr int kJoinRounds = 2;
-inline constexpr uint32_t kMaxJoinedLanes = 128;
-
-// How the sums of a Scatter pass come about; see lowering/scatter.h.
-enum class ScatterLowering : uint8_t { Exact, Rows, Atomic };
-
-// A stored value that sums what ops of a Scatter pass scatter: one result, or several that the program adds up.
-struct ScatterSum {
-  ir::ValueId value;
-  std::vector<ir::ValueId> terms;
-};
-
-// The sources of each target in ascending order: source s and name k give item s * names() + k, where they name one of
-// 0 .. targets - 1. Either the host makes the table of an input, or the device sorts what it computes of an index that
-// the step does not change.
-struct RowsTable {
-  uint32_t leaf =
-      0;  // the host: integers in one dimension, and the columns that name targets; sources are its elements
-  std::vector<int> columns;
-  std::vector<ScatterLeaf> places;  // the device, if there are any: sources are the elements of the pass
-  ir::Dim targets;                  // the device: elements of all dimensions
-
-  bool sorted() const { return !places.empty(); }
-  int64_t names() const { return static_cast<int64_t>(sorted() ? places.size() : columns.size()); }
-};
-
-// Elements of a Map pass that an invocation computes side by side, so that it reads once what they have in common, and
-// reads that the invocations of a workgroup do together; see lowering/block_loops.h.
-inline constexpr int kMostBlock = 64;
-struct Block {
-  std::array<int, 3> each{1, 1, 1};   // elements of an invocation along x, y and layers
-  std::array<int, 3> group{0, 0, 0};  // invocations of a workgroup that reads together, else 0
-  ir::OpId loop;                      // they read for so many trips of this loop at a time
-  int trips = 0;
-  std::vector<ir::OpId> gathers;  // these, in order
-
-  int elements() const { return each[0] * each[1] * each[2]; }
-  int invocations() const { return group[0] * group[1] * group[2]; }
-  bool reads_together() const { return !gathers.empty(); }
-  std::array<int, 3> box() const { return {each[0] * group[0], each[1] * group[1], each[2] * group[2]}; }
-};
-// What they read at a time, in bytes; nothing where that is no part of an image that can be told.
-std::optional<int64_t> shared_bytes(const ir::Graph& graph, const Block& block);
-
-// Elements that an invocation lists together.
-inline constexpr int kListedRun = 32;
-
-// Loops that a dispatch may not take to their end, so that a later one goes on with them (emit/cut.cpp).
-struct LoopCut {
-  uint32_t part = 0;  // trips of an invocation in a dispatch; 0: not cut
-  bool watched =
-      false;  // the shader tells whether a loop did not come to its end, as only data, or the program, says so
-  bool cuts() const { return part != 0; }
-  friend bool operator==(const LoopCut&, const LoopCut&) = default;
-};
-
-// Invocations that share a face of the list of large ones at least.
-inline constexpr int kLargeTeam = 1024;
-
-// How a raster's compute shaders walk the boxes of faces (emit/face_lists.h).
-struct FaceWalk {
-  bool lists = false;  // faces whose boxes are not small go on one of two lists
-  int small_box = 0;   // boxes of up to so many pixels are walked by the invocation that finds them; 0: none are
-  int middle_box = 0;  // and of up to so many by teams of `team` invocations
-  int team = 0;
-  int middle_invocations = 0, large_invocations = 0;  // that share the faces of a list
-  bool watched = false;                               // loops of closures; as of LoopCut
-  friend bool operator==(const FaceWalk&, const FaceWalk&) = default;
-};
-
-// How the shader of one pass is written; chosen by lowering/choose_code.h.
-struct PassCode {
-  // Map, or Scatter with a dispatch that lists its active elements: an invocation has 32 elements, one after the other,
-  // and lists them together.
-  bool lists_in_runs = false;
-  // Map: `if`s whose first branch runs in a second dispatch, for the elements that take it (emit/listed.cpp).
-  std::vector<ir::OpId> heavy;
-  bool heavy_by_subgroups = false;  // lanes of a subgroup take their places on the list together
-  uint32_t heavy_apart =
-      0;  // a fixed number of invocations, so many lanes apart, share the list; 0: one for each element
-  LoopCut cut, heavy_cut;         // Map, Scatter; and of the second dispatch
-  bool skips_zeros = false;       // Scatter by float atomics: a zero is not added
-  std::vector<ir::ValueId> told;  // Map: of `writes`, those that tell whether they are NaN or Inf (emit/finite.cpp)
-  FaceWalk walk;                  // Raster by compute shaders
-};
-
 // How all shaders are written; chosen by lowering/choose_code.h.
 struct Code {
   bool native = false;          // the float profile `native`
@@ -142,58 +53,15 @@ struct Code {
   std::set<ir::ValueId> hidden_divisors, strict_hidden_divisors, moderate_divisors;
 };
 
-// One pass. Its ops are root ops in graph order; what they need from outside is read from resources, what others
-// need of them is written to resources.
-struct Pass {
-  enum class Kind : uint8_t {
-    Map,      // element-wise over `domain`: ops, gathers, shifts, regions
-    Reduce,   // one ReduceSum/Min/Max
-    Scatter,  // ScatterAdd/ScatterMax and region ops with Scatter results, and additions of what they sum
-    Raster,   // one Raster
-  };
-  Kind kind = Kind::Map;
-  bool hardware = false;  // Map: fragment shader. Raster: draws
-  std::string name;
-  // Consecutive passes of one number are one stage: subpasses of a render pass, or a run of dispatches.
-  uint32_t stage = 0;
-  bool steady = false;  // it depends on what its step changes; the others are the step's prologue
-  ir::Extent domain;
-  std::vector<ir::OpId> ops;
-  std::vector<ir::ValueId> reads;   // stored values it loads, in id order
-  std::vector<ir::ValueId> writes;  // values it stores, in id order
-  // Map: those of `writes` that are stored only where the scatter that it lists elements for is active, or for the
-  // faces that the raster that it sets up lists.
-  std::vector<ir::ValueId> partial;
-  Block block;
-  // Scatter: how, the sums among `writes`, and for Rows the table.
-  ScatterLowering scatter = ScatterLowering::Exact;
-  std::vector<ScatterSum> sums;
-  RowsTable rows;
-  std::string no_rows;  // why it has none, where they were asked for
-  // Elements that may add something are listed first and only they run: those for which all values of one of these are
-  // true or not zero. Empty: all elements run.
-  std::vector<std::vector<ir::ValueId>> active;
-  bool join_lanes = false;  // Exact: lanes of a subgroup that add to the same element join what they add
-  int listed_by = -1;       // the earlier Map pass of the step that lists them; -1: a dispatch of its own does
-  // What that pass does at an active element, too: the first run of exact sums, or all of a scatter by float atomics.
-  bool joins_lister = false;
-  // The first run of exact sums, where the lister does it, keeps what elements add, as far as there is room: the second
-  // then need not compute it again.
-  bool keeps_terms = false;
-  // Raster: the earlier Map pass of the step that its first dispatch runs too; -1: none. See
-  // lowering/set_up_in_raster.h.
-  int set_up_by = -1;
-  bool sets_up_again = false;  // and so does its second one, of each face that it walks
-  bool relist = false;         // the first run of an exact pass lists what adds something for the second
-  PassCode code;
-};
-
 struct StepSchedule {
   std::string name;
   std::vector<Pass> passes;
   std::map<ir::ValueId, ResourceId> stored;  // every stored value of this step, leaves included
   std::vector<std::pair<std::string, ir::ValueId>> outputs;
   std::vector<std::pair<uint32_t, ir::ValueId>> updates;  // leaf index, value
+
+  Pass& pass(PassId id) { return passes[id.index]; }
+  const Pass& pass(PassId id) const { return passes[id.index]; }
 };
 
 struct Schedule {
@@ -203,8 +71,16 @@ struct Schedule {
   Code code;
 };
 
+// The scatter of a step that a map pass lists elements for, and the raster whose faces it sets up; null: there is none.
+const Pass* listed_for(const StepSchedule& step, PassId map);
+const Pass* set_up_for(const StepSchedule& step, PassId map);
+
+// What the invocations of a workgroup read together at a time, in bytes; nothing where that is no part of an image that
+// can be told.
+std::optional<int64_t> shared_bytes(const ir::Graph& graph, const Block& block);
+
 // The kind of the pass that runs an op, and the elements over which its shader runs.
-Pass::Kind pass_kind(const ir::Op& op);
+PassKind pass_kind(const ir::Op& op);
 ir::Extent domain_of(const ir::Graph& graph, const ir::Op& op);
 
 // What is read when a step has run, and so needs memory of its own: outputs, updates and pinned values.
@@ -237,8 +113,5 @@ std::vector<Violation> check_schedule(const ir::Graph& graph, const Schedule& sc
 
 // Without the graph; text.h describes the form.
 std::string print(const ir::Graph& graph, const Schedule& schedule);
-
-// The kind of a pass in schedules and reports: "fragment", "raster compute" and so on.
-const char* kind_name(const Pass& pass);
 
 }  // namespace dr::backend

@@ -118,37 +118,40 @@ class StructureChecker {
   void check_pass(size_t place) {
     check_values(pass_->reads, "reads");
     check_values(pass_->writes, "writes");
-    check_values(pass_->partial, "stores partly");
-    if (!std::ranges::all_of(pass_->partial, [&](ValueId v) { return holds(pass_->writes, v); }))
-      bad("stores partly what it does not store");
     if (!check_ops()) return;
-    check_scatter();
-    check_block();
-    check_code();
-    if (pass_->listed_by >= 0) check_helper(pass_->listed_by, place, "listed by");
-    if (pass_->set_up_by >= 0) check_helper(pass_->set_up_by, place, "set up by");
+    std::visit(Overloaded{[&](const MapPass& map) { check_map(map); }, [](const FragmentPass&) {},
+                          [](const ReducePass&) {}, [&](const ScatterPass& scatter) { check_scatter(scatter); },
+                          [&](const RasterPass& raster) { check_walk(raster.walk); }, [](const DrawnRasterPass&) {}},
+               pass_->of_kind);
+    if (const auto lister = pass_->lister()) check_helper(*lister, place, "listed by");
+    if (const FaceSetup* setup = pass_->setup()) check_helper(setup->pass, place, "set up by");
   }
 
-  void check_code() {
-    const PassCode& code = pass_->code;
-    const bool is_map = pass_->kind == Pass::Kind::Map && !pass_->hardware;
-    const bool is_scatter = pass_->kind == Pass::Kind::Scatter;
-    check_values(code.told, "tells of");
-    if (!std::ranges::all_of(code.told, [&](ValueId v) { return holds(pass_->writes, v); }))
+  void check_map(const MapPass& map) {
+    check_values(map.partial, "stores partly");
+    if (!std::ranges::all_of(map.partial, [&](ValueId v) { return holds(pass_->writes, v); }))
+      bad("stores partly what it does not store");
+    if (map.block) check_block(map, *map.block);
+    check_values(map.code.told, "tells of");
+    if (!std::ranges::all_of(map.code.told, [&](ValueId v) { return holds(pass_->writes, v); }))
       bad("tells of what it does not store");
-    for (const OpId id : code.heavy)
+    check_cut(map.code.cut);
+    if (!map.code.heavy) return;
+    for (const OpId id : map.code.heavy->ops)
       if (std::ranges::find(pass_->ops, id) == pass_->ops.end() || graph_.op(id).kind != OpKind::If)
         bad("runs in two dispatches by what is no branch of it");
-    if (!is_map && (!code.heavy.empty() || code.heavy_cut.cuts() || !code.told.empty()))
-      bad("has code of a map and is none");
-    if (!is_map && !is_scatter && (code.cut.cuts() || code.lists_in_runs)) bad("has code of elements and runs none");
-    if (!is_scatter && code.skips_zeros) bad("skips zeros of no sum");
-    if ((code.cut.cuts() || code.heavy_cut.cuts()) && schedule_.code.loop_trips == 0)
-      bad("cuts loops that no device ends");
-    const FaceWalk& w = code.walk;
-    if ((w.lists || w.watched) && (pass_->kind != Pass::Kind::Raster || pass_->hardware)) bad("walks no faces");
-    if (w.lists &&
-        (w.team < 1 || w.middle_box < 1 || w.middle_invocations < w.team || w.large_invocations < kLargeTeam))
+    check_cut(map.code.heavy->cut);
+  }
+
+  void check_cut(const std::optional<LoopCut>& cut) {
+    if (cut && (cut->part == 0 || schedule_.code.loop_trips == 0)) bad("cuts loops that no device ends");
+  }
+
+  void check_walk(const FaceWalk& walk) {
+    if (!walk.lists) return;
+    const FaceBins& bins = *walk.lists;
+    if (bins.team < 1 || bins.middle_box < 1 || bins.middle_invocations < bins.team ||
+        bins.large_invocations < kLargeTeam)
       bad("has too few invocations for the faces on its lists");
   }
 
@@ -160,42 +163,39 @@ class StructureChecker {
       if (op.results.empty() || op.parent != graph_.root()) return bad("runs an op of a region"), false;
       if (op.kind == OpKind::Grad) return bad("runs a 'grad'"), false;
       if (k > 0 && !(ops[k - 1] < ops[k])) return bad("runs ops out of order"), false;
-      const Pass::Kind kind = pass_kind(op);
-      const bool sums = pass_->kind == Pass::Kind::Scatter && kind == Pass::Kind::Scatter;
-      const bool last = k + 1 == ops.size() && kind == pass_->kind;
-      if (kind != Pass::Kind::Map && !sums && !last)
+      const PassKind kind = pass_kind(op), of_pass = pass_->kind();
+      const bool sums = of_pass == PassKind::Scatter && kind == PassKind::Scatter;
+      const bool last = k + 1 == ops.size() && kind == of_pass;
+      if (kind != PassKind::Map && !sums && !last)
         return bad("runs a '" + std::string(ir::op_name(op.kind)) + "' where passes of its kind do not"), false;
     }
-    const Op& last = graph_.op(ops.back());
-    if ((pass_->kind == Pass::Kind::Reduce || pass_->kind == Pass::Kind::Raster) && pass_kind(last) != pass_->kind)
+    const PassKind kind = pass_->kind();
+    if ((kind == PassKind::Reduce || kind == PassKind::Raster) && pass_kind(graph_.op(ops.back())) != kind)
       return bad("lacks the op that its kind is of"), false;
-    if (pass_->kind != Pass::Kind::Map && pass_->kind != Pass::Kind::Raster && pass_->hardware)
-      return bad("is drawn, which only maps and rasters are"), false;
     return true;
   }
 
   // Which of them can be read together is told from the graph.
-  void check_block() {
-    const Block& block = pass_->block;
+  void check_block(const MapPass& map, const Block& block) {
     constexpr int kMost = 16, kMostInvocations = 1024, kMostTrips = 1024;
     for (const int n : block.each)
       if (n < 1 || n > kMost) return bad("computes no number of elements side by side");
-    if (block.elements() == 1 && !block.reads_together()) return;
+    if (block.elements() == 1) return bad("computes one element side by side");
     if (block.elements() > kMostBlock) return bad("computes too many elements side by side");
-    if (pass_->kind != Pass::Kind::Map || pass_->hardware || !pass_->partial.empty())
-      return bad("computes elements side by side and is no plain map of a compute shader");
-    if (!block.reads_together()) return;
-    for (const int n : block.group)
+    if (!map.partial.empty() || map.code.heavy) return bad("computes elements side by side and is no plain map");
+    if (!block.together) return;
+    const GroupReads& together = *block.together;
+    for (const int n : together.group)
       if (n < 1 || n > kMostInvocations) return bad("reads together in a workgroup of no size");
-    if (block.invocations() > kMostInvocations || block.trips < 1 || block.trips > kMostTrips)
+    if (together.invocations() > kMostInvocations || together.trips < 1 || together.trips > kMostTrips)
       return bad("reads together for too many");
-    if (!block.loop.valid() || std::ranges::find(pass_->ops, root_op(block.loop)) == pass_->ops.end())
+    if (!together.loop.valid() || std::ranges::find(pass_->ops, root_op(together.loop)) == pass_->ops.end())
       return bad("reads together in a loop that it does not run");
     ChangingAxes changing(graph_);
-    for (OpId id = block.loop; id.valid(); id = graph_.region(graph_.op(id).parent).parent)
+    for (OpId id = together.loop; id.valid(); id = graph_.region(graph_.op(id).parent).parent)
       if (!shares_trips(graph_.op(id), 7, changing)) return bad("reads together in what is no loop of all elements");
-    const std::vector<OpId> inside = gathers_in(graph_, graph_.op(block.loop));
-    for (const OpId id : block.gathers)
+    const std::vector<OpId> inside = gathers_in(graph_, graph_.op(together.loop));
+    for (const OpId id : together.gathers)
       if (std::ranges::find(inside, id) == inside.end()) return bad("reads together what its loop does not read");
     if (!shared_bytes(graph_, block)) bad("reads together what is no part of an image");
   }
@@ -206,39 +206,37 @@ class StructureChecker {
     return id;
   }
 
-  void check_scatter() {
-    const bool is_scatter = pass_->kind == Pass::Kind::Scatter;
-    if (!is_scatter && (!pass_->sums.empty() || !pass_->active.empty() || pass_->listed_by >= 0 || pass_->join_lanes ||
-                        pass_->joins_lister || pass_->keeps_terms || pass_->relist))
-      bad("says how it sums and does not");
-    if (pass_->kind != Pass::Kind::Raster && (pass_->set_up_by >= 0 || pass_->sets_up_again))
-      bad("is set up and is no raster");
-    for (const ScatterSum& sum : pass_->sums) {
+  void check_scatter(const ScatterPass& scatter) {
+    for (const ScatterSum& sum : scatter.sums) {
       if (!holds(pass_->writes, sum.value)) bad("sums what it does not store");
       for (const ValueId term : sum.terms)
-        if (!is_root(term) || pass_kind(graph_.op(graph_.value(term).op)) != Pass::Kind::Scatter ||
+        if (!is_root(term) || pass_kind(graph_.op(graph_.value(term).op)) != PassKind::Scatter ||
             std::ranges::find(pass_->ops, graph_.value(term).op) == pass_->ops.end())
           bad("sums a term that it does not scatter");
     }
-    for (const std::vector<ValueId>& clause : pass_->active)
+    for (const std::vector<ValueId>& clause : scatter.clauses())
       if (clause.empty() || !std::ranges::all_of(clause, [&](ValueId v) { return is_root(v); }))
         bad("is active by a value of a region");
-    check_rows();
+    check_cut(scatter.cut());
+    if (const auto* rows = std::get_if<RowsScatter>(&scatter.how)) check_rows(*rows);
   }
 
-  void check_rows() {
-    const RowsTable& rows = pass_->rows;
-    const bool has_table = rows.sorted() || !rows.columns.empty();
-    if (has_table != (pass_->kind == Pass::Kind::Scatter && pass_->scatter == ScatterLowering::Rows))
-      return bad("has rows without a table, or a table without rows");
-    if (rows.sorted() && !rows.columns.empty()) bad("has two tables of rows");
-    if (!rows.columns.empty()) {
-      const ir::Leaf& leaf = graph_.leaves[rows.leaf];
-      for (const int column : rows.columns)
-        if (!leaf.type.is_integer() || column < 0 || column >= leaf.type.components())
-          bad("has rows by a column that leaf '" + leaf.name + "' lacks");
-    }
-    for (const ScatterLeaf& place : rows.places) {
+  void check_rows(const RowsScatter& rows) {
+    if (rows.names() == 0) return bad("has rows without a table");
+    std::visit(Overloaded{[&](const RowsOfLeaf& table) { check_table(table); },
+                          [&](const SortedRows& table) { check_table(table); }},
+               rows.table);
+  }
+
+  void check_table(const RowsOfLeaf& table) {
+    const ir::Leaf& leaf = graph_.leaves[table.leaf];
+    for (const int column : table.columns)
+      if (!leaf.type.is_integer() || column < 0 || column >= leaf.type.components())
+        bad("has rows by a column that leaf '" + leaf.name + "' lacks");
+  }
+
+  void check_table(const SortedRows& table) {
+    for (const ScatterLeaf& place : table.places) {
       if (!graph_.value(place.index).type.is_integer()) bad("sorts by what is no index");
       for (const ScatterLeaf::Branch& branch : place.path)
         if (graph_.op(branch.op).kind != OpKind::If || branch.region > 1) bad("sorts in what is no branch");
@@ -246,10 +244,10 @@ class StructureChecker {
   }
 
   // A map pass before this one that does a part of its work.
-  void check_helper(int helper, size_t place, const char* what) {
-    if (static_cast<size_t>(helper) >= place) return bad(std::string("is ") + what + " no earlier pass");
-    const Pass& pass = step_->passes[static_cast<size_t>(helper)];
-    if (pass.kind != Pass::Kind::Map || pass.hardware)
+  void check_helper(PassId helper, size_t place, const char* what) {
+    if (helper.index >= place) return bad(std::string("is ") + what + " no earlier pass");
+    const Pass& pass = step_->pass(helper);
+    if (!pass.is<MapPass>())
       bad(std::string("is ") + what + " '" + pass.name + "', which is no map of a compute shader");
   }
 

@@ -158,7 +158,7 @@ class Search {
     for (const auto& group : groups_) {
       Pass& pass = passes.emplace_back();
       pass.domain = resource(group[0]).extent;
-      pass.hardware = resource(group[0]).storage == Resource::Storage::Image;
+      if (resource(group[0]).storage == Resource::Storage::Image) pass.of_kind = FragmentPass{};
       if (!close_over(pass, group)) return true;
     }
     for (OpId id : order_) {
@@ -166,7 +166,10 @@ class Search {
       if (is_map(op)) continue;
       Pass& pass = passes.emplace_back();
       const bool scatter = op.kind == OpKind::ScatterAdd || op.kind == OpKind::ScatterMax;
-      pass.kind = scatter ? Pass::Kind::Scatter : Pass::Kind::Reduce;
+      if (scatter)
+        pass.of_kind = ScatterPass{};
+      else
+        pass.of_kind = ReducePass{};
       pass.domain = scatter ? *ir::broadcast(graph_.value(op.operands[0]).extent, graph_.value(op.operands[1]).extent)
                             : graph_.value(op.operands[0]).extent;
       if (!close_over(pass, {op.results[0]})) return true;

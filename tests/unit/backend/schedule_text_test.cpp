@@ -162,8 +162,9 @@ TEST_CASE("the text of a schedule is what it says") {
   CHECK(print_whole(graph, schedule) == std::string(kGraph) + std::string(kSchedule));
   CHECK(schedule.after == "choose-sums");
   const Pass& pass = schedule.steps.at(0).passes.at(1);
-  CHECK(pass.kind == Pass::Kind::Scatter);
-  CHECK(pass.rows.leaf == 1);
+  REQUIRE(pass.is<ScatterPass>());
+  REQUIRE(pass.get<ScatterPass>().lowering() == ScatterLowering::Rows);
+  CHECK(std::get<RowsOfLeaf>(pass.get<ScatterPass>().rows().table).leaf == 1);
   CHECK(pass.stage == 1);
 }
 
@@ -183,14 +184,42 @@ TEST_CASE("what is wrong with a schedule's text is said with its line") {
         "11: expected 'leaf', 'step', or an op's results, found 'schedules'");
 }
 
+TEST_CASE("a pass has what its kind has, and no other") {
+  const auto with = [](std::string_view before, std::string_view line) {
+    return changed(before, std::string(before) + std::string(line));
+  };
+  constexpr std::string_view kMap = "    writes exp\n", kScatter = "    sum sum of %sum.3\n";
+  constexpr std::string_view kRows = "scatter rows [V]", kTable = "    rows i[0] of V\n";
+  const auto refuses = [](const std::string& text, std::string_view word) {
+    const std::string error = error_of(text), found = ", found '" + std::string(word) + "'";
+    return error.find("expected what passes of its kind have") != std::string::npos && error.ends_with(found);
+  };
+  CHECK(error_of(with(kMap, "    block 2 1 1\n")) == "none");
+  CHECK(refuses(with(kMap, "    relist\n"), "relist"));
+  CHECK(refuses(with(kMap, "    walks faces alone, watched\n"), "walks"));
+  for (const std::string_view word : {"partial", "active", "relist", "join", "cut", "skips", "set"})
+    CHECK(refuses(with(kScatter, "    " + std::string(word) + " exp\n"), word));
+  const auto exact = [&](std::string_view lines) {
+    std::string text = changed(kRows, "scatter exact [V]");
+    const size_t at = text.find(kTable);
+    return text.replace(at, kTable.size(), lines);
+  };
+  CHECK(error_of(exact("    active exp\n    listed by exp\n    join lanes\n    relist\n")) == "none");
+  CHECK(error_of(exact("    active exp\n    joins exp\n    keeps terms\n")) == "none");
+  CHECK(refuses(exact("    active exp\n    joins exp\n    relist\n"), "relist"));
+  CHECK(refuses(exact("    active exp\n    keeps terms\n"), "keeps"));
+  CHECK(refuses(exact("    listed by exp\n"), "listed"));
+  CHECK(refuses(exact("    skips zeros\n"), "skips"));
+  CHECK(refuses(exact(kTable), "rows"));
+}
+
 TEST_CASE("what does not fit together in a schedule is said with its pass") {
   CHECK(error_of(changed("buffer exp : float[V]", "buffer exp : vec2[V]")) ==
         "step go: stores a value of another type in 'exp'");
   CHECK(error_of(changed("reads i exp", "reads i")) == "step go, pass sum: op 'scatter_add' lacks an operand");
   CHECK(error_of(changed("reads i exp", "reads exp i")) == "step go, pass sum: reads values out of order");
   CHECK(error_of(changed("rows i[0]", "rows i[3]")) == "step go, pass sum: has rows by a column that leaf 'i' lacks");
-  CHECK(error_of(changed("    rows i[0] of V\n", "")) ==
-        "step go, pass sum: has rows without a table, or a table without rows");
+  CHECK(error_of(changed("    rows i[0] of V\n", "")) == "step go, pass sum: has rows without a table");
   CHECK(error_of(changed("sum sum of %sum.3", "sum sum of %2")) ==
         "step go, pass sum: sums a term that it does not scatter");
   CHECK(error_of(changed("  output sum = sum\n", "")) == "step go: has other outputs than the graph's step");

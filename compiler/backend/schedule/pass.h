@@ -1,0 +1,290 @@
+// SPDX-License-Identifier: Apache-2.0
+// A pass: ops that run together, and what only passes of its kind have.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "compiler/backend/analysis/scatter_leaves.h"
+#include "compiler/ir/graph.h"
+#include "compiler/ops/op.h"
+
+namespace dr::backend {
+
+// One function for each kind of a variant, for std::visit: it does not compile where one is missing.
+template <class... Functions>
+struct Overloaded : Functions... {
+  using Functions::operator()...;
+};
+
+// A pass by its place in its step.
+using PassId = ir::Id<struct PassTag>;
+inline PassId pass_id(size_t place) { return {static_cast<uint32_t>(place)}; }
+
+// The kind of the pass that runs an op. A map and a raster run in a compute shader or are drawn.
+using PassKind = ops::RunsAs;
+
+// Loops that a dispatch may not take to their end, so that a later one goes on with them (emit/cut.cpp).
+struct LoopCut {
+  uint32_t part = 1;     // trips of an invocation in a dispatch
+  bool watched = false;  // the shader tells whether a loop did not come to its end, as only data, or the program, says
+};
+
+// ---- Maps: element-wise over the domain: ops, gathers, shifts, regions ----
+
+// Reads that the invocations of a workgroup do together.
+struct GroupReads {
+  std::array<int, 3> group{1, 1, 1};  // invocations of a workgroup
+  ir::OpId loop;                      // they read for so many trips of this loop at a time
+  int trips = 1;
+  std::vector<ir::OpId> gathers;  // these, in order
+
+  int invocations() const { return group[0] * group[1] * group[2]; }
+};
+
+// Elements that an invocation computes side by side, so that it reads once what they have in common; see
+// lowering/block_loops.h.
+inline constexpr int kMostBlock = 64;
+struct Block {
+  std::array<int, 3> each{1, 1, 1};  // along x, y and layers
+  std::optional<GroupReads> together;
+
+  int elements() const { return each[0] * each[1] * each[2]; }
+  // Elements of a workgroup that reads together, else of an invocation.
+  std::array<int, 3> box() const {
+    if (!together) return each;
+    return {each[0] * together->group[0], each[1] * together->group[1], each[2] * together->group[2]};
+  }
+};
+
+// `if`s whose first branch runs in a second dispatch, for the elements that take it (emit/listed.cpp).
+struct HeavyBranches {
+  std::vector<ir::OpId> ops;
+  bool by_subgroups = false;   // lanes of a subgroup take their places on the list together
+  uint32_t apart = 0;          // a fixed number of invocations, so many lanes apart, share the list; 0: one an element
+  std::optional<LoopCut> cut;  // of the second dispatch
+};
+
+// Elements that an invocation lists together.
+inline constexpr int kListedRun = 32;
+
+// How the shader is written; chosen by lowering/choose_code.h.
+struct MapCode {
+  bool lists_in_runs = false;  // an invocation has kListedRun elements, one after the other, and lists them together
+  std::optional<HeavyBranches> heavy;
+  std::optional<LoopCut> cut;
+  std::vector<ir::ValueId> told;  // those of `writes` that tell whether they are NaN or Inf (emit/finite.cpp)
+};
+
+// By a compute shader.
+struct MapPass {
+  // Those of `writes` that are stored only where the scatter that it lists elements for is active, or for the faces
+  // that the raster that it sets up lists.
+  std::vector<ir::ValueId> partial;
+  std::optional<Block> block;
+  MapCode code;
+};
+
+// By a fragment shader.
+struct FragmentPass {};
+
+// ---- One ReduceSum/Min/Max ----
+
+struct ReducePass {};
+
+// ---- Scatters: ScatterAdd/ScatterMax and region ops with Scatter results, and additions of what they sum ----
+
+// A stored value that sums what ops of the pass scatter: one result, or several that the program adds up.
+struct ScatterSum {
+  ir::ValueId value;
+  std::vector<ir::ValueId> terms;
+};
+
+// Elements may add something for which all values of one of these are true or not zero.
+using Clauses = std::vector<std::vector<ir::ValueId>>;
+
+// A dispatch of the scatter's own that lists elements; `in_runs`: as a map does (MapCode).
+struct OwnList {
+  bool in_runs = false;
+};
+
+// Elements that may add something are listed first and only they run.
+struct ActiveList {
+  Clauses clauses;
+  std::variant<OwnList, PassId> listed_by;  // an earlier map pass of the step, where it is no dispatch of its own
+};
+
+// A run by a dispatch of the scatter's own.
+struct OwnRun {
+  std::optional<ActiveList> active;  // none: all elements run
+};
+
+// The map pass that lists the active elements does at them what the run does.
+struct JoinedRun {
+  Clauses clauses;
+  PassId lister;
+};
+
+// Lanes that join what they add to one element do so for so many elements of a subgroup, which has so many lanes at
+// most.
+inline constexpr int kJoinRounds = 2;
+inline constexpr uint32_t kMaxJoinedLanes = 128;
+
+struct OwnFirstRun : OwnRun {
+  bool relists = false;  // it lists what adds something for the second
+};
+struct JoinedFirstRun : JoinedRun {
+  // It keeps what elements add, as far as there is room: the second then need not compute it again.
+  bool keeps_terms = false;
+};
+
+// Float sums in fixed point, by two runs: the first finds the largest contribution, the second adds.
+struct ExactScatter {
+  std::variant<OwnFirstRun, JoinedFirstRun> first_run;
+  bool joins_lanes = false;  // lanes of a subgroup that add to the same element join what they add
+  std::string no_rows;       // why it has no table of rows, where one was asked for
+  std::optional<LoopCut> cut;
+};
+
+// The host makes the table of an input: integers in one dimension, and the columns that name targets; sources are its
+// elements.
+struct RowsOfLeaf {
+  uint32_t leaf = 0;
+  std::vector<int> columns;
+};
+
+// The device sorts what it computes of indices that the step does not change; sources are the elements of the pass.
+struct SortedRows {
+  std::vector<ScatterLeaf> places;
+};
+
+// As gathers: the sources of each target in ascending order. Source s and name k give item s * names() + k, where they
+// name one of 0 .. targets - 1.
+struct RowsScatter {
+  std::variant<RowsOfLeaf, SortedRows> table;
+  ir::Dim targets;  // sorted: elements of all dimensions
+
+  const SortedRows* sorted() const { return std::get_if<SortedRows>(&table); }
+  int64_t names() const;
+};
+
+// By float atomics.
+struct AtomicScatter {
+  std::variant<OwnRun, JoinedRun> run;
+  bool skips_zeros = false;  // a zero is not added
+  std::optional<LoopCut> cut;
+};
+
+// How sums come about, in the order of ScatterPass::how; see lowering/scatter.h.
+enum class ScatterLowering : uint8_t { Exact, Rows, Atomic };
+
+struct ScatterPass {
+  std::vector<ScatterSum> sums;  // those among `writes`
+  std::variant<ExactScatter, RowsScatter, AtomicScatter> how;
+
+  ScatterLowering lowering() const;
+  const ExactScatter* exact() const { return std::get_if<ExactScatter>(&how); }
+  ExactScatter* exact() { return std::get_if<ExactScatter>(&how); }
+  const RowsScatter& rows() const { return std::get<RowsScatter>(how); }
+
+  const OwnRun* own_run() const;        // null where it has none
+  const JoinedRun* joined_run() const;  // likewise
+  const ActiveList* active_list() const;
+  ActiveList* active_list();
+  const Clauses& clauses() const;        // of the elements that run; empty: all do
+  std::optional<PassId> lister() const;  // the map pass that lists them
+  // Joins the lister's dispatch; there is a list, and a map pass makes it.
+  void join_lister();
+
+  bool relists() const;
+  bool keeps_terms() const;
+  bool joins_lanes() const { return exact() != nullptr && exact()->joins_lanes; }
+  std::optional<LoopCut> cut() const;
+};
+
+// ---- One Raster ----
+
+// The earlier map pass of the step that a raster's first dispatch runs, too. See lowering/set_up_in_raster.h.
+struct FaceSetup {
+  PassId pass;
+  bool again = false;  // and so does its second one, of each face that it walks
+};
+
+// Invocations that share a face of the list of large ones at least.
+inline constexpr int kLargeTeam = 1024;
+
+// Lists of faces whose boxes are not small.
+struct FaceBins {
+  int small_box = 0;   // boxes of up to so many pixels are walked by the invocation that finds them; 0: none are
+  int middle_box = 0;  // and of up to so many by teams of `team` invocations
+  int team = 0;
+  int middle_invocations = 0, large_invocations = 0;  // that share the faces of a list
+};
+
+// How compute shaders walk the boxes of faces (emit/face_lists.h).
+struct FaceWalk {
+  std::optional<FaceBins> lists;
+  bool watched = false;  // loops of closures; as of LoopCut
+};
+
+// By compute shaders.
+struct RasterPass {
+  std::optional<FaceSetup> setup;
+  FaceWalk walk;
+};
+
+// By draws.
+struct DrawnRasterPass {};
+
+// Its ops are root ops in graph order; what they need from outside is read from resources, what others need of them is
+// written to resources.
+struct Pass {
+  std::string name;
+  // Consecutive passes of one number are one stage: subpasses of a render pass, or a run of dispatches.
+  uint32_t stage = 0;
+  bool steady = false;  // it depends on what its step changes; the others are the step's prologue
+  ir::Extent domain;
+  std::vector<ir::OpId> ops;
+  std::vector<ir::ValueId> reads;   // stored values it loads, in id order
+  std::vector<ir::ValueId> writes;  // values it stores, in id order
+  std::variant<MapPass, FragmentPass, ReducePass, ScatterPass, RasterPass, DrawnRasterPass> of_kind;
+
+  PassKind kind() const;
+  bool is_drawn() const { return is<FragmentPass>() || is<DrawnRasterPass>(); }
+  template <class Kind>
+  bool is() const {
+    return std::holds_alternative<Kind>(of_kind);
+  }
+  // Null where the pass is of another kind.
+  template <class Kind>
+  Kind* as() {
+    return std::get_if<Kind>(&of_kind);
+  }
+  template <class Kind>
+  const Kind* as() const {
+    return std::get_if<Kind>(&of_kind);
+  }
+  // Of a pass that is known to be of that kind.
+  template <class Kind>
+  const Kind& get() const {
+    DR_ASSERT(is<Kind>());
+    return *as<Kind>();
+  }
+  template <class Kind>
+  Kind& get() {
+    DR_ASSERT(is<Kind>());
+    return *as<Kind>();
+  }
+
+  std::optional<PassId> lister() const;  // of a scatter
+  const FaceSetup* setup() const;        // of a raster
+};
+
+// The kind of a pass in schedules and reports: "fragment", "raster compute" and so on.
+const char* kind_name(const Pass& pass);
+
+}  // namespace dr::backend
