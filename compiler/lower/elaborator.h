@@ -550,9 +550,10 @@ class Elaborator {
   OptimizerFrame* optimizer_ = nullptr;
   std::set<const dsl::FnDecl*> open_vjps_;  // functions whose @vjp is being elaborated: in it they are plain
   int64_t cotangents_ = 0;
-  Span let_;           // the top-level `let` that is being elaborated
-  Span before_dot_;    // what stands before the last '.'
-  Span optimizer_at_;  // what `minimize` names after `with`
+  Span let_;                 // the top-level `let` that is being elaborated
+  bool in_initial_ = false;  // while a leaf's initial value is evaluated
+  Span before_dot_;          // what stands before the last '.'
+  Span optimizer_at_;        // what `minimize` names after `with`
   // Uses of `step_index` there.
   struct Count {
     ir::OpId op;

@@ -412,6 +412,7 @@ void Elaborator::begin_leaf(ModuleInfo& module, const dsl::LeafDecl& decl) {
 // The components that fill a leaf. A scalar fills all components of a vector.
 std::vector<double> Elaborator::initial_value(const dsl::LeafDecl& decl, const Type& type, bool& ok, Value* computed) {
   ok = false;
+  const Switched<bool> in_initial(in_initial_, true);
   Value value = evaluate(*decl.initial);
   if (value.is_error()) return {};
   const std::string wanted =

@@ -5,6 +5,7 @@
 
 #include <utility>
 
+#include "dsl/diagnostic/foreign_words.h"
 #include "dsl/syntax/parser_impl.h"
 
 namespace dr::dsl {
@@ -113,7 +114,11 @@ Diagnostic& Parser::fail_expected(Code code, std::string_view what, const After&
   if (!after.what.empty()) message += ' ' + std::string(after.what);
   if (!after.name.empty()) message += ' ' + quoted(after.name);
   message += ", found " + found();
-  return fail(code, span(token_), std::move(message));
+  Diagnostic& diagnostic = fail(code, span(token_), std::move(message));
+  if (at(TokenKind::Name)) {
+    if (const char* help = instead_of_operator(lexer_.text(token_))) diagnostic.help = help;
+  }
+  return diagnostic;
 }
 
 bool Parser::expect(TokenKind kind, const After& after) {
@@ -145,6 +150,15 @@ bool Parser::expect_semicolon(const After& after) {
     diagnostic.span = Span{file_, last_.end, last_.end};
     panicking_ = false;
   }
+  return false;
+}
+
+// The `..` of a range.
+bool Parser::expect_range() {
+  if (broken()) return false;
+  if (take(TokenKind::DotDot)) return true;
+  fail_expected(Code::E0101, "'..'", {"the start of the range"}).help =
+      "a range is 0..N, the numbers from 0 to N - 1; the elements of an image are x.at(k)";
   return false;
 }
 

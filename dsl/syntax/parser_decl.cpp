@@ -2,6 +2,7 @@
 // The parser's part for items (what stands at the top level of a file), parameters and types.
 #include <utility>
 
+#include "dsl/diagnostic/foreign_words.h"
 #include "dsl/syntax/parser_impl.h"
 
 namespace dr::dsl {
@@ -76,7 +77,13 @@ void Parser::parse_import(Module& module) {
 void Parser::fail_item() {
   const std::string message = "expected a declaration such as 'fn', 'let' or 'param', found " + found();
   Diagnostic& diagnostic = fail(Code::E0104, span(token_), message);
-  if (at(TokenKind::Name)) suggest(diagnostic, lexer_.text(token_), item_words());
+  if (at(TokenKind::For) || at(TokenKind::If) || at(TokenKind::Minimize))
+    diagnostic.help = instead_of_declaration("while");
+  if (!at(TokenKind::Name)) return;
+  if (const char* help = instead_of_declaration(lexer_.text(token_)))
+    diagnostic.help = help;
+  else
+    suggest(diagnostic, lexer_.text(token_), item_words());
 }
 
 // `parameters (size, rate = 0.1);`

@@ -157,6 +157,10 @@ ExprPtr Parser::parse_postfix_rest(ExprPtr expr) {
       const BraceScope braces(*this, true);
       index->a = std::move(expr);
       index->b = parse_expr();
+      if (at(TokenKind::Comma)) {
+        fail_expected(Code::E0101, "']'", {"the index"}).help =
+            "write x.at(ivec2(i, j)) for the element of an image in column i and row j, and m[i][j] for a matrix";
+      }
       expect_close(TokenKind::RightBracket, open, {"the index"});
       expr = std::move(index);
     } else if (at_fold(*expr)) {
@@ -275,6 +279,7 @@ ExprPtr Parser::parse_primary() {
     Diagnostic& diagnostic = fail_expected(
         Code::E0102, "an expression", {"", last_.kind == TokenKind::End ? std::string_view() : lexer_.text(last_)});
     if (at(TokenKind::Dot) && next_is_adjacent(TokenKind::Int)) diagnostic.help = "write a digit before the '.'";
+    if (at(TokenKind::Star) && last_.kind == TokenKind::Star) diagnostic.help = "write pow(a, b), or a * a";
   }
   return error_expr();
 }
@@ -415,7 +420,7 @@ ExprPtr Parser::parse_reduce() {
     expr->inner->loop_var = *std::move(loop_var);
     expect_word("in", {"", expr->inner->loop_var.text});
     expr->a = parse_expr();
-    expect(TokenKind::DotDot, {"the start of the range"});
+    expect_range();
     expr->b = parse_expr();
     if (take(TokenKind::Comma)) {
       expect_word("max", {"", ","});
@@ -460,7 +465,7 @@ ExprPtr Parser::parse_fold(std::string word, uint32_t begin) {
     expr->inner->loop_var = take_name_token();
     advance();  // in
     expr->a = parse_expr();
-    expect(TokenKind::DotDot, {"the start of the range"});
+    expect_range();
     expr->b = parse_expr();
     while (take(TokenKind::Comma)) {
       std::optional<Name> name = expect_name("the name of a carried value or 'max'", {"", ","});

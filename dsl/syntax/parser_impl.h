@@ -101,6 +101,7 @@ class Parser {
   bool expect(TokenKind kind, const After& after);
   bool expect_word(std::string_view word, const After& after);
   bool expect_semicolon(const After& after);
+  bool expect_range();
   bool expect_close(TokenKind kind, const Token& open, const After& after);
   std::optional<Name> expect_name(std::string_view what, const After& after);
   void add_open_note(Diagnostic& diagnostic, const Token& open) const;

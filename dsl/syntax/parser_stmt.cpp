@@ -3,6 +3,7 @@
 // its value, or a statement whose `;` is missing.
 #include <utility>
 
+#include "dsl/diagnostic/foreign_words.h"
 #include "dsl/syntax/parser_impl.h"
 
 namespace dr::dsl {
@@ -71,27 +72,6 @@ bool is_arithmetic(TokenKind kind) {
 const std::vector<std::string>& statement_words() {
   static const std::vector<std::string> kWords = {"let", "var", "for", "minimize", "output", "return", "const"};
   return kWords;
-}
-
-// What to write instead of a word that starts a statement in another language; null where it is none.
-const char* instead_of(std::string_view word) {
-  static constexpr std::pair<std::string_view, const char*> kWords[] = {
-      {"while", "write 'for k in 0..N { ...; break if !condition; }', where N is the most trips that there can be"},
-      {"loop", "write 'for k in 0..N { ...; break if condition; }', where N is the most trips that there can be"},
-      {"do", "write 'for k in 0..N { ...; break if !condition; }', where N is the most trips that there can be"},
-      {"switch", "write 'if a { } else if b { } else { }'"},
-      {"match", "write 'if a { } else if b { } else { }'"},
-      {"elif", "write 'else if'"},
-      {"continue", "write what is left out as the block of an 'if'"},
-      {"def", "write 'fn f(x) { ... }' outside of functions"},
-      {"function", "write 'fn f(x) { ... }' outside of functions"},
-      {"float", "write 'let' or 'var' and the name"},
-      {"int", "write 'let' or 'var' and the name"},
-      {"bool", "write 'let' or 'var' and the name"},
-      {"auto", "write 'let' or 'var' and the name"}};
-  for (const auto& [known, help] : kWords)
-    if (known == word) return help;
-  return nullptr;
 }
 
 std::unique_ptr<Stmt> make_stmt(Stmt::Kind kind) {
@@ -223,7 +203,7 @@ StmtPtr Parser::parse_for() {
   stmt->loop_var = *std::move(name);
   expect_word("in", {"", stmt->loop_var.text});
   stmt->a = parse_condition();
-  expect(TokenKind::DotDot, {"the start of the range"});
+  expect_range();
   stmt->b = parse_condition();
   if (take(TokenKind::Comma)) {
     expect_word("max", {"", ","});
@@ -250,6 +230,11 @@ StmtPtr Parser::parse_minimize() {
   const uint32_t begin = token_.begin;
   advance();
   stmt->a = parse_expr();
+  if (at_word("with")) {
+    fail_expected(Code::E0101, "'over'", {"the expression"}).help =
+        "name what is sought: minimize error over a, b with optim.adam(rate = 0.01)";
+    return nullptr;
+  }
   expect_word("over", {"the expression"});
   do {
     stmt->targets.push_back(parse_expr());
@@ -316,9 +301,10 @@ void Parser::parse_if_statement(Block& block, bool is_const) {
 
 // A name before something that no expression goes on with.
 bool Parser::at_foreign_statement() const {
-  if (!at(TokenKind::Name) || instead_of(lexer_.text(token_)) == nullptr) return false;
+  if (!at(TokenKind::Name) || instead_of_statement(lexer_.text(token_)) == nullptr) return false;
   if (next_at(TokenKind::Name) || next_at(TokenKind::LeftBrace)) return true;
   if (at_word("continue")) return next_at(TokenKind::Semicolon) || next_at(TokenKind::If);
+  if (at_word("print") || at_word("printf")) return next_at(TokenKind::LeftParen);
   return (at_word("while") || at_word("switch") || at_word("elif")) &&
          (next_at(TokenKind::LeftParen) || next_at(TokenKind::Not) || next_at(TokenKind::True));
 }
@@ -328,7 +314,7 @@ void Parser::parse_expression_statement(Block& block) {
   if (at_foreign_statement()) {
     const std::string word = text(token_);
     fail(Code::E0122, span(token_), "expected a statement, found '" + word + "', which is a word of other languages")
-        .help = instead_of(word);
+        .help = instead_of_statement(word);
     return;
   }
   if (at(TokenKind::Name) && next_at(TokenKind::Name)) {

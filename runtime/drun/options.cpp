@@ -134,7 +134,8 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
   app.add_option("-D", defines, "NAME=VALUE: replace a const of the program");
   app.add_option("-I", options.compile.include_dirs, "folder to look for imported modules in");
   std::vector<std::string> ablate;
-  app.add_option("--ablate", ablate, "parts to switch off, with commas: substages, stages, remat, cache, rebuild")
+  app.add_option("--ablate", ablate,
+                 "parts to switch off, with commas: substages, stages, remat, cache, blocks, rebuild")
       ->delimiter(',');
   std::vector<std::string> skips = jit::skip_names();
   skips.insert(skips.end(), {"rebuild", "commands", "pipelines", "shaders"});

@@ -94,7 +94,7 @@ Sizes Program::State::sizes_with(size_t index, const Array& data) const {
       agreed.set(*symbol, axes[a].second, origin);
     else if (const auto value = dim->evaluate(agreed.symbols()); value && *value != axes[a].second)
       throw Failure{origin + " has a " + axis_names[a] + " of " + std::to_string(axes[a].second) + ", expected " +
-                    *axes[a].first + " = " + std::to_string(*value)};
+                    (dim->is_constant() ? "" : *axes[a].first + " = ") + std::to_string(*value)};
   }
   return agreed;
 }

@@ -286,7 +286,8 @@ Value Elaborator::call_builtin(const BuiltinValue& builtin, std::vector<Argument
     if (entry.max_args != entry.min_args) wanted += " to " + std::to_string(entry.max_args - hidden);
     return fail(Code::E0304, span,
                 "expected " + wanted + (wanted == "1" ? " argument" : " arguments") + " for '" + name + "', found " +
-                    std::to_string(call.args.size() - hidden));
+                    std::to_string(call.args.size() - hidden),
+                {}, name == "at" ? "write .at(ivec2(x, y)), or .at(ivec3(x, y, layer))" : "");
   }
   if (failed) return Error{};
   const SpanScope here(*this, span);

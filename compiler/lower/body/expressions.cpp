@@ -4,6 +4,7 @@
 #include <charconv>
 
 #include "compiler/lower/elaborator.h"
+#include "dsl/diagnostic/foreign_words.h"
 
 namespace dr::lower {
 
@@ -171,8 +172,12 @@ std::optional<std::vector<int>> Elaborator::swizzle_indices(const Type& type, co
   const std::string what = type.is_matrix()
                                ? "expected a field of an image, found '"
                                : "expected components such as 'x' or 'xyz', or a field of an image, found '";
-  report(Code::E0307, span, what + name + "' of " + type.str(), {},
-         type.is_matrix() ? "write m[0] for the first column" : suggestion(name, known));
+  const char* const foreign = dsl::instead_of_field(name);
+  std::string help = type.is_matrix()     ? "write m[0] for the first column"
+                     : foreign            ? foreign
+                     : find_builtin(name) ? "write " + name + "(x)"
+                                          : suggestion(name, known);
+  report(Code::E0307, span, what + name + "' of " + type.str(), {}, std::move(help));
   return std::nullopt;
 }
 

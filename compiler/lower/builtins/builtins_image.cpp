@@ -109,7 +109,8 @@ Value Elaborator::gather(const Value& base, const Value& index, const Span& base
   const Type type = element_type(index);
   if (type.is_scalar() && !extent.h.is_one()) {
     return fail(Code::E0405, index_span,
-                "expected an ivec2 to read " + name + ", which has the height " + extent.h.str() + ", found int");
+                "expected an ivec2 to read " + name + ", which has the height " + extent.h.str() + ", found int", {},
+                "write .at(ivec2(x, y)) for the element in column x and row y");
   }
   const Extent places = extent_of(index);
   if (type.rows < 3 && !extent.l.is_one() && !places.l.is_one() && extent.l != places.l) {

@@ -225,7 +225,10 @@ Value Elaborator::item_value(ModuleInfo& module, std::string_view name, ModuleIt
   }
   if (waits && item.state != ModuleItem::State::Done) {
     return fail(Code::E0206, use, "expected the use of '" + std::string(name) + "' after its 'let', found it before",
-                {{item.span, "'" + std::string(name) + "' is declared here"}});
+                {{item.span, "'" + std::string(name) + "' is declared here"}},
+                in_initial_ ? "an initial value is made before all lets: write what '" + std::string(name) +
+                                  "' stands for, or a function that makes it"
+                            : "");
   }
   if (item.kind != ModuleItem::Kind::Const || item.state == ModuleItem::State::Done) return item.value;
   if (item.state == ModuleItem::State::Busy) {

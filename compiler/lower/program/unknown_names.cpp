@@ -4,6 +4,7 @@
 
 #include "compiler/lower/elaborator.h"
 #include "compiler/lower/lower.h"
+#include "dsl/diagnostic/foreign_words.h"
 
 namespace dr::lower {
 
@@ -17,6 +18,20 @@ std::vector<std::string> library_names() {
     names.emplace_back(file.substr(0, file.rfind('.')));
   }
   return names;
+}
+
+// The first module of the library that offers a function or an optimizer of this name.
+std::string library_with(const std::string& name) {
+  for (const std::string_view path : library_modules()) {
+    const std::string text = "\n" + std::string(library_module(path).value_or(""));
+    for (const char* kind : {"\nfn ", "\noptimizer "})
+      for (const char* after : {"(", "<"}) {
+        if (text.find(kind + name + after) == std::string::npos) continue;
+        const std::string_view file = path.substr(path.rfind('/') + 1);
+        return std::string(file.substr(0, file.rfind('.')));
+      }
+  }
+  return "";
 }
 
 bool is_offered(const ModuleItem& item) { return item.kind != ModuleItem::Kind::Import && !item.is_private; }
@@ -78,9 +93,11 @@ std::string Elaborator::optimizers_here() const {
 }
 
 std::string Elaborator::help_for(const std::string& name, const Span& span) const {
+  const char* const foreign = dsl::instead_of_name(name);
   if (span == before_dot_) {
     const std::vector<std::string> modules = library_names();
     if (std::ranges::find(modules, name) != modules.end()) return "write 'import std." + name + ";' above";
+    if (foreign) return foreign;
     if (const std::string near = suggestion(name, visible_names()); !near.empty()) return near;
     const auto nearest = dsl::nearest_name(name, modules);
     return nearest ? "did you mean '" + *nearest + "', which 'import std." + *nearest + ";' brings?" : "";
@@ -89,8 +106,12 @@ std::string Elaborator::help_for(const std::string& name, const Span& span) cons
     const auto found = module->items.find(name);
     if (found != module->items.end() && is_offered(found->second)) return "write '" + import + "." + name + "'";
   }
+  if (foreign) return foreign;
   const std::string near = suggestion(name, visible_names());
-  return near.empty() && span == optimizer_at_ ? optimizers_here() : near;
+  if (!near.empty()) return near;
+  if (span == optimizer_at_) return optimizers_here();
+  const std::string module = library_with(name);
+  return module.empty() ? "" : "write 'import std." + module + ";' above, and '" + module + "." + name + "'";
 }
 
 std::string Elaborator::help_for(const ModuleInfo& module, const std::string& name, const Span& span) const {
