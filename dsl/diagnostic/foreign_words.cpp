@@ -91,7 +91,7 @@ constexpr const char* kJoin = "choose by place: let i = coord(A + B).x; if i < A
 constexpr const char* kRandom = "write 'import std.random;' above and random.uniform(coord(N), 1u), or random.normal";
 constexpr const char* kTurn = "read it at turned places: let p = coord(H, W); x.at(ivec2(p.y, p.x))";
 
-constexpr Row kNames[] = {{"zeros", kFill},
+constexpr Row kForeignNames[] = {{"zeros", kFill},
                           {"zeros_like", kFill},
                           {"ones", kFill},
                           {"ones_like", kFill},
@@ -160,7 +160,7 @@ constexpr Row kFields[] = {{"shape", kSize},        {"size", kSize},        {"le
 const char* instead_of_statement(std::string_view word) { return find(kStatements, word); }
 const char* instead_of_declaration(std::string_view word) { return find(kDeclarations, word); }
 const char* instead_of_operator(std::string_view word) { return find(kOperators, word); }
-const char* instead_of_name(std::string_view word) { return find(kNames, word); }
+const char* instead_of_name(std::string_view word) { return find(kForeignNames, word); }
 const char* instead_of_field(std::string_view word) { return find(kFields, word); }
 
 }  // namespace dr::dsl
