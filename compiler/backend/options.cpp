@@ -71,6 +71,7 @@ PackOptions pack_options(const target::Profile& profile, const CompileOptions& o
   out.stages = options.stages;
   out.prologue = options.prologue;
   out.moving = options.moving;
+  out.blocks = options.block_loops;
   out.fragment = options.lower == Lower::Fragment || (options.lower == Lower::Auto && profile.lower == "fragment");
   out.hardware_raster =
       options.raster == RasterLower::Hardware || (options.raster == RasterLower::Auto && profile.raster == "hardware");

@@ -66,6 +66,10 @@ std::variant<Report, std::string> report(const ir::Graph& graph, const Compiled&
     std::set<ir::OpId> computed;
     for (const Pass& pass : step.passes) {
       ++r.passes[kind_name(pass)];
+      if (const auto* map = pass.as<MapPass>(); map && map->block) {
+        const Block& block = *map->block;
+        r.blocks.push_back({pass.name, block.each, block.together ? block.together->group : std::array<int, 3>{}});
+      }
       for (ir::OpId id : pass.ops) {
         if (is_inline(graph.op(id)) || is_memory(graph.op(id))) continue;
         if (!computed.insert(id).second) ++r.recomputed;
@@ -94,6 +98,26 @@ std::string bytes_text(const RunReport& run) {
          std::to_string(run.bytes_written) + " written)";
 }
 
+std::string box_text(const std::array<int, 3>& box) {
+  return std::to_string(box[0]) + " x " + std::to_string(box[1]) + (box[2] > 1 ? " x " + std::to_string(box[2]) : "");
+}
+
+std::string blocks_text(const std::vector<BlockReport>& blocks) {
+  std::string out;
+  for (const BlockReport& b : blocks) {
+    out += (out.empty() ? "" : ", ") + b.pass + " " + box_text(b.each);
+    if (b.group[0] > 0) out += " read together by " + box_text(b.group);
+  }
+  return out;
+}
+
+nlohmann::ordered_json blocks_json(const std::vector<BlockReport>& blocks) {
+  auto out = nlohmann::ordered_json::array();
+  for (const BlockReport& b : blocks)
+    out.push_back({{"pass", b.pass}, {"each", b.each}, {"read_together_by", b.group}});
+  return out;
+}
+
 nlohmann::ordered_json run_json(const RunReport& run) {
   return {{"passes", run.passes},
           {"stages", run.stages},
@@ -118,6 +142,7 @@ std::string print(const Report& report) {
     std::snprintf(expected, sizeof expected, "  expected time: %.3f ms\n", step.first.expected_ns * 1e-6);
     out += expected;
     out += "  recomputed ops: " + std::to_string(step.recomputed) + "\n";
+    if (!step.blocks.empty()) out += "  blocks of elements: " + blocks_text(step.blocks) + "\n";
     out += "  bytes moved: " + bytes_text(step.first) + "\n";
     out += "  at least: " + std::to_string(step.first.least.stages) + " stages, " +
            std::to_string(step.first.least.bytes) + " bytes\n";
@@ -151,6 +176,7 @@ std::string print_json(const Report& report) {
                              {"expected_ns", step.first.expected_ns},
                              {"commands", step.commands},
                              {"recomputed_ops", step.recomputed},
+                             {"blocks", blocks_json(step.blocks)},
                              {"bytes_read", step.first.bytes_read},
                              {"bytes_written", step.first.bytes_written},
                              {"least_stages", step.first.least.stages},

@@ -2,6 +2,7 @@
 // What a compiled program will do, in numbers: `drc build --report`.
 #pragma once
 
+#include <array>
 #include <map>
 #include <string>
 #include <variant>
@@ -23,12 +24,20 @@ struct RunReport {
   LowerBound least;
 };
 
+// See lowering/block_loops.h.
+struct BlockReport {
+  std::string pass;
+  std::array<int, 3> each{1, 1, 1};   // elements of an invocation
+  std::array<int, 3> group{0, 0, 0};  // invocations that read together, else 0
+};
+
 struct StepReport {
   std::string name;
   size_t ops = 0;                        // of the graph that the step computes; constants and leaves do not count
   std::map<std::string, size_t> passes;  // by kind
   size_t commands = 0;                   // of the bundle
   size_t recomputed = 0;                 // ops that stand in a pass although another computes them too
+  std::vector<BlockReport> blocks;       // of passes whose invocations compute several elements
   RunReport first;                       // with the prologue
   RunReport steady;                      // later runs, as long as the host binds nothing anew
 };

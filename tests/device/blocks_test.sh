@@ -110,8 +110,9 @@ for device in lavapipe swiftshader; do
   done
   both "$device.naive" "./${device}_sharing.json" products.dr "${sizes[@]}" "${products[@]}" --pack naive
   both "$device.fragment" "$device" kinds.dr "${kinds[@]}" --lower fragment
+  both "$device.drawn" "$device" products.dr "${sizes[@]}" "${products[@]}" --lower fragment
   # All of these are one computation.
-  for road in "${device}_${device}_sharing.products" "${device}_$device.of_45" "${device}_${device}_sharing.of_45" "${device}_${device}_sharing.to_67" "$device.naive"; do
+  for road in "${device}_${device}_sharing.products" "${device}_$device.of_45" "${device}_${device}_sharing.of_45" "${device}_${device}_sharing.to_67" "$device.naive" "$device.drawn"; do
     cp -r "${device}_$device.products.a" roads.a
     cp -r "$road.a" roads.b
     same roads
@@ -151,6 +152,9 @@ for program in of_45 to_67 kinds; do
   "$drc" build $program.dr --profile ./shares.json --emit=schedule -o $program.schedule
   grep -q "read together" $program.schedule || { echo "$program: nothing is read together"; failed=1; }
 done
+# Also where maps run as fragments: those passes are compute passes then.
+"$drc" build products.dr --profile nvidia-rtx2080 --emit=schedule -o drawn.schedule
+grep -q "read together gather .* by 16 16 1 for " drawn.schedule || { echo "nvidia-rtx2080: reads together"; failed=1; }
 grep -q "^    block " cpu.schedule && ! grep -q "read together" cpu.schedule || { echo "lavapipe: blocks"; failed=1; }
 grep -q "read together gather .* by 16 16 1 for " gpu.schedule || { echo "nvidia-h200: reads together"; failed=1; }
 exit $failed

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 
+#include "compiler/backend/analysis/axes.h"
 #include "compiler/backend/analysis/uses.h"
 #include "compiler/ir/yields.h"
 #include "compiler/ops/op.h"
@@ -49,6 +50,7 @@ struct Model {
   const ir::SymbolValues& symbols;
   const CostAssumptions& assumptions;
   bool known = true;
+  std::optional<ChangingAxes> changing = std::nullopt;
 
   double evaluate(const ir::Dim& dim) {
     const auto value = dim.evaluate(symbols);
@@ -57,14 +59,45 @@ struct Model {
   }
   double elements(const ir::Extent& e) { return evaluate(e.w) * evaluate(e.h) * evaluate(e.l); }
 
-  double arithmetic(const Op& op) {
+  // Of a loop, as far as its bounds are numbers or extents.
+  double trips(const Op& op) const {
+    if (!ir::is_loop(op.kind)) return 1;
+    double bounds[2] = {};
+    for (const size_t k : {size_t{0}, size_t{1}}) {
+      const ir::OpId id = graph.value(op.operands[k]).op;
+      if (!id.valid()) return kUnknownTrips;
+      const Op& bound = graph.op(id);
+      if (bound.kind == OpKind::Const) {
+        bounds[k] = bound.attrs.floats[0];
+      } else if (const auto extent =
+                     bound.kind == OpKind::DimValue ? bound.attrs.dims[0].evaluate(symbols) : std::nullopt) {
+        bounds[k] = static_cast<double>(*extent);
+      } else {
+        return kUnknownTrips;
+      }
+    }
+    return std::max(bounds[1] - bounds[0], 0.0);
+  }
+
+  // For one element; of a block, which computes once what its elements share.
+  double arithmetic(const Op& op, const Block* block = nullptr) {
     double own = op_cost(op.kind) * std::max(1, graph.value(op.results[0]).type.components());
+    if (block) {
+      const Axes changes = changing_axes().of(op);
+      for (size_t axis = 0; axis < 3; ++axis)
+        if (((changes >> axis) & 1) == 0) own /= block->each[axis];
+    }
     for (ir::RegionId region : op.regions) {
       double inside = 0;
-      for (ir::OpId id : graph.region(region).ops) inside += arithmetic(graph.op(id));
-      own += ir::is_loop(op.kind) ? kUnknownTrips * inside : inside;
+      for (ir::OpId id : graph.region(region).ops) inside += arithmetic(graph.op(id), block);
+      own += trips(op) * inside;
     }
     return own;
+  }
+
+  ChangingAxes& changing_axes() {
+    if (!changing) changing.emplace(graph);
+    return *changing;
   }
 
   double bytes(ValueId v) {
@@ -96,9 +129,11 @@ struct Model {
     }
     cost += loads;
     for (ValueId v : pass.writes) cost += bytes(v) / bandwidth(v, fragment);
+    const auto* map = pass.as<MapPass>();
+    const Block* block = map && map->block ? &*map->block : nullptr;
     double work = 0;
     for (ir::OpId id : pass.ops)
-      if (graph.op(id).kind != OpKind::Raster) work += arithmetic(graph.op(id));
+      if (graph.op(id).kind != OpKind::Raster) work += arithmetic(graph.op(id), block);
     work *= count / (fragment ? costs.fragment_operations_per_ns : costs.compute_operations_per_ns);
     switch (pass.kind()) {
       case PassKind::Map: return cost + work;

@@ -18,8 +18,9 @@ size_t op_size(const ir::Graph& graph, const ir::Op& op);
 int recompute_limit(const target::Profile& profile, bool fragment);
 
 // Expected time of one run of a step in ns: each pass's fixed cost, the bytes it reads and writes, its arithmetic.
-// Every value that a pass reads counts once, wherever it reads it; regions count as often as they run, reductions over
-// unknown ranges eight times; faces of a raster cover `faces_cover` pixels each. Nullopt when a symbol has no value.
+// Every value that a pass reads counts once, wherever it reads it; regions count as often as they run, loops over
+// unknown ranges eight times; what the elements of a block share counts once for all of them; faces of a raster cover
+// `faces_cover` pixels each. Nullopt when a symbol has no value.
 struct CostAssumptions {
   double faces_cover = 64;
 };

@@ -39,6 +39,7 @@ StepPacker::StepPacker(const Graph& graph, const ir::Step& step, const target::P
       options_(options),
       resources_(resources),
       names_(names),
+      blocks_(graph, profile),
       position_(graph.op_count()),
       uses_(graph.op_count()),
       recompute_cost_(graph.op_count(), kNotCheap),

@@ -22,6 +22,8 @@ struct PackOptions {
   bool prologue = true;          // what a step does not change apart from what it does, so that it can be kept
   bool fragment = false;         // maps over 2D extents as fragment passes that write images
   bool hardware_raster = false;  // raster by draws
+  // Fragment passes that blocks of elements make cheaper are compute passes (lowering/block_loops.h).
+  bool blocks = true;
   Moving moving;
 };
 

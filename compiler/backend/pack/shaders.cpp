@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <climits>
 #include <tuple>
+#include <utility>
 
 #include "compiler/backend/pack/pass_order.h"
 #include "compiler/backend/pack/step_packer.h"
@@ -317,8 +318,9 @@ void StepPacker::add_map_pass(const Extent& domain, const std::vector<ValueId>& 
   Pass pass = map_pass(hardware);
   pass.domain = domain;
   close_over(pass, targets, level);
+  if (hardware && options_.blocks) run_in_blocks(pass);
   if (targets.size() == 1 && !within_limits(pass)) {
-    if (hardware) {
+    if (pass.is<FragmentPass>()) {
       // One value alone needs more than a fragment shader may have: compute shaders may have more.
       pass.of_kind = MapPass{};
       resource(targets[0]).storage = Resource::Storage::Buffer;
@@ -329,6 +331,20 @@ void StepPacker::add_map_pass(const Extent& domain, const std::vector<ValueId>& 
     }
   }
   add_pass(std::move(pass));
+}
+
+// A fragment shader computes one pixel. Where neighbours share what a loop reads, a compute shader is made that
+// computes blocks of them.
+void StepPacker::run_in_blocks(Pass& pass) {
+  const target::Costs& costs = profile_.costs;
+  const double share_to_beat = costs.compute_operations_per_ns / costs.fragment_operations_per_ns;
+  if (!blocks_.choose(pass, share_to_beat)) return;
+  const auto drawn = std::exchange(pass.of_kind, MapPass{});
+  if (!within_limits(pass)) {
+    pass.of_kind = drawn;
+    return;
+  }
+  for (const ValueId v : pass.writes) resource(v).storage = Resource::Storage::Buffer;
 }
 
 void StepPacker::make_passes() {

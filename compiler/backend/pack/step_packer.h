@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "compiler/backend/analysis/uses.h"
+#include "compiler/backend/cost/blocks.h"
 #include "compiler/backend/pack/pack.h"
 
 namespace dr::backend {
@@ -90,6 +91,7 @@ class StepPacker {
   void make_passes();
   void add_map_passes(const Extent& domain, const std::vector<OpId>& group, int level);
   void add_map_pass(const Extent& domain, const std::vector<ValueId>& targets, int level, bool hardware);
+  void run_in_blocks(Pass& pass);
   std::vector<ValueId> choose(std::span<const ValueId>& targets, int level, bool hardware);
   std::vector<std::vector<ValueId>> gathered(std::span<const ValueId> targets, size_t most, const Extent& domain,
                                              int level);
@@ -115,6 +117,7 @@ class StepPacker {
   const PackOptions& options_;
   std::vector<Resource>& resources_;
   Names& names_;
+  BlockChooser blocks_;
   StepSchedule out_;
   std::vector<bool> live_;
   std::vector<OpId> order_;
