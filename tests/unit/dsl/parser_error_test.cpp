@@ -45,13 +45,17 @@ TEST_CASE("misspelt words") {
         "E0104 3:1 expected a declaration such as 'fn', 'let' or 'param', found 'fm'\n"
         "E0104 4:1 expected a declaration such as 'fn', 'let' or 'param', found 'STEP' | did you mean 'step'?\n"
         "E0104 5:1 expected a declaration such as 'fn', 'let' or 'param', found 'banana'\n");
-  CHECK(body_errors("retrun a;\noutptu b;\nvec3 c = 1;") ==
-        "E0105 3:1 expected a statement, found 'retrun' | did you mean 'return'?\n"
-        "E0105 4:1 expected a statement, found 'outptu' | did you mean 'output'?\n"
-        "E0101 5:6 expected ';' after the expression, found 'c'\n");
+  CHECK(
+      body_errors("retrun a;\noutptu b;\nvec3 c = 1;") ==
+      "E0105 3:1 expected a statement, found 'retrun' | did you mean 'return'?\n"
+      "E0105 4:1 expected a statement, found 'outptu' | did you mean 'output'?\n"
+      "E0122 5:1 expected a statement, found 'vec3', which is a word of other languages | write 'let' or 'var' and the "
+      "name\n");
   CHECK(body_errors("minimize a ovr b with c;") ==
         "E0101 3:12 expected 'over' after the expression, found 'ovr' | did you mean 'over'?\n");
 }
+
+const std::string a_range = " | a range is 0..N, the numbers from 0 to N - 1; the elements of an image are x.at(k)";
 
 TEST_CASE("every missing piece is named") {
   CHECK(item_errors("fn (x) { }") == "E0101 2:4 expected the name of a function after 'fn', found '('\n");
@@ -78,7 +82,7 @@ TEST_CASE("every missing piece is named") {
   CHECK(item_errors("let x = f(a, );") == "E0102 2:14 expected an expression after ',', found ')'\n");
   CHECK(item_errors("let x = reduce(sum, i 0..3) { i };") == "E0101 2:23 expected 'in' after 'i', found '0'\n");
   CHECK(item_errors("let x = reduce(sum, i in 0, 3) { i };") ==
-        "E0101 2:27 expected '..' after the start of the range, found ','\n");
+        "E0101 2:27 expected '..' after the start of the range, found ','" + a_range + "\n");
   CHECK(item_errors("let x : a<b;") == "E0101 2:12 expected '>' after the generic arguments, found ';'\n");
   CHECK(item_errors("step s { output a, ; }") == "E0101 2:20 expected the name of an output after ',', found ';'\n");
   CHECK(body_errors("for k in 0..K a;") == "E0101 3:15 expected '{' after the range, found 'a'\n");
@@ -122,8 +126,9 @@ TEST_CASE("the parser goes on behind an error") {
         "E0103 2:9 expected a type after ':', found ')'\n"
         "E0101 3:14 expected a name or '(' after 'let', found '='\n");
   CHECK(body_errors("for k in 0 K { a; }\nlet x = ;") ==
-        "E0101 3:12 expected '..' after the start of the range, found 'K'\n"
-        "E0102 4:9 expected an expression after '=', found ';'\n");
+        "E0101 3:12 expected '..' after the start of the range, found 'K'" + a_range +
+            "\n"
+            "E0102 4:9 expected an expression after '=', found ';'\n");
 }
 
 TEST_CASE("if without a use or without else") {
