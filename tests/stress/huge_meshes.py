@@ -19,6 +19,7 @@ except ImportError:
     print("numpy is not there")
     sys.exit(77)
 
+# SwiftShader takes longest, and has the largest size.
 SIZES = tuple(float(size) for size in os.environ.get("DR_HUGE_SIZES", "1e30 1.5e38").split())
 NEAR = 2e-3  # of an output's largest number; gradients of outlines are of few digits
 LEAST = 1e-36  # below it numbers may be subnormal, and 0 on a device
@@ -90,7 +91,7 @@ def main():
         for size in SIZES:
             np.save(folder / f"p_{size:g}.npy", (places * size).astype(np.float32))
             expected, _ = run(drun, program, folder, "reference", size, steps)
-            for device in devices:
+            for device in devices if size == SIZES[-1] else devices[:1]:
                 found, words = run(drun, program, folder, device, size, steps)
                 for output in sorted(expected):
                     compared += 1
