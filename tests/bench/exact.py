@@ -105,7 +105,7 @@ def against_exact(suite, program, name, position, faces, view, moved, size, ways
     for way, consts in ways.items():
         row = {"mesh": name, "faces": len(faces), "pixels": size, "way": way}
         for loss, (white, weights, _) in losses.items():
-            prefix = f"{name}_{size}_{loss}".replace(" ", "_")
+            prefix = f"{name}_{len(faces)}_{size}_{loss}".replace(" ", "_")
             arrays = {"position": position, "face": faces, "target": weights} | ({} if color is None else {"color": color})
             arguments = suite.bind(prefix, **arrays) + bound_view(view)
             arguments += [w for k, v in {"S": size, "white": white, **consts}.items() for w in ("-D", f"{k}={v}")]
