@@ -119,7 +119,7 @@ struct Model {
     const Pass& pass = step.passes[index];
     const bool fragment = pass.is<FragmentPass>();
     const bool joins = index > 0 && step.passes[index - 1].stage == pass.stage;
-    const double count = elements(pass.domain);
+    double count = elements(pass.domain);
     double cost = fragment ? (joins ? costs.subpass_ns : costs.pass_ns) : costs.dispatch_ns;
     const std::vector<ValueId> inputs = stage_inputs(step, index);
     double loads = 0;
@@ -138,7 +138,10 @@ struct Model {
     switch (pass.kind()) {
       case PassKind::Map: return cost + work;
       case PassKind::Reduce:
-        for (double n = count; n > kReduceGroup; n /= kReduceGroup) cost += costs.dispatch_ns;
+        while (count > kReduceGroup) {
+          cost += costs.dispatch_ns;
+          count /= kReduceGroup;
+        }
         return cost + work;
       case PassKind::Scatter: {
         const auto& scatter = pass.get<ScatterPass>();

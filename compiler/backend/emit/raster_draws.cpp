@@ -9,7 +9,6 @@ namespace dr::backend {
 using glsl::dim_expression;
 using glsl::Shader;
 using ir::Dim;
-using ir::Extent;
 using ir::ValueId;
 
 namespace {

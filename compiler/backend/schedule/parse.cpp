@@ -9,7 +9,6 @@
 
 namespace dr::backend {
 
-using ir::Graph;
 using ir::OpId;
 using ir::ParseError;
 using ir::ValueId;

@@ -14,7 +14,6 @@ namespace dr::backend {
 using ir::Graph;
 using ir::Op;
 using ir::OpId;
-using ir::OpKind;
 using ir::ValueId;
 
 bool is_packed(const Graph& graph, ValueId value) {
