@@ -55,7 +55,14 @@ ValueId Elaborator::outside(ValueId value) {
 // region's.
 void Elaborator::forget_outside(ir::RegionId region) {
   const ir::Graph& graph = b_.graph();
-  if (outside_.empty()) return;
+  const auto is_outside = [&](ir::OpId op) {
+    return std::ranges::all_of(graph.op(op).results, [&](ValueId result) {
+      const auto found = outside_.find(result);
+      return found != outside_.end() && found->second.valid();
+    });
+  };
+  // Most regions have none, and are not looked through.
+  if (outside_.empty() || std::ranges::none_of(graph.region(region).ops, is_outside)) return;
   std::map<ValueId, size_t> uses;
   const std::function<void(ir::RegionId)> count = [&](ir::RegionId at) {
     for (const ValueId value : graph.region(at).yields) ++uses[value];
@@ -68,11 +75,7 @@ void Elaborator::forget_outside(ir::RegionId region) {
   std::set<ir::OpId> unused;
   for (const ir::OpId id : graph.region(region).ops | std::views::reverse) {
     const ir::Op& op = graph.op(id);
-    const bool elsewhere = std::ranges::all_of(op.results, [&](ValueId result) {
-      const auto found = outside_.find(result);
-      return found != outside_.end() && found->second.valid() && uses[result] == 0;
-    });
-    if (!elsewhere) continue;
+    if (!is_outside(id) || std::ranges::any_of(op.results, [&](ValueId result) { return uses[result] != 0; })) continue;
     unused.insert(id);
     for (const ValueId value : op.operands) --uses[value];
   }
