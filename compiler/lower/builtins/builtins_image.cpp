@@ -253,7 +253,7 @@ Value Elaborator::builtin_reduction(BuiltinCall& call) {
   if (call.entry.name == "min") kind = OpKind::ReduceMin;
   if (call.entry.name == "max") kind = OpKind::ReduceMax;
   const auto reduce = [&](const Value& part) { return image_op(kind, {&part, 1}, attrs, {}); };
-  const Value reduced = element_type(operand).is_matrix() ? map_columns(operand, reduce) : reduce(operand);
+  Value reduced = element_type(operand).is_matrix() ? map_columns(operand, reduce) : reduce(operand);
   if (!mean || reduced.is_error()) return reduced;
   Value divisor = count;
   convert_known_int(divisor, Scalar::Float);
