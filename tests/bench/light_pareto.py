@@ -13,6 +13,12 @@ def look(suite, program, arguments, names):
     return [np.load(folder / f"look.{name}.npy").astype(np.float64) for name in names]
 
 
+def told(name, arguments, picture, gradient):
+    """A cell of a race. It is printed at once, since the race says nothing before all of its cells have run."""
+    print(f"{name}: picture off by {picture:.3g}, gradient by {gradient:.3g}", flush=True)
+    return name, arguments, picture, gradient
+
+
 def off(found, truth):
     return float(np.linalg.norm(found - truth) / np.linalg.norm(truth))
 
@@ -44,7 +50,7 @@ def shadow_slope(lamp, step=0.02):
 
 
 def race(suite, kind, cells, program, panel):
-    rows = suite.race([({"light": kind, "way": name, "picture": picture, "gradient": gradient}, program, "frame", 2000 if suite.device else 6, arguments)
+    rows = suite.race([({"light": kind, "way": name, "picture": picture, "gradient": gradient}, program, "frame", 200 if suite.device else 6, arguments)
                        for name, arguments, picture, gradient in cells], 1 if suite.quick else 3)
     for error, mark in (("picture", "o"), ("gradient", "x")):
         front = fronts(suite, f"{kind}, {error}", rows, "us", error, lambda r: f"{r['way']} ({r['us'] / 1000:.1f} ms)")
@@ -68,7 +74,7 @@ def lights(suite):
     cells = []
     for name, arguments in ways:
         found = look(suite, "pareto_sky.dr", arguments, ["picture", "to_sky"])
-        cells.append((name, arguments, *(off(f, t) for f, t in zip(found, truth))))
+        cells.append(told(name, arguments, *(off(f, t) for f, t in zip(found, truth))))
     race(suite, "mirrored light", cells, "pareto_sky.dr", panels[0])
 
     lamp = (1.2, 4.0, 0.8)
@@ -78,8 +84,8 @@ def lights(suite):
         for soft, reach in ((False, 2),) if suite.quick else ((False, 2), (True, 2), (True, 4)):
             arguments = [*mesh, *consts(M=size, soft=str(soft).lower(), reach=f"{reach}.0")]
             lit, to_lamp = look(suite, "pareto_shadow.dr", arguments, ["lit", "to_lamp"])
-            cells.append((f"{size}²" + (f", filter of {2 * reach} texels" if soft else ""), arguments, off(1 - lit.reshape(picture.shape), 1 - picture),
-                          off(to_lamp.reshape(3), slope)))
+            cells.append(told(f"{size}²" + (f", filter of {2 * reach} texels" if soft else ""), arguments, off(1 - lit.reshape(picture.shape), 1 - picture),
+                              off(to_lamp.reshape(3), slope)))
     race(suite, "shadow map", cells, "pareto_shadow.dr", panels[1])
 
     truth = look(suite, "pareto_filter.dr", consts(way=4), ["picture", "to_texels"])
@@ -88,7 +94,7 @@ def lights(suite):
     cells = []
     for name, arguments in ways:
         found = look(suite, "pareto_filter.dr", arguments, ["picture", "to_texels"])
-        cells.append((name, arguments, *(off(f, t) for f, t in zip(found, truth))))
+        cells.append(told(name, arguments, *(off(f, t) for f, t in zip(found, truth))))
     race(suite, "texture", cells, "pareto_filter.dr", panels[2])
     panels[0].set_ylabel("relative L2")
     suite.save(figure, "plot_light")

@@ -62,6 +62,12 @@ Array ones(int64_t width, int64_t height, int64_t count) {
   return floats(values, width, height);
 }
 
+Array sky(float scale) {
+  std::vector<float> values;
+  for (int k = 0; k < 32 * 16 * 3; ++k) values.push_back(scale * (0.1f + 0.01f * static_cast<float>(k % 97)));
+  return Array::from_floats(values, 3, 32, 16);
+}
+
 // A sphere: `around` vertices on each of `rings` rings, and two poles.
 Array sphere(int around, int rings, float radius) {
   std::vector<float> out{0, radius, 0, 0, -radius, 0};
@@ -113,6 +119,18 @@ step go { a <- a - 0.1 * to_a; b <- const if frozen { b } else { b - 0.1 * to_b 
        .with = {14, 3},
        .without = {18, 0},
        .woken = {17, 1}},
+      // Halvings of a texture that no pixel reads are not made.
+      {.id = "dead",
+       .text = R"(
+import std.texture;
+const level = 0.0;
+input image : float[32, 32];
+step go { output y = texture.trilinear(texture.pyramid(image, 5), vec2(coord(8, 8).xy) / 8.0, level); })",
+       .bound = {{"image", ramp(32, 32)}},
+       .define = "level=1.5",
+       .with = {57, 388},
+       .without = {166, 0},
+       .woken = {151, 270}},
       {.id = "zero",
        // A term of weight 0: its gradient is zero whatever `a` is.
        .text = R"(
@@ -201,6 +219,28 @@ step go {
        .without = {0, 0},
        .woken = {25, 231},
        .only_on = "lavapipe"},
+      // A lamp that reaches no pixel: its cone looks away. Its material is not shaded.
+      {.id = "branches",
+       .text = R"(
+import std.light;
+import std.material;
+param tone : float = 1.0;
+input turn : float;
+let p = vec3(vec2(coord(16, 16).xy) / 16.0, 0.0);
+let lamp = light.spot(vec3(0.5, 0.5, 2.0), vec3(0.0, 0.0, turn), p, vec3(10.0), outer = 40.0);
+let m = material.Material(base = vec3(tone, 0.5, 0.2), metallic = 0.5, roughness = 0.4);
+let table = material.energies();
+step go {
+  tone <- 1.5 - tone;
+  output y = material.shade_full(m, vec3(0.0, 0.0, 1.0), lamp, normalize(vec3(0.2, 0.3, 1.0)), table, matt = material.eon);
+})",
+       .bound = {{"turn", floats({1.0f}, 1)}},
+       .leaf = "turn",
+       .data = floats({-1.0f}, 1),
+       .with = {0, 256},
+       .without = {0, 0},
+       .woken = {256, 0},
+       .only_on = "lavapipe"},
       {.id = "soft",
        // By draws, which the device counts: faces of a sphere's inside are passed over.
        .text = R"(
@@ -234,6 +274,22 @@ step go { tone <- tone * 0.5 + slow; output slow, twice = tone * 2.0; })",
        .with = {7, 8},
        .without = {15, 0},
        .woken = {7, 8}},
+      // A sky that stands still is filtered once.
+      {.id = "cache",
+       .text = R"(
+import std.environment;
+param tone : float = 1.0;
+input sky : vec3[W, H];
+let levels = environment.prefilter(sky, 3, 16, halvings = 1, depth = 2);
+let way = normalize(vec3(vec2(coord(8, 8).xy) - 3.5, 2.0));
+step go { tone <- 1.5 - tone; output y = environment.mirrored(levels, way, 0.4 * tone); })",
+       .bound = {{"sky", sky(1.0f)}},
+       .leaf = "sky",
+       .data = sky(2.0f),
+       .with = {23, 32},
+       .without = {50, 0},
+       .woken = {19, 36},
+       .only_on = "lavapipe"},
       {.id = "commands",
        .text = R"(
 param tone : float = 1.0;
