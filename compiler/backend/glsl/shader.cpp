@@ -236,9 +236,9 @@ std::string Shader::gather(ValueId value, const std::string& place) {
   if (functions_.insert("gather_" + name).second) {
     const std::string type = info.type.str(), inside = in_range(info.extent, "at"), read = "load_" + name + "(at)";
     declarations_ += type + " gather_" + name + "(ivec3 at) {\n" +
-                     (schedule_.code.no_else
-                          ? "  " + type + " x = " + zero(info.type) + ";\n  if (" + inside + ") x = " + read + ";\n  return x"
-                          : "  return " + inside + " ? " + read + " : " + zero(info.type)) +
+                     (schedule_.code.no_else ? "  " + type + " x = " + zero(info.type) + ";\n  if (" + inside +
+                                                   ") x = " + read + ";\n  return x"
+                                             : "  return " + inside + " ? " + read + " : " + zero(info.type)) +
                      ";\n}\n";
   }
   return "gather_" + name + "(" + place + ")";
