@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Strands: two small binary formats, and the lines of glTF files. Each count and offset of a header is checked against the file's size before
-// anything is read by it.
+// Strands: two small binary formats, and the lines of glTF files. Each count and offset of a header is checked against
+// the file's size before anything is read by it.
 #include "compiler/io/mesh/strands.h"
 
 #include <algorithm>

@@ -115,10 +115,12 @@ TEST_CASE("real hair has the counts that its source states", "[io][strands][data
 // Five vertices, and primitives over them.
 std::string line_gltf(const std::string& primitives) {
   return R"({"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
-    "nodes": [{"mesh": 0, "translation": [0, 0, 2]}], "meshes": [{"primitives": [)" + primitives + R"(]}],
+    "nodes": [{"mesh": 0, "translation": [0, 0, 2]}], "meshes": [{"primitives": [)" +
+         primitives + R"(]}],
     "buffers": [{"byteLength": 80, "uri": "data:application/octet-stream;base64,)" +
-         std::string("AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAQAAAgD8AAAAAAABAQAAAAAAA"
-                     "AAAAAACAQAAAgD8AAIA/AAABAAEAAgADAAQAAAAAAAAAAAA=") +
+         std::string(
+             "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAQAAAgD8AAAAAAABAQAAAAAAA"
+             "AAAAAACAQAAAgD8AAIA/AAABAAEAAgADAAQAAAAAAAAAAAA=") +
          R"("}], "bufferViews": [{"buffer": 0, "byteLength": 60}, {"buffer": 0, "byteOffset": 60, "byteLength": 12}],
     "accessors": [{"bufferView": 0, "componentType": 5126, "count": 5, "type": "VEC3", "min": [0, 0, 0],
                    "max": [4, 1, 1]},

@@ -5,8 +5,8 @@
 #include <cstring>
 
 #include "compiler/io/file/failure.h"
-#include "compiler/io/mesh/mesh.h"
 #include "compiler/io/mesh/gltf/container.h"
+#include "compiler/io/mesh/mesh.h"
 
 namespace dr::io::gltf {
 namespace {

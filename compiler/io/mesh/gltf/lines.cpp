@@ -15,7 +15,8 @@ namespace {
 
 enum LineMode : int { kLines = 1, kLineLoop = 2, kLineStrip = 3 };
 
-// The vertices of each polyline. Pairs of a list make one where a pair begins with the vertex that the one before ends with.
+// The vertices of each polyline. Pairs of a list make one where a pair begins with the vertex that the one before ends
+// with.
 std::vector<std::vector<uint32_t>> polylines(const std::vector<uint32_t>& order, int mode, const std::string& where) {
   if (order.size() < 2) fail(where, ": ", order.size(), " indices make no line");
   if (mode != kLines) {

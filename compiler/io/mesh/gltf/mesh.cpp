@@ -98,7 +98,8 @@ class MeshReader {
 
   Part read_part(const tinygltf::Primitive& primitive, const std::string& where) {
     const auto mode = static_cast<uint64_t>(primitive.mode);
-    if (mode < kTriangles) fail(where, ".mode: ", mode, " is points or lines, only triangles are read; ':lines' reads lines");
+    if (mode < kTriangles)
+      fail(where, ".mode: ", mode, " is points or lines, only triangles are read; ':lines' reads lines");
     Part part;
     part.where = where;
     part.material = primitive.material;
