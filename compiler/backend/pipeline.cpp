@@ -33,7 +33,7 @@ Outcome run_pack(Compilation& c) {
     c.out.schedule = pack(c.graph(), c.profile, options);
     // What a raster found is one buffer to those that read it.
     Schedule counted = c.out.schedule;
-    keep_entries(c.graph(), c.profile, counted);
+    keep_entries(c.graph(), counted);
     auto joined = join_captures(c.graph(), counted, c.profile);
     if (!joined) return std::nullopt;
     c.lines = c.lines.moved(joined->from);
@@ -63,7 +63,7 @@ Outcome run_list_where_computed(Compilation& c) {
 }
 
 Outcome run_keep_entries(Compilation& c) {
-  keep_entries(c.graph(), c.profile, c.out.schedule);
+  keep_entries(c.graph(), c.out.schedule);
   return std::nullopt;
 }
 

@@ -578,6 +578,7 @@ class Elaborator {
   bool parsed_ = true;  // all files
   size_t depth_ = 0;
   size_t steps_ = 0;
+  size_t mistakes_ = 0;  // calls of report(), with those of a place that has been told
   bool exhausted_ = false;
   std::set<std::tuple<uint32_t, uint32_t, uint32_t, Code>>
       reported_;  // a place is told once, however often it is unrolled

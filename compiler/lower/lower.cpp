@@ -31,6 +31,7 @@ std::vector<std::string> type_names() {
 
 void Elaborator::report(Code code, const Span& span, std::string message, std::vector<dsl::Note> notes,
                         std::string help) {
+  ++mistakes_;
   if (!reported_.emplace(span.file.index, span.begin, span.end, code).second) return;
   dsl::Diagnostic& diagnostic = diagnostics_.error(code, span, std::move(message));
   diagnostic.notes = std::move(notes);

@@ -120,6 +120,7 @@ void visit_fields(P& p, const F& f) {
   f("loop_trips", p.loop_trips);
   f("subgroup_arithmetic", p.subgroup_arithmetic);
   f("lanes_in_turn", p.lanes_in_turn);
+  f("else_doubles_compile", p.else_doubles_compile);
   f("shader_int64", p.shader_int64);
   f("shader_buffer_int64_atomics", p.shader_buffer_int64_atomics);
   f("shader_buffer_float32_atomic_add", p.shader_buffer_float32_atomic_add);

@@ -64,6 +64,8 @@ struct Profile {
   // Storage buffers are accessed one lane after the other, as by llvmpipe. What a shader only reads is then a uniform
   // texel buffer, and what it stores is hidden from the driver's compiler, which would compute that in turn too.
   bool lanes_in_turn = false;
+  // The driver's compiler takes twice as long for each `else` within a loop, as SwiftShader's. Shaders have none then.
+  bool else_doubles_compile = false;
   bool shader_int64 = false;
   bool shader_buffer_int64_atomics = false;
   bool shader_buffer_float32_atomic_add = false;

@@ -218,6 +218,16 @@ step go { output whole = int(x), shares = reduce(sum, i in 0..int(min(x, 100.0))
 DR
 agrees counts.dr --bind 'x=[0, -0.5, 0.999, 16777215, 16777216, 2147483520, -2147483648]'
 
+# ---- `if`s one behind another in a loop: SwiftShader's compiler walks what is behind an `else` twice ----
+{
+  printf 'edition 1;\nparam a : float[W] = 0.5;\ninput m : int[W];\nlet e = reduce(sum, k in 0..40) {\n  let i = coord(W).x;\n  var s = float(k);\n'
+  for ((j = 0; j < 40; ++j)); do
+    echo "s = s + (if s > $j.5 { a.at(i + k + m.at(i + $j)) * sin(s) } else { a.at(i - k - m.at(i - $j)) * cos(s) });"
+  done
+  printf '  s\n};\nstep go { output e; }\n'
+} > ifs.dr
+agrees ifs.dr -b 'm==[1,2,3,0,1,1,0,2]'
+
 # ---- A dispatch may take long: watchdogs ----
 # A device that ends what runs too long has a profile with so many trips a dispatch: the same bits.
 cat > long.dr << 'DR'

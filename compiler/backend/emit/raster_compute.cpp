@@ -174,8 +174,8 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
   const bool wide = wide_atomics();
   const bool stay = resource(op.results[0]).entries;
   const uint32_t keys =
-      stay ? resource_index(op.results[0])
-           : add_scratch(pass.name + (wide ? "_slots" : "_keys"), (wide ? slots * Dim(2) : slots).str());
+      wide && stay ? resource_index(op.results[0])
+                   : add_scratch(pass.name + (wide ? "_slots" : "_keys"), (wide ? slots * Dim(2) : slots).str());
   const uint32_t ids = wide ? keys : add_scratch(pass.name + "_faces", slots.str());
   fill("clear " + pass.name, keys, 0xffffffffu);
   if (!wide) fill("clear " + pass.name + " faces", ids, 0xffffffffu);
@@ -237,53 +237,82 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
         c.push = {rank_run / 2, rank_run % 2, 0};
       }
 
-  if (!stay) resolve(pass, op, keys, ids, wide);
+  if (wide && !stay) take_out(pass, op, keys);
+  if (!wide) resolve(pass, op, ids, stay);
 }
 
-// Takes faces and tags out of what the walks left, some ranks at a time: a dispatch binds two buffers for each.
-void Generator::resolve(const Pass& pass, const ir::Op& op, uint32_t keys, uint32_t ids, bool wide) {
-  constexpr size_t kRanks = 8;
+// So many ranks a dispatch, which binds two buffers for each.
+constexpr size_t kRanks = 8;
+
+// Takes faces and tags out of the entries of 64 bits that the walks left.
+void Generator::take_out(const Pass& pass, const ir::Op& op, uint32_t slots) {
+  const RasterParts parts = raster_parts(op);
+  const Dim pixels = element_count(parts.extent());
+  const std::string n = dim_expression(pixels);
+  for (size_t begin = 0; begin < parts.count; begin += kRanks) {
+    Shader r = strict_shader();
+    wide_extensions(r);
+    linear_index(r, n);
+    place_from_index(r, parts.extent());
+    const std::string read = r.read_words(slots, "slots", "uint64_t");
+    for (size_t k = begin; k < std::min(begin + kRanks, parts.count); ++k) {
+      const std::string rank = std::to_string(k), entry = "entry_" + rank, none = "none_" + rank;
+      r.body().line("uint64_t " + entry + " = " + read + "(" + rank + " * " + n + " + index);");
+      r.body().line("bool " + none + " = " + entry + " == 0xfffffffffffffffful;");
+      r.store(op.results[2 * k], "at", "(" + none + " ? -1 : int(uint((" + entry + " >> 4) & 0xfffffffful)))");
+      r.store(op.results[2 * k + 1], "at", "(" + none + " ? 0 : int(" + entry + " & 15ul))");
+    }
+    dispatch(pass, "_resolve", r, pixels.str());
+  }
+}
+
+// The walks in two rounds of 32 bits leave faces alone: tags are computed here, and both stored, as entries where they
+// `stay` such.
+void Generator::resolve(const Pass& pass, const ir::Op& op, uint32_t ids, bool stay) {
   const RasterParts parts = raster_parts(op);
   const Dim pixels = element_count(parts.extent());
   const std::string n = dim_expression(pixels);
   // A tag that is the same for all faces is computed of nothing.
-  const ir::ValueInfo& tag = graph_.value(graph_.region(op.regions[kTag]).yields[0]);
-  const bool computed = tag.op.valid();
-  const ir::Op& of_tag = computed ? graph_.op(tag.op) : op;
-  const bool constant = computed && of_tag.kind == ir::OpKind::Const;
-  for (size_t begin = 0; begin < parts.count; begin += kRanks) {
+  const ir::ValueInfo& info = graph_.value(graph_.region(op.regions[kTag]).yields[0]);
+  const bool constant = info.op.valid() && graph_.op(info.op).kind == ir::OpKind::Const;
+  const auto find = [&](Shader& r, const std::string& rank, const std::string& face, const std::string& tag) {
+    r.body().line("int " + face + " = int(word_of_faces(" + rank + " * " + n + " + index));");
+    r.body().line("int " + tag + " = 0;");
+    r.body().line("if (" + face + " >= 0) {");
+    r.push_scope();
+    RasterClosures tags(r, graph_, pass, op);
+    if (!constant) {
+      tags.load_fields("ivec3(" + face + ", 0, at.z)");
+      tags.captured();
+    }
+    const std::string found = constant ? glsl::literal(ir::kInt, graph_.op(info.op).attrs.floats) : tags.closure(kTag);
+    r.body().line(tag + " = " + found + " & 15;");
+    r.pop_scope();
+    r.body().line("}");
+  };
+  for (size_t begin = 0; begin < (stay ? 1 : parts.count); begin += kRanks) {
     Shader r = strict_shader();
-    if (wide) wide_extensions(r);
     linear_index(r, n);
     place_from_index(r, parts.extent());
-    const std::string in_keys = wide ? r.read_words(keys, "slots", "uint64_t") : std::string();
-    const std::string in_ids = wide ? std::string() : r.read_words(ids, "faces");
-    if (!wide) r.body().line("vec2 p = vec2(at.xy) + 0.5;");
-    for (size_t k = begin; k < std::min(begin + kRanks, parts.count); ++k) {
-      const std::string rank = std::to_string(k);
-      if (wide) {
-        r.body().line("uint64_t entry_" + rank + " = " + in_keys + "(" + rank + " * " + n + " + index);");
-        r.body().line("bool none_" + rank + " = entry_" + rank + " == 0xfffffffffffffffful;");
-        r.store(op.results[2 * k], "at",
-                "(none_" + rank + " ? -1 : int(uint((entry_" + rank + " >> 4) & 0xfffffffful)))");
-        r.store(op.results[2 * k + 1], "at", "(none_" + rank + " ? 0 : int(entry_" + rank + " & 15ul))");
-        continue;
-      }
-      r.body().line("int face_" + rank + " = int(" + in_ids + "(" + rank + " * " + n + " + index));");
-      r.body().line("int tag_" + rank + " = 0;");
-      r.body().line("if (face_" + rank + " >= 0) {");
+    r.read_words(ids, "faces");
+    r.body().line("vec2 p = vec2(at.xy) + 0.5;");
+    if (stay) {
+      const std::string entries =
+          r.bind_words(resource_index(op.results[0]), "entries", bundle::Access::Write, "uvec2");
+      r.body().line("for (int rank = 0; rank < " + std::to_string(parts.count) + "; ++rank) {");
       r.push_scope();
-      RasterClosures tags(r, graph_, pass, op);
-      if (!constant) {
-        tags.load_fields("ivec3(face_" + rank + ", 0, at.z)");
-        tags.captured();
-      }
-      r.body().line("tag_" + rank + " = " +
-                    (constant ? glsl::literal(ir::kInt, of_tag.attrs.floats) : tags.closure(kTag)) + " & 15;");
+      find(r, "rank", "face", "tag");
+      r.body().line(entries + ".d[rank * " + n + " + index] = face < 0 ? uvec2(0xffffffffu) : " +
+                    "uvec2((uint(face) << 4) | uint(tag), uint(face) >> 28);");
       r.pop_scope();
       r.body().line("}");
-      r.store(op.results[2 * k], "at", "face_" + rank);
-      r.store(op.results[2 * k + 1], "at", "tag_" + rank);
+    } else {
+      for (size_t k = begin; k < std::min(begin + kRanks, parts.count); ++k) {
+        const std::string rank = std::to_string(k), face = "face_" + rank, tag = "tag_" + rank;
+        find(r, rank, face, tag);
+        r.store(op.results[2 * k], "at", face);
+        r.store(op.results[2 * k + 1], "at", tag);
+      }
     }
     dispatch(pass, "_resolve", r, pixels.str());
   }

@@ -233,9 +233,14 @@ std::string Shader::gather(ValueId value, const std::string& place) {
   const ir::ValueInfo& info = graph_.value(value);
   load(value, "at");
   const std::string name = part_name(value);
-  if (functions_.insert("gather_" + name).second)
-    declarations_ += info.type.str() + " gather_" + name + "(ivec3 at) {\n  return " + in_range(info.extent, "at") +
-                     " ? load_" + name + "(at) : " + zero(info.type) + ";\n}\n";
+  if (functions_.insert("gather_" + name).second) {
+    const std::string type = info.type.str(), inside = in_range(info.extent, "at"), read = "load_" + name + "(at)";
+    declarations_ += type + " gather_" + name + "(ivec3 at) {\n" +
+                     (schedule_.code.no_else ? "  " + type + " x = " + zero(info.type) + ";\n  if (" + inside +
+                                                   ") x = " + read + ";\n  return x"
+                                             : "  return " + inside + " ? " + read + " : " + zero(info.type)) +
+                     ";\n}\n";
+  }
   return "gather_" + name + "(" + place + ")";
 }
 
@@ -492,6 +497,13 @@ void Shader::combine(const Op& op, const std::vector<std::string>& names, const 
   }
 }
 
+// What begins the second branch.
+void Shader::otherwise(const std::string& condition) {
+  if (!schedule_.code.no_else) return body_.line("} else {");
+  body_.line("}");
+  body_.line("if (!" + condition + ") {");
+}
+
 void Shader::if_op(const Op& op) {
   const std::string condition = use(op.operands[0]);
   std::vector<std::string> names;
@@ -505,7 +517,8 @@ void Shader::if_op(const Op& op) {
   if (left_out) body_.line("{");
   for (size_t branch = left_out ? 1 : 0; branch < 2; ++branch) {
     forward_accumulators(op, op.regions[branch]);
-    if (!left_out) body_.line(branch == 0 ? "if (" + condition + ") {" : "} else {");
+    if (!left_out && branch == 0) body_.line("if (" + condition + ") {");
+    if (!left_out && branch == 1) otherwise(condition);
     push_scope();
     yields(op, op.regions[branch], names, {});
     pop_scope();

@@ -152,6 +152,7 @@ class Shader {
   void op(const ir::Op& op);
   void elementwise_op(const ir::Op& op);
   bool is_hidden(ir::ValueId divisor) const;
+  void otherwise(const std::string& condition);
   void if_op(const ir::Op& op);
   // shader_alike.cpp
   bool may_loop(const Together& together) const;

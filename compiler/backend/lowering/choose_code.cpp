@@ -202,6 +202,7 @@ void choose_code(const Graph& graph, const target::Profile& profile, const CodeO
   Code& code = schedule.code = {};
   code.native = options.native_floats;
   code.texel_reads = code.hidden_stores = profile.lanes_in_turn;
+  code.no_else = profile.else_doubles_compile;
   code.wide_words = profile.shader_int64 && profile.shader_buffer_int64_atomics;
   code.layers_at_once = profile.max_multiview_view_count > 0;
   // A processor fills memory faster than its shaders do.

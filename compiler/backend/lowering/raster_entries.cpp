@@ -7,8 +7,7 @@ namespace dr::backend {
 
 using ir::ValueId;
 
-void keep_entries(const ir::Graph& graph, const target::Profile& profile, Schedule& schedule) {
-  if (!profile.shader_int64 || !profile.shader_buffer_int64_atomics) return;
+void keep_entries(const ir::Graph& graph, Schedule& schedule) {
   std::set<uint32_t> unused;
   for (StepSchedule& step : schedule.steps) {
     const std::set<ValueId> kept = read_afterwards(graph, step);

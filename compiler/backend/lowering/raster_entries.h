@@ -1,15 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 // Raster results that stay where compute shaders find them: K entries of 64 bits a pixel, rank after rank, each its key
 // in bits 36 to 59, the face in 4 to 35 and the tag below, all ones where there is none. What reads a face or a tag
-// takes it out of the entry, so that no pass over all pixels unpacks them.
+// takes it out of the entry, so that no pass over all pixels unpacks them, and a shader binds one buffer for all ranks.
+// Without atomics of 64 bits the walk's last dispatch makes the entries, whose keys are 0.
 #pragma once
 
 #include "compiler/backend/schedule/schedule.h"
 
 namespace dr::backend {
 
-// Gives all results of a raster by 64-bit atomics one resource, its entries; unless one of them is an output, an update
+// Gives all results of a raster by compute shaders one resource, its entries; unless one of them is an output, an update
 // or pinned, and so needs memory of its own.
-void keep_entries(const ir::Graph& graph, const target::Profile& profile, Schedule& schedule);
+void keep_entries(const ir::Graph& graph, Schedule& schedule);
 
 }  // namespace dr::backend

@@ -44,6 +44,7 @@ struct Code {
   bool native = false;          // the float profile `native`
   bool texel_reads = false;     // buffers that a compute shader only reads are uniform texel buffers
   bool hidden_stores = false;   // what is stored stands behind a choice that the driver's compiler cannot foresee
+  bool no_else = false;         // a branch otherwise is an `if` of its own
   bool wide_words = false;      // sums and rasters' entries are words of 64 bits, with atomics
   bool layers_at_once = false;  // a render pass draws several layers (multiview)
   uint32_t clears = 0;          // so many small fills, at most, become one dispatch (emit/clears.cpp); 0: fills stay

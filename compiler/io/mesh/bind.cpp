@@ -8,6 +8,7 @@
 #include "compiler/io/array/checked.h"
 #include "compiler/io/file/failure.h"
 #include "compiler/io/mesh/mesh_readers.h"
+#include "compiler/io/mesh/strands.h"
 
 namespace dr::io {
 namespace {
@@ -47,6 +48,7 @@ std::vector<std::string_view> selector_names(bool gltf) {
   }
   if (gltf) {
     names.push_back("morph");
+    names.push_back("lines");
     names.insert(names.end(), std::begin(kSceneKinds), std::end(kSceneKinds));
   }
   return names;
@@ -90,6 +92,7 @@ Array bind_mesh(const std::string& path, std::span<const std::string_view> selec
   if (selectors.empty()) fail("say which part of the mesh: add ", listed(selector_names(gltf)));
   const std::string_view selector = selectors.front();
   if (gltf && selector == "morph") return morphs(path, selectors.subspan(1));
+  if (gltf && selector == "lines") return bind_strands(path, selectors.subspan(1));
   if (gltf && std::ranges::find(kSceneKinds, selector) != std::end(kSceneKinds)) {
     return bind_scene(path, selectors, expected_components);
   }

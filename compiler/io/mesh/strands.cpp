@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Strands: two small binary formats. Each count and offset of a header is checked against the file's size before
-// anything is read by it.
+// Strands: two small binary formats, and the lines of glTF files. Each count and offset of a header is checked against
+// the file's size before anything is read by it.
 #include "compiler/io/mesh/strands.h"
 
 #include <algorithm>
@@ -12,6 +12,7 @@
 #include "compiler/io/array/checked.h"
 #include "compiler/io/file/failure.h"
 #include "compiler/io/file/file.h"
+#include "compiler/io/mesh/gltf/lines.h"
 #include "compiler/io/mesh/mesh.h"
 
 namespace dr::io {
@@ -179,6 +180,18 @@ Strands parse_hair(std::span<const uint8_t> bytes) {
   return out;
 }
 
+namespace {
+
+Strands read_strands(const std::string& path) {
+  const Bytes bytes = read_file(path);
+  const std::string extension = extension_of(path);
+  if (extension == ".tfx") return parse_tfx(bytes);
+  if (extension == ".hair") return parse_hair(bytes);
+  return gltf::read_lines(gltf::load_document(bytes, path));
+}
+
+}  // namespace
+
 Array bind_strands(const std::string& path, std::span<const std::string_view> selectors) {
   std::vector<std::string_view> names;
   for (const auto& [name, part] : kParts) names.push_back(name);
@@ -195,8 +208,7 @@ Array bind_strands(const std::string& path, std::span<const std::string_view> se
          hint.empty() ? ", expected ':position', ':segments', ':strand', ':width', ':opacity', ':color' or ':root_uv'"
                       : "");
   }
-  const Bytes bytes = read_file(path);
-  const Strands strands = extension_of(path) == ".tfx" ? parse_tfx(bytes) : parse_hair(bytes);
+  const Strands strands = read_strands(path);
   switch (found->second) {
     case StrandPart::Position: return Array::from_floats(strands.positions, 3);
     case StrandPart::Segments: return segments_of(strands, true);

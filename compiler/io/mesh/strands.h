@@ -27,7 +27,8 @@ struct Strands {
 Strands parse_tfx(std::span<const uint8_t> bytes);
 Strands parse_hair(std::span<const uint8_t> bytes);
 
-// What `--bind NAME=hair.tfx:SELECTOR` gives; docs/reference/files.md lists the selectors.
+// What `--bind NAME=hair.tfx:SELECTOR` or `scene.gltf:lines:SELECTOR` gives; docs/reference/files.md lists the
+// selectors.
 Array bind_strands(const std::string& path, std::span<const std::string_view> selectors);
 
 }  // namespace dr::io

@@ -107,10 +107,10 @@ void Elaborator::run_branches(const Value& condition, const Span& span, const st
   };
   if (names.empty()) {
     // What is wrong inside is told all the same.
-    const size_t errors = diagnostics_.error_count();
+    const size_t mistakes = mistakes_;
     emit_if(
         condition, span, [&] { return branch(then); }, [&] { return branch(otherwise); });
-    if (diagnostics_.error_count() > errors) return;
+    if (mistakes_ > mistakes) return;
     report(Code::E0112, span, "expected an 'if' that changes a variable or gives a value, found one that does neither");
     return;
   }
@@ -230,9 +230,9 @@ std::vector<Value> Elaborator::emit_fold(const Range& range, const std::vector<V
       return leaf.is_numeric() ? Value(Image{b_.graph().region(region).params[at++], depth}) : leaf;
     }));
   }
-  const size_t errors = diagnostics_.error_count();
+  const size_t mistakes = mistakes_;
   const auto [stop, next] = trip(Image{b_.graph().region(region).params[0], depth}, states);
-  bool ok = diagnostics_.error_count() == errors && !contains_error(stop);
+  bool ok = mistakes_ == mistakes && !contains_error(stop);
   const bool stops = ok && known_bool(stop) != false;
   std::vector<ValueId> yields;
   if (stops) yields.push_back(materialize(stop));
@@ -430,9 +430,9 @@ void Elaborator::run_loop(const dsl::Stmt& stmt) {
       next.push_back(fit_state(states[k], own->find(names[k])->value, stmt.span));
     return {own->find(kBreak)->value, std::move(next)};
   };
-  const size_t errors = diagnostics_.error_count();
+  const size_t mistakes = mistakes_;
   const std::vector<Value> results = emit_fold(*range, starts, stmt.span, trip);
-  if (names.empty() && diagnostics_.error_count() == errors) {
+  if (names.empty() && mistakes_ == mistakes) {
     report(Code::E0509, stmt.span, "expected a loop at run time that changes a variable, found one that changes none");
   }
   for (size_t k = 0; k < names.size(); ++k) {

@@ -273,12 +273,12 @@ void Elaborator::run_for(const dsl::Stmt& stmt) {
            {}, "add ', max = " + std::to_string(trips) + "' for a loop at run time");
     return;
   }
-  const size_t errors = diagnostics_.error_count();
+  const size_t mistakes = mistakes_;
   for (int64_t i = *begin; i < *end; ++i) {
     const Switched<Scope*> inside(scope_, new_scope(scope_));
     define(*scope_, stmt.loop_var, Dim(i), Binding::Kind::Index);
     // Further trips would only make the same mistake again.
-    if (over_budget(stmt.span) || diagnostics_.error_count() > errors) return;
+    if (over_budget(stmt.span) || mistakes_ > mistakes) return;
     if (const Value value = run_statements(stmt.body); !value.is<Nothing>() && !contains_error(value)) {
       report(Code::E0509, stmt.body.value->span,
              "expected statements in the body of 'for', found a value that is not used", {}, "");

@@ -18,6 +18,19 @@ Operands waving() {
           whole(floats("wide", 0.05, 3, 0.05), kPoints), whole(vectors("paint", 0, 1, 1e-3), kPoints)};
 }
 
+// A lock that a lamp above sees from its tips.
+Operands lock() {
+  return {made("view", "mat4", "shadow.directional_view(vec3(0.2, 1.0, 0.1), vec3(0.0), 2.0)", "[1]"),
+          whole(vectors("bend_", -0.1, 0.1, 1e-4), kPoints),
+          made("p", "vec3",
+               "vec3(0.2 * float(coord(96).x % 8) - 0.7, 0.1 * float(coord(96).x % 5), 0.1 * float(coord(96).x / 8) - "
+               "0.6) + bend_",
+               kPoints),
+          whole(floats("wide", 0.05, 0.3, 0.05), kPoints)};
+}
+
+const std::string kDeep = "  let deep = strands.deep_opacity($view, p, strands.segments(12, 8), wide, 16, 1.0);\n";
+
 const std::string kHits =
     "  let hits = strands.rasterize($clip, strands.segments(12, 8), strands.strand_of(12, 8), "
     "wide, 64, 64, 4);\n";
@@ -63,6 +76,24 @@ std::vector<Function> strand_functions() {
                     whole(vectors("clip", 0.5, 4, 0.5, "vec4"), kPoints), whole(floats("wide", 0, 1, 1e-4), kPoints)},
        .value = "strands.pixel_widths(view, clip, wide, 64)",
        .directions = {relative("value", 16 * u, kFew), l2("clip", 32 * u, kFew), l2("wide", 32 * u, kFew)},
+       .whole = true},
+      {.name = "strands.deep_opacity",
+       .part = "taken",
+       .result = "float[16, 16, 4]",
+       .operands = lock(),
+       .value = "deep.taken",
+       .directions = {l2("value", 1e-5, "places between texels and slices are off by 32 roundings"),
+                      l2("p", 1e-5, "slopes by those places"), l2("wide", 1e-5, kFew)},
+       .before = kDeep,
+       .whole = true},
+      {.name = "strands.lit",
+       .part = {},
+       .result = "float[96]",
+       .operands = lock(),
+       .value = "strands.lit(deep, view, p + vec3(0.01, -0.2, 0.02))",
+       .directions = {l2("value", 4e-6, "like the map"), l2("p", 1e-5, "slopes by places in it"),
+                      l2("wide", 1e-5, kFew)},
+       .before = kDeep,
        .whole = true},
       {.name = "strands.rasterize",
        .part = "area",

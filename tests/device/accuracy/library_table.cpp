@@ -28,6 +28,7 @@ std::vector<Elsewhere> elsewhere() {
       {"shadow.map",
        "`raster.rasterize` and `coverage.silhouette`, which have rows; a golden test holds their shadows to closed "
        "forms"},
+      {"shadow.plain_map", "`raster.rasterize`, which has rows; a golden test holds its shadows to those of `map`"},
       {"random.directions", "numbers known when a program is compiled; `combined` reads them"},
       {"points.nearest", "a decision; `nearest_square` has what comes of it"},
       {"solve.levenberg_marquardt",

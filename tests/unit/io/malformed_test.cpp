@@ -106,7 +106,7 @@ TEST_CASE("malformed glTF files are refused by path", "[io][malformed]") {
       gltf(R"("indices": 2)", R"("indices": 9)",
            "meshes[0].primitives[0].indices: there is no accessors[9], the file has 3"),
       gltf(R"("indices": 2)", R"("indices": 2, "mode": 1)",
-           "meshes[0].primitives[0].mode: 1 is points or lines, only triangles are read"),
+           "meshes[0].primitives[0].mode: 1 is points or lines, only triangles are read; ':lines' reads lines"),
       gltf(R"("indices": 2)", R"("indices": 0)",
            "meshes[0].primitives[0].indices: expected unsigned scalars, found 3 x component type 5126"),
       gltf(R"("POSITION": 0, )", "", "meshes[0].primitives[0]: there is no POSITION"),

@@ -112,5 +112,38 @@ TEST_CASE("real hair has the counts that its source states", "[io][strands][data
   CHECK(tail->width == 474 * 16);
 }
 
+// Five vertices, and primitives over them.
+std::string line_gltf(const std::string& primitives) {
+  return R"({"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
+    "nodes": [{"mesh": 0, "translation": [0, 0, 2]}], "meshes": [{"primitives": [)" +
+         primitives + R"(]}],
+    "buffers": [{"byteLength": 80, "uri": "data:application/octet-stream;base64,)" +
+         std::string(
+             "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAQAAAgD8AAAAAAABAQAAAAAAA"
+             "AAAAAACAQAAAgD8AAIA/AAABAAEAAgADAAQAAAAAAAAAAAA=") +
+         R"("}], "bufferViews": [{"buffer": 0, "byteLength": 60}, {"buffer": 0, "byteOffset": 60, "byteLength": 12}],
+    "accessors": [{"bufferView": 0, "componentType": 5126, "count": 5, "type": "VEC3", "min": [0, 0, 0],
+                   "max": [4, 1, 1]},
+                  {"bufferView": 1, "componentType": 5123, "count": 6, "type": "SCALAR"}]})";
+}
+
+TEST_CASE("lines of glTF files are strands", "[io][strands]") {
+  const std::string at = R"("attributes": {"POSITION": 0})";
+  const std::string list = line_gltf("{" + at + R"(, "indices": 1, "mode": 1})");
+  // Two pairs that meet, and one for itself.
+  CHECK(values<int32_t>(strands_of("a.gltf", list, ":lines:segments")) == std::vector<int32_t>{0, 1, 1, 2, 3, 4});
+  CHECK(values<int32_t>(strands_of("a.gltf", list, ":lines:strand")) == std::vector<int32_t>{0, 0, 1});
+  const auto p = values<float>(strands_of("a.gltf", list, ":lines:position"));
+  CHECK(p == std::vector<float>{0, 0, 2, 1, 0, 2, 2, 1, 2, 3, 0, 2, 4, 1, 3});
+  const std::string loop = line_gltf("{" + at + R"(, "mode": 2})");
+  CHECK(values<int32_t>(strands_of("a.gltf", loop, ":lines:segments")).size() == 10);
+  CHECK(values<float>(strands_of("a.gltf", loop, ":lines:position"))[15] == 0);
+  const std::string strip = line_gltf("{" + at + R"(, "mode": 3}, {)" + at + R"(, "mode": 4})");
+  CHECK(values<int32_t>(strands_of("a.gltf", strip, ":lines:strand")) == std::vector<int32_t>(4, 0));
+  CHECK(missing(refusal_of("a.gltf", line_gltf("{" + at + R"(, "mode": 0})"), ":lines:position"), "no lines").empty());
+  CHECK(missing(refusal_of("a.gltf", loop, ":lines:color"), "no colours").empty());
+  CHECK(missing(refusal_of("a.gltf", loop, ":lines"), "say which part").empty());
+}
+
 }  // namespace
 }  // namespace dr::io

@@ -6,6 +6,7 @@
 
 #include "compiler/io/file/failure.h"
 #include "compiler/io/mesh/gltf/container.h"
+#include "compiler/io/mesh/mesh.h"
 
 namespace dr::io::gltf {
 namespace {
@@ -140,6 +141,32 @@ Elements read_elements(const Document& document, uint64_t index, uint64_t limit)
   }
   if (accessor.sparse.isSparse) substitute(document, accessor, size, result, where() + ".sparse");
   return result;
+}
+
+std::vector<uint32_t> read_order(const Document& document, const tinygltf::Primitive& primitive, uint64_t vertex_count,
+                                 const std::string& where) {
+  std::vector<uint32_t> order;
+  if (primitive.indices < 0) {
+    order.resize(static_cast<size_t>(vertex_count));
+    for (size_t i = 0; i < order.size(); ++i) order[i] = static_cast<uint32_t>(i);
+    return order;
+  }
+  const auto named = [&] { return cat(where, ".indices"); };
+  const Elements raw =
+      read_elements(document, static_cast<uint64_t>(primitive.indices), static_cast<uint64_t>(kMaxTriangles) * 3);
+  const uint64_t type = raw.component_type;
+  if (raw.components != 1 || (type != kUByte && type != kUShort && type != kUInt)) {
+    fail(named(), ": expected unsigned scalars, found ", raw.components, " x component type ", type);
+  }
+  order.resize(static_cast<size_t>(raw.count));
+  for (size_t i = 0; i < order.size(); ++i) {
+    const uint64_t index = unsigned_at(raw, i);
+    if (index >= vertex_count) {
+      fail(named(), ": index ", i, " is ", index, ", the primitive has ", vertex_count, " vertices");
+    }
+    order[i] = static_cast<uint32_t>(index);
+  }
+  return order;
 }
 
 Floats read_floats(const Document& document, uint64_t index, const Expected& expected, uint64_t limit,

@@ -27,6 +27,10 @@ Elements read_elements(const Document& document, uint64_t index, uint64_t limit)
 
 uint64_t unsigned_at(const Elements& elements, uint64_t i);
 
+// A primitive's vertices in the order that its triangles or lines take them in.
+std::vector<uint32_t> read_order(const Document& document, const tinygltf::Primitive& primitive, uint64_t vertex_count,
+                                 const std::string& where);
+
 // What an attribute may be made of.
 enum class Integers {
   None,                // floats only

@@ -98,7 +98,8 @@ class MeshReader {
 
   Part read_part(const tinygltf::Primitive& primitive, const std::string& where) {
     const auto mode = static_cast<uint64_t>(primitive.mode);
-    if (mode < kTriangles) fail(where, ".mode: ", mode, " is points or lines, only triangles are read");
+    if (mode < kTriangles)
+      fail(where, ".mode: ", mode, " is points or lines, only triangles are read; ':lines' reads lines");
     Part part;
     part.where = where;
     part.material = primitive.material;
@@ -119,7 +120,7 @@ class MeshReader {
     read_colors(optional(MeshAttribute::Color, "COLOR_0", {3, 4, Integers::NormalizedUnsigned, count}), part);
     read_joints(primitive, part);
     read_morphs(primitive, part);
-    part.triangles = triangles_of(read_order(primitive, count, where), mode, where);
+    part.triangles = triangles_of(read_order(document_, primitive, count, where), mode, where);
     return part;
   }
 
@@ -188,33 +189,6 @@ class MeshReader {
         fail(part.where, ".targets[", k, "].NORMAL: the primitive has no NORMAL to add it to");
       }
     }
-  }
-
-  // The vertices in the order that the triangles take them in.
-  std::vector<uint32_t> read_order(const tinygltf::Primitive& primitive, uint64_t vertex_count,
-                                   const std::string& where) const {
-    std::vector<uint32_t> order;
-    if (primitive.indices < 0) {
-      order.resize(static_cast<size_t>(vertex_count));
-      for (size_t i = 0; i < order.size(); ++i) order[i] = static_cast<uint32_t>(i);
-      return order;
-    }
-    const auto named = [&] { return cat(where, ".indices"); };
-    const Elements raw =
-        read_elements(document_, static_cast<uint64_t>(primitive.indices), static_cast<uint64_t>(kMaxTriangles) * 3);
-    const uint64_t type = raw.component_type;
-    if (raw.components != 1 || (type != kUByte && type != kUShort && type != kUInt)) {
-      fail(named(), ": expected unsigned scalars, found ", raw.components, " x component type ", type);
-    }
-    order.resize(static_cast<size_t>(raw.count));
-    for (size_t i = 0; i < order.size(); ++i) {
-      const uint64_t index = unsigned_at(raw, i);
-      if (index >= vertex_count) {
-        fail(named(), ": index ", i, " is ", index, ", the primitive has ", vertex_count, " vertices");
-      }
-      order[i] = static_cast<uint32_t>(index);
-    }
-    return order;
   }
 
   // Placing it.
