@@ -9,8 +9,8 @@
 
 namespace dr::backend {
 
-// Gives all results of a raster by compute shaders one resource, its entries; unless one of them is an output, an update
-// or pinned, and so needs memory of its own.
+// Gives all results of a raster by compute shaders one resource, its entries; unless one of them is an output, an
+// update or pinned, and so needs memory of its own.
 void keep_entries(const ir::Graph& graph, Schedule& schedule);
 
 }  // namespace dr::backend
