@@ -3,22 +3,14 @@
 # The programs of docs/examples/gallery/ find what they look for, on small data, in the evaluator. usage: gallery_test.sh DRC EXAMPLES
 set -euo pipefail
 drc=$(realpath "$1") examples=$(realpath "$2")
-folder=$(mktemp -d)
-trap 'rm -rf "$folder"' EXIT
+source "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/printed.bash"
 cd "$examples/gallery"
-failed=0
 # finds PROGRAM OUTPUT LEAST MOST ARGUMENTS...: what the output is in its last run lies between the two.
 finds() {
   local program=$1 output=$2 least=$3 most=$4
   shift 4
-  "$drc" eval "$program.dr" "$@" > "$folder/out.txt" || { echo "$program does not run"; failed=1; return; }
-  sed -n "s/^$output = //p" "$folder/out.txt" | tail -n 1 |
-    awk -v what="$program, $output" -v least="$least" -v most="$most" '
-      { found = $1 }
-      END {
-        if (found == "") { print what " is not printed"; exit 1 }
-        if (!(found + 0 >= least + 0 && found + 0 <= most + 0)) { print what " = " found ", expected " least " to " most; exit 1 }
-      }' || failed=1
+  "$drc" eval "$program.dr" "$@" > "$folder/$program.txt" || { echo "$program does not run"; failed=1; return; }
+  lies_between "$least" "$most" "$output" "$folder/$program.txt"
 }
 finds light look.off 0 1e-9 -D S=32 --step fit --step look
 finds colours fit.error 0 2e-5 -D S=24 -D rings=9 --step fit=60

@@ -3,10 +3,8 @@
 # The fits of docs/examples/human/ find what they look for, on small data, in the evaluator. usage: human_test.sh DRC EXAMPLES
 set -euo pipefail
 drc=$(realpath "$1") examples=$(realpath "$2")
-folder=$(mktemp -d)
-trap 'rm -rf "$folder"' EXIT
+source "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/printed.bash"
 cd "$examples/human"
-failed=0
 # finds PROGRAM OUTPUT LEAST MOST ARGUMENTS...: what the output is in its last run lies between the two.
 finds() {
   local program=$1 output=$2 least=$3 most=$4
@@ -14,13 +12,7 @@ finds() {
   if (($#)); then
     "$drc" eval "$program.dr" "$@" > "$folder/$program.txt" || { echo "$program does not run"; failed=1; return; }
   fi
-  sed -n "s/^$output = //p" "$folder/$program.txt" | tail -n 1 |
-    awk -v what="$program, $output" -v least="$least" -v most="$most" '
-      { found = $1 }
-      END {
-        if (found == "") { print what " is not printed"; exit 1 }
-        if (!(found + 0 >= least + 0 && found + 0 <= most + 0)) { print what " = " found ", expected " least " to " most; exit 1 }
-      }' || failed=1
+  lies_between "$least" "$most" "$output" "$folder/$program.txt"
 }
 finds curvature judge.found 3 3 -D W=40 -D N=3 -D P=9 -D bends=1.0 -D STEPS=60 --step fit=60 --step judge
 finds curvature judge.off 0 0.01  # of a strand's length; 0.23 at first

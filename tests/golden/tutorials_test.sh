@@ -3,20 +3,12 @@
 # The programs of docs/tutorial/ find what they look for. usage: tutorials_test.sh DRC TUTORIAL_FOLDER
 set -euo pipefail
 drc=$(realpath "$1") pages=$2
-folder=$(mktemp -d)
-trap 'rm -rf "$folder"' EXIT
-failed=0
+source "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/printed.bash"
 # finds PAGE STEPS NAME LEAST MOST: after that many steps the output lies between the two.
 finds() {
   awk '/^```dr$/ { inside = 1; next } /^```$/ { inside = 0 } inside' "$pages/$1.md" > "$folder/$1.dr"
-  "$drc" eval "$folder/$1.dr" --step "fit=$2" > "$folder/out.txt" || { failed=1; return; }
-  sed -n "s/^fit\.$3 = //p" "$folder/out.txt" | tail -n 1 |
-    awk -v what="$1, $3" -v least="$4" -v most="$5" '
-      { found = $1 }
-      END {
-        if (found == "") { print what " is not printed"; exit 1 }
-        if (!(found + 0 >= least + 0 && found + 0 <= most + 0)) { print what " = " found ", expected " least " to " most; exit 1 }
-      }' || failed=1
+  "$drc" eval "$folder/$1.dr" --step "fit=$2" > "$folder/$1.txt" || { failed=1; return; }
+  lies_between "$4" "$5" "fit.$3" "$folder/$1.txt"
 }
 finds shape 60 width 0.94 0.98
 finds texture 60 error 0 1e-5

@@ -2,9 +2,6 @@
 // The lines of a glTF file, as strands.
 #include "compiler/io/mesh/gltf/lines.h"
 
-#include <cmath>
-#include <glm/gtc/type_ptr.hpp>
-
 #include "compiler/io/file/failure.h"
 #include "compiler/io/mesh/gltf/accessors.h"
 #include "compiler/io/mesh/gltf/transform.h"
@@ -73,20 +70,11 @@ class LineReader {
         fail("the lines have more than ", kMaxVertices, " vertices");
       }
       for (const uint32_t vertex : line) {
-        add_position(&positions.values[vertex * size_t{3}], transform, where);
+        add_placed(strands_.positions, transform, &positions.values[vertex * size_t{3}], vertex, where);
         for (size_t k = 0; k < 3; ++k) {
           strands_.colors.push_back(colors.values.empty() ? 1.0f : colors.values[vertex * colors.components + k]);
         }
       }
-    }
-  }
-
-  void add_position(const float* position, const glm::dmat4& transform, const std::string& where) {
-    const glm::dvec4 placed = transform * glm::dvec4(glm::make_vec3(position), 1.0);
-    for (int k = 0; k < 3; ++k) {
-      const auto rounded = static_cast<float>(placed[k]);
-      if (!std::isfinite(rounded)) fail(where, ".attributes.POSITION leaves the range of a float when placed");
-      strands_.positions.push_back(rounded);
     }
   }
 

@@ -244,15 +244,8 @@ class MeshReader {
 
   void add_positions(const Part& part, const glm::dmat4& transform) {
     if (transform == glm::dmat4(1.0)) return add_all(mesh_.positions, part.positions);  // the very bits of the file
-    for (size_t i = 0; i < part.positions.size(); i += 3) {
-      const glm::dvec4 placed = transform * glm::dvec4(glm::make_vec3(&part.positions[i]), 1.0);
-      for (int k = 0; k < 3; ++k) {
-        const auto rounded = static_cast<float>(placed[k]);
-        if (!std::isfinite(rounded)) {
-          fail(part.where, ".attributes.POSITION: element ", i / 3, " leaves the range of a float when placed");
-        }
-        mesh_.positions.push_back(rounded);
-      }
+    for (size_t i = 0; i < part.positions.size() / 3; ++i) {
+      add_placed(mesh_.positions, transform, &part.positions[3 * i], i, part.where);
     }
   }
 

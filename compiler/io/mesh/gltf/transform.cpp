@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "compiler/io/mesh/gltf/transform.h"
 
+#include <cmath>
 #include <glm/ext/matrix_transform.hpp>
 #include <glm/gtc/quaternion.hpp>
 #include <glm/gtc/type_ptr.hpp>
@@ -61,6 +62,18 @@ std::vector<PlacedNode> placed_nodes(const Document& document) {
     placed.push_back(entry);
   }
   return placed;
+}
+
+void add_placed(std::vector<float>& all, const glm::dmat4& transform, const float* position, size_t i,
+                const std::string& where) {
+  const glm::dvec4 placed = transform * glm::dvec4(glm::make_vec3(position), 1.0);
+  for (int k = 0; k < 3; ++k) {
+    const auto rounded = static_cast<float>(placed[k]);
+    if (!std::isfinite(rounded)) {
+      fail(where, ".attributes.POSITION: element ", i, " leaves the range of a float when placed");
+    }
+    all.push_back(rounded);
+  }
 }
 
 glm::dvec3 transformed_normal(const glm::dmat4& transform, const glm::dvec3& normal) {

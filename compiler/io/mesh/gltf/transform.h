@@ -4,6 +4,7 @@
 
 #include <glm/mat4x4.hpp>
 #include <glm/vec3.hpp>
+#include <string>
 #include <vector>
 
 #include "compiler/io/mesh/gltf/document.h"
@@ -23,6 +24,10 @@ struct PlacedNode {
 // Every node of the default scene (else the first one, else all nodes without a parent), from parents to children and
 // in the order of the file.
 std::vector<PlacedNode> placed_nodes(const Document& document);
+
+// Adds the place of vertex `i`, as floats. `where` names the primitive.
+void add_placed(std::vector<float>& all, const glm::dmat4& transform, const float* position, size_t i,
+                const std::string& where);
 
 // The direction of a normal: the inverse transpose up to a factor, defined for flat scales, too. A mirror keeps it on
 // the side where it was.
