@@ -40,7 +40,7 @@ Bins gpu_bins(const Dim& pixels) {
   const auto count = pixels.evaluate({});
   const int64_t invocations = count ? std::clamp(*count / 4, kLeast, kMost) : kUnknown;
   const auto middle = static_cast<int>(std::bit_floor(static_cast<uint64_t>(invocations)));
-  return {8, 4096, middle, middle / 2};
+  return {8, 16384, middle, middle / 4};
 }
 
 // The trips of our own that a dispatch needs to come to where it goes on: each loop is entered and left once more for
