@@ -50,7 +50,7 @@ class Generator {
   struct Cut {
     std::optional<LoopCut> how;
     ir::Dim trips;                  // of an invocation
-    uint32_t state = 0, watch = 0;  // bundle resources
+    uint32_t state = 0, watch = 0, left = 0;  // bundle resources
     std::string element;
   };
   // `each`: elements of an invocation, one after the other; `domain`: invocations.
