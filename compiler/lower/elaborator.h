@@ -323,6 +323,7 @@ class Elaborator {
   bool match_extent(const Dim& actual, const Expr& wanted, int axis, TypeMatch& how, Dim* stretched);
   bool mismatch(const Value& value, const std::string& wanted, TypeMatch& how);
   bool may_bind(std::string_view name, const TypeMatch& how) const;
+  static bool is_any_extent(const Expr& extent);
   std::optional<Value> type_name(const dsl::TypeExpr& type);  // a TypeValue, or a generic that is not bound
   std::optional<Value> declared(const Value& value, const dsl::TypeExpr& type, std::string_view name, const Span& span);
 
@@ -517,6 +518,7 @@ class Elaborator {
   Value builtin_array(BuiltinCall& call);
   Value builtin_topology(BuiltinCall& call);  // topology.cpp
   static const StructType& topology_type(bool with_vertices);
+  static const StructType& fragment_type();  // raster.cpp
   const ir::Leaf* topology_faces(const BuiltinCall& call);
   Value topology_table(const std::string& faces, const topology::Table& table, const Dim& face_count,
                        const Dim& vertices);

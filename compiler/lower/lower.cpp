@@ -323,7 +323,12 @@ void Elaborator::declare_symbols(ModuleInfo& module, const Expr& extent, bool& o
     const auto found = module.items.find(name->name);
     const bool known = found != module.items.end();
     const auto outer = root_->items.find(name->name);
-    if (!known && &module != root_ && outer != root_->items.end() && outer->second.kind != ModuleItem::Kind::Symbol) {
+    if (is_any_extent(*name)) {
+      report(Code::E0403, name->span, "expected a number, a const, a parameter or a new symbol in an extent, found '_'",
+             {}, "give the extent a name: '_' stands for any extent of a function's argument");
+      ok = false;
+    } else if (!known && &module != root_ && outer != root_->items.end() &&
+               outer->second.kind != ModuleItem::Kind::Symbol) {
       report(Code::E0403, name->span,
              "expected a number, a const, a parameter or a new symbol in an extent, found '" + name->name +
                  "', which means something else in the program",

@@ -43,15 +43,15 @@ std::optional<Value> Elaborator::type_name(const dsl::TypeExpr& type) {
       value.kind = TypeValue::Kind::Array;
       return value;
     }
-    if (first.text == "topology") {
+    if (first.text == "topology" || first.text == "fragment") {
       value.kind = TypeValue::Kind::Struct;
-      value.structure = &topology_type(false);
+      value.structure = first.text == "topology" ? &topology_type(false) : &fragment_type();
       return value;
     }
   }
   if (!declared) {
     std::vector<std::string> known = type_names();
-    known.emplace_back("array");
+    known.insert(known.end(), {"array", "fragment", "topology"});
     const std::vector<std::string> structs =
         names_of(items, [](const ModuleItem& item) { return item.kind == ModuleItem::Kind::Struct; });
     known.insert(known.end(), structs.begin(), structs.end());
@@ -77,6 +77,9 @@ bool Elaborator::mismatch(const Value& value, const std::string& wanted, TypeMat
   return false;
 }
 
+// `_` among a parameter's extents: several images of one type may each have their own.
+bool Elaborator::is_any_extent(const Expr& extent) { return extent.kind == Expr::Kind::NameRef && extent.name == "_"; }
+
 // A name in an extent that nothing outside the declaration gives a meaning to.
 bool Elaborator::may_bind(std::string_view name, const TypeMatch& how) const {
   if (!how.bind_extents) return false;
@@ -92,6 +95,10 @@ bool Elaborator::may_bind(std::string_view name, const TypeMatch& how) const {
 
 bool Elaborator::match_extent(const Dim& actual, const Expr& wanted, int axis, TypeMatch& how, Dim* stretched) {
   Dim dim;
+  if (how.bind_extents && is_any_extent(wanted)) {
+    *stretched = actual;
+    return true;
+  }
   if (wanted.kind == Expr::Kind::NameRef && may_bind(wanted.name, how)) {
     const Binding* bound = scope_->find(wanted.name);
     if (!bound) {

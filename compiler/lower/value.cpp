@@ -44,6 +44,13 @@ std::vector<std::string> names_of(const ModuleItems& items, const std::function<
   return names;
 }
 
+std::string listed(const std::vector<std::string>& names) {
+  std::string text;
+  for (size_t k = 0; k < names.size(); ++k)
+    text += (k == 0 ? "'" : k + 1 == names.size() ? " and '" : ", '") + names[k] + "'";
+  return text;
+}
+
 const std::vector<Value>& parts_of(const Value& value) {
   static const std::vector<Value> kNone;
   if (const auto* s = value.get<StructValue>()) return s->fields;

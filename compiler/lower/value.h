@@ -208,6 +208,7 @@ struct NameHash {
 using ModuleItems = std::unordered_map<std::string, ModuleItem, NameHash, std::equal_to<>>;
 // The names of those that `which` picks, sorted: the table has no order to rely on.
 std::vector<std::string> names_of(const ModuleItems& items, const std::function<bool(const ModuleItem&)>& which);
+std::string listed(const std::vector<std::string>& names);  // 'a', 'b' and 'c'
 
 // A file of the program; or an instance of one, which has leaves, `let`s and steps of its own.
 struct ModuleInfo {

@@ -232,11 +232,7 @@ class TreeBuilder {
       add_token(sequence);
       add(sequence, bare_list(&TreeBuilder::argument));
     } else if (starts_update()) {
-      add_token(sequence);
-      while (at(TokenKind::Dot)) {
-        add_token(sequence, false);
-        add_token(sequence, false);
-      }
+      add(sequence, unary());
       add_token(sequence);
       add_token(sequence, false);
       add(sequence, expression());
@@ -257,12 +253,20 @@ class TreeBuilder {
     }
   }
 
-  // `path.of.names <-`
+  // `path.of.names <-`, which may stand in parentheses.
   bool starts_update() const {
-    if (!at(TokenKind::Name)) return false;
-    size_t at = position_ + 1;
-    while (at + 1 < tokens_.size() && tokens_[at].kind == TokenKind::Dot && tokens_[at + 1].kind == TokenKind::Name)
-      at += 2;
+    size_t at = position_;
+    while (tokens_[at].kind == TokenKind::LeftParen) ++at;
+    if (tokens_[at].kind != TokenKind::Name) return false;
+    for (++at; at + 1 < tokens_.size();) {
+      if (tokens_[at].kind == TokenKind::RightParen) {
+        ++at;
+      } else if (tokens_[at].kind == TokenKind::Dot && tokens_[at + 1].kind == TokenKind::Name) {
+        at += 2;
+      } else {
+        break;
+      }
+    }
     return at + 1 < tokens_.size() && tokens_[at].kind == TokenKind::Less && tokens_[at + 1].kind == TokenKind::Minus &&
            tokens_[at + 1].begin == tokens_[at].end;
   }

@@ -12,6 +12,13 @@ std::string counted(size_t count, std::string_view what) {
   return std::to_string(count) + " " + std::string(what) + (count == 1 ? "" : "s");
 }
 
+// The parameter that was meant, or all of them.
+std::string parameter_help(const std::string& name, const std::vector<std::string>& known) {
+  if (const auto nearest = dsl::nearest_name(name, known)) return "did you mean '" + *nearest + "'?";
+  if (known.empty()) return "it has no parameters";
+  return known.size() == 1 ? "its parameter is " + listed(known) : "its parameters are " + listed(known);
+}
+
 std::string shown(const std::string& name) { return name.empty() ? "this function" : "'" + name + "'"; }
 
 }  // namespace
@@ -82,7 +89,7 @@ std::optional<std::vector<std::optional<Argument>>> Elaborator::order_arguments(
       if (at == params.size()) {
         report(Code::E0305, arg.name->span,
                "expected the name of a parameter of " + shown(name) + ", found '" + arg.name->text + "'", notes(),
-               suggestion(arg.name->text, known));
+               parameter_help(arg.name->text, known));
         return std::nullopt;
       }
     } else {
@@ -133,7 +140,9 @@ bool Elaborator::bind_params(const std::vector<dsl::Param>& params, const std::v
     const Dim* axes[] = {&extent.w, &extent.h, &extent.l};
     for (size_t axis = 0; axis < params[i].type->extents.size() && axis < 3; ++axis) {
       const Expr& wanted = *params[i].type->extents[axis];
-      if (wanted.kind != Expr::Kind::NameRef || !may_bind(wanted.name, how) || scope.find(wanted.name)) continue;
+      if (wanted.kind != Expr::Kind::NameRef || is_any_extent(wanted) || !may_bind(wanted.name, how) ||
+          scope.find(wanted.name))
+        continue;
       define(scope, {wanted.name, wanted.span}, *axes[axis]);
     }
   }

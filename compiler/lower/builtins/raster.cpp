@@ -236,6 +236,11 @@ Value Elaborator::coverage(std::span<const Value> edges, const Value& p) {
 
 // ---- the op ----
 
+const StructType& Elaborator::fragment_type() {
+  static const StructType kFragment{"fragment", {"face", "tag"}, nullptr, nullptr};
+  return kFragment;
+}
+
 Value Elaborator::evaluate_raster(const Expr& expr) {
   if (refuse_in_region("'raster'", expr.span)) return Error{};
   RasterCall call;
@@ -281,10 +286,9 @@ Value Elaborator::evaluate_raster(const Expr& expr) {
   attrs.dims = {call.domain.w, call.domain.h, call.domain.l, call.faces};
   const std::vector<ValueId> results =
       ops::emit_multi(b_, OpKind::Raster, std::move(operands), std::move(attrs), {*depth, *keep, *tag});
-  static const StructType kFragment{"Fragment", {"face", "tag"}, nullptr, nullptr};
   ArrayValue nearest;
   for (size_t k = 0; k < static_cast<size_t>(call.nearest); ++k) {
-    nearest.items.push_back(StructValue{&kFragment, {}, {Image{results[2 * k]}, Image{results[2 * k + 1]}}});
+    nearest.items.push_back(StructValue{&fragment_type(), {}, {Image{results[2 * k]}, Image{results[2 * k + 1]}}});
   }
   return nearest;
 }

@@ -38,13 +38,6 @@ bool is_offered(const ModuleItem& item) { return item.kind != ModuleItem::Kind::
 bool is_optimizer(const ModuleItem& item) { return item.kind == ModuleItem::Kind::Optimizer && !item.is_private; }
 
 // 'a', 'b' and 'c'.
-std::string listed(const std::vector<std::string>& names) {
-  std::string text;
-  for (size_t k = 0; k < names.size(); ++k)
-    text += (k == 0 ? "'" : k + 1 == names.size() ? " and '" : ", '") + names[k] + "'";
-  return text;
-}
-
 // Names that begin as this one does: `rotate` and `rotation_matrix` for `rotation`.
 std::vector<std::string> alike(const std::string& name, std::vector<std::string> names) {
   constexpr size_t kSame = 4, kMost = 8;

@@ -133,6 +133,8 @@ TEST_CASE("numbers, strings and blanks at the end of documentation stay as writt
 TEST_CASE("an update and a comparison with a negative number stay what they are") {
   CHECK(formatted("edition 1;\nstep s{x<-1.0;let y=a<- 1.0;}") ==
         "edition 1;\nstep s { x <- 1.0; let y = a < -1.0; }\n");
+  CHECK(formatted("edition 1;\nstep s{minimize e over a with m(rate=0.5);(rate)<- x;((rig).b)<-y;(a)<(-b);}") ==
+        "edition 1;\nstep s { minimize e over a with m(rate = 0.5); (rate) <- x; ((rig).b) <- y; (a) < (-b); }\n");
 }
 
 TEST_CASE("generic arguments that end in one token are told from operators") {
