@@ -25,6 +25,7 @@ Use compute_use(bundle::Access access) {
 }
 
 constexpr uint32_t kGroup = 64;
+constexpr vk::DeviceSize kLeftBytes = 16;  // of the numbers of workgroups of a dispatch that goes on
 
 // A workgroup of 64 spreads few elements over many processors; where there are enough anyway, starting so many
 // workgroups takes longer than their work.
@@ -37,7 +38,8 @@ uint32_t group_size(const vk::PhysicalDeviceProperties& device, int64_t elements
 }
 
 void record_dispatch(const vk::raii::CommandBuffer& c, vk::Pipeline pipeline, const Bound& bound,
-                     std::array<int32_t, 4> push, int64_t elements, uint32_t group, vk::Buffer indirect = {}) {
+                     std::array<int32_t, 4> push, int64_t elements, uint32_t group, vk::Buffer indirect = {},
+                     vk::DeviceSize offset = 0) {
   constexpr int64_t kMaxGroups = 65535;
   const int64_t groups = (elements + group - 1) / group;
   const int64_t x = std::min(groups, kMaxGroups), y = (groups + x - 1) / x;
@@ -45,7 +47,7 @@ void record_dispatch(const vk::raii::CommandBuffer& c, vk::Pipeline pipeline, co
   c.bindDescriptorSets(vk::PipelineBindPoint::eCompute, bound.layout, 0, bound.set, {});
   c.pushConstants<int32_t>(bound.layout, vk::ShaderStageFlagBits::eCompute, 0, push);
   if (indirect)
-    c.dispatchIndirect(indirect, 0);
+    c.dispatchIndirect(indirect, offset);
   else
     c.dispatch(static_cast<uint32_t>(x), static_cast<uint32_t>(y), 1);
 }
@@ -97,14 +99,35 @@ void Commands::dispatch(const bundle::CommandT& c, std::vector<Primitive>& out) 
   const uint32_t group = c.group != 0 ? c.group : indirect ? kGroup : group_size(device_->properties, elements);
   const int64_t parts = parts_of(c);
   const size_t pipeline = pipelines_.compute(c.compute, bound.layout, group, parts > 1 ? c.part_trips : 0);
-  for (int64_t part = 0; part < parts; ++part) {
+  vk::DeviceSize offset = 0;
+  for (int64_t part = 1; part <= parts; ++part) {
     std::array<int32_t, 4> push = push_of(c);
-    push[0] = parts == 1 ? 0 : part == 0 ? 1 : part + 1 == parts ? 3 : 2;
+    push[0] = static_cast<int32_t>(parts == 1 ? 0 : part == parts ? -part : part);
+    if (part == 2) {
+      p.accesses.push_back({static_cast<uint32_t>(c.left), Use::IndirectRead});
+      indirect = *memory_.buffer(static_cast<size_t>(c.left)).buffer;
+    }
+    if (part > 1) offset = kLeftBytes * (part % 2);
+    if (part < parts) out.push_back(clear_left(c, kLeftBytes * ((part + 1) % 2)));
     p.record = [=, this](const vk::raii::CommandBuffer& commands) {
-      record_dispatch(commands, pipelines_[pipeline], bound, push, elements, group, indirect);
+      record_dispatch(commands, pipelines_[pipeline], bound, push, elements, group, indirect, offset);
     };
     out.push_back(p);
   }
+}
+
+// No workgroups for the next dispatch of a command, until loops of this one stop before their end.
+Primitive Commands::clear_left(const bundle::CommandT& c, vk::DeviceSize offset) const {
+  const BufferObject& left = memory_.buffer(static_cast<size_t>(c.left));
+  if (left.bytes < 2 * kLeftBytes) throw Failure{"pass '" + c.label + "' goes on as a buffer says that is too small"};
+  Primitive p;
+  p.label = c.label + " left";
+  p.accesses = {{static_cast<uint32_t>(c.left), Use::TransferWrite}};
+  p.bytes = kLeftBytes;
+  p.record = [offset, buffer = *left.buffer](const vk::raii::CommandBuffer& commands) {
+    commands.fillBuffer(buffer, offset, kLeftBytes, 0);
+  };
+  return p;
 }
 
 // How many dispatches a command is.

@@ -42,6 +42,7 @@ class Commands {
   void must_be_due(const bundle::CommandT& command, int64_t invocations) const;
   void dispatch(const bundle::CommandT& command, std::vector<Primitive>& out);
   int64_t parts_of(const bundle::CommandT& command) const;
+  Primitive clear_left(const bundle::CommandT& command, vk::DeviceSize offset) const;
   void reduce(const bundle::CommandT& command, std::vector<Primitive>& out);
   void fill(const bundle::CommandT& command, std::vector<Primitive>& out);
   void copy(const bundle::CommandT& command, std::vector<Primitive>& out);

@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <map>
+#include <set>
 
 #include "compiler/reference/evaluate.h"
 #include "tests/catch.h"
@@ -36,6 +37,44 @@ Image zeros(const ir::Graph& graph, const std::string& name) {
   const ir::Leaf& leaf = graph.leaves[*graph.leaf_index(name)];
   const auto size = [](const ir::Dim& d) { return *d.evaluate({}); };
   return reference::zeros(leaf.type, size(leaf.extent.w), size(leaf.extent.h), size(leaf.extent.l));
+}
+
+// Functions of the library without a row of a gradient, and why. `library_accuracy_test` asks that the table has all.
+struct Without {
+  const char* why;
+  std::vector<const char*> functions;
+};
+
+const std::vector<Without>& without_derivative() {
+  static const std::vector<Without> kAll = {
+      {"integers or decisions: there is no derivative",
+       {"coverage.crowded",    "environment.cube_face",  "loss.known",
+        "mesh.beyond",         "mesh.globe_face",        "mesh.icosphere_cell",
+        "mesh.icosphere_face", "mesh.icosphere_uv_face", "mesh.neighbours",
+        "mesh.rhomb_vertex",   "mesh.ring_corner",       "points.nearest",
+        "random.bits",         "random.combined",        "random.directions",
+        "random.integer",      "random.pcg4d",           "random.scrambled_sobol",
+        "random.sobol",        "random.sobol_bits",      "random.stirred",
+        "shadow.point_view",   "strands.segments",       "strands.strand_of",
+        "texture.below_2_30",  "texture.inverse_uv",     "texture.shuffled",
+        "texture.sobol_turn",  "texture.unshuffled",     "tiles.bit",
+        "tiles.blocks",        "tiles.border",           "tiles.fitted",
+        "tiles.rows",          "tiles.touched",          "tiles.with_tiles"}},
+      {"made of integers alone",
+       {"environment.solid_angle", "material.energies", "mesh.face_count",  "mesh.globe_position", "mesh.globe_uv",
+        "mesh.icosphere_position", "mesh.icosphere_uv", "mesh.rhomb_point", "nn.places",           "nn.random_weights",
+        "optim.progress",          "random.normal",     "random.normal2",   "random.normal4",      "random.normal_pair",
+        "random.uniform",          "random.uniform2",   "random.uniform3",  "random.uniform4",     "random.unit",
+        "texture.sobol_jitter"}},
+      {"what a step does, which has no derivative",
+       {"optim.adam", "optim.adamw", "optim.momentum", "optim.sgd", "solve.levenberg_marquardt"}},
+      {"rows of what it is made of ask", {"hair.shade", "shadow.map", "shadow.plain_map", "strands.interpolate"}},
+      {"has a derivative, of which the table of accuracy has no row",
+       {"camera.ray", "camera.unproject", "environment.cube_direction", "environment.lobe_points", "material.again",
+        "material.energy", "material.lost", "material.split_sum", "material.turquin", "optim.clip_length",
+        "optim.clip_norm", "optim.hypot", "solve.gauss_newton", "solve.normal_equations", "texture.nearest"}},
+  };
+  return kAll;
 }
 
 // Some functions in one program, and what draws their operands.
@@ -135,6 +174,25 @@ class Group {
 };
 
 }  // namespace
+
+TEST_CASE("functions of the library that jvp is not asked of have a reason") {
+  std::set<std::string> asked, all;
+  for (const Function& f : library::functions()) {
+    all.insert(f.name);
+    if (!library::moved_operands(f).empty()) asked.insert(f.name);
+  }
+  for (const library::Elsewhere& other : library::elsewhere()) all.insert(other.function);
+  std::set<std::string> excused;
+  for (const Without& group : without_derivative()) excused.insert(group.functions.begin(), group.functions.end());
+  for (const std::string& name : all) {
+    INFO(name);
+    CHECK(asked.contains(name) != excused.contains(name));
+  }
+  for (const std::string& name : excused) {
+    INFO(name << " is not there any more");
+    CHECK(all.contains(name));
+  }
+}
 
 TEST_CASE("jvp is the transpose of grad for every function of the library") {
   std::vector<Function> functions = library::functions();

@@ -50,6 +50,7 @@ bool Checker::only_own_fields(const CommandT& c, const std::string& where) {
       {"most_trips", c.most_trips != 0, kDispatch},
       {"part_trips", c.part_trips != 0, kDispatch},
       {"watch", c.watch != -1, kDispatch},
+      {"left", c.left != -1, kDispatch},
       {"finite", c.finite != -1, kDispatch},
       {"group", c.group != 0, kDispatch},
       {"colors", !c.colors.empty(), kDraw},
@@ -90,7 +91,18 @@ bool Checker::trips(const CommandT& c, const std::string& where) {
   if (!c.trips.empty() && (!expression(c.trips, where) || c.most_trips == 0)) return fail(where + " takes no trips");
   if (c.most_trips != 0 && c.most_trips != b_.loop_trips)
     return fail(where + " takes other trips at most than the bundle says");
-  return watched(c, c.watch, where) && watched(c, c.finite, where);
+  return left(c, where) && watched(c, c.watch, where) && watched(c, c.finite, where);
+}
+
+// Dispatches that go on are as large as scratch memory says that the command binds, so that its use is known.
+bool Checker::left(const CommandT& c, const std::string& where) {
+  if ((c.left == -1) != (c.part_trips == 0)) return fail(where + " does not say how it goes on");
+  if (c.left == -1) return true;
+  for (const auto& binding : c.bindings)
+    if (c.left >= 0 && binding->resource == static_cast<uint32_t>(c.left))
+      return (b_.resources[binding->resource]->role == Role::Scratch && binding->access == Access::ReadWrite) ||
+             fail(where + " goes on as a value says");
+  return fail(where + " goes on as a resource says that it does not bind");
 }
 
 bool Checker::watched(const CommandT& c, int word, const std::string& where) {

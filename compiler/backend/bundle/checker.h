@@ -57,6 +57,7 @@ class Checker {
   bool only_own_fields(const CommandT& command, const std::string& where);
   bool bindings(const CommandT& command, const std::string& where);
   bool trips(const CommandT& c, const std::string& where);
+  bool left(const CommandT& c, const std::string& where);
   bool watched(const CommandT& c, int word, const std::string& where);
   bool dispatch(const CommandT& command, const std::string& where);
   bool draw(const CommandT& command, const std::string& where);

@@ -21,6 +21,8 @@ Generator::Cut Generator::cut(Shader& s, const Pass& pass, const std::optional<L
   cut.state = add_scratch(pass.name + "_loops_" + number, "1");
   bundle_->resources[cut.state]->room = (cut.trips - ir::Dim(schedule_.code.loop_trips)).str();
   bundle_->resources[cut.state]->extent->w = element_count(domain == nullptr ? pass.domain : *domain).str();
+  cut.left = add_scratch(pass.name + "_left_" + number, "8");
+  bundle_->resources[cut.left]->room = bundle_->resources[cut.state]->room;
   if (cut.how->watched) {
     cut.watch = add_scratch(pass.name + "_unfinished_" + number, "1");
     bundle_->resources[cut.watch]->role = bundle::Role::Watch;
@@ -39,9 +41,16 @@ void Generator::close_cut(Shader& s, const Cut& cut) {
   state.extent->w = (*elements * ir::Dim(s.cut_loops().words())).str();
   s.cut_loops().set_state(s.bind_words(cut.state, "loops", bundle::Access::ReadWrite));
   s.body().line("if (part_trips != 0) keep_loops(" + cut.element + ");");
+  // All that stop say the same.
+  const std::string left = s.bind_words(cut.left, "left_groups", bundle::Access::ReadWrite);
+  s.body().line("if (part_trips != 0 && paused && pc.layer > 0) {");
+  s.body().line("int next_part = (pc.layer + 1) % 2 * 4;");
+  for (const char* const k : {"0", "1", "2"})
+    s.body().line(left + ".d[next_part + " + k + "] = gl_NumWorkGroups[" + k + "];");
+  s.body().line("}");
   if (cut.how->watched) {
     const std::string word = s.bind_words(cut.watch, "unfinished_loops", bundle::Access::ReadWrite);
-    s.body().line("if (unfinished || (pc.layer == 3 && paused)) " + word + ".d[0] = 1u;");
+    s.body().line("if (unfinished || (pc.layer < 0 && paused)) " + word + ".d[0] = 1u;");
   }
   s.body().line("if (!paused) {");
   s.push_scope();
@@ -58,6 +67,7 @@ void Generator::set_trips(bundle::CommandT& command, const Cut& cut) const {
   command.trips = cut.trips.str();
   command.most_trips = schedule_.code.loop_trips;
   command.part_trips = cut.how->part;
+  command.left = static_cast<int>(cut.left);
   if (cut.how->watched) command.watch = static_cast<int>(cut.watch);
 }
 

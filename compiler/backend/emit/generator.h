@@ -49,8 +49,8 @@ class Generator {
   // leaves behind between that and end_cut().
   struct Cut {
     std::optional<LoopCut> how;
-    ir::Dim trips;                  // of an invocation
-    uint32_t state = 0, watch = 0;  // bundle resources
+    ir::Dim trips;                            // of an invocation
+    uint32_t state = 0, watch = 0, left = 0;  // bundle resources
     std::string element;
   };
   // `each`: elements of an invocation, one after the other; `domain`: invocations.

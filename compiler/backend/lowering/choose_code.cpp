@@ -126,7 +126,7 @@ class StepCode {
     const std::optional<LoopCut>& cut = code.heavy && code.heavy->cut ? code.heavy->cut : code.cut;
     const Bindings all = bindings_of(schedule_.resources, resources_of(step_, bound), 0);
     const uint32_t have =
-        all.buffers + all.images + (cut ? 1 : 0) + (cut && cut->watched ? 1 : 0) + (code.heavy ? 1 : 0);
+        all.buffers + all.images + (cut ? 2 : 0) + (cut && cut->watched ? 1 : 0) + (code.heavy ? 1 : 0);
     if (have + 1 > profile_.max_per_stage_descriptor_storage_buffers || have + 1 > profile_.max_per_stage_resources)
       out.clear();
     return out;

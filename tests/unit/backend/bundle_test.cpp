@@ -216,7 +216,9 @@ TEST_CASE("a command has the fields of its kind alone") {
                    "has 'count', which commands of its kind do not use"}});
   expect(sample, {{[](auto& b) { command(b).finite = -9; }, "is watched by no resource"},
                   {[](auto& b) { command(b).finite = 0; }, "is watched by what is no watch"},
-                  {[](auto& b) { command(b).finite = 77777; }, "is watched by a resource that it does not bind"}});
+                  {[](auto& b) { command(b).finite = 77777; }, "is watched by a resource that it does not bind"},
+                  {[](auto& b) { command(b).left = 0; }, "does not say how it goes on"},
+                  {[](auto& b) { command(b).part_trips = 9; }, "does not say how it goes on"}});
 }
 
 TEST_CASE("names are names, and there once") {
