@@ -82,7 +82,8 @@ class StepCode {
     if (heavy.ops.empty()) return std::nullopt;
     heavy.cut = cut(trips, 1);
     heavy.by_subgroups = profile_.subgroup_arithmetic && !profile_.lanes_in_turn;
-    heavy.apart = profile_.lanes_in_turn ? 0 : profile_.subgroup_size;
+    // An invocation that walks the list takes the trips of many elements.
+    heavy.apart = profile_.lanes_in_turn || profile_.loop_trips > 0 ? 0 : profile_.subgroup_size;
     return heavy;
   }
 
@@ -161,7 +162,8 @@ class StepCode {
     constexpr int64_t kSmallPixels = 320;
     const bool short_ones = trips.pixel.is_constant() && kSmallPixels * (trips.pixel.constant() + 1) < limit / 2;
     FaceWalk walk;
-    walk.watched = limit > 0 && trips.watched;
+    const bool sets_up_unknown = raster.setup && trips_of(graph_, step_.pass(raster.setup->pass).ops).unknown > 0;
+    walk.watched = limit > 0 && (trips.watched || sets_up_unknown);
     if (profile_.subgroup_size <= 1 && limit == 0) return walk;
     const bool few_faces = bins.small_box == kCpu.small_box && static_cast<int64_t>(parts.count) >= kManyKept;
     FaceBins& lists = walk.lists.emplace();

@@ -319,7 +319,7 @@ class StepLegalizer {
     };
     // A row's walk computes what an element adds for each of its items, in loops that cannot be cut.
     constexpr int64_t kItems = 512;
-    if (may_pass_limit(trips_of(graph_, pass.ops), profile_, kItems))
+    if (needs_cut(trips_of(graph_, pass.ops), profile_, kItems))
       return refuse("its loops may take more trips than the device lets an invocation have");
     std::string lacks;
     auto rows = rows_of(pass, scatter);
