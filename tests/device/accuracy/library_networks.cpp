@@ -172,7 +172,7 @@ std::vector<Function> lenses() {
                  .result = "vec3",
                  .operands = {pixel},
                  .value = "camera.ray(view, pixel, 64, 64).direction",
-                 .directions = {over("value", 1e-5, "1.0 + 0.0 * y.x", "1", why)},
+                 .directions = {over("value", 16 * u, "1.0 + 0.0 * y.x", "1", kFew)},
                  .before = view});
   return all;
 }
