@@ -56,14 +56,14 @@ std::string count_bits(int most, const ir::Extent& domain, const std::string& co
 constexpr int kWorthJoining = 1 << 14;
 
 // Lanes of a subgroup that add to the same element join their parts, and one of them goes on: for kJoinRounds elements,
-// those of its first lanes. Lanes left over go on alone. The variable `adds_here` says which go on.
+// those of its first lanes. Lanes left over go on alone, and so do few, whose atomics take less time than a sum over
+// the subgroup. The variable `adds_here` says which go on.
 template <class Part>
 std::string join_lanes(int n, const Part& part) {
   std::string out = "  bool adds_here = true;\n  for (int round = 0; joins && round < " + std::to_string(kJoinRounds) +
                     "; ++round) {\n    bool same = subgroupBroadcastFirst(element) == element;\n"
                     "    uvec4 lanes = subgroupBallot(same);\n    if (same) {\n"
-                    "      if (subgroupBallotBitCount(lanes) >= " +
-                    std::to_string(kWorthLanes) + "u) {\n";
+                    "      if (subgroupBallotBitCount(lanes) >= max(2u, gl_SubgroupSize / 4u)) {\n";
   for (int c = 0; c < n; ++c) out += "        " + part(c) + " = fixed_subgroup_add(" + part(c) + ");\n";
   out +=
       "        flags = subgroupOr(flags);\n        adds_here = subgroupElect();\n      }\n      break;\n    }\n  }\n";

@@ -414,8 +414,8 @@ class StepLegalizer {
   // subgroup, atomics do not wait, and sums over lanes go lane by lane. In a loop, each atomic that waits for the lanes
   // beside it keeps those of later trips from starting.
   bool joining_pays(const ScatterPass& scatter) const {
-    if (!profile_.subgroup_arithmetic || profile_.subgroup_size < kWorthLanes ||
-        profile_.subgroup_size > kMaxJoinedLanes || is_processor())
+    if (!profile_.subgroup_arithmetic || profile_.subgroup_size < 2 || profile_.subgroup_size > kMaxJoinedLanes ||
+        is_processor())
       return false;
     double joins = 0, words = 0;
     for (const ScatterSum& sum : scatter.sums) {
