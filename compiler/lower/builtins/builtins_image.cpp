@@ -92,6 +92,11 @@ Value Elaborator::gather(const Value& base, const Value& index, const Span& base
                          std::string_view where) {
   if (refuse_element(base, where.substr(where.find(' ') + 1), base_span)) return Error{};
   const auto* source = base.get<Image>();
+  if (in_region() && !source && base.is_numeric()) {  // known at compile time, and so outside of all regions
+    ValueId there;
+    b_.at_root([&] { there = materialize(base); });
+    return gather(Image{there, 0}, index, base_span, index_span, where);
+  }
   if (in_region() && source) {
     const ValueId there = outside(source->id);
     if (there.valid() && there != source->id) return gather(Image{there, 0}, index, base_span, index_span, where);
