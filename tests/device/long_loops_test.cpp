@@ -4,8 +4,10 @@
 // device's own; at the true limit sums are known.
 #include <unistd.h>
 
+#include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <map>
 
 #include "compiler/target/profile.h"
 #include "runtime/jit/jit.h"
@@ -173,6 +175,88 @@ TEST_CASE("loops count right at, below and above the true limit") {
       all("one", n);
       all("again", n);
       all("nested", 3 * n);
+    }
+  std::filesystem::remove(file);
+}
+
+// A shader that is joined with another, drawn, or run for many items cannot stop within a loop. Where nothing but data
+// bounds a loop, the run fails rather than end it early.
+TEST_CASE("loops that data bounds come to their end, or the run fails") {
+  const std::string file = written("loops_of_data", R"(edition 1;
+    input n : int[P, Q];
+    param x : float[P, Q] = 1.0;
+    param w : float[8] = 1.0;
+    let long = reduce(sum, i in 0..n) { x };
+    let hot = if x > 0.5 { reduce(sum, i in 0..n) { x * w.at(i % 8) } } else { 0.0 };
+    step value { output long; }
+    step place { output d = scatter_add(int(x * 0.0), hot, 8); }
+    step slope { let g = grad(sum(hot), w); output g; }
+  )");
+  constexpr int kTrips = 100000, kSide = 3;
+  const double all = kTrips * kSide * kSide;
+  const std::map<std::string, std::pair<std::string, std::vector<double>>> expected = {
+      {"value", {"long", std::vector<double>(kSide * kSide, kTrips)}},
+      {"place", {"d", {all, 0, 0, 0, 0, 0, 0, 0}}},
+      {"slope", {"g", std::vector<double>(8, all / 8)}}};
+  for (const auto& [name, device] : test::devices())
+    for (const std::string lower : {"compute", "fragment"})
+      for (const std::string scatter : {"auto", "exact", "atomic", "rows"}) {
+        if (scatter == "atomic" && name != "lavapipe") continue;
+        jit::Options options;
+        options.lower = lower;
+        options.scatter = scatter;
+        options.profile = name;
+        Program program = must(Program::load(device, test::compile(file, options)));
+        must(program.bind("n", Array::from_ints(std::vector<int32_t>(kSide * kSide, kTrips), 1, kSide, kSide)));
+        for (const auto& [step, of] : expected) {
+          INFO(name << ", " << lower << ", " << scatter << ", " << step);
+          if (!program.run(step)) {
+            CHECK(name == "lavapipe");
+            continue;
+          }
+          const auto found = program.output(step, of.first);
+          if (!found) {
+            CHECK(name == "lavapipe");
+            continue;
+          }
+          CHECK(found->to_doubles() == of.second);
+        }
+      }
+  std::filesystem::remove(file);
+}
+
+// The gradient's scatter may join the pass that computes its conditions.
+TEST_CASE("short loops behind long ones come to their end") {
+  const std::string file = written("behind_long", R"(edition 1;
+    input a : float[V];
+    input x : float[P];
+    param w : float[8] = 1.0;
+    let long = reduce(sum, i in 0..V) { a.at(i) * x };
+    let hot = if long > 0.5 { reduce(sum, i in 0..100) { sqrt(w.at(i % 8) + long * 0.001) } } else { 0.0 };
+    step fit { w <- w - 0.0001 * grad(sum(hot), w); output hot; }
+  )");
+  constexpr int64_t kLong = 4000, kElements = 100;
+  std::vector<float> x;
+  for (int64_t k = 0; k < kElements; ++k) x.push_back(static_cast<float>(k * 29 % 31) / 31.0F);
+  for (const auto& [name, device] : test::devices())
+    for (const std::string scatter : {"exact", "atomic"}) {
+      if (scatter == "atomic" && name != "lavapipe") continue;
+      std::vector<std::vector<double>> found;
+      for (const uint32_t trips : {0, 1500}) {
+        const Few few(name, trips, false);
+        jit::Options options;
+        options.scatter = scatter;
+        const std::string profile = few.path();
+        options.profile = trips == 0 ? name : profile;
+        Program program = must(Program::load(device, test::compile(file, options)));
+        must(program.bind("a", Array::from_floats(std::vector<float>(kLong, 0.01F), 1, kLong)));
+        must(program.bind("x", Array::from_floats(x, 1, kElements)));
+        must(program.run("fit"));
+        found.push_back(must(program.leaf("w")).to_doubles());
+      }
+      INFO(name << ", " << scatter);
+      for (size_t k = 0; k < found[0].size(); ++k)
+        CHECK(std::abs(found[0][k] - found[1][k]) <= (scatter == "exact" ? 0 : 1e-6));
     }
   std::filesystem::remove(file);
 }

@@ -155,7 +155,7 @@ class Chooser {
   // --- Reads of a workgroup ---
 
   std::optional<GroupReads> read_together(const Pass& pass, const Block& block) {
-    if (may_pass_limit(trips_of(graph_, pass.ops), profile_)) return std::nullopt;
+    if (needs_cut(trips_of(graph_, pass.ops), profile_)) return std::nullopt;
     int wide = 0;
     for (const int n : block.each) wide += n > 1 ? 1 : 0;
     const auto most = static_cast<int>(profile_.max_compute_work_group_invocations);

@@ -130,7 +130,8 @@ class Generator {
   void resolve(const Pass& pass, const ir::Op& op, uint32_t ids, bool stay);
   // Loops of closures that no part of which can be left to a later dispatch: the run fails where they may take too many
   // trips, or, watched, where the driver ends one.
-  uint32_t watch_loops(glsl::Shader& shader, const Pass& pass);
+  uint32_t add_watch(const Pass& pass);
+  void tell_unfinished(glsl::Shader& shader, uint32_t watch);
   void set_walk_trips(bundle::CommandT& command, const WalkTrips& trips, std::optional<uint32_t> watch) const;
 
   // Where the float profile is `native`, so is the shader, but for those that must agree with each other on a decision.

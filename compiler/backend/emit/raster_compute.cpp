@@ -148,12 +148,15 @@ struct Walk {
 
 }  // namespace
 
-uint32_t Generator::watch_loops(Shader& s, const Pass& pass) {
+uint32_t Generator::add_watch(const Pass& pass) {
   const uint32_t watch = add_scratch(pass.name + "_unfinished_" + std::to_string(bundle_->resources.size()), "1");
   bundle_->resources[watch]->role = bundle::Role::Watch;
+  return watch;
+}
+
+void Generator::tell_unfinished(Shader& s, uint32_t watch) {
   const std::string word = s.bind_words(watch, "unfinished_loops", bundle::Access::ReadWrite);
   s.body().line("if (unfinished) " + word + ".d[0] = 1u;");
-  return watch;
 }
 
 void Generator::set_walk_trips(bundle::CommandT& c, const WalkTrips& trips, std::optional<uint32_t> watch) const {
@@ -190,9 +193,14 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
   const Walk walk{graph_, pass, op, parts, wide, keys, ids, lists, list_words, schedule_.code.hidden_stores, watched};
   // Without wide words a rank takes two runs; see Walk::pixel.
   std::vector<size_t> first_run;
-  const auto compute = [&](Shader& s) {
-    if (setup == nullptr) return;
+  // A face whose loops the device ends may look empty and leave the shader at once.
+  const auto set_up = [&](Shader& s, const std::optional<uint32_t>& watch) {
     s.element_ops(setup->ops);
+    if (watch && trips_of(graph_, setup->ops).loops > 0) tell_unfinished(s, *watch);
+  };
+  const auto compute = [&](Shader& s, const std::optional<uint32_t>& watch) {
+    if (setup == nullptr) return;
+    set_up(s, watch);
     store_results(s, *setup);
   };
   const auto store_listed = [&](Shader& s) {
@@ -206,14 +214,15 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
     const bool in_rows = listed && lists.bounded();
     linear_index(s, in_rows ? std::string() : dim_expression(elements));
     if (watched) s.cut_loops();
+    const std::optional<uint32_t> watch = watched ? std::optional(add_watch(pass)) : std::nullopt;
     if (listed)
       walk.listed(s, [&] {
-        if (sets_up_again) s.element_ops(setup->ops);
+        if (sets_up_again) set_up(s, watch);
       });
     else
       walk.faces(
-          s, [&] { compute(s); }, [&] { store_listed(s); });
-    const std::optional<uint32_t> watch = watched ? std::optional(watch_loops(s, pass)) : std::nullopt;
+          s, [&] { compute(s, watch); }, [&] { store_listed(s); });
+    if (watch) tell_unfinished(s, *watch);
     bundle::CommandT& c = dispatch(pass, suffix, s, elements.str());
     if (in_rows) c.indirect = static_cast<int>(list_words);
     set_walk_trips(c, trips, watch);

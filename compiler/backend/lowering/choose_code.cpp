@@ -40,7 +40,7 @@ Bins gpu_bins(const Dim& pixels) {
   const auto count = pixels.evaluate({});
   const int64_t invocations = count ? std::clamp(*count / 4, kLeast, kMost) : kUnknown;
   const auto middle = static_cast<int>(std::bit_floor(static_cast<uint64_t>(invocations)));
-  return {8, 4096, middle, middle / 2};
+  return {8, 16384, middle, middle / 4};
 }
 
 // The trips of our own that a dispatch needs to come to where it goes on: each loop is entered and left once more for
@@ -82,7 +82,8 @@ class StepCode {
     if (heavy.ops.empty()) return std::nullopt;
     heavy.cut = cut(trips, 1);
     heavy.by_subgroups = profile_.subgroup_arithmetic && !profile_.lanes_in_turn;
-    heavy.apart = profile_.lanes_in_turn ? 0 : profile_.subgroup_size;
+    // An invocation that walks the list takes the trips of many elements.
+    heavy.apart = profile_.lanes_in_turn || profile_.loop_trips > 0 ? 0 : profile_.subgroup_size;
     return heavy;
   }
 
@@ -161,7 +162,8 @@ class StepCode {
     constexpr int64_t kSmallPixels = 320;
     const bool short_ones = trips.pixel.is_constant() && kSmallPixels * (trips.pixel.constant() + 1) < limit / 2;
     FaceWalk walk;
-    walk.watched = limit > 0 && trips.watched;
+    const bool sets_up_unknown = raster.setup && trips_of(graph_, step_.pass(raster.setup->pass).ops).unknown > 0;
+    walk.watched = limit > 0 && (trips.watched || sets_up_unknown);
     if (profile_.subgroup_size <= 1 && limit == 0) return walk;
     const bool few_faces = bins.small_box == kCpu.small_box && static_cast<int64_t>(parts.count) >= kManyKept;
     FaceBins& lists = walk.lists.emplace();

@@ -50,8 +50,10 @@ Bindings joined_bindings(const Schedule& schedule, const StepSchedule& step, con
 bool may_join(const ir::Graph& graph, const target::Profile& profile, const Schedule& schedule,
               const StepSchedule& step, const Pass& scatter, const std::set<ValueId>& elsewhere) {
   if (profile.lanes_in_turn) return false;
-  if (may_pass_limit(trips_of(graph, scatter.ops), profile)) return false;  // cut loops are a scatter's own
   const PassId lister = *scatter.lister();
+  // Behind the lister's loops its shader has stored where it stopped, so loops that follow must not be cut with them.
+  const Trips own = trips_of(graph, scatter.ops);
+  if (own.loops > 0 && needs_cut(own + trips_of(graph, step.pass(lister).ops), profile)) return false;
   const std::vector<ScatterSum>& sums = scatter.get<ScatterPass>().sums;
   for (const ValueId v : scatter.writes) {
     const bool sum = std::ranges::any_of(sums, [&](const ScatterSum& s) { return s.value == v; });
@@ -74,6 +76,9 @@ bool may_keep_terms(const ir::Graph& graph, const target::Profile& profile, cons
       if (contributions(graph, term) != 1) return false;
       words += graph.value(term).type.components() + 1;
     }
+  // An invocation of the second run may compute so many elements for which there was no room.
+  constexpr int kElements = 32;
+  if (needs_cut(trips_of(graph, scatter.ops), profile, kElements)) return false;
   Bindings bindings = joined_bindings(schedule, step, scatter);
   bindings.writes += static_cast<uint32_t>(sums.size());
   return words <= kMostWords && fits(profile, bindings);

@@ -319,7 +319,7 @@ class StepLegalizer {
     };
     // A row's walk computes what an element adds for each of its items, in loops that cannot be cut.
     constexpr int64_t kItems = 512;
-    if (may_pass_limit(trips_of(graph_, pass.ops), profile_, kItems))
+    if (needs_cut(trips_of(graph_, pass.ops), profile_, kItems))
       return refuse("its loops may take more trips than the device lets an invocation have");
     std::string lacks;
     auto rows = rows_of(pass, scatter);
@@ -411,15 +411,17 @@ class StepLegalizer {
 
   // Lanes beside each other often add to one element, and atomics of one element wait for each other. Where none do,
   // joining is in vain: it has to cost little beside the atomics. On a processor, where a thread has all lanes of a
-  // subgroup, atomics do not wait, and sums over lanes go lane by lane.
+  // subgroup, atomics do not wait, and sums over lanes go lane by lane. In a loop, each atomic that waits for the lanes
+  // beside it keeps those of later trips from starting.
   bool joining_pays(const ScatterPass& scatter) const {
-    if (!profile_.subgroup_arithmetic || profile_.subgroup_size < 2 || profile_.subgroup_size > kMaxJoinedLanes ||
-        is_processor())
+    if (!profile_.subgroup_arithmetic || profile_.subgroup_size < kWorthLanes ||
+        profile_.subgroup_size > kMaxJoinedLanes || is_processor())
       return false;
     double joins = 0, words = 0;
     for (const ScatterSum& sum : scatter.sums) {
       const ir::Type& type = graph_.value(sum.value).type;
       if (!type.is_float()) continue;
+      if (std::ranges::any_of(sum.terms, [&](ValueId term) { return contributions(graph_, term) < 0; })) return false;
       joins += kJoinRounds * (6 + 6 * type.components() * std::log2(profile_.subgroup_size));  // operations
       words += (profile_.shader_int64 && profile_.shader_buffer_int64_atomics ? 1 : 2) * type.components();
     }

@@ -36,7 +36,7 @@ class ActiveElements {
     // Conditions that the pass computes itself are cheap.
     for (const ir::OpId id : pass.ops)
       for (const ValueId v : graph.op(id).results)
-        if (graph.value(v).type.is_bool()) readable_.insert(v);
+        if (graph.op(id).regions.empty() && graph.value(v).type.is_bool()) readable_.insert(v);
   }
 
   // The clause of a result: its op adds nothing to it unless all of these are true or not zero.

@@ -148,7 +148,7 @@ void StepPacker::find_looped() {
   constexpr int64_t kShared = 16;
   for (OpId id : order_)
     looped_[id.index] =
-        may_pass_limit(trips_of(graph_, std::span(&id, 1)), profile_, kShared) ||
+        needs_cut(trips_of(graph_, std::span(&id, 1)), profile_, kShared) ||
         std::ranges::any_of(uses_[id.index].at_element, [&](ValueId v) { return looped_[graph_.value(v).op.index]; });
 }
 
@@ -244,7 +244,7 @@ bool StepPacker::is_image(ValueId v) const {
 }
 
 bool StepPacker::drawn(const Op& raster) const {
-  return options_.hardware_raster && !may_pass_limit(trips_of_regions(graph_, raster), profile_);
+  return options_.hardware_raster && !needs_cut(trips_of_regions(graph_, raster), profile_);
 }
 
 void StepPacker::add_resource(ValueId v, const Op& op) {

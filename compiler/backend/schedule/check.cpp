@@ -81,6 +81,7 @@ class StepChecker {
     check_reads();
     check_setup();
     check_ops();
+    check_joined_loops();
     check_rows();
     check_stage();
     check_writes();
@@ -111,6 +112,8 @@ class StepChecker {
       for (ValueId v : step_.passes[j].reads)
         if (contains(setup.writes, v)) unsound("sets up late what '" + step_.passes[j].name + "' reads");
     if (setup.steady != pass().steady) unsound("sets up what runs at other times");
+    const Trips trips = trips_of(graph_, setup.ops);
+    if (may_pass_limit(trips, profile_)) unsound("sets up in loops that may stop and go on later");
     if (by->again)
       for (OpId id : setup.ops)
         for (ValueId v : graph_.op(id).results) here_.insert(v);
@@ -127,6 +130,19 @@ class StepChecker {
           unsound("op '" + std::string(ir::op_name(op.kind)) + "' lacks an operand");
       for (ValueId v : op.results) here_.insert(v);
     }
+  }
+
+  // Loops that another shader runs, or that run for many items.
+  void check_joined_loops() {
+    const auto* scatter = pass().as<ScatterPass>();
+    if (scatter == nullptr) return;
+    Trips trips = trips_of(graph_, pass().ops);
+    if (trips.loops == 0) return;
+    if (scatter->joined_run() != nullptr)
+      trips += trips_of(graph_, step_.pass(scatter->joined_run()->lister).ops);
+    else if (scatter->lowering() != ScatterLowering::Rows)
+      return;
+    if (needs_cut(trips, profile_)) unsound("joins loops that may stop and go on later");
   }
 
   void check_rows() {
@@ -208,7 +224,7 @@ class StepChecker {
     over(colors, "colour attachments", profile_.max_color_attachments);
     over(buffers.size() + sampled + colors, "resources", profile_.max_per_stage_resources);
     check_block();
-    if (pass().is_drawn() && may_pass_limit(trips_of(graph_, pass().ops), profile_))
+    if (pass().is_drawn() && needs_cut(trips_of(graph_, pass().ops), profile_))
       report(Violation::Kind::Limit, "loops of a fragment shader that may take more trips than the " +
                                          std::to_string(profile_.loop_trips) + " that the device allows");
     if (pass().is_drawn())
@@ -223,7 +239,7 @@ class StepChecker {
          profile_.max_compute_work_group_invocations);
     over(static_cast<size_t>(*shared_bytes(graph_, *map->block)), "bytes that a workgroup shares",
          profile_.max_compute_shared_memory_size);
-    if (may_pass_limit(trips_of(graph_, pass().ops), profile_))
+    if (needs_cut(trips_of(graph_, pass().ops), profile_))
       unsound("reads together in loops that may stop and go on later");
     if (listed_for(step_, pass_id(place_)) != nullptr) unsound("computes elements side by side and lists them");
   }

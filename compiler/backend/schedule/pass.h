@@ -134,6 +134,8 @@ struct JoinedRun {
 // Lanes that join what they add to one element do so for so many elements of a subgroup, which has so many lanes at
 // most.
 inline constexpr int kJoinRounds = 2;
+// The atomics of fewer lanes take less time than a sum over a subgroup.
+inline constexpr uint32_t kWorthLanes = 8;
 inline constexpr uint32_t kMaxJoinedLanes = 128;
 
 struct OwnFirstRun : OwnRun {

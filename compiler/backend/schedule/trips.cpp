@@ -273,4 +273,8 @@ bool may_pass_limit(const Trips& trips, const target::Profile& profile, int64_t 
   return !all.is_constant() || all.constant() > profile.loop_trips;
 }
 
+bool needs_cut(const Trips& trips, const target::Profile& profile, int64_t times) {
+  return may_pass_limit(trips, profile, times) || (profile.loop_trips > 0 && trips.unknown > 0);
+}
+
 }  // namespace dr::backend

@@ -23,6 +23,7 @@ struct Trips {
   bool even = true;  // all invocations take the same trips
 
   Trips& operator+=(const Trips& other);
+  friend Trips operator+(Trips a, const Trips& b) { return a += b; }
 };
 
 // What ops of the root region or of one region take together, whatever way their `if`s go.
@@ -43,6 +44,11 @@ WalkTrips walk_trips(const ir::Graph& graph, const Pass& pass, const ir::Op& op,
 
 // Whether so many are not known to be within what the profile lets an invocation take, which is shared by `times` runs.
 bool may_pass_limit(const Trips& trips, const target::Profile& profile, int64_t times = 1);
+
+// Whether the shader of such loops has to stop and go on later, or to tell where the device ended one: they may pass
+// the limit, or nothing but data bounds them. Only a pass's own compute shader can; one that walks a raster's faces
+// tells. Whatever else gives loops to another shader, or to invocations that run them `times` times, asks here first.
+bool needs_cut(const Trips& trips, const target::Profile& profile, int64_t times = 1);
 
 // What an int, or the whole part of a float, is at most and at least, for all elements and components.
 struct Bounds {
