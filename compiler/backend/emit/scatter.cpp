@@ -63,7 +63,7 @@ std::string join_lanes(int n, const Part& part) {
   std::string out = "  bool adds_here = true;\n  for (int round = 0; joins && round < " + std::to_string(kJoinRounds) +
                     "; ++round) {\n    bool same = subgroupBroadcastFirst(element) == element;\n"
                     "    uvec4 lanes = subgroupBallot(same);\n    if (same) {\n"
-                    "      if (subgroupBallotBitCount(lanes) >= max(2u, gl_SubgroupSize / 4u)) {\n";
+                    "      if (subgroupBallotBitCount(lanes) > 1u) {\n";
   for (int c = 0; c < n; ++c) out += "        " + part(c) + " = fixed_subgroup_add(" + part(c) + ");\n";
   out +=
       "        flags = subgroupOr(flags);\n        adds_here = subgroupElect();\n      }\n      break;\n    }\n  }\n";
