@@ -17,6 +17,7 @@
 #include "compiler/backend/lowering/update_in_place.h"
 #include "compiler/backend/pack/join_captures.h"
 #include "compiler/backend/pack/pack.h"
+#include "compiler/backend/pack/transform_at_faces.h"
 #include "compiler/backend/plan/dependencies.h"
 #include "compiler/backend/plan/plan_memory.h"
 #include "compiler/backend/shaders.h"
@@ -29,6 +30,12 @@ using Outcome = std::optional<Limit>;
 
 Outcome run_pack(Compilation& c) {
   const PackOptions options = pack_options(c.profile, c.options);
+  const auto take = [&](Joined&& joined) {
+    c.lines = c.lines.moved(joined.from);
+    c.out.joined = std::move(joined.graph);
+  };
+  if (options.fused)
+    if (auto moved = transform_at_faces(c.graph(), c.profile)) take(std::move(*moved));
   for (;;) {
     c.out.schedule = pack(c.graph(), c.profile, options);
     // What a raster found is one buffer to those that read it.
@@ -36,8 +43,7 @@ Outcome run_pack(Compilation& c) {
     keep_entries(c.graph(), counted);
     auto joined = join_captures(c.graph(), counted, c.profile);
     if (!joined) return std::nullopt;
-    c.lines = c.lines.moved(joined->from);
-    c.out.joined = std::move(joined->graph);
+    take(std::move(*joined));
   }
 }
 

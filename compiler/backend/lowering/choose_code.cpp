@@ -19,9 +19,6 @@ using ir::ValueId;
 
 namespace {
 
-// Lanes of a subgroup from which on a device is a GPU.
-constexpr uint32_t kWideSubgroup = 16;
-
 struct Bins {
   // Faces by the pixels of their boxes: up to the first for one invocation, up to the second for subgroups.
   int small_box, middle_box;
@@ -156,7 +153,7 @@ class StepCode {
     const RasterParts parts = raster_parts(op);
     const Dim pixels = parts.w * parts.h;
     const int64_t limit = profile_.loop_trips;
-    const Bins bins = profile_.subgroup_size >= kWideSubgroup ? gpu_bins(pixels) : kCpu;
+    const Bins bins = profile_.is_gpu() ? gpu_bins(pixels) : kCpu;
     // Lanes that walk small boxes of different shapes take trips for the rows and columns of them all: for boxes of 64
     // pixels the sum over y of 64 / (y + 1).
     constexpr int64_t kSmallPixels = 320;
@@ -208,7 +205,7 @@ void choose_code(const Graph& graph, const target::Profile& profile, const CodeO
   code.wide_words = profile.shader_int64 && profile.shader_buffer_int64_atomics;
   code.layers_at_once = profile.max_multiview_view_count > 0;
   // A processor fills memory faster than its shaders do.
-  if (profile.subgroup_size >= kWideSubgroup) code.clears = profile.max_per_stage_descriptor_storage_buffers;
+  if (profile.is_gpu()) code.clears = profile.max_per_stage_descriptor_storage_buffers;
   code.loop_trips = profile.loop_trips;
   choose_divisors(graph, code);
   for (StepSchedule& step : schedule.steps) StepCode(graph, profile, options, schedule, step).process();
