@@ -8,6 +8,7 @@
 #include "compiler/backend/emit/generator.h"
 #include "compiler/backend/lowering/block_loops.h"
 #include "compiler/backend/lowering/choose_code.h"
+#include "compiler/backend/lowering/guess_exponents.h"
 #include "compiler/backend/lowering/keep_in_tiles.h"
 #include "compiler/backend/lowering/keep_sums.h"
 #include "compiler/backend/lowering/list_where_computed.h"
@@ -75,6 +76,11 @@ Outcome run_keep_entries(Compilation& c) {
 
 Outcome run_keep_sums(Compilation& c) {
   keep_sums(c.graph(), c.out.schedule);
+  return std::nullopt;
+}
+
+Outcome run_guess_exponents(Compilation& c) {
+  if (c.options.guess_exponents && !c.options.native_floats) guess_exponents(c.graph(), c.profile, c.out.schedule);
   return std::nullopt;
 }
 
@@ -157,6 +163,7 @@ constexpr BackendPass kPasses[] = {
     {"list-where-computed", run_list_where_computed, Fact::Packed | Fact::SumsChosen, only(Fact::PlacesFixed),
      only(Fact::Lowered)},
     {"keep-sums", run_keep_sums, Fact::Packed | Fact::SumsChosen, 0, only(Fact::Lowered)},
+    {"guess-exponents", run_guess_exponents, Fact::Packed | Fact::SumsChosen, 0, only(Fact::Lowered)},
     {"set-up-in-raster", run_set_up_in_raster, Fact::Packed | Fact::EntriesKept, only(Fact::PlacesFixed),
      only(Fact::Lowered)},
     {"block-loops", run_block_loops, Fact::Packed | Fact::SumsChosen | Fact::PlacesFixed, 0, only(Fact::Lowered)},

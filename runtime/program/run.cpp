@@ -52,6 +52,10 @@ void Program::State::make_ready(size_t index) {
   OnDevice& o = objects();
   const std::set<uint32_t> resources = resources_of(table);
   o.memory.allocate({resources.begin(), resources.end()});  // what has none yet
+  constexpr int32_t kZero = 0;
+  for (const uint32_t r : resources)
+    if (bundle.resources[r]->role == bundle::Role::Guess)
+      o.transfer.upload(r, io::Array::from_ints(std::span(&kZero, 1)));
   for (const auto& c : table.commands)
     for (const int word : {c->watch, c->finite})
       if (word >= 0) watch(static_cast<uint32_t>(word));

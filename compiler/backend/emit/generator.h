@@ -71,6 +71,7 @@ class Generator {
     int most = 0;        // fixed: contributions from an element, negative: unknown
     bool fixed = false;  // added as fixed point numbers
     uint32_t terms = 0;  // bundle resource: contributions kept, where the pass keeps them
+    uint32_t guess = 0;  // bundle resource: the shift of the run before, where the pass guesses
   };
   // Makes the resources, and clears them.
   std::vector<Target> scatter_targets(const Pass& pass);
@@ -79,6 +80,20 @@ class Generator {
   // Declares what adds to a target; gives what a shader with a first run does at its end. `lists`: the variable `adds`
   // says whether an element adds anything.
   std::string declare_target(glsl::Shader& shader, const Pass& pass, const Target& target, Runs runs, bool lists);
+  // What a shader does for a value that it adds, `value` to `element`, and at its end.
+  struct Adding {
+    std::string body, finish;
+  };
+  Adding fixed_adding(glsl::Shader& shader, const Pass& pass, const Target& target, Runs runs, bool lists);
+  Adding plain_adding(glsl::Shader& shader, const Pass& pass, const Target& target, Runs runs);
+  // Parts of fixed_adding(). `buffer` has the sums.
+  std::string find_largest(glsl::Shader& shader, const Pass& pass, const Target& target, bool lists);
+  void choose_shift(glsl::Shader& shader, const Pass& pass, const Target& target, Runs runs, const std::string& buffer);
+  std::string add_fixed(glsl::Shader& shader, const Target& target, Runs runs, bool joins_lanes,
+                        const std::string& buffer);
+  // Of the second run: whether the first one added by the right shift everywhere.
+  static std::string guessed_right(const std::vector<Target>& targets);
+  const char* sum_word() const { return wide_atomics() ? "uint64_t" : "uint"; }
   // What a map pass does for the scatter that joins it (JoinedRun).
   void scatter_where_listed(glsl::Shader& shader, const Pass& pass, const Pass& scatter);
   // Contributions that the first run of exact sums keeps for the second (JoinedFirstRun), by their place in the list
@@ -193,6 +208,7 @@ class Generator {
   std::unordered_map<std::string, size_t> shader_of_;  // by its text without names
   const StepSchedule* step_ = nullptr;
   bundle::StepT* out_ = nullptr;
+  std::map<uint32_t, uint32_t> guesses_;                // by the resource of sums, where their scatter guesses
   std::map<const Pass*, uint32_t> active_lists_;        // by scatter, of those that a map pass makes
   std::map<const Pass*, std::vector<Target>> targets_;  // of scatters that join the pass before
   struct TableOfLeaves {
