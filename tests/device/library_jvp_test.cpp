@@ -69,10 +69,6 @@ const std::vector<Without>& without_derivative() {
       {"what a step does, which has no derivative",
        {"optim.adam", "optim.adamw", "optim.momentum", "optim.sgd", "solve.levenberg_marquardt"}},
       {"rows of what it is made of ask", {"hair.shade", "shadow.map", "shadow.plain_map", "strands.interpolate"}},
-      {"has a derivative, of which the table of accuracy has no row",
-       {"camera.ray", "camera.unproject", "environment.cube_direction", "environment.lobe_points", "material.again",
-        "material.energy", "material.lost", "material.split_sum", "material.turquin", "optim.clip_length",
-        "optim.clip_norm", "optim.hypot", "solve.gauss_newton", "solve.normal_equations", "texture.nearest"}},
   };
   return kAll;
 }
