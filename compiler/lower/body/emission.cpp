@@ -159,7 +159,7 @@ Value Elaborator::apply(OpKind kind, std::vector<Value> operands, ir::Attrs attr
     if (const auto* image = operand.get<Image>()) type.extent = b_.value(image->id).extent;
   }
   if (!check_extents(operands, span_)) return Error{};
-  // An int of the compiler has 64 bits, one of the graph 32. A float takes any; what a uint takes, it takes by its bits.
+  // An int of the compiler has 64 bits, one of the graph 32. A float takes any, a uint the bits of either.
   const bool to_uint = kind == OpKind::Convert && attrs.ints[0] == static_cast<int64_t>(Scalar::Uint);
   for (const Value& operand : operands) {
     const auto* dim = operand.get<Dim>();
