@@ -29,7 +29,7 @@ bool is_cached(const ir::Graph& graph, const ScatterPass& scatter) {
   return words <= kMostCached;
 }
 
-bool reads(const Pass& pass, ValueId v) { return std::ranges::find(pass.reads, v) != pass.reads.end(); }
+bool is_read_by(const Pass& pass, ValueId v) { return std::ranges::find(pass.reads, v) != pass.reads.end(); }
 
 // Whether a pass may bind so many buffers more.
 bool has_room(const target::Profile& profile, const Schedule& schedule, const StepSchedule& step, const Pass& pass,
@@ -47,7 +47,7 @@ bool all_have_room(const target::Profile& profile, const Schedule& schedule, con
   if (!has_room(profile, schedule, step, pass, sums + kScatterBuffers)) return false;
   return std::ranges::all_of(step.passes, [&](const Pass& reader) {
     const auto count = static_cast<size_t>(
-        std::ranges::count_if(scatter.sums, [&](const ScatterSum& sum) { return reads(reader, sum.value); }));
+        std::ranges::count_if(scatter.sums, [&](const ScatterSum& sum) { return is_read_by(reader, sum.value); }));
     return count == 0 || has_room(profile, schedule, step, reader, count + kMapLists);
   });
 }
