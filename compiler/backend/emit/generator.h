@@ -128,7 +128,6 @@ class Generator {
   void sum_counts(const Sort& sort, const std::string& name, const std::vector<int>& push);
   void take_sorted_items(const Sort& sort);
   void find_rows(const Sort& sort);
-  ir::Dim row_items(const Pass& pass) const;
   void sum_blocks(const Pass& pass, const Table& table, const std::vector<ir::OpId>& ops, const ir::Dim& blocks,
                   const ir::Dim& layers, uint32_t sums, int words);
   std::vector<ir::OpId> element_ops(const Pass& pass) const;

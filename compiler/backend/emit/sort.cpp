@@ -69,7 +69,7 @@ void put(Shader& s, const std::string& where, const std::string& what) {
 
 Generator::Table Generator::sorted_table(const Pass& pass) {
   const RowsScatter& rows = pass.get<ScatterPass>().rows();
-  Sort sort{pass, rows.targets, row_items(pass)};
+  Sort sort{pass, rows.targets, rows.items(pass.domain)};
   const auto scratch = [&](const std::string& name, const Dim& words) {
     return add_scratch(pass.name + name, words.str(), ir::kInt);
   };
