@@ -18,6 +18,6 @@ inline constexpr bool kSanitized = false;
 #endif
 
 // So many times, or a quarter of that.
-constexpr int times(int plain) { return kSanitized ? plain / 4 : plain; }
+constexpr int repeats(int plain) { return kSanitized ? plain / 4 : plain; }
 
 }  // namespace dr

@@ -69,7 +69,7 @@ ir::Graph small_graph(uint64_t seed) {
 TEST_CASE("random graphs have sound schedules on every profile, whatever is switched off") {
   for (const std::string& name : target::builtin_profiles()) {
     const target::Profile p = profile(name);
-    for (int seed = 0; seed < times(40); ++seed) {
+    for (int seed = 0; seed < dr::repeats(40); ++seed) {
       const ir::Graph g = passes_test::random_graph(static_cast<uint64_t>(seed));
       for (int off = 0; off < 16; ++off) {
         PackOptions options;

@@ -233,7 +233,7 @@ TEST_CASE("damaged texts of schedules are refused or checked, never trusted") {
   std::mt19937 random(7);
   const auto profile = std::get<target::Profile>(target::load_profile("lavapipe"));
   size_t parsed_count = 0;
-  for (int k = 0; k < times(20000); ++k) {
+  for (int k = 0; k < dr::repeats(20000); ++k) {
     std::string damaged = text;
     const size_t begin = kGraph.size() + random() % kSchedule.size(), length = random() % 6;
     const size_t from = kGraph.size() + random() % kSchedule.size();
@@ -248,7 +248,7 @@ TEST_CASE("damaged texts of schedules are refused or checked, never trusted") {
     REQUIRE(print_whole(std::get<ParsedSchedule>(twice).graph, std::get<ParsedSchedule>(twice).schedule) == again);
     check_schedule(graph, schedule, profile);
   }
-  CHECK(parsed_count > static_cast<size_t>(times(500)));
+  CHECK(parsed_count > static_cast<size_t>(dr::repeats(500)));
 }
 
 TEST_CASE("each pass over schedules has golden tests from text") {

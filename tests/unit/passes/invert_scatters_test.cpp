@@ -210,7 +210,7 @@ TEST_CASE("random scatters that become gathers add the same terms") {
     return;
   }
   int inverted = 0;
-  const int tried = times(3000);
+  const int tried = dr::repeats(3000);
   for (int seed = 0; seed < tried; ++seed) inverted += check(static_cast<uint64_t>(seed)) ? 1 : 0;
   CHECK(inverted > tried / 3);
   CHECK(inverted < tried);

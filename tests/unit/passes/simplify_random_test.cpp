@@ -58,5 +58,5 @@ void check(uint64_t seed) {
 
 TEST_CASE("simplify keeps what random graphs compute") {
   if (const char* seed = std::getenv("DR_SEED")) return check(std::strtoull(seed, nullptr, 10));
-  for (int seed = 0; seed < times(1000); ++seed) check(static_cast<uint64_t>(seed));
+  for (int seed = 0; seed < dr::repeats(1000); ++seed) check(static_cast<uint64_t>(seed));
 }
