@@ -42,7 +42,7 @@ struct Work {
   int words = 0;          // of what loops combine
   bool branches = false;  // regions, but for such loops and plain branches behind: their text for each element would
                           // take drivers minutes
-  bool shares = false;  // some reads in a loop change along some of the domain's axes only
+  bool shares = false;    // some reads in a loop change along some of the domain's axes only
 };
 
 class Chooser {

@@ -285,7 +285,7 @@ Value Elaborator::call_builtin(const BuiltinValue& builtin, std::vector<Argument
       return fail(Code::E0305, arg.name->span,
                   known.empty() ? "expected arguments without names for '" + name + "', found '" + arg.name->text + "'"
                                 : "expected the name of a parameter of '" + name + "', found '" + arg.name->text + "'",
-                  {}, suggestion(arg.name->text, known));
+                  {}, known.empty() ? std::string() : parameter_help(arg.name->text, known));
     }
     call.named.push_back(std::move(arg));
   }
