@@ -137,6 +137,14 @@ class Generator {
   // The device makes it, when what its indices depend on changed.
   Table sorted_table(const Pass& pass);
   void key_pass(const Pass& pass, uint32_t keys);
+  struct Sort;
+  glsl::Shader digit_shader(const Sort& sort, const ir::Dim& lanes) const;
+  void sort_by_digit(const Sort& sort, int digit);
+  void sum_counts(const Sort& sort, const std::string& name, const std::vector<int>& push);
+  void take_sorted_items(const Sort& sort);
+  void find_rows(const Sort& sort);
+  void sum_blocks(const Pass& pass, const Table& table, const std::vector<ir::OpId>& ops, const ir::Dim& blocks,
+                  const ir::Dim& layers, uint32_t sums, int words);
   std::vector<ir::OpId> element_ops(const Pass& pass) const;
   void raster_hardware(const Pass& pass, const ir::Op& op);
   void raster_compute(const Pass& pass, const RasterPass& raster, const ir::Op& op);
@@ -144,7 +152,6 @@ class Generator {
   void resolve(const Pass& pass, const ir::Op& op, uint32_t ids, bool stay);
   // Loops of closures that no part of which can be left to a later dispatch: the run fails where they may take too many
   // trips, or, watched, where the driver ends one.
-  uint32_t add_watch(const Pass& pass);
   void tell_unfinished(glsl::Shader& shader, uint32_t watch);
   void set_walk_trips(bundle::CommandT& command, const WalkTrips& trips, std::optional<uint32_t> watch) const;
 
@@ -187,6 +194,8 @@ class Generator {
   int add_shader(const std::string& name, bundle::Stage stage, glsl::Shader& shader, int group = 0);
   // `type`: of its words, as shaders that only read them see them.
   uint32_t add_scratch(const std::string& name, const std::string& words, const ir::Type& type = ir::kUint);
+  // A word that shaders set, and that the host reads when the step has run.
+  uint32_t add_watch(const std::string& name);
   bundle::CommandT& command(bundle::CommandKind kind, const std::string& label);
   bundle::CommandT& dispatch(const Pass& pass, const std::string& suffix, glsl::Shader& shader,
                              const std::string& elements, std::vector<int> push = {0, 0, 0}, int group = 0);

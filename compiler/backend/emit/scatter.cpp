@@ -180,7 +180,8 @@ std::vector<Generator::Target> Generator::scatter_targets(const Pass& pass) {
     t.fixed = r.type.is_float() && scatter.lowering() != ScatterLowering::Atomic && !named_once(graph_, sum.terms);
     if (t.fixed) {
       t.most = contributions(sum);
-      if (!r.sums) t.words = add_scratch(r.name + "_sums", words_of_sums(r.type, r.extent, wide_atomics()).str());
+      if (!r.is(Resource::Storage::Sums))
+        t.words = add_scratch(r.name + "_sums", words_of_sums(r.type, r.extent, wide_atomics()).str());
       if (scatter.keeps_terms()) t.terms = add_scratch(r.name + "_terms", words_of_terms(t, pass.domain).str());
       if (scatter.guesses()) {
         t.guess = guesses_[t.words] = add_scratch(r.name + "_guess", "1");
@@ -474,7 +475,7 @@ void Generator::scatter_pass(const Pass& pass) {
     set_trips(sums_run, cut);
   }
   for (const Target& t : targets)
-    if (!resource(t.sum.value).sums) scatter_resolve(pass, t);
+    if (!resource(t.sum.value).is(Resource::Storage::Sums)) scatter_resolve(pass, t);
 }
 
 void Generator::scatter_resolve(const Pass& pass, const Target& target) {
