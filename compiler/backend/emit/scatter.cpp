@@ -212,9 +212,7 @@ std::string Generator::declare_target(Shader& s, const Pass& pass, const Target&
 }
 
 Generator::Adding Generator::fixed_adding(Shader& s, const Pass& pass, const Target& t, Runs runs, bool lists) {
-  const bool guesses = t.guess != 0;
-  // Where a map adds, few lanes of a subgroup do.
-  const bool joins_lanes = pass.get<ScatterPass>().joins_lanes() && !(runs == Runs::First && guesses);
+  const bool joins_lanes = pass.get<ScatterPass>().joins_lanes(), guesses = t.guess != 0;
   const std::string& id = t.accumulator.name;
   const std::string buffer = s.bind_words(t.words, "sums_" + id, bundle::Access::ReadWrite, sum_word());
   if (wide_atomics()) wide_extensions(s);
@@ -236,9 +234,11 @@ Generator::Adding Generator::fixed_adding(Shader& s, const Pass& pass, const Tar
   }
   if (runs == Runs::First && !guesses) return out;
   s.prelude(glsl::kFixedFromFloat);
-  s.prelude(joins_lanes ? glsl::kFixedSubgroup : "");
+  // Where a map adds, few lanes of a subgroup do: none to join.
+  const bool joins_parts = joins_lanes && runs != Runs::First;
+  s.prelude(joins_parts ? glsl::kFixedSubgroup : "");
   choose_shift(s, pass, t, runs, buffer);
-  out.body += add_fixed(s, t, runs, joins_lanes, buffer);
+  out.body += add_fixed(s, t, runs, joins_parts, buffer);
   if (runs == Runs::Both && !guesses) out.body += "  }\n";
   return out;
 }
