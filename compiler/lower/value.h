@@ -225,6 +225,11 @@ struct ModuleInfo {
   bool loading = true;      // its imports are being read
 
   bool runs() const { return is_root || is_instance; }
+  // That of its file: "shadow".
+  std::string name() const {
+    const std::string file = path.substr(path.find_last_of("/:") + 1);
+    return file.substr(0, file.rfind(".dr"));
+  }
 };
 
 }  // namespace dr::lower

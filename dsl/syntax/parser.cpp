@@ -143,7 +143,11 @@ bool Parser::expect_semicolon(const After& after) {
   if (broken()) return false;
   if (take(TokenKind::Semicolon)) return true;
   const bool line_ended = token_.first_on_line || at(TokenKind::RightBrace) || at(TokenKind::End);
+  const bool braces_after_name = at(TokenKind::LeftBrace) && !token_.first_on_line && last_.kind == TokenKind::Name;
+  const bool matrix_product = at(TokenKind::At);
   Diagnostic& diagnostic = fail_expected(Code::E0101, "';'", after);
+  if (matrix_product) diagnostic.help = "the product of matrices is a * b; of images, nn.matmul(a, b) of std.nn";
+  if (braces_after_name) diagnostic.help = "a struct is made by a call: Ray(origin = o, direction = d)";
   if (line_ended && !at(TokenKind::Error)) {
     // The statement before is whole, and so is most likely the next one. The mark goes where the
     // semicolon is missing.

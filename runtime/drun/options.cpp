@@ -106,7 +106,8 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
   std::vector<std::string> bindings, symbols, steps, saves, meshes, defines;
   app.add_option("FILE", options.file, "a .dr program or a .drb bundle");
   app.add_option("--bind,-b", bindings,
-                 "NAME=SOURCE: data of a leaf: mesh.obj:position, image.png, array.npy, =[1, 2, 3]");
+                 "NAME=SOURCE: data of a leaf: mesh.obj:position, image.png (colours as linear light; image.png:raw as "
+                 "stored), array.npy, =[1, 2, 3]");
   app.add_option("--symbol,-s", symbols, "NAME=NUMBER: value of an extent symbol that no data gives");
   app.add_option("--step", steps,
                  "NAME[=TIMES]: step to run; several run one after another (default: the only one, once)");

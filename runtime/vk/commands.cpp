@@ -142,7 +142,8 @@ int64_t Commands::parts_of(const bundle::CommandT& c) const {
   if (trips && c.part_trips == 0)
     throw Failure{"the loops of pass '" + c.label + "' may take " + std::to_string(*trips) +
                   " trips in an invocation, the device lets them have " + std::to_string(c.most_trips) +
-                  ", and those in a function of a 'raster' cannot be taken in parts: promise fewer trips with 'max'"};
+                  ", and those of a sum by rows or in a function of a 'raster' cannot be taken in parts: promise fewer "
+                  "trips with 'max', or sum with '--scatter exact'"};
   if (c.watch >= 0) {
     if (!trips || *trips > kMaxWatchedParts * c.part_trips) return kMaxWatchedParts;
     *trips += c.most_trips;  // for loops that are not among them

@@ -11,7 +11,8 @@ no_more
 samples=${quick:+16384} file=${quick:+$out/figures.json}
 samples=${samples:-262144} file=${file:-bench-out/accuracy.json}
 failed=0
-measure() { "$bin/bench_accuracy" measure "$file" "$1" "$2" "$samples" || failed=1; }
+measured="$(date -u +%F), commit $(git -C "$root" rev-parse --short HEAD 2> /dev/null || echo unknown)"
+measure() { "$bin/bench_accuracy" measure "$file" "$1" "$2" "$samples" "$measured" || failed=1; }
 if [[ -n $device ]]; then
   measure "$device" "$device"
 else

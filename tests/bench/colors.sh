@@ -10,7 +10,7 @@ from exact import against_exact, camera, files, mesh, rounded, sides, sphere
 from suite import Suite
 
 suite = Suite("colors")
-ways = {"coverage": {"way": 0}, "outlines, r = 2": {"way": 1}, "antialias": {"way": 3}}
+ways = {"faces": {"way": 0}, "blend": {"way": 4}, "outlines, r = 2": {"way": 1}, "antialias": {"way": 3}}
 scenes = {"sphere": (*sphere(31, 11), 128)} if suite.quick else {n: m for n in files if (m := mesh(suite, n))}
 for name, (position, faces, size) in scenes.items():
     turned = sides(0.8 * position if suite.quick else position)[0]

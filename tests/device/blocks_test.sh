@@ -22,7 +22,8 @@ param a : float[K, H] = random.uniform(coord(K, H), 1u) - 0.5;
 param b : float[W, K] = random.uniform(coord(W, K), 2u) - 0.5;
 param bias : float[W] = 0.1;
 let c = nn.matmul(a, b);
-let y = nn.relu(c + bias.at(coord(W, H).x));
+let z = c + bias.at(coord(W, H).x);
+let y = if z > 0.0 { z } else { 0.1 * z };
 let e = sum(y * y);
 step product { output c, y, ga = grad(e, a), gb = grad(e, b), gbias = grad(e, bias); }
 // Gradients of gradients.

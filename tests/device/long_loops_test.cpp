@@ -260,3 +260,31 @@ TEST_CASE("short loops behind long ones come to their end") {
     }
   std::filesystem::remove(file);
 }
+
+// Most items of a row lie in blocks that another row begins or ends in, so that its walk takes them one by one, twice.
+TEST_CASE("the loops of a row's items come to their end") {
+  constexpr int64_t kItems = 511;
+  std::vector<int32_t> targets(kItems, 1);
+  targets[0] = 0;
+  for (const auto& [name, device] : test::devices())
+    for (const std::string extent : {"N", "511"})
+      for (const std::string trips : {"100", "5"}) {
+        const std::string file =
+            written("row_items", "edition 1; input i : int[" + extent + "]; param x : float[" + extent + R"(] = 0.5;
+          param a : float[4] = 1.0;
+          let t = if x > 0.1 { a.at(i) * reduce(sum, k in 0..)" +
+                                     trips +
+                                     R"() { x * float(k) + 0.25 } } else { 0.0 };
+          step look { output sums = grad(sum(t), a); }
+        )");
+        Program program = must(Program::load(device, test::compile(file, name, "rows")));
+        std::filesystem::remove(file);
+        must(program.bind("i", Array::from_ints(targets, 1, kItems)));
+        must(program.run("look"));
+        const auto sums = must(program.output("look", "sums")).to_doubles();
+        const double n = std::stod(trips), one = 0.25 * n * (n - 1) + 0.25 * n;
+        INFO(name << ", " << extent << ", " << trips);
+        CHECK(sums[0] == one);
+        CHECK(sums[1] == (kItems - 1) * one);
+      }
+}

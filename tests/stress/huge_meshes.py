@@ -16,8 +16,8 @@ import tempfile
 try:
     import numpy as np
 except ImportError:
-    print("numpy is not there")
-    sys.exit(77)
+    print("huge_meshes.py is left out: this Python has no NumPy")
+    sys.exit(1 if os.environ.get("CI") else 77)
 
 # SwiftShader takes longest, and has the largest size.
 SIZES = tuple(float(size) for size in os.environ.get("DR_HUGE_SIZES", "1e30 1.5e38").split())

@@ -284,15 +284,14 @@ bool Checker::results(const StepT& s, const std::string& where) {
   if (!named(s.outputs, "output") || !named(s.pins, "pinned value")) return false;
   for (const auto& r : s.rasters)
     if (!r || !raster(*r, "a raster of " + where)) return fail("a raster of " + where + " is empty");
-  // Images hold nothing until they are drawn, and leaves nothing that the step does not need.
+  // Values hold nothing until they are written, and leaves nothing that the step does not need.
   std::vector<uint32_t> all;
   for (const auto& o : s.outputs) all.push_back(o->resource);
   for (const auto& o : s.pins) all.push_back(o->resource);
   for (const auto& r : s.rasters) all.insert(all.end(), r->resources.begin(), r->resources.end());
   for (const uint32_t index : all) {
     const ResourceT& r = *b_.resources[index];
-    if (r.storage == Storage::Image && images_.count(index) == 0)
-      return fail(where + " gives '" + r.name + "', which none of its commands draws");
+    if (!holds(index)) return fail(where + " gives '" + r.name + "', which none of its commands writes");
     if (r.role == Role::Leaf && !std::ranges::binary_search(s.leaves, static_cast<uint32_t>(leaf_of_[index])))
       return fail(where + " gives leaf '" + r.name + "', but does not name it among its own");
   }

@@ -212,8 +212,11 @@ bool Checker::subpass(const StepT& step, size_t index, const std::string& where)
 }
 
 bool Checker::touches(const StepT& step, const CommandT& c, const std::string& where) {
-  for (const auto& [index, written] : touched_by(c)) {
+  const std::vector<Touched> all = touched_by(c);
+  for (const auto& [index, written] : all) {
     const ResourceT& r = *b_.resources[index];
+    if (!r.room.empty() && c.part_trips == 0)
+      return fail(where + " has no loops that go on, and touches '" + r.name + "', where such keep their state");
     if (r.role == Role::StepIndex && static_cast<int64_t>(index) != step.step_index)
       return fail(where + " counts for another step");
     if (r.role == Role::Leaf) {
@@ -221,13 +224,26 @@ bool Checker::touches(const StepT& step, const CommandT& c, const std::string& w
       if (!std::ranges::binary_search(written ? step.changes : step.leaves, leaf))
         return fail(where + (written ? " changes" : " reads") + " leaf '" + r.name + "', which its step does not name");
     }
-    if (r.storage != Storage::Image && r.storage != Storage::Tile) continue;
-    if (written)
-      images_.insert(index);
-    else if (images_.count(index) == 0)
-      return fail(where + " reads '" + r.name + "', which no command before it draws");
   }
-  return true;
+  // Before the command, and still when it writes: what shares memory with a result is not read beside it.
+  const auto reads_hold = [&](const std::string& what) {
+    for (const auto& [index, written] : all)
+      if (!written && !holds(index)) return fail(where + " reads '" + b_.resources[index]->name + "', " + what);
+    return true;
+  };
+  if (!reads_hold("which no command before it writes")) return false;
+  for (const auto& [index, written] : all)
+    if (written) holder_[b_.resources[index]->slot] = index;
+  return reads_hold("and writes what shares its memory");
+}
+
+// Values and scratch memory are fresh memory, or what another resource left there, until a command of the step writes
+// them; the host fills all else. What loops keep between the parts of a command is written by its first part.
+bool Checker::holds(uint32_t index) const {
+  const ResourceT& r = *b_.resources[index];
+  if ((r.role != Role::Value && r.role != Role::Scratch) || !r.room.empty()) return true;
+  const auto holder = holder_.find(r.slot);
+  return holder != holder_.end() && holder->second == index;
 }
 
 bool Checker::command(const CommandT& c, const std::string& where) {
@@ -250,7 +266,7 @@ bool Checker::command(const CommandT& c, const std::string& where) {
 }
 
 bool Checker::commands(const StepT& step) {
-  images_.clear();
+  holder_.clear();
   for (size_t k = 0; k < step.commands.size(); ++k) {
     if (!step.commands[k]) return fail("a command is empty");
     const CommandT& c = *step.commands[k];

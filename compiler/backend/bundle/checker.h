@@ -4,6 +4,7 @@
 // to it.
 #pragma once
 
+#include <map>
 #include <set>
 #include <string>
 #include <vector>
@@ -66,13 +67,15 @@ class Checker {
   // A subpass belongs to the render pass of the draw before it and reads what that render pass wrote.
   bool subpass(const StepT& step, size_t index, const std::string& where);
   bool attachments(const StepT& step, size_t index, std::set<uint32_t>& written, const std::string& where);
-  // What a command reads is there: leaves that the step needs, images that a command before it wrote.
+  // What a command reads is there: leaves that the step needs, values and scratch memory that
+  // a command before it wrote.
   bool touches(const StepT& step, const CommandT& command, const std::string& where);
+  bool holds(uint32_t index) const;
 
   const BundleT& b_;
   std::string problem_;
-  std::vector<int> leaf_of_;   // by resource: the leaf that lives there, or -1
-  std::set<uint32_t> images_;  // written by commands of the step so far
+  std::vector<int> leaf_of_;             // by resource: the leaf that lives there, or -1
+  std::map<uint32_t, uint32_t> holder_;  // by slot: the resource that a command of the step wrote there last
 };
 
 }  // namespace dr::bundle

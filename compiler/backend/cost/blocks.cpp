@@ -40,7 +40,8 @@ constexpr int kMostTrips = 64;
 struct Work {
   std::array<double, 8> cost{}, text{};
   int words = 0;          // of what loops combine
-  bool branches = false;  // other regions than such loops: a text for each element would take drivers minutes
+  bool branches = false;  // regions, but for such loops and plain branches behind: their text for each element would
+                          // take drivers minutes
   bool shares = false;    // some reads in a loop change along some of the domain's axes only
 };
 
@@ -134,10 +135,20 @@ class Chooser {
       return;
     }
     const Axes changes = changing_.of(op);
-    work.branches = work.branches || !op.regions.empty();
+    work.branches = work.branches || (!op.regions.empty() && (in_loop || !is_plain_branch(op)));
     if (op.kind == OpKind::Gather && in_loop && (changes & axes) != axes) work.shares = true;
     work.cost[changes] += times * cost(op, components);
     work.text[changes] += static_cast<double>(op_size(graph_, op));
+  }
+
+  // An `if` of arithmetic alone, as activations of layers are.
+  bool is_plain_branch(const Op& op) const {
+    const auto is_plain = [&](OpId id) {
+      return graph_.op(id).regions.empty() && graph_.op(id).kind != OpKind::Gather;
+    };
+    return op.kind == OpKind::If && std::ranges::all_of(op.regions, [&](ir::RegionId region) {
+             return std::ranges::all_of(graph_.region(region).ops, is_plain);
+           });
   }
 
   double cost(const Op& op, int components) const {

@@ -122,7 +122,6 @@ class Generator {
   // The device makes it, when what its indices depend on changed.
   Table sorted_table(const Pass& pass);
   void key_pass(const Pass& pass, uint32_t keys);
-  ir::Dim row_items(const Pass& pass) const;
   std::vector<ir::OpId> element_ops(const Pass& pass) const;
   void raster_hardware(const Pass& pass, const ir::Op& op);
   void raster_compute(const Pass& pass, const RasterPass& raster, const ir::Op& op);

@@ -18,15 +18,8 @@ using ir::ValueId;
 
 namespace {
 
-// Items of a block: 256, and more only where there are so many that walking the blocks of one row would take long; some
-// drivers end loops of more than 65,535 trips (Profile::loop_trips).
-constexpr int kBlock = 256;
-constexpr int64_t kManyItems = int64_t{1} << 22;
 void declare_block(Shader& s, const Dim& items) {
-  const std::string more = items.is_constant() && items.constant() < kManyItems
-                               ? std::string()
-                               : " * (1 + " + dim_expression(items) + " / " + std::to_string(kManyItems) + ")";
-  s.declare("const int block = " + std::to_string(kBlock) + more + ";\n");
+  s.declare("const int block = " + dim_expression(row_block(items)) + ";\n");
 }
 constexpr const char* kBlockBits = "findMSB(block - 1) + 1";
 
@@ -68,14 +61,6 @@ Generator::Table Generator::rows_table(const RowsScatter& rows, const RowsOfLeaf
   step_tables_.insert(it->second.leaf);
   step_tables_.insert(it->second.leaf + 1);
   return it->second.table;
-}
-
-Dim Generator::row_items(const Pass& pass) const {
-  const RowsScatter& rows = pass.get<ScatterPass>().rows();
-  const Dim sources = std::visit(Overloaded{[&](const RowsOfLeaf& of) { return schedule_.resources[of.leaf].extent.w; },
-                                            [&](const SortedRows&) { return element_count(pass.domain); }},
-                                 rows.table);
-  return sources * Dim(rows.names());
 }
 
 namespace {
@@ -244,7 +229,8 @@ void Generator::rows_pass(const Pass& pass) {
                                  rows.table);
   const std::vector<ir::OpId> ops = element_ops(pass);
   const Dim layers = rows.sorted() != nullptr ? Dim(1) : pass.domain.l;  // that one table serves
-  const Dim blocks = row_items(pass).divided_by(kBlock) + Dim(1);
+  const Dim all_items = rows.items(pass.domain);
+  const Dim blocks = all_items.divided_by(row_block(Dim(1)).constant()) + Dim(1);
   int words = 0;
   for (const ScatterSum& sum : all) words += words_of(graph_.value(sum.value).type);
   const std::string block = "block", per_block = std::to_string(words);
@@ -254,13 +240,13 @@ void Generator::rows_pass(const Pass& pass) {
   Shader b = shader();
   {
     RowsWriter writer(graph_, pass, ops, b);
-    declare_block(b, row_items(pass));
+    declare_block(b, all_items);
     linear_index(b, dim_expression(blocks * layers));
     const std::string items = b.read_words(table.items, "items", "int");
     const std::string out = b.bind_words(sums, "blocks", bundle::Access::Write);
     b.body().line("int layer = index / " + dim_expression(blocks) + ";");
     b.body().line("int begin = (index % " + dim_expression(blocks) + ") * " + block + ", end = begin + " + block + ";");
-    b.body().line("if (end > " + dim_expression(row_items(pass)) + ") return;");
+    b.body().line("if (end > " + dim_expression(all_items) + ") return;");
     b.body().line("int row = " + items + "(2 * begin + 1);");
     b.body().line("if (row < 0 || row != " + items + "(2 * end - 1)) return;");
     writer.declare_totals();
@@ -293,7 +279,7 @@ void Generator::rows_pass(const Pass& pass) {
 
   Shader s = shader();
   RowsWriter writer(graph_, pass, ops, s);
-  declare_block(s, row_items(pass));
+  declare_block(s, all_items);
   s.prelude(glsl::kFixedToFloat);
   linear_index(s, dim_expression(rows.targets * layers));
   const std::string starts = s.read_words(table.starts, "starts", "int");
@@ -356,7 +342,11 @@ void Generator::rows_pass(const Pass& pass) {
                     "] = " + s.at_once({writer.type(k).scalar, 1, 1}, value) + ";");
     }
   }
-  dispatch(pass, "", s, (rows.targets * layers).str());
+  auto& walk = dispatch(pass, "", s, (rows.targets * layers).str());
+  const Dim trips = row_walk(all_items, Dim(0), 1);  // where items have loops, all is known
+  if (schedule_.code.loop_trips == 0 || trips.is_constant()) return;
+  walk.trips = trips.str();
+  walk.most_trips = schedule_.code.loop_trips;
 }
 
 }  // namespace dr::backend

@@ -44,7 +44,7 @@ int most_digits(const Dim& targets) {
 
 Generator::Table Generator::sorted_table(const Pass& pass) {
   const RowsScatter& rows = pass.get<ScatterPass>().rows();
-  const Dim count = row_items(pass);
+  const Dim count = rows.items(pass.domain);
   const Dim chunks = count.divided_by(kChunk) + Dim(1);
   const Dim counts = chunks * Dim(kDigits);
   const Dim groups = counts.divided_by(kGroup) + Dim(1);

@@ -317,20 +317,17 @@ class StepLegalizer {
     const auto refuse = [&](std::string why) {
       if (asked) scatter.exact()->no_rows = std::move(why);
     };
-    // A row's walk computes what an element adds for each of its items, in loops that cannot be cut.
-    constexpr int64_t kItems = 512;
-    if (needs_cut(trips_of(graph_, pass.ops), profile_, kItems))
-      return refuse("its loops may take more trips than the device lets an invocation have");
     std::string lacks;
     auto rows = rows_of(pass, scatter);
     if (!rows || !(asked || rows_pay(scatter, *rows))) {
       rows = sorted_rows_of(pass, scatter, lacks);
       if (rows && !asked && !(changes(scatter) && rows_pay(scatter, *rows))) rows.reset();
     }
-    if (rows)
-      scatter.how = std::move(*rows);
-    else
-      refuse(lacks);
+    if (!rows) return refuse(lacks);
+    // The walk computes what an element adds for each of its items, in loops that cannot be cut.
+    if (!may_walk_rows(graph_, pass, *rows, profile_))
+      return refuse("its loops may take more trips than the device lets an invocation have");
+    scatter.how = std::move(*rows);
   }
 
   // The table by which a pass can gather what it scatters.

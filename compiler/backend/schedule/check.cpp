@@ -136,12 +136,11 @@ class StepChecker {
   void check_joined_loops() {
     const auto* scatter = pass().as<ScatterPass>();
     if (scatter == nullptr) return;
+    if (scatter->lowering() == ScatterLowering::Rows && !may_walk_rows(graph_, pass(), scatter->rows(), profile_))
+      unsound("walks rows in loops that may take more trips than the device allows");
     Trips trips = trips_of(graph_, pass().ops);
-    if (trips.loops == 0) return;
-    if (scatter->joined_run() != nullptr)
-      trips += trips_of(graph_, step_.pass(scatter->joined_run()->lister).ops);
-    else if (scatter->lowering() != ScatterLowering::Rows)
-      return;
+    if (trips.loops == 0 || scatter->joined_run() == nullptr) return;
+    trips += trips_of(graph_, step_.pass(scatter->joined_run()->lister).ops);
     if (needs_cut(trips, profile_)) unsound("joins loops that may stop and go on later");
   }
 

@@ -12,6 +12,11 @@ int64_t RowsScatter::names() const {
   return static_cast<int64_t>(count);
 }
 
+ir::Dim RowsScatter::items(const ir::Extent& domain) const {
+  const ir::Dim sources = sorted() == nullptr ? domain.w : domain.w * domain.h * domain.l;
+  return sources * ir::Dim(names());
+}
+
 ScatterLowering ScatterPass::lowering() const {
   return std::visit(Overloaded{[](const ExactScatter&) { return ScatterLowering::Exact; },
                                [](const RowsScatter&) { return ScatterLowering::Rows; },

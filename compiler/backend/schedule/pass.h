@@ -172,6 +172,7 @@ struct RowsScatter {
 
   const SortedRows* sorted() const { return std::get_if<SortedRows>(&table); }
   int64_t names() const;
+  ir::Dim items(const ir::Extent& domain) const;  // of a layer, where the host makes the table
 };
 
 // By float atomics.

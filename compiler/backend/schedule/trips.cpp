@@ -267,6 +267,33 @@ WalkTrips walk_trips(const Graph& graph, const Pass& pass, const Op& op, const P
   return trips;
 }
 
+namespace {
+// The blocks of a row are as many at most, however many items there are.
+constexpr int64_t kMostRowBlocks = 1 << 14;
+constexpr int64_t kRowBlock = 256;
+}  // namespace
+
+Dim row_block(const Dim& items) { return Dim(kRowBlock) * (Dim(1) + items.divided_by(kRowBlock * kMostRowBlocks)); }
+
+Dim row_walk(const Dim& items, const Dim& item, int64_t lanes) {
+  Dim blocks = kMostRowBlocks, ends = Dim(2) * row_block(items);
+  if (items.is_constant()) {
+    blocks = std::min(kMostRowBlocks, items.constant() / kRowBlock + 1);
+    ends = std::min(ends.constant(), items.constant());
+  }
+  Dim waits = ends * Dim(lanes);
+  if (items.is_constant()) waits = std::min(waits.constant(), (blocks + ends).constant());
+  return Dim(3) + Dim(2) * (Dim(1) + blocks + ends + waits * item);
+}
+
+bool may_walk_rows(const Graph& graph, const Pass& pass, const RowsScatter& rows, const target::Profile& profile) {
+  if (profile.loop_trips == 0) return true;
+  const Trips item = trips_of(graph, pass.ops);
+  if (item.unknown > 0) return false;
+  const Dim walk = row_walk(rows.items(pass.domain), item.most, std::max(profile.subgroup_size, 1U));
+  return walk.is_constant() ? walk.constant() <= profile.loop_trips : item.loops == 0;
+}
+
 bool may_pass_limit(const Trips& trips, const target::Profile& profile, int64_t times) {
   if (profile.loop_trips == 0 || trips.loops == 0) return false;
   const Dim all = trips.most * Dim(times);

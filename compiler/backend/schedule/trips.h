@@ -42,6 +42,16 @@ struct WalkTrips {
 // `setup`: the pass that is run again for each face, or null. `wide`: entries are of 64 bits (Code::wide_words).
 WalkTrips walk_trips(const ir::Graph& graph, const Pass& pass, const ir::Op& op, const Pass* setup, bool wide);
 
+// The walk of one row's items (emit/rows.cpp), for a pass that sums by rows. A row is walked twice, by blocks that
+// other invocations have summed, and item by item where it begins and ends within a block.
+ir::Dim row_block(const ir::Dim& items);  // items of a block
+// What an invocation takes whose row has all items, each with loops of `item` trips. Lanes come to items and to blocks
+// at different times, and all wait for an item's loops.
+ir::Dim row_walk(const ir::Dim& items, const ir::Dim& item, int64_t lanes);
+// Whether no row may take more than the device allows. It is not asked of items of an extent that is not known before
+// data is bound, where they have no loops: the runtime asks for that.
+bool may_walk_rows(const ir::Graph& graph, const Pass& pass, const RowsScatter& rows, const target::Profile& profile);
+
 // Whether so many are not known to be within what the profile lets an invocation take, which is shared by `times` runs.
 bool may_pass_limit(const Trips& trips, const target::Profile& profile, int64_t times = 1);
 

@@ -285,7 +285,7 @@ Value Elaborator::call_builtin(const BuiltinValue& builtin, std::vector<Argument
       return fail(Code::E0305, arg.name->span,
                   known.empty() ? "expected arguments without names for '" + name + "', found '" + arg.name->text + "'"
                                 : "expected the name of a parameter of '" + name + "', found '" + arg.name->text + "'",
-                  {}, suggestion(arg.name->text, known));
+                  {}, known.empty() ? std::string() : parameter_help(arg.name->text, known));
     }
     call.named.push_back(std::move(arg));
   }
@@ -307,6 +307,13 @@ Value Elaborator::call_builtin(const BuiltinValue& builtin, std::vector<Argument
 
 Value Elaborator::call_optimizer(const OptimizerValue& optimizer, std::vector<Argument> args, const Span& span) {
   static const std::vector<dsl::Name> kNoGenerics;
+  // Other libraries pass the gradient; here 'minimize' takes it.
+  if (!args.empty() && !args[0].name && !extent_of(args[0].value).is_unit()) {
+    const std::string& name = optimizer.decl->name.text;
+    return fail(Code::E0305, args[0].span, "expected a number among the settings of '" + name + "', found an image",
+                {{optimizer.decl->name.span, "'" + name + "' is declared here"}},
+                "an optimizer takes the gradient itself: 'minimize error over x with ...' in a step");
+  }
   Scope* scope = new_scope(optimizer.scope);
   if (!bind_params(optimizer.decl->params, kNoGenerics, std::move(args), *scope, span, optimizer.decl->name.text,
                    optimizer.decl->name.span, false)) {

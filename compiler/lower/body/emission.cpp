@@ -16,7 +16,8 @@ std::string Elaborator::describe(const TypeValue& type) const {
   switch (type.kind) {
     case TypeValue::Kind::Element: return type.element.str();
     case TypeValue::Kind::Struct: {
-      std::string text = type.structure->name;
+      const ModuleInfo* module = type.structure->module;
+      std::string text = (module && !module->is_root ? module->name() + "." : "") + type.structure->name;
       for (size_t i = 0; i < type.generics.size(); ++i) {
         const auto* generic = type.generics[i].get<TypeValue>();
         const auto* dim = type.generics[i].get<Dim>();

@@ -116,11 +116,6 @@ std::string folder_of(const ModuleInfo& module) {
   return std::filesystem::weakly_canonical(module.folder, error).string() + "/";
 }
 
-std::string name_of(const ModuleInfo& module) {
-  const std::string file = module.path.substr(module.path.find_last_of("/:") + 1);
-  return file.substr(0, file.rfind(".dr"));
-}
-
 // What to write where the name is also that of an import: the module takes another. Nothing where it is not.
 std::string import_as(const dsl::Module& module, const std::string& name) {
   for (const dsl::ImportDecl& import : module.imports) {
@@ -216,19 +211,23 @@ void Elaborator::collect_items(ModuleInfo& module) {
 Value Elaborator::item_value(ModuleInfo& module, std::string_view name, ModuleItem& item, const Span& use) {
   const bool waits = item.kind == ModuleItem::Kind::Let || item.kind == ModuleItem::Kind::Parameter;
   if (!module.runs() && (waits || item.kind == ModuleItem::Kind::Leaf)) {
-    return fail(
-        Code::E0207, use,
-        "expected an instance of the module '" + name_of(module) + "' before the use of '" + std::string(name) +
-            "', found the module",
-        {{item.span, "'" + std::string(name) + "' is declared here"}},
-        "write 'let name = " + name_of(module) + "(...);' at the top level and 'name." + std::string(name) + "'");
+    return fail(Code::E0207, use,
+                "expected an instance of the module '" + module.name() + "' before the use of '" + std::string(name) +
+                    "', found the module",
+                {{item.span, "'" + std::string(name) + "' is declared here"}},
+                "write 'let name = " + module.name() + "(...);' at the top level and 'name." + std::string(name) + "'");
   }
   if (waits && item.state != ModuleItem::State::Done) {
-    return fail(Code::E0206, use, "expected the use of '" + std::string(name) + "' after its 'let', found it before",
-                {{item.span, "'" + std::string(name) + "' is declared here"}},
-                in_initial_ ? "an initial value is made before all lets: write what '" + std::string(name) +
-                                  "' stands for, or a function that makes it"
-                            : "");
+    const std::string quoted = "'" + std::string(name) + "'";
+    const dsl::Note declared = {item.span, quoted + " is declared here"};
+    if (in_initial_)
+      return fail(
+          Code::E0206, use,
+          "expected constants, inputs and functions in an initial value, found " + quoted + ", which is a 'let'",
+          {declared},
+          "an initial value is made before all lets: write what " + quoted +
+              " stands for, or a function that makes it");
+    return fail(Code::E0206, use, "expected the use of " + quoted + " after its 'let', found it before", {declared});
   }
   if (item.kind != ModuleItem::Kind::Const || item.state == ModuleItem::State::Done) return item.value;
   if (item.state == ModuleItem::State::Busy) {
@@ -402,12 +401,12 @@ Value Elaborator::module_field(ModuleInfo& module, const std::string& name, cons
   const bool inside = is_inside(module);
   const auto found = module.items.find(name);
   if (found == module.items.end() || found->second.kind == ModuleItem::Kind::Import) {
-    return fail(Code::E0205, span, "expected a name of the module '" + name_of(module) + "', found '" + name + "'", {},
+    return fail(Code::E0205, span, "expected a name of the module '" + module.name() + "', found '" + name + "'", {},
                 help_for(module, name, span));
   }
   if (found->second.is_private && !inside) {
     return fail(Code::E0211, span,
-                "expected a name that the module '" + name_of(module) + "' offers to all, found '" + name +
+                "expected a name that the module '" + module.name() + "' offers to all, found '" + name +
                     "', which is private to its folder",
                 {{found->second.span, "'" + name + "' is declared here"}});
   }

@@ -149,7 +149,9 @@ json measure_library(const runtime::Device& device, const std::string& profile, 
   return accuracy::library::to_json(rows);
 }
 
-int measure(const std::string& path, const std::string& name, const std::string& wanted, int64_t samples) {
+// `measured`: when and at what commit, for the page.
+int measure(const std::string& path, const std::string& name, const std::string& wanted, int64_t samples,
+            const std::string& measured) {
   auto device = runtime::Device::open({wanted, false});
   if (!device) stop(device.error());
   const std::string profile = profile_of(*device);
@@ -178,8 +180,9 @@ int measure(const std::string& path, const std::string& name, const std::string&
   json library = measure_library(*device, profile, samples, failed);
   json data = read(path);
   data["devices"][name] = {{"device", device->info().name},        {"driver", device->info().driver},
-                           {"vulkan", device->info().api_version}, {"rows", std::move(both["strict"])},
-                           {"native", std::move(both["native"])},  {"library", std::move(library)}};
+                           {"vulkan", device->info().api_version}, {"measured", measured},
+                           {"rows", std::move(both["strict"])},    {"native", std::move(both["native"])},
+                           {"library", std::move(library)}};
   std::ofstream(path) << data.dump(1) << "\n";
   return failed == 0 ? 0 : 1;
 }
@@ -277,13 +280,14 @@ operands.
 Each cell has the largest error, in parentheses that of 99.9%% of the samples, and the operands' bits (integers as numbers) where
 it is largest.
 
-| device | name | driver | Vulkan | strict | native |
-| --- | --- | --- | --- | --- | --- |
+| device | name | driver | Vulkan | measured | strict | native |
+| --- | --- | --- | --- | --- | --- | --- |
 )");
   for (const auto& [name, device] : devices.items()) {
-    std::printf("| %s | %s | %s | %s | %s | %s |\n", name.c_str(), device["device"].get<std::string>().c_str(),
+    std::printf("| %s | %s | %s | %s | %s | %s | %s |\n", name.c_str(), device["device"].get<std::string>().c_str(),
                 device["driver"].get<std::string>().c_str(), device["vulkan"].get<std::string>().c_str(),
-                verdict(device["rows"]).c_str(), verdict(device.value("native", json::array())).c_str());
+                device.value("measured", "").c_str(), verdict(device["rows"]).c_str(),
+                verdict(device.value("native", json::array())).c_str());
   }
   std::printf("\n## The table\n\n| op | direction | domain | samples | scale | bound |");
   for (const auto& [name, device] : devices.items()) std::printf(" %s |", name.c_str());
@@ -346,14 +350,15 @@ int main(int argc, char** argv) {
   const std::string what = argc > 1 ? argv[1] : "";
   const int64_t samples = argc > 5 ? std::atoll(argv[5]) : int64_t{1} << 18;
   if (what == "document" && argc == 3) return document(argv[2]);
-  if (what == "measure" && argc >= 4 && samples > 0) return measure(argv[2], argv[3], argc > 4 ? argv[4] : "", samples);
+  if (what == "measure" && argc >= 4 && samples > 0)
+    return measure(argv[2], argv[3], argc > 4 ? argv[4] : "", samples, argc > 6 ? argv[6] : "");
   if (what == "again" && argc == 6) return measure_again(argv[2], argv[3], argv[4], argv[5]);
   if (what == "library" && argc >= 6)
     return measure_modules(argv[2], argv[3], argv[4], std::span(argv + 5, static_cast<size_t>(argc - 5)));
   if (what == "light" && argc == 3) return document_light(argv[2]);
   std::fputs(
-      "usage: bench_accuracy measure FILE NAME [DEVICE] [SAMPLES] | again FILE NAME DEVICE FUNCTION | "
-      "library FILE NAME DEVICE MODULE... | document FILE | light FILE\n",
+      "usage: bench_accuracy measure FILE NAME [DEVICE] [SAMPLES] [DATE AND COMMIT] | again FILE NAME DEVICE FUNCTION "
+      "| library FILE NAME DEVICE MODULE... | document FILE | light FILE\n",
       stderr);
   return 2;
 }

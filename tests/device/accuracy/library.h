@@ -65,6 +65,8 @@ struct Function {
   std::string statement = {};  // of the step, instead of a value
   // Takes seconds to compile: left to `./dr bench accuracy`.
   bool slow = false;
+  // Operands whose gradient has no row here; `library_jvp_test` holds it against jvp in the evaluator.
+  std::vector<std::string> transposed = {};
 };
 
 std::vector<Function> functions();

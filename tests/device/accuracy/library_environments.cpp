@@ -77,7 +77,8 @@ std::vector<Function> places() {
        .result = "vec3",
        .operands = {face, vectors("uv", 0, 1, 1e-6, "vec2")},
        .value = "environment.cube_direction(face, uv)",
-       .directions = {over("value", 4 * u, "1.0 + 0.0 * uv.x", "1", kFew)}},
+       .directions = {over("value", 4 * u, "1.0 + 0.0 * uv.x", "1", kFew)},
+       .transposed = {"uv"}},
       {.name = "environment.cube_face",
        .part = {},
        .result = "int",
@@ -96,7 +97,8 @@ std::vector<Function> places() {
        .operands = {whole(floats("alpha", 2e-3, 1, 2e-3), "[1]")},
        .value = "environment.lobe_points(64, alpha, 8192)",
        .directions = {over("value", 64 * u, "8.0 + 0.0 * abs(y)", "the largest level, 8", "a logarithm of a square")},
-       .whole = true},
+       .whole = true,
+       .transposed = {"alpha"}},
   };
 }
 

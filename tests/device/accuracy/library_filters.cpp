@@ -106,7 +106,9 @@ std::vector<Function> solvers() {
       {relative("value", 2 * u, kFew), l2("a", 2 * u, kFew)}, {});
   add("squares", "float[1]", "solve.squares(a)", {a}, {relative("value", 1e-6, kDesign), l2("a", 2 * u, kFew)}, {});
   add("normal_equations", "float[9]", "solve.normal_equations(r, x).1", {a, b, x}, {value}, residual);
+  all.back().transposed = {"a", "b", "x"};
   add("gauss_newton", "float[9]", "solve.gauss_newton(r, x)", {a, b, x}, {l2("value", 4e-6, why)}, residual);
+  all.back().transposed = {"a", "b", "x"};
   // Light around a ball: the normal equations alone would be off by 1e-4.
   const std::string light =
       "  let p = (vec2(coord(64, 64).xy) + 0.5) / 32.0 - 1.0;\n"

@@ -97,6 +97,7 @@ std::vector<Function> textures() {
        {
            apart(equal()),
        });
+  all.back().transposed = {"image"};
   read("bilinear", "texture.bilinear(image, uv)", {value, to_image, slope(1)});
   read("bilinear_repeat", "texture.bilinear_repeat(image, uv)",
        {over("value", 4 * u, "(max(image) - min(image)) * (1.0 + dot(abs(uv) + 1.0, vec2(16.0, 8.0)))",

@@ -166,14 +166,16 @@ std::vector<Function> lenses() {
                  .operands = {pixel, floats("depth", 0, 0.9, 1e-3)},
                  .value = "camera.unproject(view, pixel, depth, 64, 64)",
                  .directions = {over("value", 1e-4, "1.0 + length(y)", "1 + |result|", why)},
-                 .before = view});
+                 .before = view,
+                 .transposed = {"pixel", "depth"}});
   all.push_back({.name = "camera.ray",
                  .part = {},
                  .result = "vec3",
                  .operands = {pixel},
                  .value = "camera.ray(view, pixel, 64, 64).direction",
                  .directions = {over("value", 16 * u, "1.0 + 0.0 * y.x", "1", kFew)},
-                 .before = view});
+                 .before = view,
+                 .transposed = {"pixel"}});
   return all;
 }
 

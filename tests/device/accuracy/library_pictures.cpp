@@ -188,6 +188,9 @@ std::vector<Function> pictures() {
   add("coverage.blend", "", "vec3", across,
       "coverage.blend($clip, $face, across, 64, 64, fn(hit) { raster.interpolate(hit, paint) }, vec3(0.1, 0.2, 0.3))",
       {over("value", kFrame, "1.0 + 0.0 * y.x", "1", kDesign), to_clip, to_paint});
+  add("coverage.faces", "", "vec3", across + "  let own = paint.at($face.x);\n",
+      "coverage.faces($clip, $face, across, own, 64, 64, vec3(0.1, 0.2, 0.3))",
+      {over("value", kFrame, "1.0 + 0.0 * y.x", "1", kDesign), to_clip, to_paint});
   const std::string hit = "  let hit = raster.rasterize($clip, $face, 64, 64);\n";
   add("raster.rasterize", "weight", "vec3", hit, "hit.weight",
       {over("value", 8 * u, kappa("hit.corner"), kappa_text, "the design's, with the coordinates' own rounding"),

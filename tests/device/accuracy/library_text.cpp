@@ -163,6 +163,7 @@ std::vector<std::string> moved_operands(const Function& f) {
   std::vector<std::string> out;
   for (const Direction& d : f.directions)
     if (d.of != "value" && !is_next(d)) out.push_back(d.of);
+  out.insert(out.end(), f.transposed.begin(), f.transposed.end());
   return out;
 }
 

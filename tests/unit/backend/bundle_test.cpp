@@ -290,6 +290,10 @@ BundleT sample_with_raster() {
   r->type->rows = 2;
   r->slot = 1;
   b.resources.push_back(std::move(r));
+  auto written = std::make_unique<BindingT>();
+  written->resource = 1;
+  written->access = Access::Write;
+  b.steps[0]->commands[0]->bindings.push_back(std::move(written));
   b.steps[0]->rasters.push_back(std::make_unique<RasterResultsT>());
   b.steps[0]->rasters[0]->resources = {1, 1, 1, 1};
   return b;
@@ -443,15 +447,55 @@ TEST_CASE("a tile is read by later subpasses of its render pass and by nothing e
   CHECK(check(b).empty());
 }
 
+// Counts (resource 1, scratch) are cleared, counted in, and read for a value (2).
+BundleT sample_with_counts() {
+  BundleT b = sample();
+  for (const char* name : {"counts", "value"}) {
+    b.resources.push_back(std::make_unique<ResourceT>(*b.resources[0]));
+    b.resources.back()->name = name;
+    b.resources.back()->role = b.resources.size() > 2 ? Role::Value : Role::Scratch;
+    b.resources.back()->slot = static_cast<uint32_t>(b.resources.size());
+  }
+  auto& commands = b.steps[0]->commands;
+  const auto add = [&](std::vector<std::pair<uint32_t, Access>> bindings) {
+    commands.push_back(std::make_unique<CommandT>(*commands[0]));
+    commands.back()->bindings.clear();
+    for (const auto& [resource, access] : bindings) {
+      commands.back()->bindings.push_back(std::make_unique<BindingT>());
+      commands.back()->bindings.back()->resource = resource;
+      commands.back()->bindings.back()->access = access;
+    }
+  };
+  add({{1, Access::ReadWrite}});
+  add({{1, Access::Read}, {2, Access::Write}});
+  CommandT& clear = *commands[0];
+  clear.kind = CommandKind::Fill;
+  clear.compute = -1;
+  clear.elements.clear();
+  clear.bindings.clear();
+  clear.target = 1;
+  b.steps[0]->outputs[0]->resource = 2;
+  return b;
+}
+
+TEST_CASE("memory is written before it is read") {
+  const std::string early = "reads 'counts', which no command before it writes";
+  expect(sample_with_counts,
+         {{[](auto& b) { b.steps[0]->commands.erase(b.steps[0]->commands.begin()); }, early},
+          {[](auto& b) { std::swap(b.steps[0]->commands[0], b.steps[0]->commands[2]); }, early},
+          {[](auto& b) { b.resources[2]->slot = b.resources[1]->slot; }, "and writes what shares its memory"},
+          {[](auto& b) { b.steps[0]->commands.pop_back(); }, "gives 'value', which none of its commands writes"}});
+}
+
 TEST_CASE("an image is drawn before it is read") {
   expect(sample_with_tile, {{[](auto& b) {
                                b.resources[1]->storage = Storage::Image;
                                command(b).bindings[0]->resource = 1;
                              },
-                             "reads 't', which no command before it draws"},
+                             "reads 't', which no command before it writes"},
                             {[](auto& b) {
                                b.steps[0]->commands.resize(1);
                                b.steps[0]->outputs[0]->resource = 2;
                              },
-                             "gives 'u', which none of its commands draws"}});
+                             "gives 'u', which none of its commands writes"}});
 }
