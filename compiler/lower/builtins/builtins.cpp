@@ -284,8 +284,9 @@ Value Elaborator::builtin_select(BuiltinCall& call) {
   if (!c.is_numeric() || !element_type(c).is_bool()) return wrong_type(call, 0, "a bool as the first argument");
   if (element_type(c).is_vector()) {
     std::vector<Value> sides{call.args[1], call.args[2]};
-    if (!sides[0].is_numeric() || !sides[1].is_numeric() || !unify_scalars(sides) || !unify_rows(sides) ||
-        element_type(sides[0]).rows != element_type(c).rows) {
+    const bool alike = sides[0].is_numeric() && sides[1].is_numeric() && unify_scalars(sides) && unify_rows(sides);
+    if (alike && (sides[0].is_error() || sides[1].is_error())) return Error{};
+    if (!alike || element_type(sides[0]).rows != element_type(c).rows) {
       return fail(Code::E0322, call.span,
                   "expected vectors of the size of " + describe_element(c) + " for '" + std::string(call.entry.name) +
                       "', found " + describe_element(call.args[1]) + " and " + describe_element(call.args[2]));

@@ -78,6 +78,7 @@ Value Elaborator::builtin_is_inf(BuiltinCall& call) {
 // x 2^n by powers of two that float32 holds; three reach from the largest number to below the smallest. The steps go
 // as far as they can, so that at most one of them rounds to a subnormal number that counts.
 Value Elaborator::times_power_of_two(Value x, Value n) {
+  if (n.is_error()) return Error{};
   const Type ints = element_type(n);
   for (int step = 0; step < 3; ++step) {
     if (x.is_error() || n.is_error()) return Error{};
@@ -209,7 +210,7 @@ Value Elaborator::builtin_bitfield_insert(BuiltinCall& call) {
                     describe_element(words[1]));
   }
   const auto field = bit_field(call, 2);
-  if (!field) return Error{};
+  if (!field || words[0].is_error() || words[1].is_error()) return Error{};
   const auto& [offset, size] = *field;
   const Value ones = shifted(OpKind::ShiftRight, make_uint(0xffffffffu), sub(Dim(32), size));
   if (ones.is_error()) return ones;
