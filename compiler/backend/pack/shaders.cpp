@@ -80,7 +80,7 @@ void StepPacker::grow(ValueId target, size_t most) {
     if (!read_.add(v.index)) return;
     cone_.reads.push_back(v);
     if (read_resource_.add(resource_index(v)))
-      ++(resource(v).storage == Resource::Storage::Image ? cone_.images : cone_.buffers);
+      ++(resource(v).is(Resource::Storage::Image) ? cone_.images : cone_.buffers);
   };
   const auto need = [&](OpId id) {
     if (!in_cone_.add(id.index)) return;
@@ -175,7 +175,7 @@ void StepPacker::store_before(ValueId v, const Extent& domain) {
     stored_[v.index] = true;
     add_resource(v, def(v));
   }
-  resource(v).storage = Resource::Storage::Buffer;
+  resource(v).leave_image();
   if (!written_[v.index]) add_map_pass(domain, {v}, level_[graph_.value(v).op.index], false);
   spilled_[v.index] = true;
 }
@@ -245,7 +245,7 @@ void StepPacker::add_map_passes(const Extent& domain, const std::vector<OpId>& g
       if (stored_[v.index]) all.push_back(v);
   set_group(group);
   if (options_.fused) cut(domain, all, level);
-  for (ValueId v : all) (resource(v).storage == Resource::Storage::Image ? images : buffers).push_back(v);
+  for (ValueId v : all) (resource(v).is(Resource::Storage::Image) ? images : buffers).push_back(v);
   for (const bool hardware : {true, false}) {
     const std::vector<ValueId>& targets = hardware ? images : buffers;
     std::span<const ValueId> rest = targets;
@@ -327,7 +327,7 @@ void StepPacker::add_map_pass(const Extent& domain, const std::vector<ValueId>& 
     if (pass.is<FragmentPass>()) {
       // One value alone needs more than a fragment shader may have: compute shaders may have more.
       pass.of_kind = MapPass{};
-      resource(targets[0]).storage = Resource::Storage::Buffer;
+      resource(targets[0]).leave_image();
     }
     if (!within_limits(pass)) {
       spill(pass);
@@ -348,7 +348,7 @@ void StepPacker::run_in_blocks(Pass& pass) {
     pass.of_kind = drawn;
     return;
   }
-  for (const ValueId v : pass.writes) resource(v).storage = Resource::Storage::Buffer;
+  for (const ValueId v : pass.writes) resource(v).leave_image();
 }
 
 void StepPacker::make_passes() {
