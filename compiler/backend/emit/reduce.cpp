@@ -87,10 +87,15 @@ std::string source_place(const ir::Op& op, const Dim* const (&axes)[3]) {
   std::string function = "ivec3 source_place(int o, int r) {\n  ivec3 at = ivec3(0);\n";
   for (const bool reduced : {true, false}) {
     const std::string counter = reduced ? "r" : "o";
-    for (size_t a = 0; a < 3; ++a) {
-      if ((op.attrs.ints[a] != 0) != reduced || axes[a]->is_one()) continue;
-      const std::string d = dim_expression(*axes[a]);
-      function += "  at[" + std::to_string(a) + "] = " + counter + " % " + d + "; " + counter + " /= " + d + ";\n";
+    std::vector<size_t> counted;
+    for (size_t a = 0; a < 3; ++a)
+      if ((op.attrs.ints[a] != 0) == reduced && !axes[a]->is_one()) counted.push_back(a);
+    for (const size_t a : counted) {
+      function += "  at[" + std::to_string(a) + "] = " + counter;
+      // What is left for the last one is within it: divisions take longer than the sum.
+      if (const std::string d = dim_expression(*axes[a]); a != counted.back())
+        function += " % " + d + "; " + counter + " /= " + d;
+      function += ";\n";
     }
   }
   return function + "  return at;\n}\n";

@@ -159,12 +159,14 @@ Value Elaborator::apply(OpKind kind, std::vector<Value> operands, ir::Attrs attr
     if (const auto* image = operand.get<Image>()) type.extent = b_.value(image->id).extent;
   }
   if (!check_extents(operands, span_)) return Error{};
-  // An int of the compiler has 64 bits, one of the graph 32.
+  // An int of the compiler has 64 bits, one of the graph 32. A float takes any, a uint the bits of either.
+  const bool to_uint = kind == OpKind::Convert && attrs.ints[0] == static_cast<int64_t>(Scalar::Uint);
   for (const Value& operand : operands) {
     const auto* dim = operand.get<Dim>();
-    if (dim && dim->is_constant() && kind != OpKind::Convert && !fits_int(dim->constant())) {
-      return fail(Code::E0318, span_, "expected a number that fits int, found " + dim->str());
-    }
+    if (!dim || !dim->is_constant() || fits_int(dim->constant()) || (kind == OpKind::Convert && !to_uint)) continue;
+    if (to_uint && dim->constant() >= 0 && dim->constant() <= std::numeric_limits<uint32_t>::max()) continue;
+    return fail(Code::E0318, span_,
+                std::string("expected a number that fits ") + (to_uint ? "uint" : "int") + ", found " + dim->str());
   }
   const ops::InferResult inferred = info.infer({types, attrs});
   if (const auto* message = std::get_if<std::string>(&inferred)) return fail(Code::E0322, span_, *message);
