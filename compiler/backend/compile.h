@@ -18,8 +18,7 @@
 namespace dr::backend {
 
 struct Compiled {
-  std::optional<ir::Graph>
-      joined;  // what the schedule is of, where pack/join_captures.h wrote the program's graph anew
+  std::optional<ir::Graph> joined;  // what the schedule is of, where packing wrote the program's graph anew
   Schedule schedule;
   std::vector<GlslShader> glsl;  // as in bundle.shaders, in order
   bundle::BundleT bundle;

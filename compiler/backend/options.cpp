@@ -56,10 +56,12 @@ std::variant<CompileOptions, std::string> compile_options(const std::string& low
       out.list_branches = false;
     else if (part == "blocks")
       out.block_loops = false;
+    else if (part == "guesses")
+      out.guess_exponents = false;
     else if (part == "slots")
       out.share_memory = false;
     else if (std::ranges::find(kSkips, part) == std::end(kSkips))
-      return "unknown part '" + part + "' to switch off; there are substages, stages, remat, cache and blocks";
+      return "unknown part '" + part + "' to switch off; there are substages, stages, remat, cache, blocks and guesses";
   }
   return out;
 }

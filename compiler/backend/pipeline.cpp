@@ -8,6 +8,7 @@
 #include "compiler/backend/emit/generator.h"
 #include "compiler/backend/lowering/block_loops.h"
 #include "compiler/backend/lowering/choose_code.h"
+#include "compiler/backend/lowering/guess_exponents.h"
 #include "compiler/backend/lowering/keep_in_tiles.h"
 #include "compiler/backend/lowering/keep_sums.h"
 #include "compiler/backend/lowering/list_where_computed.h"
@@ -17,6 +18,7 @@
 #include "compiler/backend/lowering/update_in_place.h"
 #include "compiler/backend/pack/join_captures.h"
 #include "compiler/backend/pack/pack.h"
+#include "compiler/backend/pack/transform_at_faces.h"
 #include "compiler/backend/plan/dependencies.h"
 #include "compiler/backend/plan/plan_memory.h"
 #include "compiler/backend/shaders.h"
@@ -29,6 +31,12 @@ using Outcome = std::optional<Limit>;
 
 Outcome run_pack(Compilation& c) {
   const PackOptions options = pack_options(c.profile, c.options);
+  const auto take = [&](Joined&& joined) {
+    c.lines = c.lines.moved(joined.from);
+    c.out.joined = std::move(joined.graph);
+  };
+  if (options.fused)
+    if (auto moved = transform_at_faces(c.graph(), c.profile)) take(std::move(*moved));
   for (;;) {
     c.out.schedule = pack(c.graph(), c.profile, options);
     // What a raster found is one buffer to those that read it.
@@ -36,8 +44,7 @@ Outcome run_pack(Compilation& c) {
     keep_entries(c.graph(), counted);
     auto joined = join_captures(c.graph(), counted, c.profile);
     if (!joined) return std::nullopt;
-    c.lines = c.lines.moved(joined->from);
-    c.out.joined = std::move(joined->graph);
+    take(std::move(*joined));
   }
 }
 
@@ -69,6 +76,11 @@ Outcome run_keep_entries(Compilation& c) {
 
 Outcome run_keep_sums(Compilation& c) {
   keep_sums(c.graph(), c.out.schedule);
+  return std::nullopt;
+}
+
+Outcome run_guess_exponents(Compilation& c) {
+  if (c.options.guess_exponents && !c.options.native_floats) guess_exponents(c.graph(), c.profile, c.out.schedule);
   return std::nullopt;
 }
 
@@ -151,6 +163,7 @@ constexpr BackendPass kPasses[] = {
     {"list-where-computed", run_list_where_computed, Fact::Packed | Fact::SumsChosen, only(Fact::PlacesFixed),
      only(Fact::Lowered)},
     {"keep-sums", run_keep_sums, Fact::Packed | Fact::SumsChosen, 0, only(Fact::Lowered)},
+    {"guess-exponents", run_guess_exponents, Fact::Packed | Fact::SumsChosen, 0, only(Fact::Lowered)},
     {"set-up-in-raster", run_set_up_in_raster, Fact::Packed | Fact::EntriesKept, only(Fact::PlacesFixed),
      only(Fact::Lowered)},
     {"block-loops", run_block_loops, Fact::Packed | Fact::SumsChosen | Fact::PlacesFixed, 0, only(Fact::Lowered)},

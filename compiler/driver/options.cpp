@@ -19,7 +19,7 @@ const std::vector<Choice>& choices() {
 }
 
 const std::vector<std::string>& ablations() {
-  static const std::vector<std::string> kParts = {"substages", "stages", "remat", "cache", "blocks"};
+  static const std::vector<std::string> kParts = {"substages", "stages", "remat", "cache", "blocks", "guesses"};
   return kParts;
 }
 

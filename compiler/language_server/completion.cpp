@@ -37,8 +37,13 @@ ItemKind kind_of(Declaration::Kind kind) {
     case Declaration::Kind::Field: return ItemKind::Field;
     case Declaration::Kind::Method: return ItemKind::Method;
     case Declaration::Kind::Generic: return ItemKind::TypeParameter;
-    default: return ItemKind::Variable;
+    case Declaration::Kind::Leaf:
+    case Declaration::Kind::Let:
+    case Declaration::Kind::Var:
+    case Declaration::Kind::Parameter:
+    case Declaration::Kind::Loop: break;
   }
+  return ItemKind::Variable;
 }
 
 ItemKind kind_of(Member::Kind kind) {

@@ -75,6 +75,9 @@ struct Profile {
   // What `auto` means on this device: "fragment" or "compute"; "hardware" or "compute".
   std::string lower = "compute";
   std::string raster = "compute";
+
+  // A GPU starts many lanes at once, and waits longer between dispatches than small ones take.
+  bool is_gpu() const { return subgroup_size >= 16; }
 };
 
 // A built-in profile by name, or a file (JSON) when the name has a '.' or '/'. The error names the wrong or missing

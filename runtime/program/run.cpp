@@ -52,6 +52,10 @@ void Program::State::make_ready(size_t index) {
   OnDevice& o = objects();
   const std::set<uint32_t> resources = resources_of(table);
   o.memory.allocate({resources.begin(), resources.end()});  // what has none yet
+  constexpr int32_t kZero = 0;
+  for (const uint32_t r : resources)
+    if (bundle.resources[r]->role == bundle::Role::Guess)
+      o.transfer.upload(r, io::Array::from_ints(std::span(&kZero, 1)));
   for (const auto& c : table.commands)
     for (const int word : {c->watch, c->finite})
       if (word >= 0) watch(static_cast<uint32_t>(word));
@@ -65,10 +69,11 @@ void Program::State::make_ready(size_t index) {
 vk::raii::CommandBuffer Program::State::record(const StepState& step, const std::vector<bool>& dirty, int times) {
   auto commands = on_device->queue.command_buffer();
   commands.begin(vk::CommandBufferBeginInfo(vk::CommandBufferUsageFlagBits::eSimultaneousUse));
-  for (int k = 0; k < times; ++k) {
-    Queue::everything_before(commands);
-    on_device->commands.record(commands, step.chosen(dirty));
-  }
+  Queue::everything_before(commands);
+  const std::vector<const Primitive*> once = step.chosen(dirty);
+  std::vector<const Primitive*> all;
+  for (int k = 0; k < times; ++k) all.insert(all.end(), once.begin(), once.end());
+  on_device->commands.record(commands, all);
   Queue::before_the_host(commands);
   commands.end();
   return commands;

@@ -69,7 +69,7 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
     commands.resetQueryPool(*pool, 0, stamps);
     if (fragments) commands.resetQueryPool(**fragments, 0, draw_count);
     begin(0);
-    on_device->commands.record(commands, chosen, [&](size_t k) {
+    on_device->commands.record_apart(commands, chosen, [&](size_t k) {
       stamp(2 * k + 1);
       if (draws[k]) commands.endQuery(**fragments, *draws[k]);
       if (lists[k]) {

@@ -2,6 +2,7 @@
 // Hazards between the commands of a step.
 #include "runtime/vk/barrier.h"
 
+#include <algorithm>
 #include <map>
 
 namespace dr::runtime {
@@ -13,6 +14,7 @@ constexpr uint32_t kVertexStage = 0x8, kFragmentStage = 0x80, kEarlyTests = 0x10
                    kColorStage = 0x400, kComputeStage = 0x800, kTransferStage = 0x1000, kIndirectStage = 0x2;
 constexpr uint32_t kShaderRead = 0x20, kShaderWrite = 0x40, kColorRead = 0x80, kColorWrite = 0x100, kDepthRead = 0x200,
                    kDepthWrite = 0x400, kTransferRead = 0x800, kTransferWrite = 0x1000, kIndirectRead = 0x1;
+
 // Whether `test` holds for each bit; all are visited while it does.
 template <class F>
 bool all_stages(uint32_t stages, F&& test) {
@@ -42,6 +44,31 @@ Scope scope_of(Use use) {
 
 bool writes(Use use) { return (scope_of(use).access & kWriteAccess) != 0; }
 
+std::vector<std::vector<size_t>> by_level(std::span<const std::vector<Access>> commands) {
+  struct Behind {
+    size_t write = 0, read = 0;  // the levels behind the last write and behind all reads since
+  };
+  std::map<uint32_t, Behind> resources;
+  std::vector<std::vector<size_t>> levels;
+  for (size_t k = 0; k < commands.size(); ++k) {
+    size_t own = 0;
+    for (const Access& a : commands[k]) {
+      const Behind& behind = resources[a.resource];
+      own = std::max({own, behind.write, writes(a.use) ? behind.read : 0});
+    }
+    for (const Access& a : commands[k]) {
+      Behind& behind = resources[a.resource];
+      if (writes(a.use))
+        behind = {own + 1, own + 1};
+      else
+        behind.read = std::max(behind.read, own + 1);
+    }
+    levels.resize(std::max(levels.size(), own + 1));
+    levels[own].push_back(k);
+  }
+  return levels;
+}
+
 std::vector<Barrier> plan_barriers(std::span<const std::vector<Access>> commands) {
   // Barriers are global memory barriers: one makes every write of its source stages available. What remains
   // uncovered of a resource is its last write and the reads since, each until a barrier that reaches the same
@@ -49,7 +76,7 @@ std::vector<Barrier> plan_barriers(std::span<const std::vector<Access>> commands
   struct State {
     Scope write;                        // last write; stages 0: none
     std::map<uint32_t, uint32_t> seen;  // stage bit -> accesses that the write has been made visible to there
-    uint32_t readers = 0;               // stages that read since that write
+    std::map<uint32_t, uint32_t> read;  // stage bit that read since that write -> stages that have waited for it
   };
   std::map<uint32_t, State> states;
   std::vector<Barrier> out;
@@ -68,8 +95,10 @@ std::vector<Barrier> plan_barriers(std::span<const std::vector<Access>> commands
         barrier.to.stages |= need.stages;
         barrier.to.access |= need.access;
       }
-      if (writes(a.use) && s.readers != 0) {
-        barrier.from.stages |= s.readers;
+      if (!writes(a.use)) continue;
+      for (const auto& [reader, waited] : s.read) {
+        if ((need.stages & ~waited) == 0) continue;
+        barrier.from.stages |= reader;
         barrier.to.stages |= need.stages;
         barrier.to.access |= need.access;
       }
@@ -84,14 +113,19 @@ std::vector<Barrier> plan_barriers(std::span<const std::vector<Access>> commands
             return true;
           });
         }
+        for (auto& [reader, waited] : s.read)
+          if ((barrier.from.stages & reader) != 0) waited |= barrier.to.stages;
       }
     for (const Access& a : accesses) {
       State& s = states[a.resource];
       const Scope scope = scope_of(a.use);
       if (writes(a.use))
-        s = {scope, {}, 0};
+        s = {scope, {}, {}};
       else
-        s.readers |= scope.stages;
+        all_stages(scope.stages, [&](uint32_t stage) {
+          s.read[stage] = 0;
+          return true;
+        });
     }
     out.push_back(barrier);
   }

@@ -2,6 +2,7 @@
 // Barriers from declared accesses: a pure function, tested without a device.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -41,6 +42,11 @@ struct Barrier {
 
 Scope scope_of(Use use);
 bool writes(Use use);
+
+// The commands by level: each stands one level behind the last of those that it must wait for, for what it reads or
+// writes. Commands of a level keep their order. What waits for nothing thus runs beside what comes long before it, such
+// as the clears of a run beside the end of the run before.
+std::vector<std::vector<size_t>> by_level(std::span<const std::vector<Access>> commands);
 
 // One barrier a command, in order: against every earlier write of what it touches, and every earlier read of what
 // it writes, that no barrier has covered yet. The first command waits for nothing: what came before the

@@ -52,6 +52,13 @@ void record_dispatch(const vk::raii::CommandBuffer& c, vk::Pipeline pipeline, co
     c.dispatch(static_cast<uint32_t>(x), static_cast<uint32_t>(y), 1);
 }
 
+void record_barrier(const vk::raii::CommandBuffer& commands, const Barrier& b) {
+  if (b.from.stages == 0) return;
+  const vk::MemoryBarrier memory(vk::AccessFlags(b.from.access), vk::AccessFlags(b.to.access));
+  commands.pipelineBarrier(vk::PipelineStageFlags(b.from.stages), vk::PipelineStageFlags(b.to.stages), {}, memory, {},
+                           {});
+}
+
 }  // namespace
 
 std::array<int32_t, 4> push_of(const bundle::CommandT& c) {
@@ -262,31 +269,48 @@ std::vector<Primitive> Commands::primitives(const bundle::StepT& step) {
   return primitives;
 }
 
-void Commands::record(const vk::raii::CommandBuffer& commands, std::span<const Primitive* const> primitives,
-                      const std::function<void(size_t)>& after_each) const {
-  std::vector<std::vector<Access>> accesses;
+std::vector<std::vector<Access>> Commands::accesses(std::span<const Primitive* const> primitives) const {
+  std::vector<std::vector<Access>> out;
   for (const Primitive* p : primitives) {
-    accesses.push_back(p->accesses);
-    // Resources that share memory wait for each other.
-    for (Access& a : accesses.back()) a.resource = bundle_.resources[a.resource]->slot;
+    out.push_back(p->accesses);
+    for (Access& a : out.back()) a.resource = bundle_.resources[a.resource]->slot;
   }
-  const std::vector<Barrier> barriers = plan_barriers(accesses);
+  return out;
+}
+
+void Commands::record(const vk::raii::CommandBuffer& commands, std::span<const Primitive* const> primitives) const {
+  const std::vector<std::vector<Access>> all = accesses(primitives);
+  const std::vector<std::vector<size_t>> levels = by_level(all);
+  std::vector<std::vector<Access>> of_levels;
+  for (const std::vector<size_t>& level : levels) {
+    std::vector<Access>& together = of_levels.emplace_back();
+    for (const size_t k : level) together.insert(together.end(), all[k].begin(), all[k].end());
+  }
+  const std::vector<Barrier> barriers = plan_barriers(of_levels);
+  for (size_t level = 0; level < levels.size(); ++level) {
+    record_barrier(commands, barriers[level]);
+    for (const size_t k : levels[level]) record_one(commands, *primitives[k]);
+  }
+}
+
+void Commands::record_apart(const vk::raii::CommandBuffer& commands, std::span<const Primitive* const> primitives,
+                            const std::function<void(size_t)>& after_each) const {
+  const std::vector<Barrier> barriers = plan_barriers(accesses(primitives));
   for (size_t k = 0; k < primitives.size(); ++k) {
-    const Barrier& b = barriers[k];
-    if (b.from.stages != 0) {
-      const vk::MemoryBarrier memory(vk::AccessFlags(b.from.access), vk::AccessFlags(b.to.access));
-      commands.pipelineBarrier(vk::PipelineStageFlags(b.from.stages), vk::PipelineStageFlags(b.to.stages), {}, memory,
-                               {}, {});
-    }
-    if (device_->debug_names) {
-      vk::DebugUtilsLabelEXT label;
-      label.pLabelName = primitives[k]->label.c_str();
-      commands.beginDebugUtilsLabelEXT(label);
-    }
-    primitives[k]->record(commands);
-    if (device_->debug_names) commands.endDebugUtilsLabelEXT();
-    if (after_each) after_each(k);
+    record_barrier(commands, barriers[k]);
+    record_one(commands, *primitives[k]);
+    after_each(k);
   }
+}
+
+void Commands::record_one(const vk::raii::CommandBuffer& commands, const Primitive& primitive) const {
+  if (device_->debug_names) {
+    vk::DebugUtilsLabelEXT label;
+    label.pLabelName = primitive.label.c_str();
+    commands.beginDebugUtilsLabelEXT(label);
+  }
+  primitive.record(commands);
+  if (device_->debug_names) commands.endDebugUtilsLabelEXT();
 }
 
 }  // namespace dr::runtime

@@ -33,11 +33,17 @@ class Commands {
 
   // Resources of the step have memory; symbols have values.
   std::vector<Primitive> primitives(const bundle::StepT& step);
-  // Some of a step's primitives in order, with the barriers between them; `after_each` is recorded after each.
-  void record(const vk::raii::CommandBuffer& commands, std::span<const Primitive* const> primitives,
-              const std::function<void(size_t)>& after_each = {}) const;
+  // Some of a step's primitives in order, of several runs too: those that need not wait for each other run beside each
+  // other.
+  void record(const vk::raii::CommandBuffer& commands, std::span<const Primitive* const> primitives) const;
+  // One after the other, with the barriers that they need; `after_each` is recorded after each.
+  void record_apart(const vk::raii::CommandBuffer& commands, std::span<const Primitive* const> primitives,
+                    const std::function<void(size_t)>& after_each) const;
 
  private:
+  // What each touches, by memory: resources that share some wait for each other.
+  std::vector<std::vector<Access>> accesses(std::span<const Primitive* const> primitives) const;
+  void record_one(const vk::raii::CommandBuffer& commands, const Primitive& primitive) const;
   // So many invocations are no mistake: each has something to read or to write. Throws Failure.
   void must_be_due(const bundle::CommandT& command, int64_t invocations) const;
   void dispatch(const bundle::CommandT& command, std::vector<Primitive>& out);

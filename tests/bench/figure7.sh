@@ -15,8 +15,8 @@ position = np.load(bound[1].partition("=")[2])
 bound += suite.bind("sphere", color=np.where((np.floor(4 * position + 0.5).sum(1) % 2 == 0)[:, None], [0.9, 0.6, 0.2], [0.2, 0.4, 0.6]))
 settings = {"hard": {"way": 2}}
 for way, kind, K in ((0, "outlines", 1), (1, "all edges, K = 1", 1), (1, "all edges, K = 3", 3)):
-    for R, rim, share, everywhere, what in ((8, 1, 7, 0, "r = 8, rim 1, σ = r/7"), (4, -1, 7, 0, "r = 4, σ = r/7"), (4, -1, 3.5, 0, "r = 4, σ = 2r/7"),
-                                            (8, -1, 7, 0, "r = 8, σ = r/7"), (8, -1, 3.5, 0, "r = 8, σ = 2r/7"), (8, -1, 3.5, 1, "r = 8, σ = 2r/7, no mask")):
+    for R, rim, share, everywhere, what in ((8, 1, 7, 0, "r = 8, rim 1, σ = r/7"), (4, 4, 7, 0, "r = 4, σ = r/7"), (4, 4, 3.5, 0, "r = 4, σ = 2r/7"),
+                                            (8, 8, 7, 0, "r = 8, σ = r/7"), (8, 8, 3.5, 0, "r = 8, σ = 2r/7"), (8, 8, 3.5, 1, "r = 8, σ = 2r/7, no mask")):
         settings[f"{kind}\n{what}"] = {"way": way, "K": K, "R": float(R), "rim": float(rim), "share": float(share), "everywhere": everywhere}
 figure, panels = plt.subplots(3, 6, figsize=(15, 8.6))
 for panel, (name, consts) in zip(panels.flat, list(settings.items())[1:]):
@@ -25,7 +25,7 @@ for panel, (name, consts) in zip(panels.flat, list(settings.items())[1:]):
     plain = np.pad((blended == 0) & (covered == 1), 1)
     beside = (plain[2:, 1:-1] | plain[:-2, 1:-1] | plain[1:-1, 2:] | plain[1:-1, :-2]) & (blended == 1)
     step = float((1 - covered)[beside].max()) if beside.any() else 0.0
-    due = 1 / (1 + float(np.exp((consts["rim"] if consts["rim"] >= 0 else consts["R"]) * consts["share"] / consts["R"])))
+    due = 1 / (1 + float(np.exp(consts["rim"] * consts["share"] / consts["R"])))
     suite.record(setting=name.replace("\n", ", "), **consts, border_step=step, border_step_of_the_sigmoid=due, soft_pixels=int(((covered > 0) & (covered < 1)).sum()))
     print(f"{name.replace(chr(10), ', '):48} border step {step:.4f} (of the sigmoid {due:.4f})", flush=True)
     panel.imshow(np.clip(picture, 0, 1))

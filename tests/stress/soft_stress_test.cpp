@@ -33,7 +33,7 @@ struct Case {
   std::string name;
   std::vector<Corner> corners;  // the rest of the vertices is nowhere
   std::vector<int32_t> faces;   // the rest has no area
-  double sigma = 0;             // 0: radius / 7
+  double sigma = 2.0 / 7;       // of a radius of 2 pixels, by default
   int64_t width = 24, height = 24;
   bool in_front = true;  // of the camera, all of it: distances are known
 };

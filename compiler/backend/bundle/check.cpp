@@ -226,8 +226,9 @@ bool Checker::leaves() {
   for (size_t k = 0; k < b_.resources.size(); ++k) {
     const ResourceT& r = *b_.resources[k];
     if ((r.role == Role::Leaf) != (leaf_of_[k] >= 0)) return fail("resource '" + r.name + "' belongs to no leaf");
-    if ((r.role == Role::Leaf || r.role == Role::StepIndex || r.role == Role::Watch) && slots[r.slot] > 1)
-      return fail("resource '" + r.name + "' shares memory, but stays");
+    const bool stays =
+        r.role == Role::Leaf || r.role == Role::StepIndex || r.role == Role::Watch || r.role == Role::Guess;
+    if (stays && slots[r.slot] > 1) return fail("resource '" + r.name + "' shares memory, but stays");
   }
   return tables_of_leaves();
 }
@@ -276,7 +277,7 @@ bool Checker::results(const StepT& s, const std::string& where) {
       const std::string own = what + " '" + o->name + "'";
       if (!kept(o->resource, own)) return false;
       const ResourceT& r = *b_.resources[o->resource];
-      if (r.role == Role::Scratch || r.role == Role::Watch || r.storage == Storage::Depth)
+      if (r.role == Role::Scratch || r.role == Role::Watch || r.role == Role::Guess || r.storage == Storage::Depth)
         return fail(own + " names '" + r.name + "', no value");
     }
     return true;

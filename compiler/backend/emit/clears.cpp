@@ -2,6 +2,7 @@
 // What a step clears, cleared by one dispatch. A GPU's driver makes a kernel of its own of each fill, between which and
 // the dispatches around it the device does nothing; a dispatch runs beside the ones before it, for which it need not
 // wait. Large memory stays the driver's to fill, which is faster then.
+#include <algorithm>
 #include <set>
 #include <utility>
 
@@ -46,14 +47,40 @@ bool is_small_fill(const bundle::BundleT& bundle, const CommandT& command) {
   return words && *words <= kMostWords;
 }
 
+// By resource, whether a step touches it among its last commands, those that no longer chain of waits ends behind. The
+// fill of such a resource waits for the whole run before; the others run beside the end of that.
+std::vector<bool> touched_last(const bundle::BundleT& bundle, const bundle::StepT& step) {
+  struct Behind {
+    int write = 0, any = 0;  // the length of the chains that end with its last write, and with whatever touches it
+  };
+  std::vector<Behind> behind(bundle.resources.size());
+  int longest = 0;
+  for (const auto& c : step.commands) {
+    int own = 1;
+    for_each_access(*c, [&](uint32_t r, bundle::Access access) {
+      own = std::max(own, 1 + (access == bundle::Access::Read ? behind[r].write : behind[r].any));
+    });
+    for_each_access(*c, [&](uint32_t r, bundle::Access access) {
+      if (access != bundle::Access::Read) behind[r].write = own;
+      behind[r].any = std::max(behind[r].any, own);
+    });
+    longest = std::max(longest, own);
+  }
+  std::vector<bool> out;
+  for (const Behind& b : behind) out.push_back(b.any == longest);
+  return out;
+}
+
 // The small fills that may take the place of the one at `first`, itself among them: those that run whenever it does,
-// and whose targets nothing touches before they are filled.
+// whose targets nothing touches before they are filled, and that wait for the run before alike.
 std::vector<size_t> fills_with(const bundle::BundleT& bundle, const bundle::StepT& step, size_t first, size_t most) {
+  const std::vector<bool> last = touched_last(bundle, step);
+  const auto waits = [&](size_t k) { return last[static_cast<size_t>(step.commands[k]->target)]; };
   std::vector<size_t> out;
   std::set<uint32_t> touched;
   for (size_t k = first; k < step.commands.size() && out.size() < most; ++k) {
     const CommandT& c = *step.commands[k];
-    const bool joins = is_small_fill(bundle, c) && run_together(c, *step.commands[first]) &&
+    const bool joins = is_small_fill(bundle, c) && run_together(c, *step.commands[first]) && waits(k) == waits(first) &&
                        touched.count(static_cast<uint32_t>(c.target)) == 0;
     if (joins) out.push_back(k);
     for_each_access(c, [&](uint32_t resource, bundle::Access) { touched.insert(resource); });
@@ -71,7 +98,7 @@ void Generator::clear_together() {
     for (size_t at = 0; at < out_->commands.size(); ++at) {
       if (!is_small_fill(*bundle_, *out_->commands[at])) continue;
       const std::vector<size_t> fills = fills_with(*bundle_, *out_, at, schedule_.code.clears);
-      if (fills.size() > 1) clear_by_dispatch(fills);
+      clear_by_dispatch(fills);
     }
   }
 }

@@ -23,10 +23,7 @@ Generator::Cut Generator::cut(Shader& s, const Pass& pass, const std::optional<L
   bundle_->resources[cut.state]->extent->w = element_count(domain == nullptr ? pass.domain : *domain).str();
   cut.left = add_scratch(pass.name + "_left_" + number, "8");
   bundle_->resources[cut.left]->room = bundle_->resources[cut.state]->room;
-  if (cut.how->watched) {
-    cut.watch = add_scratch(pass.name + "_unfinished_" + number, "1");
-    bundle_->resources[cut.watch]->role = bundle::Role::Watch;
-  }
+  if (cut.how->watched) cut.watch = add_watch(pass.name + "_unfinished_" + number);
   return cut;
 }
 

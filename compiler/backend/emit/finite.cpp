@@ -20,10 +20,7 @@ void Generator::tell_not_finite(Shader& s, const Pass& pass) {
     }
   }
   auto [it, is_new] = finite_words_.try_emplace(&pass);
-  if (is_new) {
-    it->second = add_scratch(pass.name + "_not_finite", "1");
-    bundle_->resources[it->second]->role = bundle::Role::Watch;
-  }
+  if (is_new) it->second = add_watch(pass.name + "_not_finite");
   // Without their signs, Infinity and NaN are the largest of all floats as integers: one comparison looks at them all.
   s.prelude("uint size_bits(float x) { return floatBitsToUint(x) & 0x7fffffffu; }\n");
   const std::string word = s.bind_words(it->second, "not_finite", bundle::Access::ReadWrite);

@@ -64,16 +64,23 @@ void Generator::process(bundle::BundleT& bundle, std::vector<GlslShader>& shader
   for (const Resource& r : schedule_.resources) {
     auto out = std::make_unique<bundle::ResourceT>();
     out->name = r.name;
-    out->storage = r.storage == Resource::Storage::Image  ? bundle::Storage::Image
-                   : r.storage == Resource::Storage::Tile ? bundle::Storage::Tile
-                                                          : bundle::Storage::Buffer;
-    out->role = r.leaf >= 0 ? bundle::Role::Leaf : r.step_index ? bundle::Role::StepIndex : bundle::Role::Value;
-    out->type = bundle_type(r.half ? ir::vec(r.words(), ir::Scalar::Uint) : r.type);
+    out->storage = bundle::Storage::Buffer;
+    out->role = bundle::Role::Value;
+    out->type = bundle_type(r.type);
     out->extent = bundle_extent(r.extent);
-    if (r.sums) {
-      out->role = bundle::Role::Scratch;
-      out->type = bundle_type(ir::kUint);
-      out->extent = bundle_extent({words_of_sums(r.type, r.extent, wide_atomics()), 1, 1});
+    switch (r.storage) {
+      case Resource::Storage::Leaf: out->role = bundle::Role::Leaf; break;
+      case Resource::Storage::StepIndex: out->role = bundle::Role::StepIndex; break;
+      case Resource::Storage::Buffer:
+      case Resource::Storage::Entries: break;
+      case Resource::Storage::Halves: out->type = bundle_type(ir::vec(r.words(), ir::Scalar::Uint)); break;
+      case Resource::Storage::Sums:
+        out->role = bundle::Role::Scratch;
+        out->type = bundle_type(ir::kUint);
+        out->extent = bundle_extent({words_of_sums(r.type, r.extent, wide_atomics()), 1, 1});
+        break;
+      case Resource::Storage::Image: out->storage = bundle::Storage::Image; break;
+      case Resource::Storage::Tile: out->storage = bundle::Storage::Tile; break;
     }
     bundle.resources.push_back(std::move(out));
   }
@@ -104,7 +111,7 @@ void Generator::step(const StepSchedule& schedule) {
   out_ = bundle_->steps.back().get();
   out_->name = schedule.name;
   for (const auto& [value, id] : schedule.stored)
-    if (schedule_.resources[id.index].step_index) out_->step_index = static_cast<int>(id.index);
+    if (schedule_.resources[id.index].is(Resource::Storage::StepIndex)) out_->step_index = static_cast<int>(id.index);
   for (size_t k = 0; k < schedule.passes.size(); ++k) {
     const Pass& pass = schedule.passes[k];
     const bool joins = k > 0 && schedule.passes[k - 1].stage == pass.stage;
@@ -147,7 +154,7 @@ void Generator::step(const StepSchedule& schedule) {
   std::map<uint32_t, uint32_t> snapshots;
   auto source = [&](ValueId value) {
     const uint32_t index = resource_index(value);
-    const bool changes = schedule_.resources[index].step_index || changing.count(index) != 0;
+    const bool changes = schedule_.resources[index].is(Resource::Storage::StepIndex) || changing.count(index) != 0;
     if (!changes) return index;
     if (auto it = snapshots.find(index); it != snapshots.end()) return it->second;
     auto copy = std::make_unique<bundle::ResourceT>(*bundle_->resources[index]);
@@ -264,6 +271,12 @@ uint32_t Generator::add_scratch(const std::string& name, const std::string& word
   out->extent->w = words;
   bundle_->resources.push_back(std::move(out));
   return static_cast<uint32_t>(bundle_->resources.size() - 1);
+}
+
+uint32_t Generator::add_watch(const std::string& name) {
+  const uint32_t watch = add_scratch(name, "1");
+  bundle_->resources[watch]->role = bundle::Role::Watch;
+  return watch;
 }
 
 bundle::CommandT& Generator::command(bundle::CommandKind kind, const std::string& label) {

@@ -71,6 +71,7 @@ class Generator {
     int most = 0;        // fixed: contributions from an element, negative: unknown
     bool fixed = false;  // added as fixed point numbers
     uint32_t terms = 0;  // bundle resource: contributions kept, where the pass keeps them
+    uint32_t guess = 0;  // bundle resource: the shift of the run before, where the pass guesses
   };
   // Makes the resources, and clears them.
   std::vector<Target> scatter_targets(const Pass& pass);
@@ -79,6 +80,20 @@ class Generator {
   // Declares what adds to a target; gives what a shader with a first run does at its end. `lists`: the variable `adds`
   // says whether an element adds anything.
   std::string declare_target(glsl::Shader& shader, const Pass& pass, const Target& target, Runs runs, bool lists);
+  // What a shader does for a value that it adds, `value` to `element`, and at its end.
+  struct Adding {
+    std::string body, finish;
+  };
+  Adding fixed_adding(glsl::Shader& shader, const Pass& pass, const Target& target, Runs runs, bool lists);
+  Adding plain_adding(glsl::Shader& shader, const Pass& pass, const Target& target, Runs runs);
+  // Parts of fixed_adding(). `buffer` has the sums.
+  std::string find_largest(glsl::Shader& shader, const Pass& pass, const Target& target, bool lists);
+  void choose_shift(glsl::Shader& shader, const Pass& pass, const Target& target, Runs runs, const std::string& buffer);
+  std::string add_fixed(glsl::Shader& shader, const Target& target, Runs runs, bool joins_lanes,
+                        const std::string& buffer);
+  // Of the second run: whether the first one added by the right shift everywhere.
+  static std::string guessed_right(const std::vector<Target>& targets);
+  const char* sum_word() const { return wide_atomics() ? "uint64_t" : "uint"; }
   // What a map pass does for the scatter that joins it (JoinedRun).
   void scatter_where_listed(glsl::Shader& shader, const Pass& pass, const Pass& scatter);
   // Contributions that the first run of exact sums keeps for the second (JoinedFirstRun), by their place in the list
@@ -122,6 +137,14 @@ class Generator {
   // The device makes it, when what its indices depend on changed.
   Table sorted_table(const Pass& pass);
   void key_pass(const Pass& pass, uint32_t keys);
+  struct Sort;
+  glsl::Shader digit_shader(const Sort& sort, const ir::Dim& lanes) const;
+  void sort_by_digit(const Sort& sort, int digit);
+  void sum_counts(const Sort& sort, const std::string& name, const std::vector<int>& push);
+  void take_sorted_items(const Sort& sort);
+  void find_rows(const Sort& sort);
+  void sum_blocks(const Pass& pass, const Table& table, const std::vector<ir::OpId>& ops, const ir::Dim& blocks,
+                  const ir::Dim& layers, uint32_t sums, int words);
   std::vector<ir::OpId> element_ops(const Pass& pass) const;
   void raster_hardware(const Pass& pass, const ir::Op& op);
   void raster_compute(const Pass& pass, const RasterPass& raster, const ir::Op& op);
@@ -129,7 +152,6 @@ class Generator {
   void resolve(const Pass& pass, const ir::Op& op, uint32_t ids, bool stay);
   // Loops of closures that no part of which can be left to a later dispatch: the run fails where they may take too many
   // trips, or, watched, where the driver ends one.
-  uint32_t add_watch(const Pass& pass);
   void tell_unfinished(glsl::Shader& shader, uint32_t watch);
   void set_walk_trips(bundle::CommandT& command, const WalkTrips& trips, std::optional<uint32_t> watch) const;
 
@@ -172,6 +194,8 @@ class Generator {
   int add_shader(const std::string& name, bundle::Stage stage, glsl::Shader& shader, int group = 0);
   // `type`: of its words, as shaders that only read them see them.
   uint32_t add_scratch(const std::string& name, const std::string& words, const ir::Type& type = ir::kUint);
+  // A word that shaders set, and that the host reads when the step has run.
+  uint32_t add_watch(const std::string& name);
   bundle::CommandT& command(bundle::CommandKind kind, const std::string& label);
   bundle::CommandT& dispatch(const Pass& pass, const std::string& suffix, glsl::Shader& shader,
                              const std::string& elements, std::vector<int> push = {0, 0, 0}, int group = 0);
@@ -192,6 +216,7 @@ class Generator {
   std::unordered_map<std::string, size_t> shader_of_;  // by its text without names
   const StepSchedule* step_ = nullptr;
   bundle::StepT* out_ = nullptr;
+  std::map<uint32_t, uint32_t> guesses_;                // by the resource of sums, where their scatter guesses
   std::map<const Pass*, uint32_t> active_lists_;        // by scatter, of those that a map pass makes
   std::map<const Pass*, std::vector<Target>> targets_;  // of scatters that join the pass before
   struct TableOfLeaves {

@@ -148,12 +148,6 @@ struct Walk {
 
 }  // namespace
 
-uint32_t Generator::add_watch(const Pass& pass) {
-  const uint32_t watch = add_scratch(pass.name + "_unfinished_" + std::to_string(bundle_->resources.size()), "1");
-  bundle_->resources[watch]->role = bundle::Role::Watch;
-  return watch;
-}
-
 void Generator::tell_unfinished(Shader& s, uint32_t watch) {
   const std::string word = s.bind_words(watch, "unfinished_loops", bundle::Access::ReadWrite);
   s.body().line("if (unfinished) " + word + ".d[0] = 1u;");
@@ -175,7 +169,7 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
   const Dim slots = pixels * Dim(static_cast<int64_t>(parts.count));
   const Dim faces = parts.faces * parts.l;
   const bool wide = wide_atomics();
-  const bool stay = resource(op.results[0]).entries;
+  const bool stay = resource(op.results[0]).is(Resource::Storage::Entries);
   const uint32_t keys =
       wide && stay ? resource_index(op.results[0])
                    : add_scratch(pass.name + (wide ? "_slots" : "_keys"), (wide ? slots * Dim(2) : slots).str());
@@ -214,7 +208,8 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
     const bool in_rows = listed && lists.bounded();
     linear_index(s, in_rows ? std::string() : dim_expression(elements));
     if (watched) s.cut_loops();
-    const std::optional<uint32_t> watch = watched ? std::optional(add_watch(pass)) : std::nullopt;
+    std::optional<uint32_t> watch;
+    if (watched) watch = add_watch(pass.name + "_unfinished_" + std::to_string(bundle_->resources.size()));
     if (listed)
       walk.listed(s, [&] {
         if (sets_up_again) set_up(s, watch);

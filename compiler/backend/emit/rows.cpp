@@ -98,6 +98,34 @@ class RowsWriter {
     }
   }
 
+  // Adds the sums of a block, which begin at `word` of those of all.
+  void add_block(const std::string& blocks) {
+    int word = 0;
+    const auto get = [&] { return blocks + "(word + " + std::to_string(word++) + ")"; };
+    for (size_t k = 0; k < sums_.size(); ++k) {
+      const std::string id = std::to_string(k);
+      if (!type(k).is_float()) {
+        for (int c = 0; c < type(k).components(); ++c) {
+          const std::string sum = total(k, c);
+          line("if (run == 1) " + sum + " += " + (type(k).scalar == ir::Scalar::Int ? "int(" + get() + ")" : get()) +
+               ";");
+        }
+        continue;
+      }
+      line("uint block_largest_" + id + " = " + get() + ";");
+      line("if (run == 0) largest_" + id + " = max(largest_" + id + ", block_largest_" + id + ");");
+      line("else {");
+      line("flags_" + id + " |= " + get() + ";");
+      line("int by_" + id + " = fixed_shift(block_largest_" + id + ", " + kBlockBits + ") - shift_" + id + ";");
+      for (int c = 0; c < type(k).components(); ++c) {
+        const std::string sum = total(k, c);
+        const std::string low = get(), high = get();
+        line(sum + " = fixed_add(" + sum + ", fixed_halved(uvec2(" + low + ", " + high + "), by_" + id + "));");
+      }
+      line("}");
+    }
+  }
+
   // Adds item `r`, or in run 0 looks at its magnitude.
   void add_item(const std::string& items) {
     line("int item = " + items + "(2 * r);");
@@ -221,6 +249,51 @@ class RowsWriter {
 
 }  // namespace
 
+// Sums of the blocks that lie within one row, so many words of each of `blocks` times `layers`.
+void Generator::sum_blocks(const Pass& pass, const Table& table, const std::vector<ir::OpId>& ops, const Dim& blocks,
+                           const Dim& layers, uint32_t sums, int words) {
+  const std::vector<ScatterSum>& all = pass.get<ScatterPass>().sums;
+  const std::string block = "block", per_block = std::to_string(words);
+  const Dim all_items = pass.get<ScatterPass>().rows().items(pass.domain);
+  Shader b = shader();
+  RowsWriter writer(graph_, pass, ops, b);
+  declare_block(b, all_items);
+  linear_index(b, dim_expression(blocks * layers));
+  const std::string items = b.read_words(table.items, "items", "int");
+  const std::string out = b.bind_words(sums, "blocks", bundle::Access::Write);
+  b.body().line("int layer = index / " + dim_expression(blocks) + ";");
+  b.body().line("int begin = (index % " + dim_expression(blocks) + ") * " + block + ", end = begin + " + block + ";");
+  b.body().line("if (end > " + dim_expression(all_items) + ") return;");
+  b.body().line("int row = " + items + "(2 * begin + 1);");
+  b.body().line("if (row < 0 || row != " + items + "(2 * end - 1)) return;");
+  writer.declare_totals();
+  b.body().line("for (int run = " + std::string(writer.has_floats() ? "0" : "1") + "; run < 2; ++run) {");
+  b.body().line("for (int r = begin; r < end; ++r) {");
+  b.push_scope();
+  writer.add_item(items);
+  b.pop_scope();
+  b.body().line("}");
+  writer.set_shifts(kBlockBits);
+  b.body().line("}");
+  int word = 0;
+  const auto put = [&](const std::string& value) {
+    b.body().line(out + ".d[index * " + per_block + " + " + std::to_string(word++) + "] = " + value + ";");
+  };
+  for (size_t k = 0; k < all.size(); ++k) {
+    const std::string id = std::to_string(k);
+    const bool floats = writer.type(k).is_float();
+    if (floats) put("largest_" + id), put("flags_" + id);
+    for (int c = 0; c < writer.type(k).components(); ++c) {
+      const std::string total = RowsWriter::total(k, c);
+      if (floats)
+        put(total + ".x"), put(total + ".y");
+      else
+        put("uint(" + total + ")");
+    }
+  }
+  dispatch(pass, "_blocks", b, (blocks * layers).str());
+}
+
 void Generator::rows_pass(const Pass& pass) {
   const std::vector<ScatterSum>& all = pass.get<ScatterPass>().sums;
   const RowsScatter& rows = pass.get<ScatterPass>().rows();
@@ -236,46 +309,7 @@ void Generator::rows_pass(const Pass& pass) {
   const std::string block = "block", per_block = std::to_string(words);
   const uint32_t sums = add_scratch(pass.name + "_blocks", (blocks * layers * Dim(words)).str());
 
-  // Blocks within one row.
-  Shader b = shader();
-  {
-    RowsWriter writer(graph_, pass, ops, b);
-    declare_block(b, all_items);
-    linear_index(b, dim_expression(blocks * layers));
-    const std::string items = b.read_words(table.items, "items", "int");
-    const std::string out = b.bind_words(sums, "blocks", bundle::Access::Write);
-    b.body().line("int layer = index / " + dim_expression(blocks) + ";");
-    b.body().line("int begin = (index % " + dim_expression(blocks) + ") * " + block + ", end = begin + " + block + ";");
-    b.body().line("if (end > " + dim_expression(all_items) + ") return;");
-    b.body().line("int row = " + items + "(2 * begin + 1);");
-    b.body().line("if (row < 0 || row != " + items + "(2 * end - 1)) return;");
-    writer.declare_totals();
-    b.body().line("for (int run = " + std::string(writer.has_floats() ? "0" : "1") + "; run < 2; ++run) {");
-    b.body().line("for (int r = begin; r < end; ++r) {");
-    b.push_scope();
-    writer.add_item(items);
-    b.pop_scope();
-    b.body().line("}");
-    writer.set_shifts(kBlockBits);
-    b.body().line("}");
-    int word = 0;
-    const auto put = [&](const std::string& value) {
-      b.body().line(out + ".d[index * " + per_block + " + " + std::to_string(word++) + "] = " + value + ";");
-    };
-    for (size_t k = 0; k < all.size(); ++k) {
-      const std::string id = std::to_string(k);
-      const bool floats = writer.type(k).is_float();
-      if (floats) put("largest_" + id), put("flags_" + id);
-      for (int c = 0; c < writer.type(k).components(); ++c) {
-        const std::string total = RowsWriter::total(k, c);
-        if (floats)
-          put(total + ".x"), put(total + ".y");
-        else
-          put("uint(" + total + ")");
-      }
-    }
-    dispatch(pass, "_blocks", b, (blocks * layers).str());
-  }
+  sum_blocks(pass, table, ops, blocks, layers, sums, words);
 
   Shader s = shader();
   RowsWriter writer(graph_, pass, ops, s);
@@ -294,31 +328,7 @@ void Generator::rows_pass(const Pass& pass) {
   s.body().line("for (int r = begin; r < end;) {");
   s.body().line("if (r % " + block + " == 0 && end - r >= " + block + ") {");
   s.body().line("int word = (layer * " + dim_expression(blocks) + " + r / " + block + ") * " + per_block + ";");
-  int word = 0;
-  const auto get = [&] { return in + "(word + " + std::to_string(word++) + ")"; };
-  for (size_t k = 0; k < all.size(); ++k) {
-    const std::string id = std::to_string(k);
-    if (!writer.type(k).is_float()) {
-      for (int c = 0; c < writer.type(k).components(); ++c) {
-        const std::string total = RowsWriter::total(k, c);
-        s.body().line("if (run == 1) " + total +
-                      " += " + (writer.type(k).scalar == ir::Scalar::Int ? "int(" + get() + ")" : get()) + ";");
-      }
-      continue;
-    }
-    s.body().line("uint block_largest_" + id + " = " + get() + ";");
-    s.body().line("if (run == 0) largest_" + id + " = max(largest_" + id + ", block_largest_" + id + ");");
-    s.body().line("else {");
-    s.body().line("flags_" + id + " |= " + get() + ";");
-    s.body().line("int by_" + id + " = fixed_shift(block_largest_" + id + ", " + kBlockBits + ") - shift_" + id + ";");
-    for (int c = 0; c < writer.type(k).components(); ++c) {
-      const std::string total = RowsWriter::total(k, c);
-      const std::string low = get(), high = get();
-      s.body().line(total + " = fixed_add(" + total + ", fixed_halved(uvec2(" + low + ", " + high + "), by_" + id +
-                    "));");
-    }
-    s.body().line("}");
-  }
+  writer.add_block(in);
   s.body().line("r += " + block + ";");
   s.body().line("} else {");
   s.push_scope();

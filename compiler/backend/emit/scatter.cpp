@@ -180,8 +180,13 @@ std::vector<Generator::Target> Generator::scatter_targets(const Pass& pass) {
     t.fixed = r.type.is_float() && scatter.lowering() != ScatterLowering::Atomic && !named_once(graph_, sum.terms);
     if (t.fixed) {
       t.most = contributions(sum);
-      if (!r.sums) t.words = add_scratch(r.name + "_sums", words_of_sums(r.type, r.extent, wide_atomics()).str());
+      if (!r.is(Resource::Storage::Sums))
+        t.words = add_scratch(r.name + "_sums", words_of_sums(r.type, r.extent, wide_atomics()).str());
       if (scatter.keeps_terms()) t.terms = add_scratch(r.name + "_terms", words_of_terms(t, pass.domain).str());
+      if (scatter.guesses()) {
+        t.guess = guesses_[t.words] = add_scratch(r.name + "_guess", "1");
+        bundle_->resources[t.guess]->role = bundle::Role::Guess;
+      }
     }
     fill("clear " + r.name, t.words, maximum ? 0x80000000u : 0u);
     targets.push_back(std::move(t));
@@ -190,116 +195,161 @@ std::vector<Generator::Target> Generator::scatter_targets(const Pass& pass) {
 }
 
 std::string Generator::declare_target(Shader& s, const Pass& pass, const Target& t, Runs runs, bool lists) {
-  const auto& scatter = pass.get<ScatterPass>();
-  const bool wide = wide_atomics(), joins_lanes = scatter.joins_lanes();
   const std::string& id = t.accumulator.name;
   const Resource& r = resource(t.sum.value);
-  const int n = r.type.components();
-  std::string body, finish;
-  if (t.fixed) {
-    const std::string buffer =
-        s.bind_words(t.words, "sums_" + id, bundle::Access::ReadWrite, wide ? "uint64_t" : "uint");
-    if (wide) wide_extensions(s);
-    if (joins_lanes) subgroup_extensions(s);
-    s.prelude(glsl::kFixedShift);
-    if (runs != Runs::First) {
-      s.prelude(glsl::kFixedFromFloat);
-      s.prelude(joins_lanes ? glsl::kFixedSubgroup : "");
-    }
-    if (runs != Runs::Second)
-      s.declare("uint largest_" + id + " = 0u" + (t.most < 0 ? ", count_" + id + " = 0u" : "") + ";\n");
-    if (runs != Runs::First) {
-      s.declare("int shift_" + id + " = 0;\n");
-      s.prelude(t.most < 0 ? kCountBits : "");
-      s.body().line(std::string(runs == Runs::Both ? "if (pc.a == 1) " : "") + "shift_" + id + " = fixed_shift(uint(" +
-                    buffer + ".d[0]), " + count_bits(t.most, pass.domain, buffer + ".d[1]") + ");");
-      // The first run may have computed a contribution with other roundings, even one that is all rounding error:
-      // larger ones would overflow the sum.
-      if (s.native()) {
-        s.declare("float limit_" + id + " = 0.0;\n");
-        s.body().line(std::string(runs == Runs::Both ? "if (pc.a == 1) " : "") + "limit_" + id +
-                      " = uintBitsToFloat(uint(" + buffer + ".d[0]));");
-      }
-    }
-    const std::string flags = std::to_string(kHead) + " + " +
-                              dim_expression(element_count(r.extent) * ir::Dim((wide ? 1 : 2) * n)) + " + element";
-    if (runs != Runs::Second) {
-      if (runs == Runs::Both) body += "  if (pc.a == 0) {\n";
-      if (t.most < 0) body += "    ++count_" + id + ";\n";
-      for (int c = 0; c < n; ++c)
-        body += "    largest_" + id + " = max(largest_" + id + ", finite_magnitude(" + component(r.type, "value", c) +
-                "));\n";
-      if (t.terms != 0) body += keep_term(s, pass, t);
-      if (lists) body += "    adds |= " + any_bits(r.type, "value") + ";\n";
-      if (runs == Runs::Both) body += "  } else {\n";
-      const std::string word = wide ? "uint64_t" : "uint";
-      const std::string guard = runs == Runs::Both ? "pc.a == 0 && " : "",
-                        elect = joins_lanes ? " && subgroupElect()" : "";
-      if (joins_lanes) finish += "  largest_" + id + " = subgroupMax(largest_" + id + ");\n";
-      finish += "  if (" + guard + "largest_" + id + " != 0u" + elect + ") atomicMax(" + buffer + ".d[0], " + word +
-                "(largest_" + id + "));\n";
-      if (t.most < 0)
-        finish += "  if (" + guard + "count_" + id + " != 0u) atomicAdd(" + buffer + ".d[1], " + word + "(count_" + id +
-                  "));\n";
-    }
-    if (runs != Runs::First) {
-      body += "  uint flags = 0u;\n";
-      const auto part = [](int c) { return "part_" + std::to_string(c); };
-      for (int c = 0; c < n; ++c) {
-        std::string x = component(r.type, "value", c);
-        body += "  flags |= special_flag(" + x + ") << " + std::to_string(4 * c) + ";\n";
-        if (s.native()) x = "clamp(" + x + ", -limit_" + id + ", limit_" + id + ")";
-        body += "  uvec2 " + part(c) + " = " +
-                s.at_once(ir::vec(2, ir::Scalar::Uint), "fixed_from_float(" + x + ", shift_" + id + ")") + ";\n";
-      }
-      if (joins_lanes) body += join_lanes(n, part) + "  if (adds_here) {\n";
-      for (int c = 0; c < n; ++c) {
-        if (wide) {
-          body += "  if (" + part(c) + " != uvec2(0u)) atomicAdd(" + buffer + ".d[" + word_of("element", n, c) +
-                  "], wide_of(" + part(c) + "));\n";
-        } else {
-          const std::string word = word_of("element", 2 * n, 2 * c);
-          body += "  if (" + part(c) + " != uvec2(0u)) {\n    uint old = atomicAdd(" + buffer + ".d[" + word + "], " +
-                  part(c) + ".x);\n    atomicAdd(" + buffer + ".d[" + word_of("element", 2 * n, 2 * c + 1) + "], " +
-                  part(c) + ".y + (old + " + part(c) + ".x < old ? 1u : 0u));\n  }\n";
-        }
-      }
-      body += "  if (flags != 0u) atomicOr(" + buffer + ".d[" + flags + "], " + (wide ? "uint64_t(flags)" : "flags") +
-              ");\n";
-      if (joins_lanes) body += "  }\n";
-      if (runs == Runs::Both) body += "  }\n";
-    }
-  } else {
-    const bool maximum = graph_.op(graph_.value(t.sum.value).op).kind == OpKind::ScatterMax;
-    const std::string buffer = s.bind(step_->stored.at(t.sum.value), bundle::Access::ReadWrite);
-    const bool stored = named_once(graph_, t.sum.terms);
-    if (r.type.is_float() && !stored) s.extension("GL_EXT_shader_atomic_float");
-    if (runs == Runs::Both) body = "  if (pc.a != 0) {\n";  // needs no first run
-    // Elements that add nothing may all name one element, such as the first, and would wait for each other there.
-    const auto* atomic = std::get_if<AtomicScatter>(&scatter.how);
-    const bool tests = r.type.is_float() && atomic != nullptr && atomic->skips_zeros;
-    for (int c = 0; c < n; ++c) {
-      const std::string x = component(r.type, "value", c);
-      const std::string to = buffer + ".d[element * " + std::to_string(n) + " + " + std::to_string(c) + "]";
-      if (stored)
-        body += "  " + to + " = " + x + ";\n";
-      else
-        body += "  " + (tests ? "if (" + x + " != 0.0) " : std::string()) + (maximum ? "atomicMax(" : "atomicAdd(") +
-                to + ", " + x + ");\n";
-    }
-    if (runs == Runs::Both) body += "  }\n";
-  }
+  const Adding adding = t.fixed ? fixed_adding(s, pass, t, runs, lists) : plain_adding(s, pass, t, runs);
   const bool keeps = t.terms != 0 && runs == Runs::First;
   s.declare("void add_" + id + "(int element, " + r.type.str() + " value" + (keeps ? ", int site" : "") + ") {\n" +
-            body + "}\nvoid scatter_" + id + "(ivec3 place, " + r.type.str() + " value" + (keeps ? ", int site" : "") +
-            ") {\n  if (" + Shader::in_range(r.extent, "place") + ") add_" + id + "(" +
+            adding.body + "}\nvoid scatter_" + id + "(ivec3 place, " + r.type.str() + " value" +
+            (keeps ? ", int site" : "") + ") {\n  if (" + Shader::in_range(r.extent, "place") + ") add_" + id + "(" +
             Shader::element_index(r.extent, "place") + ", value" + (keeps ? ", site" : "") + ");\n}\n");
   for (size_t k = 0; k < t.sum.terms.size(); ++k) {
     Accumulator accumulator = t.accumulator;
     if (keeps) accumulator.site = std::to_string(k);
     s.accumulate_into(t.sum.terms[k], std::move(accumulator));
   }
-  return finish;
+  return adding.finish;
+}
+
+Generator::Adding Generator::fixed_adding(Shader& s, const Pass& pass, const Target& t, Runs runs, bool lists) {
+  const bool guesses = t.guess != 0;
+  // Where a map adds, few lanes of a subgroup do.
+  const bool joins_lanes = pass.get<ScatterPass>().joins_lanes() && !(runs == Runs::First && guesses);
+  const std::string& id = t.accumulator.name;
+  const std::string buffer = s.bind_words(t.words, "sums_" + id, bundle::Access::ReadWrite, sum_word());
+  if (wide_atomics()) wide_extensions(s);
+  if (joins_lanes) subgroup_extensions(s);
+  s.prelude(glsl::kFixedShift);
+  Adding out;
+  if (runs != Runs::Second) {
+    if (runs == Runs::Both) out.body += "  if (pc.a == 0) {\n";
+    out.body += find_largest(s, pass, t, lists);
+    if (runs == Runs::Both) out.body += guesses ? "  }\n" : "  } else {\n";
+    const std::string guard = runs == Runs::Both ? "pc.a == 0 && " : "",
+                      elect = joins_lanes ? " && subgroupElect()" : "";
+    if (joins_lanes) out.finish += "  largest_" + id + " = subgroupMax(largest_" + id + ");\n";
+    out.finish += "  if (" + guard + "largest_" + id + " != 0u" + elect + ") atomicMax(" + buffer + ".d[0], " +
+                  sum_word() + "(largest_" + id + "));\n";
+    if (t.most < 0)
+      out.finish += "  if (" + guard + "count_" + id + " != 0u) atomicAdd(" + buffer + ".d[1], " +
+                    std::string(sum_word()) + "(count_" + id + "));\n";
+  }
+  if (runs == Runs::First && !guesses) return out;
+  s.prelude(glsl::kFixedFromFloat);
+  s.prelude(joins_lanes ? glsl::kFixedSubgroup : "");
+  choose_shift(s, pass, t, runs, buffer);
+  out.body += add_fixed(s, t, runs, joins_lanes, buffer);
+  if (runs == Runs::Both && !guesses) out.body += "  }\n";
+  return out;
+}
+
+std::string Generator::find_largest(Shader& s, const Pass& pass, const Target& t, bool lists) {
+  const std::string& id = t.accumulator.name;
+  const ir::Type& type = t.accumulator.type;
+  s.declare("uint largest_" + id + " = 0u" + (t.most < 0 ? ", count_" + id + " = 0u" : "") + ";\n");
+  std::string out;
+  if (t.most < 0) out += "    ++count_" + id + ";\n";
+  for (int c = 0; c < type.components(); ++c)
+    out += "    largest_" + id + " = max(largest_" + id + ", finite_magnitude(" + component(type, "value", c) + "));\n";
+  if (t.terms != 0) out += keep_term(s, pass, t);
+  if (lists) out += "    adds |= " + any_bits(type, "value") + ";\n";
+  return out;
+}
+
+void Generator::choose_shift(Shader& s, const Pass& pass, const Target& t, Runs runs, const std::string& buffer) {
+  const std::string& id = t.accumulator.name;
+  const std::string where = runs == Runs::Both ? "if (pc.a == 1) " : "";
+  s.declare("int shift_" + id + " = 0;\n");
+  if (t.guess != 0) {
+    const std::string guess = s.read_words(t.guess, "guess_" + id);
+    s.declare("int guessed_" + id + " = 0;\n");
+    s.body().line("guessed_" + id + " = int(" + guess + "(0));");
+    s.body().line("shift_" + id + " = guessed_" + id + ";");
+  }
+  if (runs == Runs::First) return;
+  s.prelude(t.most < 0 ? kCountBits : "");
+  s.body().line(where + "shift_" + id + " = fixed_shift(uint(" + buffer + ".d[0]), " +
+                count_bits(t.most, pass.domain, buffer + ".d[1]") + ");");
+  // The first run may have computed a contribution with other roundings, even one that is all rounding error: larger
+  // ones would overflow the sum.
+  if (s.native()) {
+    s.declare("float limit_" + id + " = 0.0;\n");
+    s.body().line(where + "limit_" + id + " = uintBitsToFloat(uint(" + buffer + ".d[0]));");
+  }
+}
+
+std::string Generator::add_fixed(Shader& s, const Target& t, Runs runs, bool joins_lanes, const std::string& buffer) {
+  const std::string& id = t.accumulator.name;
+  const ir::Type& type = t.accumulator.type;
+  const bool wide = wide_atomics();
+  const int n = type.components();
+  const auto part = [](int c) { return "part_" + std::to_string(c); };
+  const auto fixed = [&](int c, const std::string& shift) {
+    std::string x = component(type, "value", c);
+    if (s.native()) x = "clamp(" + x + ", -limit_" + id + ", limit_" + id + ")";
+    return s.at_once(ir::vec(2, ir::Scalar::Uint), "fixed_from_float(" + x + ", " + shift + id + ")");
+  };
+  std::string out = "  uint flags = 0u;\n";
+  for (int c = 0; c < n; ++c) {
+    out += "  flags |= special_flag(" + component(type, "value", c) + ") << " + std::to_string(4 * c) + ";\n";
+    out += "  uvec2 " + part(c) + " = " + fixed(c, "shift_") + ";\n";
+  }
+  if (t.guess != 0 && runs != Runs::First) {
+    s.prelude(glsl::kFixedMinus);
+    if (runs == Runs::Both) out += "  if (pc.a == 1) {\n";
+    for (int c = 0; c < n; ++c)
+      out += "  " + part(c) + " = fixed_minus(" + part(c) + ", " + fixed(c, "guessed_") + ");\n";
+    if (runs == Runs::Both) out += "  }\n";
+  }
+  if (joins_lanes) out += join_lanes(n, part) + "  if (adds_here) {\n";
+  for (int c = 0; c < n; ++c) {
+    if (wide) {
+      out += "  if (" + part(c) + " != uvec2(0u)) atomicAdd(" + buffer + ".d[" + word_of("element", n, c) +
+             "], wide_of(" + part(c) + "));\n";
+    } else {
+      const std::string word = word_of("element", 2 * n, 2 * c);
+      out += "  if (" + part(c) + " != uvec2(0u)) {\n    uint old = atomicAdd(" + buffer + ".d[" + word + "], " +
+             part(c) + ".x);\n    atomicAdd(" + buffer + ".d[" + word_of("element", 2 * n, 2 * c + 1) + "], " +
+             part(c) + ".y + (old + " + part(c) + ".x < old ? 1u : 0u));\n  }\n";
+    }
+  }
+  const std::string flags = std::to_string(kHead) + " + " +
+                            dim_expression(element_count(t.accumulator.extent) * ir::Dim((wide ? 1 : 2) * n)) +
+                            " + element";
+  out += "  if (flags != 0u) atomicOr(" + buffer + ".d[" + flags + "], " + std::string(sum_word()) + "(flags));\n";
+  if (joins_lanes) out += "  }\n";
+  return out;
+}
+
+std::string Generator::guessed_right(const std::vector<Target>& targets) {
+  std::string out = "pc.a == 1";
+  for (const Target& t : targets) out += " && shift_" + t.accumulator.name + " == guessed_" + t.accumulator.name;
+  return out;
+}
+
+Generator::Adding Generator::plain_adding(Shader& s, const Pass& pass, const Target& t, Runs runs) {
+  const Resource& r = resource(t.sum.value);
+  const bool maximum = graph_.op(graph_.value(t.sum.value).op).kind == OpKind::ScatterMax;
+  const std::string buffer = s.bind(step_->stored.at(t.sum.value), bundle::Access::ReadWrite);
+  const bool stored = named_once(graph_, t.sum.terms);
+  if (r.type.is_float() && !stored) s.extension("GL_EXT_shader_atomic_float");
+  Adding out;
+  if (runs == Runs::Both) out.body = "  if (pc.a != 0) {\n";  // needs no first run
+  // Elements that add nothing may all name one element, such as the first, and would wait for each other there.
+  const auto* atomic = std::get_if<AtomicScatter>(&pass.get<ScatterPass>().how);
+  const bool tests = r.type.is_float() && atomic != nullptr && atomic->skips_zeros;
+  const int n = r.type.components();
+  for (int c = 0; c < n; ++c) {
+    const std::string x = component(r.type, "value", c);
+    const std::string to = buffer + ".d[element * " + std::to_string(n) + " + " + std::to_string(c) + "]";
+    if (stored)
+      out.body += "  " + to + " = " + x + ";\n";
+    else
+      out.body += "  " + (tests ? "if (" + x + " != 0.0) " : std::string()) + (maximum ? "atomicMax(" : "atomicAdd(") +
+                  to + ", " + x + ");\n";
+  }
+  if (runs == Runs::Both) out.body += "  }\n";
+  return out;
 }
 
 void Generator::scatter_where_listed(Shader& s, const Pass& pass, const Pass& scatter) {
@@ -343,12 +393,14 @@ void Generator::scatter_pass(const Pass& pass) {
   if (scatter.lowering() == ScatterLowering::Rows) return rows_pass(pass);
   const bool lists = scatter.relists(), listed = !scatter.clauses().empty(), joined = scatter.joined_run() != nullptr;
   const bool keeps = scatter.keeps_terms(), joins_lanes = scatter.joins_lanes();
+  // The second run of a scatter that guesses has nothing to do, as a rule: few invocations go over all elements.
+  const bool strides = keeps || (joined && scatter.guesses());
   if (joined && scatter.lowering() == ScatterLowering::Atomic) return;
   const uint32_t list = !listed ? 0 : scatter.lister() ? active_lists_.at(&pass) : list_active(pass);
   uint32_t adding = 0;
   if (lists) adding = add_list(pass, "adding", bundle::ListKind::Active);
   const std::vector<Target> targets = joined ? targets_.at(&pass) : scatter_targets(pass);
-  const ir::Dim invocations = keeps ? room_for_terms(pass.domain) : element_count(pass.domain);
+  const ir::Dim invocations = strides ? room_for_terms(pass.domain) : element_count(pass.domain);
   Shader s = shader();
   linear_index(s, dim_expression(invocations));
   if (!lists && !listed) place_from_index(s, pass.domain);
@@ -359,6 +411,7 @@ void Generator::scatter_pass(const Pass& pass) {
   if (lists && cut.how) s.cut_loops().keep(ir::kUint, "adds", true);
   if (joins_lanes) s.declare("bool joins = true;\n");
   for (const Target& t : targets) finish += declare_target(s, pass, t, joined ? Runs::Second : Runs::Both, lists);
+  if (scatter.guesses()) s.body().line("if (" + guessed_right(targets) + ") return;");
   if (lists) {
     const std::string again = s.bind_words(adding, "adding_elements", bundle::Access::ReadWrite);
     const std::string first = listed ? s.read_words(list, "active_elements") : std::string();
@@ -380,10 +433,10 @@ void Generator::scatter_pass(const Pass& pass) {
       const std::string elements = s.read_words(list, "active_elements");
       s.body().line("int end = int(" + elements + "(" + std::to_string(kListEnd) + ")) - 1;");
       if (joins_lanes) s.body().line("joins = end >= " + std::to_string(kWorthJoining) + ";");
-      if (keeps) {
-        add_kept_terms(s, pass, targets);
+      if (strides) {
         const std::string room = dim_expression(invocations);
-        s.body().line("for (index += " + room + "; index < end; index += " + room + ") {");
+        if (keeps) add_kept_terms(s, pass, targets);
+        s.body().line("for (" + (keeps ? "index += " + room : "") + "; index < end; index += " + room + ") {");
         s.push_scope();
       } else {
         s.body().line("if (index >= end) return;");
@@ -394,7 +447,7 @@ void Generator::scatter_pass(const Pass& pass) {
     open_cut(s, cut, "return;");
     s.element_ops(ops);
     close_cut(s, cut);
-    if (keeps) {
+    if (strides) {
       s.pop_scope();
       s.body().line("}");
     }
@@ -410,7 +463,7 @@ void Generator::scatter_pass(const Pass& pass) {
 
   const bool two_runs = !finish.empty();
   auto& magnitudes = dispatch(pass, joined ? " add" : "", s, invocations.str(), {two_runs ? 0 : 1, 0, 0});
-  if (listed && !keeps) magnitudes.indirect = static_cast<int>(list);
+  if (listed && !strides) magnitudes.indirect = static_cast<int>(list);
   set_trips(magnitudes, cut);
   if (two_runs) {
     auto& sums_run = command(bundle::CommandKind::Dispatch, pass.name + " add");
@@ -422,7 +475,7 @@ void Generator::scatter_pass(const Pass& pass) {
     set_trips(sums_run, cut);
   }
   for (const Target& t : targets)
-    if (!resource(t.sum.value).sums) scatter_resolve(pass, t);
+    if (!resource(t.sum.value).is(Resource::Storage::Sums)) scatter_resolve(pass, t);
 }
 
 void Generator::scatter_resolve(const Pass& pass, const Target& target) {
@@ -457,7 +510,7 @@ Generator::FloatSums Generator::float_sums(Shader& s, const ir::Type& type, cons
                                            int most, const ir::Extent& domain) const {
   const bool wide = wide_atomics();
   if (wide) wide_extensions(s);
-  const std::string sums = s.read_words(words, "sums_" + std::to_string(words), wide ? "uint64_t" : "uint");
+  const std::string sums = s.read_words(words, "sums_" + std::to_string(words), sum_word());
   s.prelude(glsl::kFixedShift);
   s.prelude(glsl::kFixedToFloat);
   s.prelude(most < 0 ? kCountBits : "");
@@ -466,6 +519,10 @@ Generator::FloatSums Generator::float_sums(Shader& s, const ir::Type& type, cons
   out.statements = "int shift = fixed_shift(uint(" + sums + "(0)), " + count_bits(most, domain, sums + "(1)") +
                    "); uint flags = uint(" + sums + "(" + std::to_string(kHead) + " + " +
                    dim_expression(element_count(extent) * ir::Dim((wide ? 1 : 2) * n)) + " + index));";
+  if (const auto guess = guesses_.find(words); guess != guesses_.end())
+    out.statements += " if (index == 0) " +
+                      s.bind_words(guess->second, "guess_" + std::to_string(words), bundle::Access::Write) +
+                      ".d[0] = uint(shift);";
   for (int c = 0; c < n; ++c) {
     const std::string number = wide ? "words_of(" + sums + "(" + word_of("index", n, c) + "))"
                                     : "uvec2(" + sums + "(" + word_of("index", 2 * n, 2 * c) + "), " + sums + "(" +

@@ -42,46 +42,76 @@ int most_digits(const Dim& targets) {
 
 }  // namespace
 
-Generator::Table Generator::sorted_table(const Pass& pass) {
-  const RowsScatter& rows = pass.get<ScatterPass>().rows();
-  const Dim count = rows.items(pass.domain);
+struct Generator::Sort {
+  const Pass& pass;
+  const Dim& targets;    // rows
+  const Dim count = {};  // of items, some of which may have no target
   const Dim chunks = count.divided_by(kChunk) + Dim(1);
   const Dim counts = chunks * Dim(kDigits);
   const Dim groups = counts.divided_by(kGroup) + Dim(1);
-  const std::string n = dim_expression(count), group = std::to_string(kGroup), chunk = std::to_string(kChunk);
-  const auto scratch = [&](const std::string& name, const Dim& words) {
-    return add_scratch(name, words.str(), ir::kInt);
-  };
-  const int digits = most_digits(rows.targets);
   // Where the number of digits depends on symbols, a last dispatch takes the items from where they are in the end.
-  const bool known = rows.targets.is_constant();
-  const Dim pairs = count * Dim(2);
-  const uint32_t keys[] = {scratch(pass.name + "_keys", pairs),
-                           known && digits == 1 ? 0 : scratch(pass.name + "_keys_2", pairs)};
-  const uint32_t count_words = scratch(pass.name + "_counts", counts);
-  const uint32_t group_words = scratch(pass.name + "_groups", groups + Dim(1));  // the last: of them all
-  const Table table{scratch(pass.name + "_rows_start", rows.targets + Dim(1)),
-                    scratch(pass.name + "_rows_item", pairs)};
-  const auto put = [](Shader& s, const std::string& where, const std::string& what) {
-    s.body().line(where + " = " + s.at_once(ir::kInt, what) + ";");
-  };
+  const bool known = targets.is_constant();
+  const int digits = most_digits(targets);
+  uint32_t keys[2] = {};  // pairs of an item and its target
+  uint32_t count_words = 0, group_words = 0;
+  Table table = {};
 
-  key_pass(pass, keys[0]);
-  fill("clear " + pass.name + "_groups", group_words, 0);
-  if (known) fill("clear " + pass.name + "_rows_item", table.items, 0xffffffffu);
-  const auto digit_shader = [&](const Dim& lanes) {
-    Shader s = strict_shader();
-    linear_index(s, dim_expression(lanes));
-    if (!known)
-      s.body().line("if (pc.a >= " + std::to_string(kDigitBits) + " * " + digits_of(rows.targets) + ") return;");
-    return s;
+  std::string all_groups() const { return dim_expression(groups); }
+};
+
+namespace {
+
+void put(Shader& s, const std::string& where, const std::string& what) {
+  s.body().line(where + " = " + s.at_once(ir::kInt, what) + ";");
+}
+
+}  // namespace
+
+Generator::Table Generator::sorted_table(const Pass& pass) {
+  const RowsScatter& rows = pass.get<ScatterPass>().rows();
+  Sort sort{pass, rows.targets, rows.items(pass.domain)};
+  const auto scratch = [&](const std::string& name, const Dim& words) {
+    return add_scratch(pass.name + name, words.str(), ir::kInt);
   };
+  const Dim pairs = sort.count * Dim(2);
+  sort.keys[0] = scratch("_keys", pairs);
+  if (!sort.known || sort.digits > 1) sort.keys[1] = scratch("_keys_2", pairs);
+  sort.count_words = scratch("_counts", sort.counts);
+  sort.group_words = scratch("_groups", sort.groups + Dim(1));  // the last: of them all
+  sort.table.starts = scratch("_rows_start", rows.targets + Dim(1));
+  sort.table.items = scratch("_rows_item", pairs);
+
+  key_pass(pass, sort.keys[0]);
+  fill("clear " + pass.name + "_groups", sort.group_words, 0);
+  if (sort.known) fill("clear " + pass.name + "_rows_item", sort.table.items, 0xffffffffu);
+  for (int digit = 0; digit < sort.digits; ++digit) sort_by_digit(sort, digit);
+  if (!sort.known) take_sorted_items(sort);
+  find_rows(sort);
+  return sort.table;
+}
+
+Shader Generator::digit_shader(const Sort& sort, const Dim& lanes) const {
+  Shader s = strict_shader();
+  linear_index(s, dim_expression(lanes));
+  if (!sort.known)
+    s.body().line("if (pc.a >= " + std::to_string(kDigitBits) + " * " + digits_of(sort.targets) + ") return;");
+  return s;
+}
+
+void Generator::sort_by_digit(const Sort& sort, int digit) {
+  const Pass& pass = sort.pass;
+  const std::vector<int> push{kDigitBits * digit, 0, 0};
+  const bool last = sort.known && digit == sort.digits - 1;
+  const uint32_t from = sort.keys[digit % 2], to = last ? sort.table.items : sort.keys[1 - digit % 2];
+  const std::string name = "_digit_" + std::to_string(digit), group = std::to_string(kGroup);
+  const std::string place = "digit * " + dim_expression(sort.chunks) + " + index";
   // Goes over the items of a chunk that have a target.
-  const auto each_item = [&](Shader& s, uint32_t from, const auto& visit) {
+  const auto each_item = [&](Shader& s, const auto& visit) {
     s.declare(kCounts);
-    const std::string read = s.read_words(from, "from", "int"), sums = s.read_words(group_words, "groups", "int");
-    const std::string sorted = sums + "(" + dim_expression(groups) + ")";
-    s.body().line("int end = min((index + 1) * " + chunk + ", pc.a == 0 ? " + n + " : " + sorted + ");");
+    const std::string read = s.read_words(from, "from", "int"), sums = s.read_words(sort.group_words, "groups", "int");
+    const std::string chunk = std::to_string(kChunk), sorted = sums + "(" + sort.all_groups() + ")";
+    s.body().line("int end = min((index + 1) * " + chunk + ", pc.a == 0 ? " + dim_expression(sort.count) + " : " +
+                  sorted + ");");
     s.body().line("for (int r = index * " + chunk + "; r < end; ++r) {");
     s.body().line("int key = " + read + "(2 * r + 1);");
     s.body().line("if (key < 0) continue;");
@@ -90,94 +120,90 @@ Generator::Table Generator::sorted_table(const Pass& pass) {
     s.body().line("count(digit);");
     s.body().line("}");
   };
-  const std::string place = "digit * " + dim_expression(chunks) + " + index";
-  for (int digit = 0; digit < digits; ++digit) {
-    const std::vector<int> push{kDigitBits * digit, 0, 0};
-    const uint32_t from = keys[digit % 2], to = known && digit == digits - 1 ? table.items : keys[1 - digit % 2];
-    const std::string name = "_digit_" + std::to_string(digit);
 
-    Shader count_items = digit_shader(chunks);
-    each_item(count_items, from, [](const std::string&, const std::string&) {});
-    const std::string out = count_items.bind_words(count_words, "counts", Access::Write, "int");
-    count_items.body().line("for (int digit = 0; digit < " + std::to_string(kDigits) + "; ++digit) {");
-    put(count_items, out + ".d[" + place + "]", "count_of(digit)");
-    count_items.body().line("}");
-    dispatch(pass, name + "_count", count_items, chunks.str(), push);
+  Shader count_items = digit_shader(sort, sort.chunks);
+  each_item(count_items, [](const std::string&, const std::string&) {});
+  const std::string out = count_items.bind_words(sort.count_words, "counts", Access::Write, "int");
+  count_items.body().line("for (int digit = 0; digit < " + std::to_string(kDigits) + "; ++digit) {");
+  put(count_items, out + ".d[" + place + "]", "count_of(digit)");
+  count_items.body().line("}");
+  dispatch(pass, name + "_count", count_items, sort.chunks.str(), push);
 
-    // Sums of what stands before: in each group, then over the groups.
-    Shader sum_groups = digit_shader(groups);
-    {
-      Shader& s = sum_groups;
-      const std::string words = s.bind_words(count_words, "counts", Access::ReadWrite, "int");
-      const std::string sums = s.bind_words(group_words, "groups", Access::Write, "int");
-      s.body().line("int sum = 0, end = min((index + 1) * " + group + ", " + dim_expression(counts) + ");");
-      s.body().line("for (int k = index * " + group + "; k < end; ++k) {");
-      s.body().line("int count = " + words + ".d[k];");
-      put(s, words + ".d[k]", "sum");
-      s.body().line("sum += count;");
-      s.body().line("}");
-      put(s, sums + ".d[index]", "sum");
-    }
-    dispatch(pass, name + "_groups", sum_groups, groups.str(), push);
-    Shader sum_all = digit_shader(Dim(1));
-    {
-      Shader& s = sum_all;
-      const std::string sums = s.bind_words(group_words, "groups", Access::ReadWrite, "int");
-      s.body().line("int sum = 0;");
-      s.body().line("for (int k = 0; k <= " + dim_expression(groups) + "; ++k) {");
-      s.body().line("int count = " + sums + ".d[k];");
-      s.body().line(sums + ".d[k] = sum;");
-      s.body().line("sum += count;");
-      s.body().line("}");
-    }
-    dispatch(pass, name + "_all", sum_all, "1", push);
+  sum_counts(sort, name, push);
 
-    Shader move_items = digit_shader(chunks);
-    {
-      Shader& s = move_items;
-      const std::string out_keys = s.bind_words(to, "to", Access::Write, "int");
-      const std::string before = s.read_words(count_words, "counts", "int");
-      each_item(s, from, [&](const std::string& read, const std::string& before_group) {
-        s.body().line("int slot = " + place + ";");
-        s.body().line("int at = " + before + "(slot) + " + before_group + "(slot / " + group + ") + count_of(digit);");
-        put(s, out_keys + ".d[2 * at]", read + "(2 * r)");
-        put(s, out_keys + ".d[2 * at + 1]", "key");
-      });
-    }
-    dispatch(pass, name + "_move", move_items, chunks.str(), push);
-  }
+  Shader move_items = digit_shader(sort, sort.chunks);
+  const std::string out_keys = move_items.bind_words(to, "to", Access::Write, "int");
+  const std::string before = move_items.read_words(sort.count_words, "counts", "int");
+  each_item(move_items, [&](const std::string& read, const std::string& before_group) {
+    Shader& s = move_items;
+    s.body().line("int slot = " + place + ";");
+    s.body().line("int at = " + before + "(slot) + " + before_group + "(slot / " + group + ") + count_of(digit);");
+    put(s, out_keys + ".d[2 * at]", read + "(2 * r)");
+    put(s, out_keys + ".d[2 * at + 1]", "key");
+  });
+  dispatch(pass, name + "_move", move_items, sort.chunks.str(), push);
+}
 
-  if (!known) {
-    Shader s = strict_shader();
-    linear_index(s, n);
-    const std::string even = s.read_words(keys[0], "even", "int"), odd = s.read_words(keys[1], "odd", "int");
-    const std::string sorted = s.read_words(group_words, "groups", "int") + "(" + dim_expression(groups) + ")";
-    const std::string out = s.bind_words(table.items, "items", Access::Write, "int");
-    for (const std::string word : {"2 * index", "2 * index + 1"})
-      put(s, out + ".d[" + word + "]",
-          "(index >= " + sorted + " ? -1 : " + digits_of(rows.targets) + " % 2 == 0 ? " + even + "(" + word +
-              ") : " + odd + "(" + word + "))");
-    dispatch(pass, "_rows_item", s, count.str());
-  }
-
-  // The first item of each row by bisection.
-  Shader find = strict_shader();
+// Sums of what stands before: in each group, then over the groups.
+void Generator::sum_counts(const Sort& sort, const std::string& name, const std::vector<int>& push) {
+  const std::string group = std::to_string(kGroup);
+  Shader sum_groups = digit_shader(sort, sort.groups);
   {
-    Shader& s = find;
-    linear_index(s, dim_expression(rows.targets + Dim(1)));
-    const std::string items = s.read_words(table.items, "items", "int");
-    const std::string sorted = s.read_words(group_words, "groups", "int") + "(" + dim_expression(groups) + ")";
-    const std::string out = s.bind_words(table.starts, "starts", Access::Write, "int");
-    s.body().line("int low = 0, high = " + sorted + ";");
-    s.body().line("while (low < high) {");
-    s.body().line("int middle = low + (high - low) / 2;");
-    s.body().line("if (" + items + "(2 * middle + 1) < index) low = middle + 1;");
-    s.body().line("else high = middle;");
+    Shader& s = sum_groups;
+    const std::string words = s.bind_words(sort.count_words, "counts", Access::ReadWrite, "int");
+    const std::string sums = s.bind_words(sort.group_words, "groups", Access::Write, "int");
+    s.body().line("int sum = 0, end = min((index + 1) * " + group + ", " + dim_expression(sort.counts) + ");");
+    s.body().line("for (int k = index * " + group + "; k < end; ++k) {");
+    s.body().line("int count = " + words + ".d[k];");
+    put(s, words + ".d[k]", "sum");
+    s.body().line("sum += count;");
     s.body().line("}");
-    put(s, out + ".d[index]", "low");
+    put(s, sums + ".d[index]", "sum");
   }
-  dispatch(pass, "_rows_start", find, (rows.targets + Dim(1)).str());
-  return table;
+  dispatch(sort.pass, name + "_groups", sum_groups, sort.groups.str(), push);
+  Shader sum_all = digit_shader(sort, Dim(1));
+  {
+    Shader& s = sum_all;
+    const std::string sums = s.bind_words(sort.group_words, "groups", Access::ReadWrite, "int");
+    s.body().line("int sum = 0;");
+    s.body().line("for (int k = 0; k <= " + sort.all_groups() + "; ++k) {");
+    s.body().line("int count = " + sums + ".d[k];");
+    s.body().line(sums + ".d[k] = sum;");
+    s.body().line("sum += count;");
+    s.body().line("}");
+  }
+  dispatch(sort.pass, name + "_all", sum_all, "1", push);
+}
+
+void Generator::take_sorted_items(const Sort& sort) {
+  Shader s = strict_shader();
+  linear_index(s, dim_expression(sort.count));
+  const std::string even = s.read_words(sort.keys[0], "even", "int"), odd = s.read_words(sort.keys[1], "odd", "int");
+  const std::string sorted = s.read_words(sort.group_words, "groups", "int") + "(" + sort.all_groups() + ")";
+  const std::string out = s.bind_words(sort.table.items, "items", Access::Write, "int");
+  for (const std::string word : {"2 * index", "2 * index + 1"})
+    put(s, out + ".d[" + word + "]",
+        "(index >= " + sorted + " ? -1 : " + digits_of(sort.targets) + " % 2 == 0 ? " + even + "(" + word +
+            ") : " + odd + "(" + word + "))");
+  dispatch(sort.pass, "_rows_item", s, sort.count.str());
+}
+
+// The first item of each row by bisection.
+void Generator::find_rows(const Sort& sort) {
+  const Dim ends = sort.targets + Dim(1);
+  Shader s = strict_shader();
+  linear_index(s, dim_expression(ends));
+  const std::string items = s.read_words(sort.table.items, "items", "int");
+  const std::string sorted = s.read_words(sort.group_words, "groups", "int") + "(" + sort.all_groups() + ")";
+  const std::string out = s.bind_words(sort.table.starts, "starts", Access::Write, "int");
+  s.body().line("int low = 0, high = " + sorted + ";");
+  s.body().line("while (low < high) {");
+  s.body().line("int middle = low + (high - low) / 2;");
+  s.body().line("if (" + items + "(2 * middle + 1) < index) low = middle + 1;");
+  s.body().line("else high = middle;");
+  s.body().line("}");
+  put(s, out + ".d[index]", "low");
+  dispatch(sort.pass, "_rows_start", s, ends.str());
 }
 
 // The target of each item, -1 where there is none.

@@ -69,6 +69,10 @@ uvec2 fixed_halved(uvec2 a, int by) {
 }
 )";
 
+inline constexpr const char* kFixedMinus = R"(
+uvec2 fixed_minus(uvec2 a, uvec2 b) { return uvec2(a.x - b.x, a.y - b.y - uint(a.x < b.x)); }
+)";
+
 inline constexpr const char* kFixedSubgroup = R"(
 // The sum over the lanes that are here, 128 at most: three parts that cannot overflow 32 bits, but for the last, whose
 // overflow is that of the whole.

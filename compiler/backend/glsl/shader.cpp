@@ -109,10 +109,10 @@ std::string Shader::bind(ResourceId id, bundle::Access access) {
   if (const std::string* name = find_bound(id.index, access)) return *name;
   const Resource& r = schedule_.resources[id.index];
   const std::string name = "r_" + sanitize(r.name) + "_" + std::to_string(id.index);
-  if (r.storage == Resource::Storage::Image)
+  if (r.is(Resource::Storage::Image))
     return bind_image(id.index, name, r.type.is_float() ? "" : r.type.scalar == ir::Scalar::Int ? "i" : "u");
-  if (r.entries) return buffer(id.index, name, access, "uvec2", 2);
-  if (r.half) {
+  if (r.is(Resource::Storage::Entries)) return buffer(id.index, name, access, "uvec2", 2);
+  if (r.is(Resource::Storage::Halves)) {
     prelude(ops::glsl::kHalf);
     return buffer(id.index, name, access, "uint", texel_of(ir::vec(r.words(), ir::Scalar::Uint)));
   }
@@ -141,7 +141,7 @@ std::string Shader::bind_image(uint32_t bundle_resource, const std::string& name
 
 void Shader::read_as_input(ValueId value) {
   const Resource& r = resource(value);
-  DR_ASSERT(r.storage != Resource::Storage::Buffer);
+  DR_ASSERT(!r.is_buffer());
   const uint32_t index = step_.stored.at(value).index;
   const std::string name = "r_" + sanitize(r.name) + "_" + std::to_string(index);
   const char* prefix = r.type.is_float() ? "" : r.type.scalar == ir::Scalar::Int ? "i" : "u";
@@ -174,7 +174,7 @@ std::string Shader::load(ValueId value, const std::string& place) {
   const std::string function = "load_" + part_name(value);
   std::string call = function + "(" + place + ")";
   if (!functions_.insert(function).second) return call;
-  if (r.sums) {
+  if (r.is(Resource::Storage::Sums)) {
     const std::string text = sums_reader_(*this, value, function);
     declarations_ += text;
     return call;
@@ -182,7 +182,7 @@ std::string Shader::load(ValueId value, const std::string& place) {
   const uint32_t index = step_.stored.at(value).index;
   const std::string whole = "load_" + bind(step_.stored.at(value), bundle::Access::Read).substr(2);
   if (whole == function || functions_.insert(whole).second) loaded_.push_back(index);
-  if (!r.entries) return call;
+  if (!r.is(Resource::Storage::Entries)) return call;
   const RasterPart part = raster_part(graph_, value);
   const ir::Dim& layers = graph_.value(value).extent.l;
   prelude(kEntry);
@@ -195,7 +195,7 @@ std::string Shader::load(ValueId value, const std::string& place) {
 std::string Shader::part_name(ValueId value) const {
   const Resource& r = resource(value);
   std::string name = sanitize(r.name) + "_" + std::to_string(step_.stored.at(value).index);
-  if (!r.entries) return name;
+  if (!r.is(Resource::Storage::Entries)) return name;
   const RasterPart part = raster_part(graph_, value);
   return name + (part.tag ? "_tag_" : "_face_") + std::to_string(part.rank);
 }
@@ -203,7 +203,7 @@ std::string Shader::part_name(ValueId value) const {
 std::string Shader::load_function(const Resource& r, const Bound& bound) const {
   const std::string& name = bound.name;
   std::string text = r.type.str() + " load_" + name.substr(2) + "(ivec3 at) {\n";
-  if (r.storage != Resource::Storage::Buffer) {
+  if (!r.is_buffer()) {
     const bool input = std::find(inputs_.begin(), inputs_.end(), bindings_[bound.binding]->resource) != inputs_.end();
     const std::string fetch = input ? "subpassLoad(" + name + ")"
                                     : "texelFetch(" + name + ", ivec3(" + (r.extent.w.is_one() ? "0" : "at.x") + ", " +
@@ -214,16 +214,17 @@ std::string Shader::load_function(const Resource& r, const Bound& bound) const {
     text += "  return " + (r.type.is_bool() ? r.type.str() + "(" + texel + ")" : texel) + ";\n";
   } else {
     const int texel = bindings_[bound.binding]->texel;
-    if (r.entries) {
+    if (r.is(Resource::Storage::Entries)) {
       const std::string index = element_index(r.extent, "at");
       text += "  return " + (texel == 0 ? name + ".d[" + index + "]" : "texelFetch(" + name + ", " + index + ").xy");
       return text + ";\n}\n";
     }
     const int parts = r.words() / std::max(texel, 1);
     text += "  int base = " + element_index(r.extent, "at") + (parts == 1 ? "" : " * " + std::to_string(parts)) + ";\n";
-    const Type words = r.half ? ir::vec(r.words(), ir::Scalar::Uint) : r.type;
+    const bool halves = r.is(Resource::Storage::Halves);
+    const Type words = halves ? ir::vec(r.words(), ir::Scalar::Uint) : r.type;
     const std::string found = from_buffer(words, name, texel);
-    text += r.half ? "  " + words.str() + " words = " + found + ";\n  return " + from_halves(r.type) + ";\n"
+    text += halves ? "  " + words.str() + " words = " + found + ";\n  return " + from_halves(r.type) + ";\n"
                    : "  return " + found + ";\n";
   }
   return text + "}\n";
@@ -255,7 +256,7 @@ void Shader::store(ValueId value, const std::string& place, const std::string& e
   const std::string name = bind(step_.stored.at(value), bundle::Access::Write);
   const int n = r.words();
   const auto word = [&](int k) {
-    if (r.half) {
+    if (r.is(Resource::Storage::Halves)) {
       const auto half = [&](int c) { return "dr_half_bits(" + component(r.type, expression, c) + ")"; };
       const bool two = 2 * k + 1 < r.type.components();
       return at_once(ir::kUint, two ? "(" + half(2 * k) + " | (" + half(2 * k + 1) + " << 16))" : half(2 * k));
@@ -289,7 +290,7 @@ std::string Shader::use(ValueId value) {
   for (auto scope = scopes_.rbegin(); scope != scopes_.rend(); ++scope)
     if (auto it = scope->find(value); it != scope->end()) return it->second;
   DR_ASSERT(step_.stored.count(value) != 0);
-  std::string name = unique(resource(value).entries ? part_name(value) : resource(value).name);
+  std::string name = unique(resource(value).is(Resource::Storage::Entries) ? part_name(value) : resource(value).name);
   body_.line(graph_.value(value).type.str() + " " + name + " = " + load(value, at_) + ";");
   define(value, name);
   return name;

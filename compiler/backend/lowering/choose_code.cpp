@@ -19,9 +19,6 @@ using ir::ValueId;
 
 namespace {
 
-// Lanes of a subgroup from which on a device is a GPU.
-constexpr uint32_t kWideSubgroup = 16;
-
 struct Bins {
   // Faces by the pixels of their boxes: up to the first for one invocation, up to the second for subgroups.
   int small_box, middle_box;
@@ -72,7 +69,7 @@ class StepCode {
       code.lists_in_runs = profile_.lanes_in_turn && (code.heavy || listed_for(step_, id) != nullptr);
       code.cut = cut(code.heavy ? light_trips(pass, *code.heavy) : trips, code.lists_in_runs ? kListedRun : 1);
     }
-    code.told = told(pass, map, code);
+    code.told = told(pass, map, code, id);
     return code;
   }
 
@@ -111,24 +108,25 @@ class StepCode {
 
   // Floats that the step leaves in a leaf, or in an output of one element, where the device has a buffer left for the
   // word that tells of them.
-  std::vector<ValueId> told(const Pass& pass, const MapPass& map, const MapCode& code) const {
+  std::vector<ValueId> told(const Pass& pass, const MapPass& map, const MapCode& code, PassId id) const {
     const auto stays = [&](ValueId v) {
       const auto is_it = [&](const auto& named) { return named.second == v; };
       return std::ranges::any_of(step_.updates, is_it) ||
              (resource(v).extent.is_unit() && std::ranges::any_of(step_.outputs, is_it));
     };
     const auto is_partial = [&](ValueId v) { return std::ranges::find(map.partial, v) != map.partial.end(); };
-    std::vector<ValueId> out, bound = pass.reads;
+    std::vector<ValueId> out;
+    size_t writes = 0;
     for (const ValueId v : pass.writes) {
-      if (!is_partial(v)) bound.push_back(v);
-      if (resource(v).type.is_float() && !resource(v).half && stays(v) && !is_partial(v)) out.push_back(v);
+      if (!is_partial(v)) ++writes;
+      if (resource(v).type.is_float() && !resource(v).is(Resource::Storage::Halves) && stays(v) && !is_partial(v))
+        out.push_back(v);
     }
     const std::optional<LoopCut>& cut = code.heavy && code.heavy->cut ? code.heavy->cut : code.cut;
-    const Bindings all = bindings_of(schedule_.resources, resources_of(step_, bound), 0);
-    const uint32_t have =
-        all.buffers + all.images + (cut ? 2 : 0) + (cut && cut->watched ? 1 : 0) + (code.heavy ? 1 : 0);
-    if (have + 1 > profile_.max_per_stage_descriptor_storage_buffers || have + 1 > profile_.max_per_stage_resources)
-      out.clear();
+    Bindings all = bindings_of(schedule_.resources, resources_of(step_, pass.reads), writes);
+    all.more = 1 + (cut ? 2 : 0) + (cut && cut->watched ? 1 : 0) + (code.heavy ? 1 : 0) +
+               (listed_for(step_, id) != nullptr ? kMapLists : 0);
+    if (!fits(profile_, all)) out.clear();
     return out;
   }
 
@@ -156,7 +154,7 @@ class StepCode {
     const RasterParts parts = raster_parts(op);
     const Dim pixels = parts.w * parts.h;
     const int64_t limit = profile_.loop_trips;
-    const Bins bins = profile_.subgroup_size >= kWideSubgroup ? gpu_bins(pixels) : kCpu;
+    const Bins bins = profile_.is_gpu() ? gpu_bins(pixels) : kCpu;
     // Lanes that walk small boxes of different shapes take trips for the rows and columns of them all: for boxes of 64
     // pixels the sum over y of 64 / (y + 1).
     constexpr int64_t kSmallPixels = 320;
@@ -208,7 +206,7 @@ void choose_code(const Graph& graph, const target::Profile& profile, const CodeO
   code.wide_words = profile.shader_int64 && profile.shader_buffer_int64_atomics;
   code.layers_at_once = profile.max_multiview_view_count > 0;
   // A processor fills memory faster than its shaders do.
-  if (profile.subgroup_size >= kWideSubgroup) code.clears = profile.max_per_stage_descriptor_storage_buffers;
+  if (profile.is_gpu()) code.clears = profile.max_per_stage_descriptor_storage_buffers;
   code.loop_trips = profile.loop_trips;
   choose_divisors(graph, code);
   for (StepSchedule& step : schedule.steps) StepCode(graph, profile, options, schedule, step).process();

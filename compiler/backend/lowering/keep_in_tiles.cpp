@@ -21,8 +21,7 @@ void keep_in_tiles(const ir::Graph& graph, Schedule& schedule) {
     }
     for (const auto& [v, stage] : stage_of) {
       Resource& resource = schedule.resources[step.stored.at(v).index];
-      if (stored.count(v) == 0 && resource.storage == Resource::Storage::Image)
-        resource.storage = Resource::Storage::Tile;
+      if (stored.count(v) == 0 && resource.is(Resource::Storage::Image)) resource.storage = Resource::Storage::Tile;
     }
   }
 }

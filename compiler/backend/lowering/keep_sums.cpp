@@ -36,7 +36,7 @@ void keep_sums(const ir::Graph& graph, Schedule& schedule) {
         for (const Pass& other : step.passes)
           if (std::ranges::find(other.reads, v) != other.reads.end()) readers.push_back(&other);
         if (readers.size() == 1 && reads_in_place(graph, *readers[0], v))
-          schedule.resources[step.stored.at(v).index].sums = true;
+          schedule.resources[step.stored.at(v).index].storage = Resource::Storage::Sums;
       }
     }
   }

@@ -18,7 +18,7 @@ void keep_entries(const ir::Graph& graph, Schedule& schedule) {
       const ResourceId id = step.stored.at(results[0]);
       Resource& entries = schedule.resources[id.index];
       entries.name += "_entries";
-      entries.entries = true;
+      entries.storage = Resource::Storage::Entries;
       entries.type = ir::vec(2, ir::Scalar::Uint);
       entries.extent.l = entries.extent.l * ir::Dim(static_cast<int64_t>(results.size() / 2));
       for (size_t k = 1; k < results.size(); ++k) {

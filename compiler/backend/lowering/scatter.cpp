@@ -205,7 +205,7 @@ class StepLegalizer {
     const std::vector<ValueId> read(reads.begin(), reads.end());
     if (!fits(profile_, bindings(read, writes.size() + 1, false, 0))) return false;
     // What was an image becomes a buffer of the shaders that read it: where one joins sums, all packings have to.
-    if (was_stored && resource(sum.value).storage == Resource::Storage::Image) {
+    if (was_stored && resource(sum.value).is(Resource::Storage::Image)) {
       for (const Pass& pass : step_.passes) {
         if (!std::binary_search(pass.reads.begin(), pass.reads.end(), sum.value)) continue;
         if (!fits(profile_, bindings(pass.reads, pass.writes.size(), pass.is_drawn(), 1))) return false;

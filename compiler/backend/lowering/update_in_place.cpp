@@ -17,7 +17,7 @@ bool may_overwrite(const ir::Graph& graph, const Schedule& schedule, const StepS
                    ValueId value) {
   const Resource& from = schedule.resources[step.stored.at(value).index];
   const Resource& to = schedule.resources[leaf];
-  if (is_memory(graph.op(graph.value(value).op)) || from.storage != Resource::Storage::Buffer || from.leaf >= 0 ||
+  if (is_memory(graph.op(graph.value(value).op)) || !from.is_buffer() || from.is(Resource::Storage::Leaf) ||
       from.type != to.type || from.extent != to.extent)
     return false;
   auto is_old = [&](ValueId v) {

@@ -43,7 +43,8 @@ std::set<ValueId> captured(const Graph& graph, const Schedule& schedule, const S
   std::erase_if(out, [&](ValueId v) {
     const ir::ValueInfo& info = graph.value(v);
     const auto stored = step.stored.find(v);
-    if (stored != step.stored.end() && schedule.resources[stored->second.index].entries) return true;
+    if (stored != step.stored.end() && schedule.resources[stored->second.index].is(Resource::Storage::Entries))
+      return true;
     return is_inline(graph.op(info.op)) || info.type.is_matrix() || (!info.type.is_float() && !info.type.is_scalar());
   });
   return out;

@@ -258,14 +258,18 @@ void StepPacker::add_resource(ValueId v, const Op& op) {
   Resource r;
   r.type = info.type;
   r.extent = info.extent;
-  r.step_index = op.kind == OpKind::StepIndex;
-  r.name = unique_name(names_, r.step_index        ? "step_index"
+  const bool counter = op.kind == OpKind::StepIndex;
+  r.name = unique_name(names_, counter             ? "step_index"
                                : info.name.empty() ? std::string(ir::op_name(op.kind))
                                                    : info.name);
-  if (is_image(v)) r.storage = Resource::Storage::Image;
   // What the host reads and what leaves take is whole.
   const bool output = std::ranges::any_of(step_.outputs, [&](const ir::Output& o) { return o.value == v; });
-  r.half = r.storage == Resource::Storage::Buffer && !output && updated_.count(v) == 0 && is_packed(graph_, v);
+  if (counter)
+    r.storage = Resource::Storage::StepIndex;
+  else if (is_image(v))
+    r.storage = Resource::Storage::Image;
+  else if (!output && updated_.count(v) == 0 && is_packed(graph_, v))
+    r.storage = Resource::Storage::Halves;
   resources_.push_back(r);
   resource_[v.index] = static_cast<uint32_t>(resources_.size() - 1);
   out_.stored[v] = ResourceId{resource_[v.index]};
@@ -280,7 +284,7 @@ Schedule pack(const Graph& graph, const target::Profile& profile, const PackOpti
     r.name = unique_name(names, leaf.name);  // `a.b` of an instance and `a_b` are two
     r.type = leaf.type;
     r.extent = leaf.extent;
-    r.leaf = static_cast<int>(k);
+    r.storage = Resource::Storage::Leaf;
     schedule.resources.push_back(std::move(r));
   }
   for (const ir::Step& step : graph.steps)

@@ -16,8 +16,9 @@ namespace {
 
 // Longer shaders are not merged: drivers compile them slowly, and registers run out.
 constexpr size_t kMaxMergedOps = 2000;
-// In op_size() units. Longer shaders are cut: drivers take quadratic time for one.
-constexpr size_t kMaxSize = 6144;
+// In op_size() units. Longer shaders are cut: drivers take quadratic time for one. Each part makes what it needs of the
+// forward sweep again, which costs most where lanes go in turn.
+constexpr size_t kMaxSize = 6144, kMaxSizeInTurn = 8192;
 // A pass is merged with one of so many before it, and among so many passes, which keeps packing near linear.
 constexpr size_t kMergeReach = 64, kMergeWindow = 4096;
 
@@ -26,6 +27,8 @@ uint32_t more_buffers(const target::Profile& profile, const Pass& pass) {
   if (pass.is<ScatterPass>()) return kScatterBuffers;
   return profile.lanes_in_turn && pass.is<MapPass>() ? kMapLists : 0;
 }
+
+size_t max_size(const target::Profile& profile) { return profile.lanes_in_turn ? kMaxSizeInTurn : kMaxSize; }
 
 Pass map_pass(bool hardware) {
   Pass pass;
@@ -77,7 +80,7 @@ void StepPacker::grow(ValueId target, size_t most) {
     if (!read_.add(v.index)) return;
     cone_.reads.push_back(v);
     if (read_resource_.add(resource_index(v)))
-      ++(resource(v).storage == Resource::Storage::Image ? cone_.images : cone_.buffers);
+      ++(resource(v).is(Resource::Storage::Image) ? cone_.images : cone_.buffers);
   };
   const auto need = [&](OpId id) {
     if (!in_cone_.add(id.index)) return;
@@ -172,7 +175,7 @@ void StepPacker::store_before(ValueId v, const Extent& domain) {
     stored_[v.index] = true;
     add_resource(v, def(v));
   }
-  resource(v).storage = Resource::Storage::Buffer;
+  resource(v).leave_image();
   if (!written_[v.index]) add_map_pass(domain, {v}, level_[graph_.value(v).op.index], false);
   spilled_[v.index] = true;
 }
@@ -182,23 +185,24 @@ void StepPacker::store_before(ValueId v, const Extent& domain) {
 // values of a forward sweep are computed again beside each part of the backward sweep, which should have room for as
 // much. Ops that are too large by themselves stay.
 void StepPacker::cut(const Extent& domain, const std::vector<ValueId>& targets, int level) {
+  const size_t longest = max_size(profile_);
   elsewhere_.clear();
   begin_cone(level);
   for (ValueId v : targets) grow(v);
-  if (cone_.size <= kMaxSize) return;
+  if (cone_.size <= longest) return;
   std::vector<OpId> ops = std::move(cone_.ops);
   std::ranges::sort(ops, {}, [&](OpId id) { return position_[id.index]; });
   std::vector<bool> small(graph_.op_count());  // not worth to be cut off
   for (OpId id : ops) {
     const ValueId result = graph_.op(id).results[0];
-    const size_t most = users_[result.index].size() > 1 ? kMaxSize / 2 : kMaxSize;
+    const size_t most = users_[result.index].size() > 1 ? longest / 2 : longest;
     const auto size = [&] {
       begin_cone(level);
       grow(result, most);
       return cone_.size;
     };
     size_t now = size();
-    small[id.index] = now < kMaxSize / 16;
+    small[id.index] = now < longest / 16;
     while (now > most) {
       ValueId best;
       size_t left = now;
@@ -241,7 +245,7 @@ void StepPacker::add_map_passes(const Extent& domain, const std::vector<OpId>& g
       if (stored_[v.index]) all.push_back(v);
   set_group(group);
   if (options_.fused) cut(domain, all, level);
-  for (ValueId v : all) (resource(v).storage == Resource::Storage::Image ? images : buffers).push_back(v);
+  for (ValueId v : all) (resource(v).is(Resource::Storage::Image) ? images : buffers).push_back(v);
   for (const bool hardware : {true, false}) {
     const std::vector<ValueId>& targets = hardware ? images : buffers;
     std::span<const ValueId> rest = targets;
@@ -270,7 +274,7 @@ std::vector<ValueId> StepPacker::choose(std::span<const ValueId>& targets, int l
     grow(v);
     const auto count = static_cast<uint32_t>(chosen.size()) + 1;
     if (fits(profile_, {cone_.buffers, cone_.images, count, hardware, more}) &&
-        (count == 1 || cone_.size <= kMaxSize)) {
+        (count == 1 || cone_.size <= max_size(profile_))) {
       chosen.push_back(v);
       continue;
     }
@@ -323,7 +327,7 @@ void StepPacker::add_map_pass(const Extent& domain, const std::vector<ValueId>& 
     if (pass.is<FragmentPass>()) {
       // One value alone needs more than a fragment shader may have: compute shaders may have more.
       pass.of_kind = MapPass{};
-      resource(targets[0]).storage = Resource::Storage::Buffer;
+      resource(targets[0]).leave_image();
     }
     if (!within_limits(pass)) {
       spill(pass);
@@ -344,7 +348,7 @@ void StepPacker::run_in_blocks(Pass& pass) {
     pass.of_kind = drawn;
     return;
   }
-  for (const ValueId v : pass.writes) resource(v).storage = Resource::Storage::Buffer;
+  for (const ValueId v : pass.writes) resource(v).leave_image();
 }
 
 void StepPacker::make_passes() {
@@ -423,7 +427,7 @@ std::optional<Pass> StepPacker::merged(const Pass& from, const Pass& into) {
   int level = INT_MAX;
   for (ValueId v : both.writes) level = std::min(level, level_[graph_.value(v).op.index]);
   close_over(both, std::vector<ValueId>(both.writes), level);
-  if (cone_.size > kMaxSize) return std::nullopt;
+  if (cone_.size > max_size(profile_)) return std::nullopt;
   // Nothing that it would write itself, and nothing new: the order of passes does not know of that.
   const bool sound = std::ranges::all_of(
       both.reads, [&](ValueId v) { return !is_in(both.writes, v) && (is_in(from.reads, v) || is_in(into.reads, v)); });

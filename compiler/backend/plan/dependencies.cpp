@@ -66,8 +66,12 @@ class StepDependencies {
   bool visit(size_t begin, size_t end) {
     of_command_.resize(step_.commands.size());
     Set all;
+    // No result depends on a guess.
+    const auto is_guess = [&](uint32_t r) { return bundle_.resources[r]->role == bundle::Role::Guess; };
     for (size_t k = begin; k < end; ++k)
-      for_each_access(*step_.commands[k], [&](uint32_t r, bundle::Access) { add(all, of_[r]); });
+      for_each_access(*step_.commands[k], [&](uint32_t r, bundle::Access) {
+        if (!is_guess(r)) add(all, of_[r]);
+      });
     bool grew = false;
     for (size_t k = begin; k < end; ++k) {
       grew = add(of_command_[k], all) || grew;

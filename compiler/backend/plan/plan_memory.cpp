@@ -33,7 +33,7 @@ std::vector<Lifetime> lifetimes(const BundleT& bundle) {
   std::set<uint32_t> forever;
   for (uint32_t k = 0; k < bundle.resources.size(); ++k)
     if (bundle.resources[k]->role == bundle::Role::Leaf || bundle.resources[k]->role == bundle::Role::StepIndex ||
-        bundle.resources[k]->role == bundle::Role::Watch)
+        bundle.resources[k]->role == bundle::Role::Watch || bundle.resources[k]->role == bundle::Role::Guess)
       forever.insert(k);
   for (int s = 0; s < static_cast<int>(bundle.steps.size()); ++s) {
     const bundle::StepT& step = *bundle.steps[static_cast<size_t>(s)];

@@ -62,7 +62,7 @@ class StepChecker {
   }
   bool is_tile(ValueId v) const {
     const Resource* resource = resource_of(v);
-    return resource && resource->storage == Resource::Storage::Tile;
+    return resource && resource->is(Resource::Storage::Tile);
   }
   bool is_kept(ValueId v) const { return resource_of(v) && is_ready(v) && !is_tile(v); }
 
@@ -181,7 +181,7 @@ class StepChecker {
         unsound("stores a value without a resource");
         continue;
       }
-      if (to->leaf >= 0) check_overwritten(*to, step_.stored.at(v));
+      if (to->is(Resource::Storage::Leaf)) check_overwritten(*to, step_.stored.at(v));
       if (!ready_.insert(v).second && pass().kind() != PassKind::Map) unsound("stores a value twice");
     }
   }
@@ -206,14 +206,14 @@ class StepChecker {
     std::set<uint32_t> buffers, images, texels;
     for (ValueId v : pass().reads)
       if (const auto it = step_.stored.find(v); it != step_.stored.end()) {
-        const bool buffer = schedule_.resources[it->second.index].storage == Resource::Storage::Buffer;
+        const bool buffer = schedule_.resources[it->second.index].is_buffer();
         (!buffer ? images : profile_.lanes_in_turn ? texels : buffers).insert(it->second.index);
       }
     const size_t sampled = images.size() + texels.size();
     size_t colors = 0;
     for (ValueId v : pass().writes)
       if (const auto it = step_.stored.find(v); it != step_.stored.end()) {
-        if (schedule_.resources[it->second.index].storage == Resource::Storage::Buffer)
+        if (schedule_.resources[it->second.index].is_buffer())
           buffers.insert(it->second.index);
         else
           ++colors;

@@ -9,8 +9,8 @@ Bindings bindings_of(const std::vector<Resource>& resources, std::vector<uint32_
                      bool hardware) {
   std::ranges::sort(reads);
   reads.erase(std::ranges::unique(reads).begin(), reads.end());
-  const auto buffers = static_cast<uint32_t>(
-      std::ranges::count(reads, Resource::Storage::Buffer, [&](uint32_t r) { return resources[r].storage; }));
+  const auto buffers =
+      static_cast<uint32_t>(std::ranges::count_if(reads, [&](uint32_t r) { return resources[r].is_buffer(); }));
   return {buffers, static_cast<uint32_t>(reads.size()) - buffers, static_cast<uint32_t>(writes), hardware};
 }
 

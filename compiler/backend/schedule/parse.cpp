@@ -85,32 +85,21 @@ class Parser : private PassReader {
   // `leaf`, `half buffer` and so on, a name, a type. A word is the name where a colon follows it.
   bool resource() {
     Resource r;
-    std::string word;
-    bool has_storage = false, is_leaf = false;
+    std::string word, words;
     for (;;) {
       const bool is_quoted = peek() == '"';
       if (!name("'step' or a resource", word)) return false;
       if (peek() == ':') break;
-      const auto storage = storage_named(word);
       if (is_quoted) return expected("':'");
-      if (storage && !has_storage) {
-        has_storage = true;
-        r.storage = *storage;
-      } else if (bool* flag = word == "leaf"         ? &is_leaf
-                              : word == "step_index" ? &r.step_index
-                              : word == "entries"    ? &r.entries
-                              : word == "sums"       ? &r.sums
-                              : word == "half"       ? &r.half
-                                                     : nullptr;
-                 flag && !*flag && !has_storage) {
-        *flag = true;
-      } else {
-        return fail("expected a storage (buffer, image, tile) and a resource's name before ':', found " + shown(word));
-      }
+      words += (words.empty() ? "" : " ") + word;
+      if (!std::ranges::any_of(kStorages, [&](Resource::Storage one) { return storage_words(one).starts_with(words); }))
+        return unknown_storage(word);
     }
     r.name = word;
-    if (is_leaf) r.leaf = static_cast<int>(schedule_.resources.size());
-    if (is_leaf && schedule_.resources.size() >= graph_.leaves.size())
+    const auto* storage = std::ranges::find(kStorages, words, storage_words);
+    if (storage == kStorages.end()) return unknown_storage(words.empty() ? word : words);
+    r.storage = *storage;
+    if (r.is(Resource::Storage::Leaf) && schedule_.resources.size() >= graph_.leaves.size())
       return fail("there are more leaves here than in the graph");
     if (!resources_.emplace(word, static_cast<uint32_t>(schedule_.resources.size())).second)
       return fail("resource " + shown(word) + " is defined twice");
@@ -119,11 +108,10 @@ class Parser : private PassReader {
     return expect_line_end();
   }
 
-  static std::optional<Resource::Storage> storage_named(std::string_view word) {
-    if (word == "buffer") return Resource::Storage::Buffer;
-    if (word == "image") return Resource::Storage::Image;
-    if (word == "tile") return Resource::Storage::Tile;
-    return std::nullopt;
+  bool unknown_storage(const std::string& found) {
+    std::string all;
+    for (const Resource::Storage one : kStorages) all += (all.empty() ? "" : ", ") + std::string(storage_words(one));
+    return fail("expected a storage (" + all + ") and a resource's name before ':', found " + shown(found));
   }
 
   bool step() {

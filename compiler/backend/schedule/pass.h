@@ -147,6 +147,7 @@ struct JoinedFirstRun : JoinedRun {
 // Float sums in fixed point, by two runs: the first finds the largest contribution, the second adds.
 struct ExactScatter {
   std::variant<OwnFirstRun, JoinedFirstRun> first_run;
+  bool guesses = false;  // the first run adds by the exponent of the step's run before, the second where it was wrong
   bool joins_lanes = false;  // lanes of a subgroup that add to the same element join what they add
   std::string no_rows;       // why it has no table of rows, where one was asked for
   std::optional<LoopCut> cut;
@@ -205,6 +206,7 @@ struct ScatterPass {
 
   bool relists() const;
   bool keeps_terms() const;
+  bool guesses() const { return exact() != nullptr && exact()->guesses; }
   bool joins_lanes() const { return exact() != nullptr && exact()->joins_lanes; }
   std::optional<LoopCut> cut() const;
 };

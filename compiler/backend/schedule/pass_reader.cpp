@@ -207,6 +207,8 @@ bool PassReader::decides(ScatterPass& scatter, ExactScatter& exact, bool& ok) {
     ok = joined->keeps_terms = expect_word("terms");
   } else if (own != nullptr && take_word("relist")) {
     own->relists = true;
+  } else if (take_word("guesses")) {
+    ok = exact.guesses = expect_word("exponents");
   } else if (take_word("join")) {
     ok = exact.joins_lanes = expect_word("lanes");
   } else if (take_word("no")) {

@@ -14,6 +14,20 @@ using ir::Graph;
 using ir::OpId;
 using ir::ValueId;
 
+std::string_view storage_words(Resource::Storage storage) {
+  switch (storage) {
+    case Resource::Storage::Leaf: return "leaf";
+    case Resource::Storage::StepIndex: return "step_index buffer";
+    case Resource::Storage::Buffer: return "buffer";
+    case Resource::Storage::Halves: return "half buffer";
+    case Resource::Storage::Entries: return "entries buffer";
+    case Resource::Storage::Sums: return "sums buffer";
+    case Resource::Storage::Image: return "image";
+    case Resource::Storage::Tile: return "tile";
+  }
+  return "";
+}
+
 namespace {
 
 class Writer {
@@ -60,23 +74,9 @@ class Writer {
     if (cut) out_ += what + std::to_string(cut->part) + (cut->watched ? ", watched\n" : "\n");
   }
 
-  static const char* storage_name(Resource::Storage storage) {
-    switch (storage) {
-      case Resource::Storage::Buffer: return "buffer ";
-      case Resource::Storage::Image: return "image ";
-      case Resource::Storage::Tile: return "tile ";
-    }
-    return "";
-  }
-
   void write_resource(const Resource& r) {
-    if (r.leaf >= 0) out_ += "leaf ";
-    if (r.step_index) out_ += "step_index ";
-    if (r.entries) out_ += "entries ";
-    if (r.sums) out_ += "sums ";
-    if (r.half) out_ += "half ";
-    if (r.leaf < 0 || r.storage != Resource::Storage::Buffer) out_ += storage_name(r.storage);
-    out_ += ir::written_name(r.name) + " : " + r.type.str() + r.extent.str() + "\n";
+    out_ += std::string(storage_words(r.storage)) + " " + ir::written_name(r.name) + " : " + r.type.str() +
+            r.extent.str() + "\n";
   }
 
   std::string use(ValueId v) const { return ir::print_use(graph_, v, numbers_); }
@@ -174,6 +174,7 @@ class Writer {
     if (const auto lister = scatter.lister())
       out_ += (scatter.joined_run() != nullptr ? "    joins " : "    listed by ") + pass_at(*lister) + "\n";
     if (scatter.keeps_terms()) out_ += "    keeps terms\n";
+    if (scatter.guesses()) out_ += "    guesses exponents\n";
     if (scatter.joins_lanes()) out_ += "    join lanes\n";
     if (scatter.relists()) out_ += "    relist\n";
     if (const ExactScatter* exact = scatter.exact(); exact != nullptr && !exact->no_rows.empty())

@@ -20,19 +20,29 @@ using ResourceId = ir::Id<struct ResourceTag>;
 
 // A value that is stored. See compiler/backend/bundle/bundle.fbs for the layouts.
 struct Resource {
-  enum class Storage : uint8_t { Buffer, Image, Tile };
+  // What it is: a buffer of one of six kinds, or an image.
+  enum class Storage : uint8_t {
+    Leaf,       // the memory of the leaf with its number
+    StepIndex,  // the counter of a step's runs
+    Buffer,     // a word a component
+    Halves,     // float16, two components a word; an element begins with a word
+    Entries,    // of a raster, faces and tags of all its ranks; see lowering/raster_entries.h
+    Sums,       // fixed point sums; see lowering/keep_sums.h
+    Image,
+    Tile,  // an image that never leaves its render pass
+  };
   std::string name;
   ir::Type type;
   ir::Extent extent;
   Storage storage = Storage::Buffer;
-  int leaf = -1;  // index of the leaf whose memory it is
-  bool step_index = false;
-  bool entries = false;  // of a raster, faces and tags of all its ranks; see lowering/raster_entries.h
-  bool sums = false;     // fixed point sums; see lowering/keep_sums.h
-  bool half = false;     // a buffer of float16, two components a word; an element begins with a word
 
+  bool is(Storage one) const { return storage == one; }
+  bool is_buffer() const { return storage != Storage::Image && storage != Storage::Tile; }
   // Of 32 bits, of an element in a buffer.
-  int words() const { return half ? (type.components() + 1) / 2 : type.components(); }
+  int words() const { return is(Storage::Halves) ? (type.components() + 1) / 2 : type.components(); }
+  void leave_image() {
+    if (is(Storage::Image)) storage = Storage::Buffer;
+  }
 };
 
 // Whether buffers hold two components of a value in a word, without loss: of a vector that `half` made. A scalar takes

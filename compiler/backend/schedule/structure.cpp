@@ -62,12 +62,9 @@ class StructureChecker {
     for (size_t k = 0; k < resources.size(); ++k) {
       const Resource& r = resources[k];
       const bool is_leaf = k < graph_.leaves.size();
-      if (r.leaf != (is_leaf ? static_cast<int>(k) : -1)) bad("mixes the resources of leaves with others");
+      if (r.is(Resource::Storage::Leaf) != is_leaf) bad("mixes the resources of leaves with others");
       if (is_leaf && (r.type != graph_.leaves[k].type || r.extent != graph_.leaves[k].extent))
         bad("gives leaf '" + r.name + "' another type");
-      if ((is_leaf || r.half || r.sums || r.entries || r.step_index) && r.storage != Resource::Storage::Buffer)
-        bad("stores '" + r.name + "', a buffer by its kind, elsewhere");
-      if (is_leaf + r.half + r.sums + r.entries + r.step_index > 1) bad("calls '" + r.name + "' two things at once");
       if (!names.insert(r.name).second) bad("names two resources '" + r.name + "'");
     }
   }
@@ -100,11 +97,12 @@ class StructureChecker {
     const Resource& r = schedule_.resources[id.index];
     const ir::ValueInfo& info = graph_.value(v);
     const Op& op = graph_.op(info.op);
-    if (r.entries ? op.kind != OpKind::Raster : info.type != r.type || info.extent != r.extent)
+    if (r.is(Resource::Storage::Entries) ? op.kind != OpKind::Raster : info.type != r.type || info.extent != r.extent)
       bad("stores a value of another type in '" + r.name + "'");
-    if (op.kind == OpKind::Leaf ? graph_.leaf_index(op.attrs.text) != id.index : is_memory(op) != r.step_index)
+    if (op.kind == OpKind::Leaf ? graph_.leaf_index(op.attrs.text) != id.index
+                                : is_memory(op) != r.is(Resource::Storage::StepIndex))
       bad("stores a value in '" + r.name + "', which is another's");
-    if (r.half && !is_packed(graph_, v)) bad("stores a value in halves that is none");
+    if (r.is(Resource::Storage::Halves) && !is_packed(graph_, v)) bad("stores a value in halves that is none");
   }
 
   // Values that a line of a pass names are in order and stored.

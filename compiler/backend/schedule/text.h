@@ -4,7 +4,7 @@
 //   schedule after keep-sums                    // the pass that left it; compiling goes on with the next one
 //   code wide words, clears of 31               // how shaders are written, where that is chosen: see below
 //   leaf position : vec3[V]                     // resources: leaves first, in the graph's order
-//   half buffer normal : vec3[V]                // words before the storage: step_index, entries, sums, half
+//   half buffer normal : vec3[V]                // or a plain buffer, step_index, entries or sums buffer, tile
 //   image shade : float[W, H]
 //   step fit {
 //     %0 in position                            // values that are stored, and where
@@ -50,6 +50,7 @@
 // `input:` before a value that a pass reads as an input attachment, and `in place`, follow from the rest.
 #pragma once
 
+#include <array>
 #include <string>
 #include <string_view>
 #include <variant>
@@ -58,6 +59,12 @@
 #include "compiler/ir/parse.h"
 
 namespace dr::backend {
+
+// Every storage, and the words of it: "half buffer".
+inline constexpr std::array kStorages = {
+    Resource::Storage::Leaf,    Resource::Storage::StepIndex, Resource::Storage::Buffer, Resource::Storage::Halves,
+    Resource::Storage::Entries, Resource::Storage::Sums,      Resource::Storage::Image,  Resource::Storage::Tile};
+std::string_view storage_words(Resource::Storage storage);
 
 // The graph's text and the schedule's.
 std::string print_whole(const ir::Graph& graph, const Schedule& schedule);

@@ -34,7 +34,13 @@ void add_assigned(std::span<const dsl::StmtPtr> statements, std::set<std::string
         add_assigned(stmt->body.statements, names);
         if (stmt->else_body) add_assigned(stmt->else_body->statements, names);
         break;
-      default: break;
+      case dsl::Stmt::Kind::Let:
+      case dsl::Stmt::Kind::Var:
+      case dsl::Stmt::Kind::Update:
+      case dsl::Stmt::Kind::Expr:
+      case dsl::Stmt::Kind::Minimize:
+      case dsl::Stmt::Kind::Output:
+      case dsl::Stmt::Kind::Return: break;
     }
   }
 }

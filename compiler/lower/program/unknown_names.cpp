@@ -37,7 +37,6 @@ std::string library_with(const std::string& name) {
 bool is_offered(const ModuleItem& item) { return item.kind != ModuleItem::Kind::Import && !item.is_private; }
 bool is_optimizer(const ModuleItem& item) { return item.kind == ModuleItem::Kind::Optimizer && !item.is_private; }
 
-// 'a', 'b' and 'c'.
 // Names that begin as this one does: `rotate` and `rotation_matrix` for `rotation`.
 std::vector<std::string> alike(const std::string& name, std::vector<std::string> names) {
   constexpr size_t kSame = 4, kMost = 8;

@@ -74,8 +74,7 @@ class Search {
     for (const ir::Output& o : graph_.steps[0].outputs) step.outputs.emplace_back(o.name, o.value);
     for (size_t k = 0; k < graph_.leaves.size(); ++k) {
       const ir::Leaf& leaf = graph_.leaves[k];
-      schedule_.resources.push_back(
-          {leaf.name, leaf.type, leaf.extent, Resource::Storage::Buffer, static_cast<int>(k)});
+      schedule_.resources.push_back({leaf.name, leaf.type, leaf.extent, Resource::Storage::Leaf});
     }
     for (OpId id : graph_.region(graph_.root()).ops) {
       const Op& op = graph_.op(id);
@@ -158,7 +157,7 @@ class Search {
     for (const auto& group : groups_) {
       Pass& pass = passes.emplace_back();
       pass.domain = resource(group[0]).extent;
-      if (resource(group[0]).storage == Resource::Storage::Image) pass.of_kind = FragmentPass{};
+      if (resource(group[0]).is(Resource::Storage::Image)) pass.of_kind = FragmentPass{};
       if (!close_over(pass, group)) return true;
     }
     for (OpId id : order_) {

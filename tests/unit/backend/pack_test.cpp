@@ -9,6 +9,7 @@
 #include "compiler/backend/cost/lower_bound.h"
 #include "compiler/ops/emit.h"
 #include "tests/catch.h"
+#include "tests/sanitized.h"
 #include "tests/unit/backend/pack_exhaustive.h"
 #include "tests/unit/passes/random_graph.h"
 
@@ -68,8 +69,8 @@ ir::Graph small_graph(uint64_t seed) {
 TEST_CASE("random graphs have sound schedules on every profile, whatever is switched off") {
   for (const std::string& name : target::builtin_profiles()) {
     const target::Profile p = profile(name);
-    for (uint64_t seed = 0; seed < 40; ++seed) {
-      const ir::Graph g = passes_test::random_graph(seed);
+    for (int seed = 0; seed < dr::repeats(40); ++seed) {
+      const ir::Graph g = passes_test::random_graph(static_cast<uint64_t>(seed));
       for (int off = 0; off < 16; ++off) {
         PackOptions options;
         options.fused = (off & 1) == 0;
@@ -118,6 +119,7 @@ TEST_CASE("no schedule does with less than the lower bound") {
 }
 
 TEST_CASE("greedy packing stays near the best schedule of small graphs") {
+  if (kSanitized) return;  // how good schedules are
   const ir::SymbolValues symbols{{"W", 256}, {"H", 256}, {"V", 5000}};
   std::vector<double> ratios;
   size_t tried = 0;
@@ -182,7 +184,7 @@ TEST_CASE("no shader grows without bound, and neither does what is computed agai
       for (const Pass& pass : s.steps[0].passes) {
         size_t size = 0;
         for (const ir::OpId id : pass.ops) size += op_size(g, g.op(id));
-        CHECK(size <= 6144);
+        CHECK(size <= (profile(name).lanes_in_turn ? 8192 : 6144));
         total += size;
       }
       INFO(name << " " << length);

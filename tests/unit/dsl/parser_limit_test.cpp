@@ -4,6 +4,7 @@
 #include <random>
 
 #include "tests/catch.h"
+#include "tests/sanitized.h"
 #include "tests/unit/dsl/support.h"
 
 using namespace dr::dsl;
@@ -177,7 +178,7 @@ TEST_CASE("random damage") {
       "<-",  ".", "..", "->", "if",     "else",     "const",  "let",    "fn",     "for",    "in", "x",  "0",
       "1.5", "@", "\"", "\n", "\nfn f", "\nstep s", "raster", "reduce", "output", "return", "-",  "+",  "///"};
   const auto below = [&](size_t count) { return static_cast<size_t>(random() % count); };
-  for (int round = 0; round < 5000; ++round) {
+  for (int round = 0; round < dr::repeats(5000); ++round) {
     std::string text(kSample);
     const size_t edits = 1 + below(8);
     for (size_t edit = 0; edit < edits; ++edit) {
@@ -206,7 +207,7 @@ TEST_CASE("random tokens") {
       ".", "..", "->",       ":",    "if",    "else",      "const",  "let",    "var",    "fn",     "for",    "in",
       "x", "0",  "1.5",      "true", "\"s\"", "\n",        "struct", "step",   "raster", "reduce", "output", "return",
       "-", "+",  "minimize", "over", "with",  "optimizer", "state",  "update", "import", "sum"};
-  for (int round = 0; round < 5000; ++round) {
+  for (int round = 0; round < dr::repeats(5000); ++round) {
     std::string text = "edition 1;";
     const size_t count = random() % 60;
     for (size_t i = 0; i < count; ++i) {

@@ -8,6 +8,7 @@
 #include "compiler/ir/parse.h"
 #include "compiler/ir/print.h"
 #include "tests/catch.h"
+#include "tests/sanitized.h"
 
 using namespace dr::ir;
 
@@ -203,8 +204,8 @@ TEST_CASE("parse errors name the line, what was expected and what was found") {
 }
 
 TEST_CASE("random graphs read back") {
-  for (uint64_t seed = 0; seed < 2000; ++seed) {
-    const std::string text = print(RandomGraph(seed).make());
+  for (int seed = 0; seed < dr::repeats(2000); ++seed) {
+    const std::string text = print(RandomGraph(static_cast<uint64_t>(seed)).make());
     CAPTURE(seed, text);
     const auto parsed = parse(text);
     INFO(parse_error(text));
@@ -226,7 +227,7 @@ TEST_CASE("a truncated or damaged text is an error or a graph, never a crash") {
     }
   };
   for (size_t length = 0; length < kProgram.size(); ++length) try_parse(std::string(kProgram.substr(0, length)));
-  for (int i = 0; i < 20000; ++i) {
+  for (int i = 0; i < dr::repeats(20000); ++i) {
     std::string text(kProgram);
     for (int k = 0; k < 3; ++k) {
       const size_t at = random() % text.size();

@@ -2,6 +2,9 @@
 // Barriers between commands, as plain data.
 #include "runtime/vk/barrier.h"
 
+#include <algorithm>
+#include <random>
+
 #include "tests/catch.h"
 
 using dr::runtime::Access;
@@ -15,6 +18,15 @@ namespace {
 std::vector<Barrier> plan(std::vector<std::vector<Access>> commands) { return plan_barriers(commands); }
 
 bool waits(const Barrier& b) { return b.from.stages != 0; }
+
+// Whether one of two commands writes what the other touches.
+bool meet(const std::vector<Access>& a, const std::vector<Access>& b) {
+  return std::ranges::any_of(a, [&](const Access& x) {
+    return std::ranges::any_of(b, [&](const Access& y) {
+      return x.resource == y.resource && (dr::runtime::writes(x.use) || dr::runtime::writes(y.use));
+    });
+  });
+}
 
 }  // namespace
 
@@ -49,6 +61,51 @@ TEST_CASE("a write waits for the readers before it, without making memory availa
   REQUIRE(waits(b[1]));
   CHECK(b[1].from.stages == scope_of(Use::ComputeRead).stages);
   CHECK(b[1].from.access == 0);
+}
+
+TEST_CASE("a write does not wait again for readers that a barrier was behind") {
+  const auto b = plan({{{0, Use::ComputeRead}, {1, Use::ComputeWrite}},
+                       {{1, Use::ComputeRead}},
+                       {{0, Use::ComputeWrite}},
+                       {{1, Use::ComputeWrite}}});
+  CHECK(waits(b[1]));
+  CHECK_FALSE(waits(b[2]));
+  CHECK(waits(b[3]));
+}
+
+TEST_CASE("a barrier for one stage does not let another write what is read") {
+  const auto b =
+      plan({{{0, Use::ComputeRead}, {1, Use::ComputeWrite}}, {{1, Use::ComputeRead}}, {{0, Use::TransferWrite}}});
+  CHECK(waits(b[1]));
+  CHECK(waits(b[2]));
+}
+
+TEST_CASE("commands stand one level behind what they wait for") {
+  // A run: clear 0, write 1 by 0, write 2 by 1. The clear of the next run needs what reads 0 alone to be over.
+  const std::vector<std::vector<Access>> run{{{0, Use::TransferWrite}},
+                                             {{0, Use::ComputeReadWrite}, {1, Use::ComputeWrite}},
+                                             {{1, Use::ComputeRead}, {2, Use::ComputeReadWrite}}};
+  std::vector<std::vector<Access>> two = run;
+  two.insert(two.end(), run.begin(), run.end());
+  CHECK(dr::runtime::by_level(two) == std::vector<std::vector<size_t>>{{0}, {1}, {2, 3}, {4}, {5}});
+}
+
+TEST_CASE("levels keep every order that reads and writes ask for") {
+  std::mt19937 random(5);
+  constexpr Use kUses[] = {Use::ComputeRead,  Use::ComputeWrite, Use::ComputeReadWrite,
+                           Use::GraphicsRead, Use::TransferRead, Use::TransferWrite};
+  for (int round = 0; round < 200; ++round) {
+    std::vector<std::vector<Access>> commands(12);
+    for (auto& accesses : commands)
+      for (int k = 0; k < 3; ++k) accesses.push_back({static_cast<uint32_t>(random() % 6), kUses[random() % 6]});
+    const std::vector<std::vector<size_t>> levels = dr::runtime::by_level(commands);
+    std::vector<size_t> of(commands.size());
+    for (size_t level = 0; level < levels.size(); ++level)
+      for (const size_t k : levels[level]) of[k] = level;
+    for (size_t b = 0; b < commands.size(); ++b)
+      for (size_t a = 0; a < b; ++a)
+        if (meet(commands[a], commands[b])) REQUIRE(of[a] < of[b]);
+  }
 }
 
 TEST_CASE("writes in a row wait for each other") {

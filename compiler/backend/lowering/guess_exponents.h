@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: Apache-2.0
+// Exact sums need an exponent that fits the largest contribution, which a first run finds before a second one adds.
+// From run to run of a step it seldom changes: the first run adds by the exponent of the step's run before, and the
+// second has nothing to do, unless the exponent is another one now. Then it adds to each sum what the right exponent
+// would have added less what the guess did; integers wrap around, so that what the guess added cancels to the bit.
+//   pass grad scatter exact [2048, 2048]              pass grad scatter exact [2048, 2048]
+//     sum grad of %7                            =>      sum grad of %7
+//     joins p                                           joins p
+//     keeps terms                                       guesses exponents
+// Only on GPUs, and where the sums are no larger than their caches. Both runs must compute the same contributions: with
+// the driver's own floats they need not.
+#pragma once
+
+#include "compiler/backend/schedule/schedule.h"
+#include "compiler/target/profile.h"
+
+namespace dr::backend {
+
+void guess_exponents(const ir::Graph& graph, const target::Profile& profile, Schedule& schedule);
+
+}  // namespace dr::backend
