@@ -49,6 +49,19 @@ const Case kCases[] = {
       @vjp(square) fn square_vjp(x: float, g: float) -> float { 2.0 * x * g + 0.5 * g }
       step go { output d = grad(sum(if a > 0.25 { square(a) } else { 0.0 }), a); })",
      {"go"}},
+    {"branches alike but for a number that stands elsewhere in them too",
+     R"(
+      input a : float[W, H];
+      fn f(x: float, y: float) -> float {
+        var s = x - y;
+        for i in 0..24 { s = 1.5 * sin(s) - 0.25; }
+        s
+      }
+      let more = a - 0.25;
+      let one = if more > 0.1 { f(0.25, a) } else { 0.0 };
+      let two = if more < 0.41 { f(more, a) } else { 0.0 };
+      step go { output sum = one + two, more; })",
+     {"go"}},
     {"neighbours of a row or a column, read where it is stretched",
      R"(
       input a : float[W, H];

@@ -136,6 +136,8 @@ class Comparison {
     if (same_text(a, b)) return true;
     const bool inside = second_.count(b) != 0 || written_.count(a) != 0 || written_.count(b) != 0;
     if (inside || graph_.value(a).type != graph_.value(b).type) return false;
+    // What is written down where it is used may stand for itself elsewhere in the branch: nothing is chosen for it.
+    if (graph_.value(a).op.valid() && is_inline(graph_.op(graph_.value(a).op))) return false;
     return outside_.emplace(a, b).first->second == b;
   }
 

@@ -16,8 +16,9 @@ namespace {
 
 // Longer shaders are not merged: drivers compile them slowly, and registers run out.
 constexpr size_t kMaxMergedOps = 2000;
-// In op_size() units. Longer shaders are cut: drivers take quadratic time for one.
-constexpr size_t kMaxSize = 6144;
+// In op_size() units. Longer shaders are cut: drivers take quadratic time for one. Each part makes what it needs of the
+// forward sweep again, which costs most where lanes go in turn.
+constexpr size_t kMaxSize = 6144, kMaxSizeInTurn = 8192;
 // A pass is merged with one of so many before it, and among so many passes, which keeps packing near linear.
 constexpr size_t kMergeReach = 64, kMergeWindow = 4096;
 
@@ -26,6 +27,8 @@ uint32_t more_buffers(const target::Profile& profile, const Pass& pass) {
   if (pass.is<ScatterPass>()) return kScatterBuffers;
   return profile.lanes_in_turn && pass.is<MapPass>() ? kMapLists : 0;
 }
+
+size_t max_size(const target::Profile& profile) { return profile.lanes_in_turn ? kMaxSizeInTurn : kMaxSize; }
 
 Pass map_pass(bool hardware) {
   Pass pass;
@@ -182,23 +185,24 @@ void StepPacker::store_before(ValueId v, const Extent& domain) {
 // values of a forward sweep are computed again beside each part of the backward sweep, which should have room for as
 // much. Ops that are too large by themselves stay.
 void StepPacker::cut(const Extent& domain, const std::vector<ValueId>& targets, int level) {
+  const size_t longest = max_size(profile_);
   elsewhere_.clear();
   begin_cone(level);
   for (ValueId v : targets) grow(v);
-  if (cone_.size <= kMaxSize) return;
+  if (cone_.size <= longest) return;
   std::vector<OpId> ops = std::move(cone_.ops);
   std::ranges::sort(ops, {}, [&](OpId id) { return position_[id.index]; });
   std::vector<bool> small(graph_.op_count());  // not worth to be cut off
   for (OpId id : ops) {
     const ValueId result = graph_.op(id).results[0];
-    const size_t most = users_[result.index].size() > 1 ? kMaxSize / 2 : kMaxSize;
+    const size_t most = users_[result.index].size() > 1 ? longest / 2 : longest;
     const auto size = [&] {
       begin_cone(level);
       grow(result, most);
       return cone_.size;
     };
     size_t now = size();
-    small[id.index] = now < kMaxSize / 16;
+    small[id.index] = now < longest / 16;
     while (now > most) {
       ValueId best;
       size_t left = now;
@@ -270,7 +274,7 @@ std::vector<ValueId> StepPacker::choose(std::span<const ValueId>& targets, int l
     grow(v);
     const auto count = static_cast<uint32_t>(chosen.size()) + 1;
     if (fits(profile_, {cone_.buffers, cone_.images, count, hardware, more}) &&
-        (count == 1 || cone_.size <= kMaxSize)) {
+        (count == 1 || cone_.size <= max_size(profile_))) {
       chosen.push_back(v);
       continue;
     }
@@ -423,7 +427,7 @@ std::optional<Pass> StepPacker::merged(const Pass& from, const Pass& into) {
   int level = INT_MAX;
   for (ValueId v : both.writes) level = std::min(level, level_[graph_.value(v).op.index]);
   close_over(both, std::vector<ValueId>(both.writes), level);
-  if (cone_.size > kMaxSize) return std::nullopt;
+  if (cone_.size > max_size(profile_)) return std::nullopt;
   // Nothing that it would write itself, and nothing new: the order of passes does not know of that.
   const bool sound = std::ranges::all_of(
       both.reads, [&](ValueId v) { return !is_in(both.writes, v) && (is_in(from.reads, v) || is_in(into.reads, v)); });

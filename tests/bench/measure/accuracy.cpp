@@ -3,7 +3,9 @@
 //
 //   bench_accuracy measure FILE NAME [DEVICE] [SAMPLES]   one device, as NAME; its figures replace those in FILE
 //   bench_accuracy again FILE NAME DEVICE FUNCTION        one function of the library, in place of its rows there
+//   bench_accuracy library FILE NAME DEVICE MODULE...      modules of the library, in place of their rows there
 //   bench_accuracy document FILE > docs/results/accuracy.md       all devices of FILE
+//   bench_accuracy light FILE > docs/results/accuracy_light.md    what lights a frame, of FILE's devices
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -95,6 +97,35 @@ int measure_again(const std::string& path, const std::string& name, const std::s
     std::printf("%s %s: %g, %g allowed, at %s\n", row.function.c_str(), row.direction.c_str(), row.worst, row.bound,
                 row.worst_input.c_str());
   return std::ranges::all_of(rows, [](const accuracy::library::Row& row) { return row.passes(); }) ? 0 : 1;
+}
+
+// Functions of these modules, in place of all of theirs in the file.
+int measure_modules(const std::string& path, const std::string& name, const std::string& wanted,
+                    std::span<char* const> modules) {
+  auto device = runtime::Device::open({wanted, false});
+  if (!device) stop(device.error());
+  const auto meant = [&](const std::string& function) {
+    return std::ranges::any_of(modules,
+                               [&](const char* module) { return function.starts_with(module + std::string(".")); });
+  };
+  std::vector<accuracy::library::Function> some = accuracy::library::functions();
+  std::erase_if(some, [&](const accuracy::library::Function& f) { return !meant(f.name); });
+  if (some.empty()) stop("no function of the library in these modules");
+  const std::vector<accuracy::library::Row> rows =
+      accuracy::library::measure(*device, some, {.profile = profile_of(*device)});
+  json data = read(path);
+  json& there = data["devices"][name];
+  there["device"] = device->info().name;
+  there["driver"] = device->info().driver;
+  json all = json::array();
+  for (json& row : there["library"])
+    if (!meant(row["function"].get<std::string>())) all.push_back(std::move(row));
+  for (json& row : accuracy::library::to_json(rows)) all.push_back(std::move(row));
+  there["library"] = std::move(all);
+  std::ofstream(path) << data.dump(1) << "\n";
+  const auto beyond = std::ranges::count_if(rows, [](const accuracy::library::Row& row) { return !row.passes(); });
+  std::printf("%s: %zu rows, %lld beyond their bound\n", name.c_str(), rows.size(), static_cast<long long>(beyond));
+  return beyond == 0 ? 0 : 1;
 }
 
 // The rows of library functions; how many are beyond their bounds goes to `failed`.
@@ -293,6 +324,26 @@ it is largest.
   return 0;
 }
 
+// A page of its own for the modules that light a frame.
+int document_light(const std::string& path) {
+  const json data = read(path);
+  const json& devices = data["devices"];
+  if (devices.empty()) stop("'" + path + "' has no device");
+  std::printf(R"(# Accuracy of what lights a frame
+
+How far materials, environments and shadows are off on devices: `bench_accuracy library FILE NAME DEVICE material environment shadow` on
+each, then `bench_accuracy light FILE`. [Accuracy](accuracy.md) has the ops and the other modules.
+
+| device | name | driver |
+| --- | --- | --- |
+)");
+  for (const auto& [name, device] : devices.items())
+    std::printf("| %s | %s | %s |\n", name.c_str(), device["device"].get<std::string>().c_str(),
+                device["driver"].get<std::string>().c_str());
+  accuracy::library::document(devices);
+  return 0;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -302,9 +353,12 @@ int main(int argc, char** argv) {
   if (what == "measure" && argc >= 4 && samples > 0)
     return measure(argv[2], argv[3], argc > 4 ? argv[4] : "", samples, argc > 6 ? argv[6] : "");
   if (what == "again" && argc == 6) return measure_again(argv[2], argv[3], argv[4], argv[5]);
+  if (what == "library" && argc >= 6)
+    return measure_modules(argv[2], argv[3], argv[4], std::span(argv + 5, static_cast<size_t>(argc - 5)));
+  if (what == "light" && argc == 3) return document_light(argv[2]);
   std::fputs(
       "usage: bench_accuracy measure FILE NAME [DEVICE] [SAMPLES] [DATE AND COMMIT] | again FILE NAME DEVICE FUNCTION "
-      "| document FILE\n",
+      "| library FILE NAME DEVICE MODULE... | document FILE | light FILE\n",
       stderr);
   return 2;
 }

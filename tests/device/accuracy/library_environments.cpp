@@ -108,6 +108,10 @@ std::vector<Function> filters() {
   const Operand alpha = whole(floats("alpha", 0.1, 1, 1e-3), "[1]");
   const std::string why = "the design's of sums, and the rounding of the weights";
   const std::string points = "environment.lobe_points(64, 0.25, 2048)";
+  // At the poles all columns of a map meet: what turns around a pole by a rounding reads another texel.
+  const std::string upright =
+      "reduce(min, i in 0..64) { length((points_.at(i).x * environment.across(d) + "
+      "points_.at(i).y * cross(d, environment.across(d)) + points_.at(i).z * d).xz) }";
   return {
       {.name = "environment.halve",
        .part = {},
@@ -155,10 +159,14 @@ std::vector<Function> filters() {
       {.name = "environment.prefiltered",
        .part = {},
        .result = "vec3",
-       .operands = join({{map}, unit("d")}),
-       .value = "environment.prefiltered(environment.stacked(environment.pyramid(map, 3)), d, " + points + ")",
+       .operands = join({{map},
+                         unit("d"),
+                         {made("points_", "vec4", points, "[64]"),
+                          made("sure", "float", "if " + upright + " > 0.02 { 1.0 } else { 0.0 }")}}),
+       .value = "sure * environment.prefiltered(environment.stacked(environment.pyramid(map, 3)), d, " + points + ")",
        .directions = {over("value", 16 * u, "(max(map) - min(map)) * 16.0", "contrast times the map's width", why),
-                      l2("map", 1e-5, why)}},
+                      l2("map", 1e-5, why)},
+       .domain = "sure 0 where a point of the lobe comes within 0.02 of a pole, else 1"},
       {.name = "environment.prefilter",
        .part = {},
        .result = "vec3[16, 8]",

@@ -1,9 +1,27 @@
 // SPDX-License-Identifier: Apache-2.0
-// std.shadow: views of lamps, and what points read of a map of any numbers. Where a map is nearer is a decision; points
-// that a rounding could move to the other side are few and left out by the metric, which sees them jump.
+// std.shadow: views of lamps, and what points read of a map of any numbers. Whether a texel is nearer than a point and
+// which view sees it are decisions: points where a rounding could take another one have the weight 0 in `sure`.
 #include "tests/device/accuracy/library_table.h"
 
 namespace dr::accuracy::library {
+
+namespace {
+
+// What a point reads of the light, with the map's depths moved by so much.
+std::string lit(const std::string& depth) {
+  return "shadow.lit(shadow.Map(covered, " + depth +
+         "), shadow.point_views(lamp), at, normal, layer = "
+         "shadow.point_view(lamp, at))";
+}
+
+// 1, but 0 where a decision hangs on 1e-4 of depths of up to 8, or on 1e-5 of the way to the lamp: which axis is
+// longest.
+const std::string kSure =
+    "if " + lit("depth + 1e-4") + " == " + lit("depth - 1e-4") +
+    " && max(way_.x, max(way_.y, way_.z)) - max(min(way_.x, way_.y), min(max(way_.x, way_.y), way_.z)) > "
+    "1e-5 * length(way_) { 1.0 } else { 0.0 }";
+
+}  // namespace
 
 std::vector<Function> shadow_functions() {
   const Operand d = vectors("d", -2, 2, 1e-2), middle = vectors("middle", -10, 10, 1e-2);
@@ -47,11 +65,12 @@ std::vector<Function> shadow_functions() {
        .result = "float",
        .operands = {whole(floats("covered", 0, 1, 1e-3), "[16, 16, 6]"),
                     whole(floats("depth", 0, 8, 1e-3), "[16, 16, 6]"), whole(lamp, "[1]"), vectors("at", -4, 4, 1e-2),
-                    vectors("normal_", -1, 1, 1e-2), made("normal", "vec3", "normalize(normal_)")},
-       .value = "shadow.lit(shadow.Map(covered, depth), shadow.point_views(lamp), at, normal, layer = "
-                "shadow.point_view(lamp, at))",
+                    vectors("normal_", -1, 1, 1e-2), made("normal", "vec3", "normalize(normal_)"),
+                    made("way_", "vec3", "abs(at - lamp)"), made("sure", "float", kSure)},
+       .value = "sure * " + lit("depth"),
        .directions = {conditioned("value", 64 * u, "the place on the map, of 16 texels, and sixteen reads"),
-                      l2("covered", 2e-6, "the design's, as a dot product")}},
+                      l2("covered", 2e-6, "the design's, as a dot product")},
+       .domain = "sure 0 where moving the depths by 1e-4 takes another decision, else 1"},
   };
 }
 
