@@ -345,8 +345,8 @@ class Elaborator {
   // Gradients that the program gives (vjp.cpp).
   void collect_vjps(ModuleInfo& module);
   const dsl::FnDecl* vjp_of(const FunctionValue& fn) const;
-  Value with_vjp(const FunctionValue& fn, const dsl::FnDecl& vjp, const Value& y, std::vector<Value> args,
-                 const Span& span);
+  Value for_each_element(const dsl::FnDecl& f, const Value& y, const std::vector<Value>& args);
+  Value with_vjp(const FunctionValue& fn, const dsl::FnDecl& vjp, Value y, std::vector<Value> args, const Span& span);
 
   Value call_builtin(const BuiltinValue& builtin, std::vector<Argument> args, const Expr* syntax, const Span& span);
   Value construct(const TypeValue& type, std::vector<Argument> args, const Span& span);

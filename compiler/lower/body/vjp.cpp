@@ -59,14 +59,34 @@ bool holds_floats(const Value& value, const ir::Builder& b) {
   return found;
 }
 
+// Whether a part of it can have a gradient.
+bool moves(const Value& value, const ir::Builder& b) {
+  bool found = false;
+  for_each_leaf(value, [&](const Value& leaf) { found = found || is_float_image(leaf, b); });
+  return found;
+}
+
 }  // namespace
 
+// A number known at compile time, once for each element of the arguments that `f` is called for: its gradient is what
+// `vjp` says, whatever its value.
+Value Elaborator::for_each_element(const dsl::FnDecl& f, const Value& y, const std::vector<Value>& args) {
+  Extent extent;
+  for (size_t i = 0; i < args.size(); ++i) {
+    const bool is_element = f.params[i].type && !f.params[i].type->has_extents;
+    if (!is_element || !is_float_image(args[i], b_)) continue;
+    if (const auto both = ir::broadcast(extent, extent_of(args[i]))) extent = *both;
+  }
+  return image(materialize(broadcast(y, extent)), {&y});
+}
+
 // The value of f, with the gradient that `vjp` gives for its arguments.
-Value Elaborator::with_vjp(const FunctionValue& fn, const dsl::FnDecl& vjp, const Value& y, std::vector<Value> args,
+Value Elaborator::with_vjp(const FunctionValue& fn, const dsl::FnDecl& vjp, Value y, std::vector<Value> args,
                            const Span& span) {
   const std::string name = "'" + fn.decl->name.text + "'";
-  // What is known at compile time has no gradient.
-  if (y.is<Constant>() || y.is<Dim>()) return y;
+  if (y.is<Dim>() || std::none_of(args.begin(), args.end(), [&](const Value& arg) { return moves(arg, b_); })) return y;
+  if (const auto* constant = y.get<Constant>(); constant && constant->type.is_float())
+    y = for_each_element(*fn.decl, y, args);
   if (!is_float_image(y, b_)) {
     return fail(Code::E0616, vjp.vjp_of->span,
                 "expected a function that gives one value of floats, found that " + name + " gives " + describe(y));
