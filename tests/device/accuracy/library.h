@@ -30,6 +30,7 @@ struct Operand {
   std::string from = {};
   std::string extent = {};  // "[40, 1, 2]"
   std::string leaf = {};    // the leaf's name, where the language gives it
+  bool direction = false;   // of length 1; where a drawn one is 0, the result must be finite and no more
 };
 
 enum class Metric : uint8_t {

@@ -156,6 +156,11 @@ std::vector<Function> lit_surfaces() {
     d.except_text = "tangents along the normal";
     return d;
   };
+  const auto handed = [](Direction d) {
+    d.except = "abs(dot(cross(n, normalize(along)), normalize(across))) <= 1e-6";
+    d.except_text = "the two in one plane with the normal to 1e-6, where the sign is all rounding";
+    return d;
+  };
   const Operands paint = {vectors("base", 1e-3, 1), floats("metallic", 0, 1, 1e-3), floats("roughness", 0, 1, 1e-3)};
   const Operands table = {made("table", "vec3", "material.energies()", "[64, 64]")};
   const Directions directions =
@@ -209,7 +214,7 @@ std::vector<Function> lit_surfaces() {
        .result = "vec4",
        .operands = join({unit("n"), {vectors("along", -2, 2, 1e-3), vectors("across", -2, 2, 1e-3)}}),
        .value = "material.tangent_of(n, along, across)",
-       .directions = all_conditioned(32 * u, 64 * u, {"n", "along"})},
+       .directions = {handed(conditioned("value", 32 * u)), conditioned("n", 64 * u), conditioned("along", 64 * u)}},
       {.name = "material.shade_anisotropic",
        .part = {},
        .result = "vec3",

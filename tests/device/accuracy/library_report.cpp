@@ -100,6 +100,7 @@ has one component of the result alone where elements are independent. Entries ar
 - Operands are drawn as above, within the domain; special are its ends, 0, 1 and their neighbours, axes and diagonals. Where elements are
   independent, elements near the 64 worst are then looked at, and those near the worst of these, and so on: the largest error is the one
   found so.
+- Where an operand is a direction, of length 1, and a drawn one is 0, the result must be finite and no more.
 - Pictures are compared with an evaluation that is given the device's faces and tags.
 
 )");

@@ -29,7 +29,9 @@ inline Operands join(std::initializer_list<Operands> parts) {
 }
 // A direction of length 1, as near as float32 comes to it.
 inline Operands unit(const std::string& name) {
-  return {vectors(name + "_", -1, 1, 1e-3), made(name, "vec3", "normalize(" + name + "_)")};
+  Operand direction = made(name, "vec3", "normalize(" + name + "_)");
+  direction.direction = true;
+  return {vectors(name + "_", -1, 1, 1e-3), direction};
 }
 
 inline constexpr const char* kDesign = "the design's";

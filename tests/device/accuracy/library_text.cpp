@@ -100,6 +100,14 @@ std::string leaves(std::span<const Function> functions, bool drawn) {
   return text;
 }
 
+// Where nothing is compared.
+std::string except_of(const Function& f, const Direction& d) {
+  std::string text = d.except;
+  for (const Operand& o : f.operands)
+    if (o.direction) text += (text.empty() ? "" : " || ") + std::string("length(") + o.name + ") == 0.0";
+  return text;
+}
+
 std::string program(std::span<const Function> functions, bool judge) {
   std::string text = kPrelude + leaves(functions, false);
   for (size_t k = 0; k < functions.size(); ++k) {
@@ -127,7 +135,7 @@ std::string program(std::span<const Function> functions, bool judge) {
       }
       if (!judge) continue;
       if (!d.scale.empty()) outputs += ", scale_" + name + " = " + d.scale;
-      if (!d.except.empty()) outputs += ", except_" + name + " = " + d.except;
+      if (const std::string except = except_of(f, d); !except.empty()) outputs += ", except_" + name + " = " + except;
     }
     text += "step " + step_name(k) + " {\n" + resolved(body, f, k) + resolved(f.statement, f, k);
     if (!outputs.empty()) text += "  output " + resolved(outputs.substr(2), f, k) + ";\n";
