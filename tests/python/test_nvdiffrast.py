@@ -30,7 +30,8 @@ def recorded():
 
 
 def of_op(op):
-    return pytest.mark.parametrize("case", [c for c in CASES if c["op"] == op], ids=lambda c: c["name"])
+    cases = [c for c in CASES if c["op"] == op]
+    return pytest.mark.parametrize("case", cases, ids=[c["name"] for c in cases])
 
 
 def check(found, expected, tolerance, exceptions=0):

@@ -228,6 +228,10 @@ bool Checker::leaves() {
     if ((r.role == Role::Leaf) != (leaf_of_[k] >= 0)) return fail("resource '" + r.name + "' belongs to no leaf");
     const bool stays =
         r.role == Role::Leaf || r.role == Role::StepIndex || r.role == Role::Watch || r.role == Role::Guess;
+    const bool is_word = r.type->rows == 1 && r.type->cols == 1 && r.extent->w == "1" && r.extent->h == "1" &&
+                         r.extent->l == "1" && r.storage == Storage::Buffer;
+    if ((r.role == Role::Watch || r.role == Role::Guess) && !is_word)
+      return fail("resource '" + r.name + "' is a watch or a guess, and no word");
     if (stays && slots[r.slot] > 1) return fail("resource '" + r.name + "' shares memory, but stays");
   }
   return tables_of_leaves();

@@ -79,6 +79,15 @@ bool Checker::bindings(const CommandT& c, const std::string& where) {
     const ResourceT& r = *b_.resources[binding->resource];
     if (r.storage == Storage::Depth || (r.storage != Storage::Buffer && binding->access != Access::Read))
       return fail(where + " binds an attachment for writing");
+    // Fragment shaders store nothing but attachments: barriers know of no other writes of draws.
+    if (c.kind == CommandKind::Draw && binding->access != Access::Read)
+      return fail(where + " writes a buffer by a draw");
+    // The host clears the words that a command names, and no others.
+    const auto word = static_cast<int>(binding->resource);
+    if (r.role == Role::Watch && word != c.watch && word != c.finite)
+      return fail(where + " binds a watch that it does not name");
+    if (!r.room.empty() && binding->access != Access::ReadWrite)
+      return fail(where + " reads what loops keep between parts, and does not write it");
     if (binding->texel > 4 ||
         (binding->texel != 0 && (r.storage != Storage::Buffer || binding->access != Access::Read)))
       return fail(where + " binds as texels what cannot be");
@@ -145,9 +154,11 @@ bool Checker::copy(const CommandT& c, const std::string& where) {
   const ResourceT &from = *b_.resources[static_cast<size_t>(c.source)],
                   &to = *b_.resources[static_cast<size_t>(c.target)];
   if (from.storage == Storage::Depth) return fail(where + " copies a depth image");
-  if (from.role == Role::Scratch || to.role == Role::Scratch || from.type->rows != to.type->rows ||
-      from.type->cols != to.type->cols || from.extent->w != to.extent->w || from.extent->h != to.extent->h ||
-      from.extent->l != to.extent->l)
+  const auto is_value = [](const ResourceT& r) {
+    return r.role != Role::Scratch && r.role != Role::Watch && r.role != Role::Guess;
+  };
+  if (!is_value(from) || !is_value(to) || from.type->rows != to.type->rows || from.type->cols != to.type->cols ||
+      from.extent->w != to.extent->w || from.extent->h != to.extent->h || from.extent->l != to.extent->l)
     return fail(where + " copies between unlike resources");
   return c.source != c.target || fail(where + " copies a resource to itself");
 }

@@ -73,8 +73,8 @@ std::vector<bool> touched_last(const bundle::BundleT& bundle, const bundle::Step
 
 // The small fills that may take the place of the one at `first`, itself among them: those that run whenever it does,
 // whose targets nothing touches before they are filled, and that wait for the run before alike.
-std::vector<size_t> fills_with(const bundle::BundleT& bundle, const bundle::StepT& step, size_t first, size_t most) {
-  const std::vector<bool> last = touched_last(bundle, step);
+std::vector<size_t> fills_with(const bundle::BundleT& bundle, const bundle::StepT& step, const std::vector<bool>& last,
+                               size_t first, size_t most) {
   const auto waits = [&](size_t k) { return last[static_cast<size_t>(step.commands[k]->target)]; };
   std::vector<size_t> out;
   std::set<uint32_t> touched;
@@ -95,9 +95,10 @@ void Generator::clear_together() {
   for (size_t k = 0; k < schedule_.steps.size(); ++k) {
     step_ = &schedule_.steps[k];
     out_ = bundle_->steps[k].get();
+    const std::vector<bool> last = touched_last(*bundle_, *out_);
     for (size_t at = 0; at < out_->commands.size(); ++at) {
       if (!is_small_fill(*bundle_, *out_->commands[at])) continue;
-      const std::vector<size_t> fills = fills_with(*bundle_, *out_, at, schedule_.code.clears);
+      const std::vector<size_t> fills = fills_with(*bundle_, *out_, last, at, schedule_.code.clears);
       clear_by_dispatch(fills);
     }
   }

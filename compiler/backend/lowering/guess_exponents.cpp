@@ -3,7 +3,6 @@
 
 #include <algorithm>
 
-#include "compiler/backend/analysis/named_once.h"
 #include "compiler/backend/schedule/limits.h"
 
 namespace dr::backend {
@@ -29,26 +28,14 @@ bool is_cached(const ir::Graph& graph, const ScatterPass& scatter) {
   return words <= kMostCached;
 }
 
-bool is_read_by(const Pass& pass, ValueId v) { return std::ranges::find(pass.reads, v) != pass.reads.end(); }
-
-// Whether a pass may bind so many buffers more.
-bool has_room(const target::Profile& profile, const Schedule& schedule, const StepSchedule& step, const Pass& pass,
-              size_t more) {
-  Bindings bindings =
-      bindings_of(schedule.resources, resources_of(step, pass.reads), pass.writes.size(), pass.is_drawn());
-  bindings.more += static_cast<uint32_t>(more);
-  return fits(profile, bindings);
-}
-
-// A word for each sum beside what the pass binds anyway: sums, and a list of elements.
-bool all_have_room(const target::Profile& profile, const Schedule& schedule, const StepSchedule& step, const Pass& pass,
-                   const ScatterPass& scatter) {
-  const size_t sums = scatter.sums.size();
-  if (!has_room(profile, schedule, step, pass, sums + kScatterBuffers)) return false;
-  return std::ranges::all_of(step.passes, [&](const Pass& reader) {
-    const auto count = static_cast<size_t>(
-        std::ranges::count_if(scatter.sums, [&](const ScatterSum& sum) { return is_read_by(reader, sum.value); }));
-    return count == 0 || has_room(profile, schedule, step, reader, count + kMapLists);
+// Whether the shaders that bind a guess may bind it beside sums and lists.
+bool have_room(const target::Profile& profile, const Schedule& schedule, const StepSchedule& step) {
+  return std::ranges::all_of(step.passes, [&](const Pass& pass) {
+    const size_t guesses = guesses_bound(schedule.resources, step, pass);
+    Bindings bindings =
+        bindings_of(schedule.resources, resources_of(step, pass.reads), pass.writes.size(), pass.is_drawn());
+    bindings.more += static_cast<uint32_t>(guesses) + kScatterBuffers;
+    return guesses == 0 || fits(profile, bindings);
   });
 }
 
@@ -59,21 +46,21 @@ void guess_exponents(const ir::Graph& graph, const target::Profile& profile, Sch
   for (StepSchedule& step : schedule.steps)
     for (Pass& pass : step.passes) {
       auto* scatter = pass.as<ScatterPass>();
-      ExactScatter* exact = scatter == nullptr ? nullptr : scatter->exact();
-      if (exact == nullptr || !pass.steady) continue;  // what runs once guesses nothing
-      const bool all_fixed = std::ranges::all_of(scatter->sums, [&](const ScatterSum& sum) {
-        return graph.value(sum.value).type.is_float() && !named_once(graph, sum.terms);
-      });
-      if (scatter->sums.empty() || !all_fixed || pass.writes.size() != scatter->sums.size()) continue;
+      // What runs once guesses nothing.
+      if (scatter == nullptr || !pass.steady || !may_guess(graph, schedule.resources, step, pass)) continue;
       if (!is_cached(graph, *scatter)) continue;
-      auto* joined = std::get_if<JoinedFirstRun>(&exact->first_run);
-      // Where terms are kept there is room for a buffer a sum, which they no longer need.
-      if (joined != nullptr ? !joined->keeps_terms : !all_have_room(profile, schedule, step, pass, *scatter)) continue;
-      exact->guesses = true;
-      if (joined != nullptr)
+      ExactScatter& exact = *scatter->exact();
+      auto* joined = std::get_if<JoinedFirstRun>(&exact.first_run);
+      // A map that lists elements has room for a guess where it has room for terms.
+      if (joined != nullptr && !joined->keeps_terms) continue;
+      exact.guesses = true;
+      if (!have_room(profile, schedule, step)) {
+        exact.guesses = false;
+      } else if (joined != nullptr) {
         joined->keeps_terms = false;
-      else
-        std::get<OwnFirstRun>(exact->first_run).relists = false;
+      } else {
+        std::get<OwnFirstRun>(exact.first_run).relists = false;
+      }
     }
 }
 

@@ -47,7 +47,7 @@ class Cone {
     }
     if (op.kind == OpKind::Broadcast) return graph_.value(op.operands[0]).extent.is_unit();
     const ops::OpInfo& entry = ops::info(op.kind);
-    if (entry.shape != ops::Shape::Elementwise) return false;
+    if (entry.shape != ops::Shape::Elementwise || op.kind == OpKind::Pin) return false;  // what is pinned is stored
     ++ops_;
     work_ += entry.moves ? 0 : entry.cost * info.type.components();
     return work_ <= kMostWork && std::ranges::all_of(op.operands, [&](ValueId v) { return visit(v); });

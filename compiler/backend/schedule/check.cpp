@@ -4,6 +4,7 @@
 #include <set>
 
 #include "compiler/backend/analysis/uses.h"
+#include "compiler/backend/schedule/limits.h"
 #include "compiler/backend/schedule/schedule.h"
 #include "compiler/backend/schedule/structure.h"
 #include "compiler/backend/schedule/trips.h"
@@ -82,6 +83,7 @@ class StepChecker {
     check_setup();
     check_ops();
     check_joined_loops();
+    check_guesses();
     check_rows();
     check_stage();
     check_writes();
@@ -142,6 +144,14 @@ class StepChecker {
     if (trips.loops == 0 || scatter->joined_run() == nullptr) return;
     trips += trips_of(graph_, step_.pass(scatter->joined_run()->lister).ops);
     if (needs_cut(trips, profile_)) unsound("joins loops that may stop and go on later");
+  }
+
+  void check_guesses() {
+    const auto* scatter = pass().as<ScatterPass>();
+    if (scatter == nullptr || !scatter->guesses()) return;
+    if (schedule_.code.native || scatter->keeps_terms() || scatter->relists() ||
+        !may_guess(graph_, schedule_.resources, step_, pass()))
+      unsound("guesses exponents of sums that need two runs");
   }
 
   void check_rows() {

@@ -3,6 +3,8 @@
 
 #include <algorithm>
 
+#include "compiler/backend/analysis/named_once.h"
+
 namespace dr::backend {
 
 Bindings bindings_of(const std::vector<Resource>& resources, std::vector<uint32_t> reads, size_t writes,
@@ -17,6 +19,40 @@ Bindings bindings_of(const std::vector<Resource>& resources, std::vector<uint32_
 std::vector<uint32_t> resources_of(const StepSchedule& step, std::span<const ir::ValueId> values) {
   std::vector<uint32_t> out;
   for (const ir::ValueId v : values) out.push_back(step.stored.at(v).index);
+  return out;
+}
+
+namespace {
+
+bool reads_sums(const std::vector<Resource>& resources, const StepSchedule& step, const Pass& pass,
+                const ScatterSum& sum) {
+  return std::ranges::find(pass.reads, sum.value) != pass.reads.end() &&
+         resources[step.stored.at(sum.value).index].is(Resource::Storage::Sums);
+}
+
+}  // namespace
+
+bool may_guess(const ir::Graph& graph, const std::vector<Resource>& resources, const StepSchedule& step,
+               const Pass& pass) {
+  const auto& scatter = pass.get<ScatterPass>();
+  if (scatter.exact() == nullptr || scatter.sums.empty() || pass.writes.size() != scatter.sums.size()) return false;
+  return std::ranges::all_of(scatter.sums, [&](const ScatterSum& sum) {
+    const bool is_drawn = std::ranges::any_of(
+        step.passes, [&](const Pass& reader) { return reader.is_drawn() && reads_sums(resources, step, reader, sum); });
+    return graph.value(sum.value).type.is_float() && !named_once(graph, sum.terms) && !is_drawn;
+  });
+}
+
+size_t guesses_bound(const std::vector<Resource>& resources, const StepSchedule& step, const Pass& pass) {
+  size_t out = 0;
+  for (const Pass& other : step.passes) {
+    const auto* scatter = other.as<ScatterPass>();
+    if (scatter == nullptr || !scatter->guesses()) continue;
+    const JoinedRun* joined = scatter->joined_run();
+    const bool adds = &other == &pass || (joined != nullptr && &step.pass(joined->lister) == &pass);
+    for (const ScatterSum& sum : scatter->sums)
+      if (adds || reads_sums(resources, step, pass, sum)) ++out;
+  }
   return out;
 }
 

@@ -291,7 +291,9 @@ bool may_walk_rows(const Graph& graph, const Pass& pass, const RowsScatter& rows
   const Trips item = trips_of(graph, pass.ops);
   if (item.unknown > 0) return false;
   const Dim walk = row_walk(rows.items(pass.domain), item.most, std::max(profile.subgroup_size, 1U));
-  return walk.is_constant() ? walk.constant() <= profile.loop_trips : item.loops == 0;
+  // Of as many items as a leaf says, the command tells what the walk takes, and counts none within items.
+  return walk.is_constant() ? walk.constant() <= profile.loop_trips
+                            : item.loops == 0 && item.most.is_constant() && item.most.constant() == 0;
 }
 
 bool may_pass_limit(const Trips& trips, const target::Profile& profile, int64_t times) {

@@ -72,11 +72,20 @@ bool moves(const Value& value, const ir::Builder& b) {
 // `vjp` says, whatever its value.
 Value Elaborator::for_each_element(const dsl::FnDecl& f, const Value& y, const std::vector<Value>& args) {
   Extent extent;
+  bool agree = true;
   for (size_t i = 0; i < args.size(); ++i) {
-    const bool is_element = f.params[i].type && !f.params[i].type->has_extents;
-    if (!is_element || !is_float_image(args[i], b_)) continue;
-    if (const auto both = ir::broadcast(extent, extent_of(args[i]))) extent = *both;
+    if (!f.params[i].type || f.params[i].type->has_extents) continue;
+    for_each_leaf(args[i], [&](const Value& leaf) {
+      if (!leaf.is<Image>()) return;
+      const auto both = ir::broadcast(extent, extent_of(leaf));
+      agree = agree && both;
+      if (both) extent = *both;
+    });
   }
+  if (!agree)
+    return fail(Code::E0616, f.name.span,
+                "expected elements of one extent, as the value of '" + f.name.text +
+                    "' is a number, found arguments of several; give them one extent, or take images");
   return image(materialize(broadcast(y, extent)), {&y});
 }
 
@@ -87,6 +96,7 @@ Value Elaborator::with_vjp(const FunctionValue& fn, const dsl::FnDecl& vjp, Valu
   if (y.is<Dim>() || std::none_of(args.begin(), args.end(), [&](const Value& arg) { return moves(arg, b_); })) return y;
   if (const auto* constant = y.get<Constant>(); constant && constant->type.is_float())
     y = for_each_element(*fn.decl, y, args);
+  if (y.is<Error>()) return y;
   if (!is_float_image(y, b_)) {
     return fail(Code::E0616, vjp.vjp_of->span,
                 "expected a function that gives one value of floats, found that " + name + " gives " + describe(y));

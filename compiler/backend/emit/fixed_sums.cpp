@@ -1,0 +1,230 @@
+// SPDX-License-Identifier: Apache-2.0
+// Float sums that are independent of order and correct up to one rounding. A first run finds the largest contribution,
+// a second adds 64-bit fixed point numbers scaled so that the sum cannot overflow (one 64-bit word, or two 32-bit words
+// with carry: the same bits); floats are made of them where they are read. A first run that guesses the scale adds too.
+#include "compiler/backend/emit/generator.h"
+#include "compiler/backend/glsl/fixed_point.h"
+
+namespace dr::backend {
+
+using glsl::component;
+using glsl::dim_expression;
+using glsl::Shader;
+using ir::ValueId;
+
+namespace {
+
+// Words of an accumulator, of 32 bits or of 64 where the schedule says so: 0 the largest finite magnitude,
+// 1 the number of contributions where it is counted, then two (one) for each component, then flags for each element,
+// four bits a component: see special_flag.
+constexpr int kHead = 2;
+
+// Not 0 where a value is anything but zeros; NaN is. Without branches, of which drivers compile many slowly.
+std::string any_bits(const ir::Type& type, const std::string& value) {
+  std::string out;
+  for (int c = 0; c < type.components(); ++c)
+    out += (c > 0 ? " | " : "") + ("floatBitsToUint(" + component(type, value, c)) + ")";
+  return "(" + out + ") & 0x7fffffffu";
+}
+
+std::string word_of(const std::string& element, int components, int c) {
+  return std::to_string(kHead) + " + " + element + " * " + std::to_string(components) + " + " + std::to_string(c);
+}
+
+constexpr const char* kCountBits = R"(
+int bits_of_count(uint count) { return count <= 1u ? 0 : findMSB(count - 1u) + 1; }
+)";
+
+// An upper bound of the logarithm of how many contributions there are: `most` from an element, or, if that is
+// negative, as counted.
+std::string count_bits(int most, const ir::Extent& domain, const std::string& counted) {
+  if (most < 0) return "bits_of_count(uint(" + counted + "))";
+  int bits = 1;
+  while ((1 << (bits - 1)) < most) ++bits;
+  return "findMSB(uint(" + dim_expression(element_count(domain)) + ")) + " + std::to_string(bits);
+}
+
+// Lanes of a subgroup that add to the same element join their parts, and one of them goes on: for kJoinRounds elements,
+// those of its first lanes. Lanes left over go on alone, and so do few, whose atomics take less time than a sum over
+// the subgroup. The variable `adds_here` says which go on.
+template <class Part>
+std::string join_lanes(int n, const Part& part) {
+  std::string out = "  bool adds_here = true;\n  for (int round = 0; joins && round < " + std::to_string(kJoinRounds) +
+                    "; ++round) {\n    bool same = subgroupBroadcastFirst(element) == element;\n"
+                    "    uvec4 lanes = subgroupBallot(same);\n    if (same) {\n"
+                    "      if (subgroupBallotBitCount(lanes) > 1u) {\n";
+  for (int c = 0; c < n; ++c) out += "        " + part(c) + " = fixed_subgroup_add(" + part(c) + ");\n";
+  out +=
+      "        flags = subgroupOr(flags);\n        adds_here = subgroupElect();\n      }\n      break;\n    }\n  }\n";
+  return out;
+}
+
+}  // namespace
+
+ir::Dim words_of_sums(const ir::Type& type, const ir::Extent& extent, bool wide) {
+  const ir::Dim words = element_count(extent) * ir::Dim((wide ? 1 : 2) * type.components() + 1) + kHead;
+  return wide ? words * ir::Dim(2) : words;
+}
+
+Generator::Adding Generator::fixed_adding(Shader& s, const Pass& pass, const Target& t, Runs runs, bool lists) {
+  const bool joins_lanes = pass.get<ScatterPass>().joins_lanes(), guesses = t.guess != 0;
+  const std::string& id = t.accumulator.name;
+  const std::string buffer = s.bind_words(t.words, "sums_" + id, bundle::Access::ReadWrite, sum_word());
+  if (wide_atomics()) wide_extensions(s);
+  if (joins_lanes) subgroup_extensions(s);
+  s.prelude(glsl::kFixedShift);
+  Adding out;
+  if (runs != Runs::Second) {
+    if (runs == Runs::Both) out.body += "  if (pc.a == 0) {\n";
+    out.body += find_largest(s, pass, t, lists);
+    if (runs == Runs::Both) out.body += guesses ? "  }\n" : "  } else {\n";
+    const std::string guard = runs == Runs::Both ? "pc.a == 0 && " : "",
+                      elect = joins_lanes ? " && subgroupElect()" : "";
+    if (joins_lanes) out.finish += "  largest_" + id + " = subgroupMax(largest_" + id + ");\n";
+    out.finish += "  if (" + guard + "largest_" + id + " != 0u" + elect + ") atomicMax(" + buffer + ".d[0], " +
+                  sum_word() + "(largest_" + id + "));\n";
+    if (t.most < 0)
+      out.finish += "  if (" + guard + "count_" + id + " != 0u) atomicAdd(" + buffer + ".d[1], " +
+                    std::string(sum_word()) + "(count_" + id + "));\n";
+  }
+  if (runs == Runs::First && !guesses) return out;
+  s.prelude(glsl::kFixedFromFloat);
+  // Where a map adds, few lanes of a subgroup do: none to join.
+  const bool joins_parts = joins_lanes && runs != Runs::First;
+  s.prelude(joins_parts ? glsl::kFixedSubgroup : "");
+  choose_shift(s, pass, t, runs, buffer);
+  out.body += add_fixed(s, t, runs, joins_parts, buffer);
+  if (runs == Runs::Both && !guesses) out.body += "  }\n";
+  return out;
+}
+
+std::string Generator::find_largest(Shader& s, const Pass& pass, const Target& t, bool lists) {
+  const std::string& id = t.accumulator.name;
+  const ir::Type& type = t.accumulator.type;
+  s.declare("uint largest_" + id + " = 0u" + (t.most < 0 ? ", count_" + id + " = 0u" : "") + ";\n");
+  std::string out;
+  if (t.most < 0) out += "    ++count_" + id + ";\n";
+  for (int c = 0; c < type.components(); ++c)
+    out += "    largest_" + id + " = max(largest_" + id + ", finite_magnitude(" + component(type, "value", c) + "));\n";
+  if (t.terms != 0) out += keep_term(s, pass, t);
+  if (lists) out += "    adds |= " + any_bits(type, "value") + ";\n";
+  return out;
+}
+
+void Generator::choose_shift(Shader& s, const Pass& pass, const Target& t, Runs runs, const std::string& buffer) {
+  const std::string& id = t.accumulator.name;
+  const std::string where = runs == Runs::Both ? "if (pc.a == 1) " : "";
+  s.declare("int shift_" + id + " = 0;\n");
+  if (t.guess != 0) {
+    const std::string guess = s.read_words(t.guess, "guess_" + id);
+    s.declare("int guessed_" + id + " = 0;\n");
+    s.body().line("guessed_" + id + " = int(" + guess + "(0));");
+    s.body().line("shift_" + id + " = guessed_" + id + ";");
+  }
+  if (runs == Runs::First) return;
+  s.prelude(t.most < 0 ? kCountBits : "");
+  s.body().line(where + "shift_" + id + " = fixed_shift(uint(" + buffer + ".d[0]), " +
+                count_bits(t.most, pass.domain, buffer + ".d[1]") + ");");
+  // The first run may have computed a contribution with other roundings, even one that is all rounding error: larger
+  // ones would overflow the sum.
+  if (s.native()) {
+    s.declare("float limit_" + id + " = 0.0;\n");
+    s.body().line(where + "limit_" + id + " = uintBitsToFloat(uint(" + buffer + ".d[0]));");
+  }
+}
+
+std::string Generator::add_fixed(Shader& s, const Target& t, Runs runs, bool joins_lanes, const std::string& buffer) {
+  const std::string& id = t.accumulator.name;
+  const ir::Type& type = t.accumulator.type;
+  const bool wide = wide_atomics();
+  const int n = type.components();
+  const auto part = [](int c) { return "part_" + std::to_string(c); };
+  const auto fixed = [&](int c, const std::string& shift) {
+    std::string x = component(type, "value", c);
+    if (s.native()) x = "clamp(" + x + ", -limit_" + id + ", limit_" + id + ")";
+    return s.at_once(ir::vec(2, ir::Scalar::Uint), "fixed_from_float(" + x + ", " + shift + id + ")");
+  };
+  std::string out = "  uint flags = 0u;\n";
+  for (int c = 0; c < n; ++c) {
+    out += "  flags |= special_flag(" + component(type, "value", c) + ") << " + std::to_string(4 * c) + ";\n";
+    out += "  uvec2 " + part(c) + " = " + fixed(c, "shift_") + ";\n";
+  }
+  if (t.guess != 0 && runs != Runs::First) {
+    s.prelude(glsl::kFixedMinus);
+    if (runs == Runs::Both) out += "  if (pc.a == 1) {\n";
+    for (int c = 0; c < n; ++c)
+      out += "  " + part(c) + " = fixed_minus(" + part(c) + ", " + fixed(c, "guessed_") + ");\n";
+    if (runs == Runs::Both) out += "  }\n";
+  }
+  if (joins_lanes) out += join_lanes(n, part) + "  if (adds_here) {\n";
+  for (int c = 0; c < n; ++c) {
+    if (wide) {
+      out += "  if (" + part(c) + " != uvec2(0u)) atomicAdd(" + buffer + ".d[" + word_of("element", n, c) +
+             "], wide_of(" + part(c) + "));\n";
+    } else {
+      const std::string word = word_of("element", 2 * n, 2 * c);
+      out += "  if (" + part(c) + " != uvec2(0u)) {\n    uint old = atomicAdd(" + buffer + ".d[" + word + "], " +
+             part(c) + ".x);\n    atomicAdd(" + buffer + ".d[" + word_of("element", 2 * n, 2 * c + 1) + "], " +
+             part(c) + ".y + (old + " + part(c) + ".x < old ? 1u : 0u));\n  }\n";
+    }
+  }
+  const std::string flags = std::to_string(kHead) + " + " +
+                            dim_expression(element_count(t.accumulator.extent) * ir::Dim((wide ? 1 : 2) * n)) +
+                            " + element";
+  out += "  if (flags != 0u) atomicOr(" + buffer + ".d[" + flags + "], " + std::string(sum_word()) + "(flags));\n";
+  if (joins_lanes) out += "  }\n";
+  return out;
+}
+
+std::string Generator::guessed_right(const std::vector<Target>& targets) {
+  std::string out = "pc.a == 1";
+  for (const Target& t : targets) out += " && shift_" + t.accumulator.name + " == guessed_" + t.accumulator.name;
+  return out;
+}
+
+Generator::FloatSums Generator::float_sums(Shader& s, const ir::Type& type, const ir::Extent& extent, uint32_t words,
+                                           int most, const ir::Extent& domain) const {
+  const bool wide = wide_atomics();
+  if (wide) wide_extensions(s);
+  const std::string sums = s.read_words(words, "sums_" + std::to_string(words), sum_word());
+  s.prelude(glsl::kFixedShift);
+  s.prelude(glsl::kFixedToFloat);
+  s.prelude(most < 0 ? kCountBits : "");
+  const int n = type.components();
+  FloatSums out;
+  out.statements = "int shift = fixed_shift(uint(" + sums + "(0)), " + count_bits(most, domain, sums + "(1)") +
+                   "); uint flags = uint(" + sums + "(" + std::to_string(kHead) + " + " +
+                   dim_expression(element_count(extent) * ir::Dim((wide ? 1 : 2) * n)) + " + index));";
+  if (const auto guess = guesses_.find(words); guess != guesses_.end())
+    out.statements += " if (index == 0) " +
+                      s.bind_words(guess->second, "guess_" + std::to_string(words), bundle::Access::Write) +
+                      ".d[0] = uint(shift);";
+  for (int c = 0; c < n; ++c) {
+    const std::string number = wide ? "words_of(" + sums + "(" + word_of("index", n, c) + "))"
+                                    : "uvec2(" + sums + "(" + word_of("index", 2 * n, 2 * c) + "), " + sums + "(" +
+                                          word_of("index", 2 * n, 2 * c + 1) + "))";
+    out.components.push_back("fixed_to_float(" + number + ", shift, (flags >> " + std::to_string(4 * c) + ") & 15u)");
+  }
+  return out;
+}
+
+std::string Generator::sums_reader(Shader& s, ValueId value, const std::string& function) const {
+  const ir::ValueInfo& info = graph_.value(value);
+  for (const Pass& pass : step_->passes) {
+    const auto* scatter = pass.as<ScatterPass>();
+    if (scatter == nullptr) continue;
+    for (const ScatterSum& sum : scatter->sums) {
+      if (sum.value != value) continue;
+      const FloatSums floats =
+          float_sums(s, info.type, info.extent, resource_index(value), contributions(sum), pass.domain);
+      std::string components;
+      for (const std::string& c : floats.components) components += (components.empty() ? "" : ", ") + c;
+      return info.type.str() + " " + function +
+             "(ivec3 at) {\n  int index = " + Shader::element_index(info.extent, "at") + ";\n  " + floats.statements +
+             "\n  return " + info.type.str() + "(" + components + ");\n}\n";
+    }
+  }
+  DR_ICE("sums that no pass of the step adds up");
+}
+
+}  // namespace dr::backend
