@@ -55,28 +55,16 @@ ir::Type joined_type(const ir::Type& part, size_t count) {
   return part.is_scalar() ? ir::Type{part.scalar, n, 1} : ir::Type{part.scalar, part.rows, n};
 }
 
-class Joiner {
+class Joiner : Rewriter {
  public:
-  Joiner(const Graph& from, std::map<OpId, Groups> groups)
-      : from_(from), groups_(std::move(groups)), map_(from.value_count()) {}
+  Joiner(const Graph& from, std::map<OpId, Groups> groups) : Rewriter(from), groups_(std::move(groups)) {}
 
   Joined run() {
-    to_.graph().leaves = from_.leaves;
     for (const OpId id : from_.region(from_.root()).ops) {
-      if (const auto found = groups_.find(id); found != groups_.end())
-        copy_joined(from_.op(id), found->second);
-      else
-        ir::copy_op(from_, id, to_, map_);
-      match(id, to_.value(map_[from_.op(id).results[0]]).op);
+      const auto found = groups_.find(id);
+      found != groups_.end() ? copy_joined(id, found->second) : copy(id);
     }
-    to_.graph().steps = from_.steps;
-    for (ir::Step& step : to_.graph().steps) {
-      for (ir::Output& output : step.outputs) output.value = map_[output.value];
-      for (ir::Update& update : step.updates) update.value = map_[update.value];
-    }
-    joined_.from.resize(to_.graph().op_count());
-    joined_.graph = std::move(to_).finish();
-    return std::move(joined_);
+    return finish();
   }
 
  private:
@@ -92,7 +80,8 @@ class Joiner {
     return found->second;
   }
 
-  void copy_joined(const Op& op, const Groups& groups) {
+  void copy_joined(OpId id, const Groups& groups) {
+    const Op& op = from_.op(id);
     std::map<ValueId, std::pair<ValueId, int>> place;  // of a captured value: what it is joined in, and where
     for (const Group& group : groups)
       for (size_t k = 0; k < group.size(); ++k) place[group[k]] = {join(group), static_cast<int>(k)};
@@ -110,6 +99,7 @@ class Joiner {
       to_.set_name(result, from_.value(op.results[k]).name);
     }
     to_.set_span({});
+    match(id, now);
   }
 
   RegionId copy_region(RegionId old, const std::map<ValueId, std::pair<ValueId, int>>& place) {
@@ -136,23 +126,8 @@ class Joiner {
     return now;
   }
 
-  // Says of a copied op, and of those inside it, what they were: regions begin with what is new.
-  void match(OpId old, OpId now) {
-    joined_.from.resize(std::max<size_t>(joined_.from.size(), now.index + 1));
-    joined_.from[now.index] = old;
-    for (size_t r = 0; r < from_.op(old).regions.size(); ++r) {
-      const std::vector<OpId>& before = from_.region(from_.op(old).regions[r]).ops;
-      const std::vector<OpId>& after = to_.graph().region(to_.graph().op(now).regions[r]).ops;
-      for (size_t k = 0; k < before.size(); ++k) match(before[k], after[after.size() - before.size() + k]);
-    }
-  }
-
-  const Graph& from_;
   const std::map<OpId, Groups> groups_;
-  ir::ValueMap map_;
-  ir::Builder to_;
   std::map<Group, ValueId> values_;
-  Joined joined_;
 };
 
 }  // namespace

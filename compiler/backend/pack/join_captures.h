@@ -7,16 +7,11 @@
 #pragma once
 
 #include <optional>
-#include <vector>
 
+#include "compiler/backend/pack/rewriter.h"
 #include "compiler/backend/schedule/schedule.h"
 
 namespace dr::backend {
-
-struct Joined {
-  ir::Graph graph;
-  std::vector<ir::OpId> from;  // by op of `graph`: the op that it was; invalid for new ones
-};
 
 // Nothing where each pass of the schedule fits the profile, or where there is nothing left to join.
 std::optional<Joined> join_captures(const ir::Graph& graph, const Schedule& schedule, const target::Profile& profile);

@@ -96,29 +96,13 @@ class Finder {
   std::vector<std::vector<bool>> steady_;  // by step
 };
 
-class Mover {
+class Mover : Rewriter {
  public:
-  Mover(const Graph& from, std::set<OpId> gathers)
-      : from_(from), gathers_(std::move(gathers)), map_(from.value_count()) {}
+  Mover(const Graph& from, std::set<OpId> gathers) : Rewriter(from), gathers_(std::move(gathers)) {}
 
   Joined run() {
-    to_.graph().leaves = from_.leaves;
-    for (const OpId id : from_.region(from_.root()).ops) {
-      if (gathers_.count(id) == 0) {
-        ir::copy_op(from_, id, to_, map_);
-        match(id, to_.value(map_[from_.op(id).results[0]]).op);
-      } else {
-        move(id);
-      }
-    }
-    to_.graph().steps = from_.steps;
-    for (ir::Step& step : to_.graph().steps) {
-      for (ir::Output& output : step.outputs) output.value = map_[output.value];
-      for (ir::Update& update : step.updates) update.value = map_[update.value];
-    }
-    out_.from.resize(to_.graph().op_count());
-    out_.graph = std::move(to_).finish();
-    return std::move(out_);
+    for (const OpId id : from_.region(from_.root()).ops) gathers_.count(id) == 0 ? copy(id) : move(id);
+    return finish();
   }
 
  private:
@@ -135,7 +119,7 @@ class Mover {
     const ValueId result = ops::select(to_, inside, value, ops::zero_like(to_, value));
     to_.set_name(result, from_.value(gather.results[0]).name);
     map_.set(gather.results[0], result);
-    say_from(id);
+    match_rest(id);
     to_.set_span({});
   }
 
@@ -155,31 +139,14 @@ class Mover {
       std::vector<ValueId> operands;
       for (const ValueId operand : op.operands) operands.push_back(at(operand, index));
       out = ops::emit(to_, op.kind, std::move(operands), op.attrs);
-      say_from(info.op);
+      match_rest(info.op);
     }
     at_[{v, index}] = out;
     return out;
   }
 
-  // What was added last are the op's.
-  void say_from(OpId old) { out_.from.resize(to_.graph().op_count(), old); }
-
-  void match(OpId old, OpId now) {
-    out_.from.resize(std::max<size_t>(out_.from.size(), now.index + 1));
-    out_.from[now.index] = old;
-    for (size_t r = 0; r < from_.op(old).regions.size(); ++r) {
-      const std::vector<OpId>& before = from_.region(from_.op(old).regions[r]).ops;
-      const std::vector<OpId>& after = to_.graph().region(to_.graph().op(now).regions[r]).ops;
-      for (size_t k = 0; k < before.size(); ++k) match(before[k], after[k]);
-    }
-  }
-
-  const Graph& from_;
   const std::set<OpId> gathers_;
-  ir::ValueMap map_;
-  ir::Builder to_;
   std::map<std::pair<ValueId, ValueId>, ValueId> at_;  // by old value and old index
-  Joined out_;
 };
 
 }  // namespace

@@ -9,7 +9,8 @@
 
 #include <optional>
 
-#include "compiler/backend/pack/join_captures.h"
+#include "compiler/backend/pack/rewriter.h"
+#include "compiler/target/profile.h"
 
 namespace dr::backend {
 
