@@ -37,6 +37,12 @@ uint32_t group_size(const vk::PhysicalDeviceProperties& device, int64_t elements
   return large ? kLargeGroup : kGroup;
 }
 
+// `each`: elements that an invocation may take at most.
+int64_t invocations_for(int64_t elements, uint32_t each) {
+  const int64_t taken = std::clamp<int64_t>(elements / bundle::kLeastInvocations, 1, std::max(each, 1u));
+  return (elements + taken - 1) / taken;
+}
+
 void record_dispatch(const vk::raii::CommandBuffer& c, vk::Pipeline pipeline, const Bound& bound,
                      std::array<int32_t, 4> push, int64_t elements, uint32_t group, vk::Buffer indirect = {},
                      vk::DeviceSize offset = 0) {
@@ -103,7 +109,8 @@ void Commands::dispatch(const bundle::CommandT& c, std::vector<Primitive>& out) 
     indirect = *sizes.buffer;
     p.accesses.push_back({static_cast<uint32_t>(c.indirect), Use::IndirectRead});
   }
-  const uint32_t group = c.group != 0 ? c.group : indirect ? kGroup : group_size(device_->properties, elements);
+  const int64_t invocations = invocations_for(elements, c.each);
+  const uint32_t group = c.group != 0 ? c.group : indirect ? kGroup : group_size(device_->properties, invocations);
   const int64_t parts = parts_of(c);
   const size_t pipeline = pipelines_.compute(c.compute, bound.layout, group, parts > 1 ? c.part_trips : 0);
   vk::DeviceSize offset = 0;
@@ -117,7 +124,7 @@ void Commands::dispatch(const bundle::CommandT& c, std::vector<Primitive>& out) 
     if (part > 1) offset = kLeftBytes * (part % 2);
     if (part < parts) out.push_back(clear_left(c, kLeftBytes * ((part + 1) % 2)));
     p.record = [=, this](const vk::raii::CommandBuffer& commands) {
-      record_dispatch(commands, pipelines_[pipeline], bound, push, elements, group, indirect, offset);
+      record_dispatch(commands, pipelines_[pipeline], bound, push, invocations, group, indirect, offset);
     };
     out.push_back(p);
   }

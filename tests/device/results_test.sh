@@ -122,6 +122,10 @@ at_once() { # DEVICE
   "$drun" once.dr --device "$1" --step fit=400 --log-every 1000 --strict-finite > out 2> err || status=$?
   same "$1: an Inf stops" 1 "$status"
   "$drun" once.dr --device "$1" --step fit=90 --strict-finite > out 2> err || fail "$1: finite: $(cat err)"
+  # So it is where an invocation takes several elements in turn, the last of 40,001 too.
+  "$drun" turns.dr --device "$1" --symbol W=40001 --step fit=60 --log-every 1000 > out 2> err || fail "$1: turns: $(cat err)"
+  same "$1: an Inf of one element" 1 "$(grep -c "^drun: warning: pass '.*' (turns.dr:[0-9, a-z.:]*) left a NaN or Inf by run [0-9]* of step 'fit'" err)"
+  same "$1: all elements in turn" 'fit.total = 40001' "$(cat out)"
 }
 cat > once.dr << 'END'
 edition 1;
@@ -130,6 +134,14 @@ let error = mean(dot(x, x));
 step fit {
   x <- x - 0.1 * grad(error, x);
   output loss = error / (if step_index == 99 { 0.0 } else { 1.0 });
+}
+END
+cat > turns.dr << 'END'
+edition 1;
+param x : float[W] = 1.0;
+step fit {
+  x <- 1.0 / (if step_index == 49 && coord(W).x == W - 1 { 0.0 } else { clamp(x, 1.0, 1.0) });
+  output total = sum(x);
 }
 END
 cat > nan.dr << 'END'

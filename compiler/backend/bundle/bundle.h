@@ -20,6 +20,10 @@ inline constexpr uint32_t kVersion = 15;
 // then the elements.
 inline constexpr int kListEnd = 3, kListHead = 4;
 
+// Where invocations may take several elements (Command.each), so many are started at least: they keep the threads of a
+// large processor busy.
+inline constexpr int64_t kLeastInvocations = 8192;
+
 // The word of an enumerator in commands, options and what is printed: "ShaderInt64" is "shader_int64".
 std::string word(const char* enumerator);
 

@@ -53,6 +53,7 @@ bool Checker::only_own_fields(const CommandT& c, const std::string& where) {
       {"left", c.left != -1, kDispatch},
       {"finite", c.finite != -1, kDispatch},
       {"group", c.group != 0, kDispatch},
+      {"each", c.each != 0, kDispatch},
       {"colors", !c.colors.empty(), kDraw},
       {"clear", !c.clear.empty(), kDraw},
       {"joins", c.joins, kDraw},

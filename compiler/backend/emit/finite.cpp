@@ -8,9 +8,9 @@ namespace dr::backend {
 using glsl::Shader;
 using ir::ValueId;
 
-void Generator::tell_not_finite(Shader& s, const Pass& pass) {
-  const std::vector<ValueId>& told = pass.get<MapPass>().code.told;
-  if (told.empty()) return;
+// Without their signs, Infinity and NaN are the largest of all floats as integers: one comparison looks at them all.
+std::string Generator::largest_bits(Shader& s, const std::vector<ValueId>& told) const {
+  s.prelude("uint size_bits(float x) { return floatBitsToUint(x) & 0x7fffffffu; }\n");
   std::string any;
   for (const ValueId v : told) {
     const ir::Type& t = resource(v).type;
@@ -19,12 +19,14 @@ void Generator::tell_not_finite(Shader& s, const Pass& pass) {
       any = any.empty() ? one : "max(" + any + ", " + one + ")";
     }
   }
+  return any;
+}
+
+void Generator::tell_not_finite(Shader& s, const Pass& pass, const std::string& largest) {
   auto [it, is_new] = finite_words_.try_emplace(&pass);
   if (is_new) it->second = add_watch(pass.name + "_not_finite");
-  // Without their signs, Infinity and NaN are the largest of all floats as integers: one comparison looks at them all.
-  s.prelude("uint size_bits(float x) { return floatBitsToUint(x) & 0x7fffffffu; }\n");
   const std::string word = s.bind_words(it->second, "not_finite", bundle::Access::ReadWrite);
-  s.body().line("if (" + any + " >= 0x7f800000u) " + word + ".d[0] = 1u;");
+  s.body().line("if (" + largest + " >= 0x7f800000u) " + word + ".d[0] = 1u;");
   finite_ = static_cast<int>(it->second);
 }
 

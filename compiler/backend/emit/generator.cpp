@@ -316,6 +316,7 @@ void linear_index(Shader& s, const std::string& elements) {
 }
 
 void place_from_index(Shader& s, const Extent& e, const std::string& index) {
+  if (e.h.is_one() && e.l.is_one()) return s.body().line("ivec3 at = ivec3(" + index + ", 0, 0);");
   const std::string w = dim_expression(e.w), h = dim_expression(e.h);
   s.body().line("ivec3 at = ivec3(" + index + " % " + w + ", (" + index + " / " + w + ") % " + h + ", " + index +
                 " / (" + w + " * " + h + "));");
@@ -330,6 +331,7 @@ void Generator::map_pass(const Pass& pass) {
     if (!all_here) active_lists_[scatter] = add_list(*scatter, "active", bundle::ListKind::Active);
   }
   if (map.block) return block_map_pass(pass, *map.block);
+  if (map.code.each > 1) return strided_map_pass(pass);
   if (map.code.heavy) return listed_map_pass(pass, *map.code.heavy);
   Shader s = shader();
   ListingLoop loop(s, pass.domain, map.code.lists_in_runs);

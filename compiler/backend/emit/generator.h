@@ -41,8 +41,9 @@ class Generator {
   void set_lines(const Pass& pass, const Pass* setup);
   void map_pass(const Pass& pass);
   void listed_map_pass(const Pass& pass, const HeavyBranches& heavy);
-  // Several elements an invocation (block.cpp).
+  // Several elements an invocation: side by side (block.cpp), one after the other (strides.cpp).
   void block_map_pass(const Pass& pass, const Block& block);
+  void strided_map_pass(const Pass& pass);
   // `inputs`: values that it reads as input attachments; `joins`: it goes on in the render pass before.
   void fragment_pass(const Pass& pass, const std::vector<ir::ValueId>& inputs, bool joins);
   // A shader whose loops are cut (cut.cpp). What an element computes stands between open_cut() and close_cut(), what it
@@ -122,8 +123,10 @@ class Generator {
   // Stores what a map pass writes at an element and, where it lists elements for a scatter, lists it; `loop`: that the
   // shader runs, if it does; `active`: whether the element may be one of those.
   void store_results(glsl::Shader& shader, const Pass& pass, ListingLoop* loop = nullptr, bool active = true);
-  // Says in a word of the pass that one of those that a map tells of is NaN or Inf.
-  void tell_not_finite(glsl::Shader& shader, const Pass& pass);
+  // The largest of those that a map tells of, as the bits of a float without its sign; and a statement that says in a
+  // word of the pass that it is NaN or Inf.
+  std::string largest_bits(glsl::Shader& shader, const std::vector<ir::ValueId>& told) const;
+  void tell_not_finite(glsl::Shader& shader, const Pass& pass, const std::string& largest);
   // An empty list of elements of the pass, a scratch buffer; a dispatch can be as large as it is long.
   uint32_t add_list(const Pass& pass, const std::string& name, bundle::ListKind kind);
   uint32_t list_active(const Pass& pass);

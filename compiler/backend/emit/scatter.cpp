@@ -102,7 +102,7 @@ void Generator::store_results(Shader& s, const Pass& pass, ListingLoop* loop, bo
   const auto is_partial = [&](ValueId v) { return std::ranges::find(partial, v) != partial.end(); };
   for (const ValueId v : pass.writes)
     if (!is_partial(v)) s.store(v, s.at(), s.use(v));
-  tell_not_finite(s, pass);
+  if (const auto& told = pass.get<MapPass>().code.told; !told.empty()) tell_not_finite(s, pass, largest_bits(s, told));
   const Pass* const scatter = listed_for(pass);
   if (scatter == nullptr || !active) return;
   if (scatter->get<ScatterPass>().joined_run() != nullptr) return scatter_where_listed(s, pass, *scatter);

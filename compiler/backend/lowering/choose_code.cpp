@@ -6,6 +6,7 @@
 
 #include "compiler/backend/analysis/divisors.h"
 #include "compiler/backend/analysis/raster_parts.h"
+#include "compiler/backend/bundle/bundle.h"
 #include "compiler/backend/lowering/heavy_branches.h"
 #include "compiler/backend/schedule/limits.h"
 #include "compiler/backend/schedule/trips.h"
@@ -70,7 +71,23 @@ class StepCode {
       code.cut = cut(code.heavy ? light_trips(pass, *code.heavy) : trips, code.lists_in_runs ? kListedRun : 1);
     }
     code.told = told(pass, map, code, id);
+    code.each = elements_in_turn(pass, map, code, id);
     return code;
+  }
+
+  // An invocation's own cost is that of many operations where lanes access memory in turn: elements share it, as many
+  // as leave work for all processors.
+  int elements_in_turn(const Pass& pass, const MapPass& map, const MapCode& code, PassId id) const {
+    const bool plain = map.partial.empty() && !map.block && !code.heavy && !code.cut && !pass.domain.is_unit();
+    if (!profile_.lanes_in_turn || !plain || set_up_for(step_, id) != nullptr || listed_for(step_, id) != nullptr)
+      return 1;
+    Trips trips = trips_of(graph_, pass.ops);
+    trips.most = trips.most + Dim(2);
+    int each = kMostInTurn;
+    if (const auto count = (pass.domain.w * pass.domain.h * pass.domain.l).evaluate({}))
+      while (each > 1 && each > *count / bundle::kLeastInvocations) each /= 2;
+    while (each > 1 && needs_cut(trips, profile_, each)) each /= 2;
+    return each;
   }
 
   std::optional<HeavyBranches> heavy(const Pass& pass, const Trips& trips) const {

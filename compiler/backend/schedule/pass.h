@@ -74,9 +74,13 @@ struct HeavyBranches {
 // Elements that an invocation lists together.
 inline constexpr int kListedRun = 32;
 
+// Elements that an invocation takes in turn, at most: what it does for all of them is then a small part of its work.
+inline constexpr int kMostInTurn = 32;
+
 // How the shader is written; chosen by lowering/choose_code.h.
 struct MapCode {
   bool lists_in_runs = false;  // an invocation has kListedRun elements, one after the other, and lists them together
+  int each = 1;                // elements of an invocation at most, one after the other; the host chooses (strides.cpp)
   std::optional<HeavyBranches> heavy;
   std::optional<LoopCut> cut;
   std::vector<ir::ValueId> told;  // those of `writes` that tell whether they are NaN or Inf (emit/finite.cpp)

@@ -163,6 +163,9 @@ bool PassReader::decides(MapPass& map, bool& ok) {
          number("a number of trips", reads.trips) && expect_word("of") && op(reads.loop);
   } else if (take_word("lists")) {
     ok = map.code.lists_in_runs = expect_word("in") && expect_word("runs");
+  } else if (take_word("up")) {
+    ok = expect_word("to") && number("how many elements", map.code.each) && expect_word("elements") &&
+         expect_word("in") && expect_word("turn");
   } else if (take_word("heavy")) {
     HeavyBranches& heavy = map.code.heavy.emplace();
     ok = comma_list([&] { return op(heavy.ops.emplace_back()); });

@@ -150,6 +150,7 @@ class Writer {
     write_values("    partial", map.partial);
     if (map.block) write_block(*map.block);
     if (map.code.lists_in_runs) out_ += "    lists in runs\n";
+    if (map.code.each > 1) out_ += "    up to " + std::to_string(map.code.each) + " elements in turn\n";
     if (map.code.heavy) write_heavy(*map.code.heavy);
     write_cut("    cut loops ", map.code.cut);
     if (map.code.heavy) write_cut("    cut heavy loops ", map.code.heavy->cut);

@@ -134,6 +134,8 @@ class StructureChecker {
     if (!std::ranges::all_of(map.code.told, [&](ValueId v) { return holds(pass_->writes, v); }))
       bad("tells of what it does not store");
     check_cut(map.code.cut);
+    const bool plain = map.partial.empty() && !map.block && !map.code.lists_in_runs && !map.code.heavy && !map.code.cut;
+    if (map.code.each < 1 || (map.code.each > 1 && !plain)) bad("takes elements in turn and is no plain map");
     if (!map.code.heavy) return;
     for (const OpId id : map.code.heavy->ops)
       if (std::ranges::find(pass_->ops, id) == pass_->ops.end() || graph_.op(id).kind != OpKind::If)

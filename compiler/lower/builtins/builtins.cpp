@@ -160,10 +160,15 @@ std::vector<std::string> Elaborator::builtin_names() {
 Value Elaborator::wrong_type(const BuiltinCall& call, size_t arg, std::string_view wanted) {
   const Value& value = call.args[arg];
   const bool is_int = value.is_numeric() && element_type(value).is_integer() && wanted.starts_with("float");
+  const bool is_matrix = value.is_numeric() && element_type(value).is_matrix();
   return fail(Code::E0322, call.spans[arg],
               "expected " + std::string(wanted) + " for '" + std::string(call.entry.name) + "', found " +
                   describe_element(value),
-              {}, is_int ? "convert it, such as float(i)" : "");
+              {},
+              is_int ? "convert it, such as float(i)"
+              : is_matrix
+                  ? "take its columns, such as m[0]; an optimizer seeks a matrix as vectors, which mat3(a, b, c) joins"
+                  : "");
 }
 
 // Floats, or ints known at compile time that are taken as floats. Scalars stretch to the size of vectors beside them.

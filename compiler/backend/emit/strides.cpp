@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: Apache-2.0
+// Map passes whose invocations compute several elements, one after the other. Where a shader's lanes access memory in
+// turn, as on a processor, what an invocation does before its elements and after them costs as much as an element:
+// constants of the pass are computed once, and one store tells of NaN in all elements. The elements of an invocation
+// lie apart, so that lanes that follow each other still work side by side.
+#include <algorithm>
+#include <set>
+
+#include "compiler/backend/emit/generator.h"
+
+namespace dr::backend {
+
+using glsl::Shader;
+using ir::Op;
+using ir::OpId;
+using ir::OpKind;
+using ir::ValueId;
+
+namespace {
+
+// Ops of a pass by how often an invocation computes them.
+struct Shares {
+  std::vector<OpId> once, each;
+  std::vector<ValueId> read_once;  // by those of each element
+};
+
+Shares share(const ir::Graph& graph, const Pass& pass) {
+  Shares out;
+  std::set<ValueId> each;  // results
+  for (const OpId id : pass.ops) {
+    const Op& op = graph.op(id);
+    const auto same = [&](ValueId v) { return graph.value(v).extent.is_unit() && each.count(v) == 0; };
+    if (op.regions.empty() && std::ranges::all_of(op.operands, same) && std::ranges::all_of(op.results, same)) {
+      out.once.push_back(id);
+      continue;
+    }
+    out.each.push_back(id);
+    each.insert(op.results.begin(), op.results.end());
+    if (!op.regions.empty() || op.kind == OpKind::Gather || op.kind == OpKind::Shift) continue;
+    std::ranges::copy_if(op.operands, std::back_inserter(out.read_once), same);
+  }
+  return out;
+}
+
+}  // namespace
+
+void Generator::strided_map_pass(const Pass& pass) {
+  const MapCode& code = pass.get<MapPass>().code;
+  const ir::Dim count = element_count(pass.domain);
+  const Shares shares = share(graph_, pass);
+  Shader s = shader();
+  linear_index(s, "");
+  s.body().line("int apart = int(gl_NumWorkGroups.x * gl_NumWorkGroups.y * gl_WorkGroupSize.x);");
+  s.body().line("const ivec3 at = ivec3(0);");
+  s.element_ops(shares.once);
+  for (const ValueId v : shares.read_once) s.use(v);
+  const bool tells = !code.told.empty();
+  if (tells) s.body().line("uint largest = 0u;");
+  s.body().line("for (int element = index; element < " + glsl::dim_expression(count) + "; element += apart) {");
+  s.push_scope();
+  place_from_index(s, pass.domain, "element");
+  s.element_ops(shares.each);
+  for (const ValueId v : pass.writes) s.store(v, s.at(), s.use(v));
+  if (tells) s.body().line("largest = max(largest, " + largest_bits(s, code.told) + ");");
+  s.pop_scope();
+  s.body().line("}");
+  if (tells) tell_not_finite(s, pass, "largest");
+  dispatch(pass, "", s, count.str()).each = static_cast<uint32_t>(code.each);
+}
+
+}  // namespace dr::backend
