@@ -339,7 +339,6 @@ class StepLegalizer {
     auto& table = rows.table.emplace<RowsOfLeaf>();
     std::set<int> columns;
     bool first = true;
-    size_t terms = 0;
     for (const ScatterSum& sum : scatter.sums) {
       const ir::Extent& to = graph_.value(sum.value).extent;
       for (const ValueId term : sum.terms) {
@@ -352,7 +351,6 @@ class StepLegalizer {
         rows.targets = to.w;
         columns.insert(column->column);
         first = false;
-        ++terms;
       }
       // Layers stay apart, or there is one.
       if (!to.h.is_one() || to.l != pass.domain.l) return std::nullopt;
