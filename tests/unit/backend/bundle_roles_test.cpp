@@ -106,12 +106,12 @@ TEST_CASE("words that stay are words, shared with none and given to nobody") {
 
 TEST_CASE("words of zeros are a buffer of their own") {
   const auto sample_with_zeros = [] {
-    bundle::BundleT b = sample_with_guess();
+    BundleT b = sample_with_guess();
     b.resources[1]->role = Role::Zeros;
     b.resources[1]->extent = extent("V");
     return b;
   };
-  expect(sample_with_zeros, {{[](auto& b) { b.resources[1]->slot = 0; }, "shares memory, but stays"},
+  expect(+sample_with_zeros, {{[](auto& b) { b.resources[1]->slot = 0; }, "shares memory, but stays"},
                              {[](auto& b) { b.steps[0]->outputs[0]->resource = 1; }, "names 'word', no value"},
                              {[](auto& b) { b.resources[1]->room = "V"; }, "does without room that it needs"}});
 }
