@@ -112,8 +112,8 @@ TEST_CASE("words of zeros are a buffer of their own") {
     return b;
   };
   expect(+sample_with_zeros, {{[](auto& b) { b.resources[1]->slot = 0; }, "shares memory, but stays"},
-                             {[](auto& b) { b.steps[0]->outputs[0]->resource = 1; }, "names 'word', no value"},
-                             {[](auto& b) { b.resources[1]->room = "V"; }, "does without room that it needs"}});
+                              {[](auto& b) { b.steps[0]->outputs[0]->resource = 1; }, "names 'word', no value"},
+                              {[](auto& b) { b.resources[1]->room = "V"; }, "does without room that it needs"}});
 }
 
 TEST_CASE("a watch is bound by the command that names it") {
