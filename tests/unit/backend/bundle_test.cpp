@@ -5,7 +5,8 @@
 #include <cstdlib>
 #include <random>
 
-#include "tests/unit/backend/bundle_sample.h"
+#include "tests/catch.h"
+#include "tests/unit/backend/bundle_samples.h"
 
 using namespace dr::bundle;
 
@@ -183,4 +184,206 @@ TEST_CASE("names are names, and there once") {
            },
            twice},
           {[](auto& b) { b.steps[0]->outputs.push_back(std::make_unique<OutputT>(*b.steps[0]->outputs[0])); }, twice}});
+}
+
+namespace {
+
+// Leaf "face" of whole numbers (0), and a table of it (1).
+BundleT sample_with_table() {
+  BundleT b = sample();
+  b.leaves[0]->kind = LeafKind::Input;
+  for (const auto& t : {b.leaves[0]->type.get(), b.resources[0]->type.get()}) {
+    t->scalar = Scalar::Int;
+    t->rows = 3;
+  }
+  b.resources.push_back(std::make_unique<ResourceT>(*b.resources[0]));
+  b.resources[1]->name = "face.edge";
+  b.resources[1]->slot = 1;
+  b.leaves.push_back(std::make_unique<LeafT>(*b.leaves[0]));
+  LeafT& table = *b.leaves[1];
+  table.name = "face.edge";
+  table.resource = 1;
+  table.table = "edge";
+  table.table_of = 0;
+  return b;
+}
+
+// A raster of two ranks: entries (resource 1).
+BundleT sample_with_raster() {
+  BundleT b = sample();
+  auto r = std::make_unique<ResourceT>(*b.resources[0]);
+  r->name = "seen";
+  r->role = Role::Value;
+  r->type->scalar = Scalar::Uint;
+  r->type->rows = 2;
+  r->slot = 1;
+  b.resources.push_back(std::move(r));
+  auto written = std::make_unique<BindingT>();
+  written->resource = 1;
+  written->access = Access::Write;
+  b.steps[0]->commands[0]->bindings.push_back(std::move(written));
+  b.steps[0]->rasters.push_back(std::make_unique<RasterResultsT>());
+  b.steps[0]->rasters[0]->resources = {1, 1, 1, 1};
+  return b;
+}
+
+BundleT sample_with_reduce() {
+  BundleT b = sample();
+  for (const char* name : {"total", "scratch_a", "scratch_b"}) {
+    b.resources.push_back(std::make_unique<ResourceT>(*b.resources[0]));
+    b.resources.back()->name = name;
+    b.resources.back()->role = b.resources.size() > 2 ? Role::Scratch : Role::Value;
+    b.resources.back()->slot = static_cast<uint32_t>(b.resources.size());
+  }
+  CommandT& c = command(b);
+  c.kind = CommandKind::Reduce;
+  c.elements.clear();
+  c.next = c.compute;
+  c.outs = c.count = "V";
+  c.target = 1;
+  c.scratch_a = 2;
+  c.scratch_b = 3;
+  return b;
+}
+
+}  // namespace
+
+TEST_CASE("tables are whole numbers of other leaves") {
+  const std::string bad = "is a table, but not of whole numbers that are bound";
+  expect(sample_with_table,
+         {{[](auto& b) { b.leaves[1]->table_of = 7; }, "a table of a leaf that there is not"},
+          {[](auto& b) { b.leaves[1]->table_of = 1; }, "is a table of itself"},
+          {[](auto& b) { b.leaves[0]->table_of = 1, b.leaves[0]->table = "edge"; }, "is a table of itself"},
+          {[](auto& b) { b.leaves[1]->table_of = -1; }, "is a table of nothing"},
+          {[](auto& b) { b.leaves[1]->table_of = -2; }, "is a table of nothing"},
+          {[](auto& b) { b.leaves[1]->kind = LeafKind::Param; }, bad},
+          {[](auto& b) { b.leaves[0]->kind = LeafKind::State; }, bad},
+          {[](auto& b) { b.leaves[0]->type->scalar = b.resources[0]->type->scalar = Scalar::Float; }, bad},
+          {[](auto& b) { b.leaves[1]->resource = 0; }, "the resource of another leaf"},
+          {[](auto& b) { b.resources[1]->slot = 0; }, "shares memory, but stays"}});
+}
+
+TEST_CASE("a raster is entries, or faces and tags") {
+  const std::string neither = "holds neither faces nor entries";
+  expect(sample_with_raster, {{[](auto& b) { b.steps[0]->rasters[0]->resources = {1}; }, "no tag for each face"},
+                              {[](auto& b) { b.steps[0]->rasters[0]->resources.clear(); }, "no tag for each face"},
+                              {[](auto& b) {
+                                 b.steps[0]->rasters[0]->resources = {1, 0};
+                               },
+                               neither},
+                              {[](auto& b) {
+                                 b.steps[0]->rasters[0]->resources = {1, 9};
+                               },
+                               "names resource 9"},
+                              {[](auto& b) { b.resources[1]->type->rows = 1; }, neither}});
+}
+
+TEST_CASE("a reduction keeps apart what it reads and what it writes") {
+  expect(sample_with_reduce, {{[](auto& b) { command(b).scratch_b = 2; }, "where it writes others"},
+                              {[](auto& b) { command(b).target = 3; }, "where it writes others"},
+                              {[](auto& b) { command(b).target = 17; }, "names resource 17"},
+                              {[](auto& b) { command(b).scratch_a = -1; }, "names resource -1"},
+                              {[](auto& b) { b.resources[2]->role = Role::Value; }, "no scratch memory"},
+                              {[](auto& b) { command(b).bindings[0]->resource = 1; }, "writes what it reads"},
+                              {[](auto& b) { command(b).outs = ""; }, "no expression"},
+                              {[](auto& b) { command(b).next = 1; }, "shader 1"}});
+}
+
+namespace {
+
+// Two subpasses: the first writes the tile "t" (resource 1), the second reads it and writes the image "u" (2).
+BundleT sample_with_tile() {
+  BundleT b = sample();
+  for (const auto& [name, storage] : {std::pair("t", Storage::Tile), std::pair("u", Storage::Image)}) {
+    auto r = std::make_unique<ResourceT>(*b.resources[0]);
+    r->name = name;
+    r->storage = storage;
+    r->role = Role::Value;
+    r->slot = static_cast<uint32_t>(b.resources.size());
+    b.resources.push_back(std::move(r));
+  }
+  for (const Stage stage : {Stage::Vertex, Stage::Fragment}) {
+    b.shaders.push_back(std::make_unique<ShaderT>(*b.shaders[0]));
+    b.shaders.back()->stage = stage;
+  }
+  for (const uint32_t color : {1u, 2u}) {
+    auto c = std::make_unique<CommandT>();
+    c->kind = CommandKind::Draw;
+    c->label = "draw";
+    c->vertex = 1;
+    c->fragment = 2;
+    c->elements = "3";
+    c->extent = extent("V + 1");
+    c->colors = {color};
+    c->clear = {0};
+    b.steps[0]->commands.push_back(std::move(c));
+  }
+  CommandT& last = *b.steps[0]->commands.back();
+  last.joins = true;
+  last.inputs = {1};
+  last.bindings.push_back(std::make_unique<BindingT>());
+  last.bindings[0]->resource = 1;
+  return b;
+}
+
+}  // namespace
+
+TEST_CASE("a tile is read by later subpasses of its render pass and by nothing else") {
+  const std::string wanted = "'t', which lives in a render pass alone";
+  const auto copy = [](BundleT& b) {
+    auto c = std::make_unique<CommandT>();
+    c->kind = CommandKind::Copy;
+    c->label = "copy";
+    c->source = 1;
+    c->target = 0;
+    b.steps[0]->changes = {0};
+    b.steps[0]->commands.push_back(std::move(c));
+  };
+  expect(sample_with_tile,
+         {{[](auto& b) { b.steps[0]->outputs[0]->resource = 1; }, "output 'y' names " + wanted},
+          {[](auto& b) {
+             b.steps[0]->pins.push_back(std::make_unique<OutputT>(*b.steps[0]->outputs[0]));
+             b.steps[0]->pins[0]->resource = 1;
+           },
+           "pinned value 'y' names " + wanted},
+          {[](auto& b) {
+             b.steps[0]->rasters.push_back(std::make_unique<RasterResultsT>());
+             b.steps[0]->rasters[0]->resources = {1, 1};
+           },
+           wanted},
+          {[](auto& b) { command(b).bindings[0]->resource = 1; }, "command 'pass' names " + wanted},
+          {[](auto& b) { command(b, 2).inputs.clear(); }, "command 'draw' names " + wanted},
+          {[](auto& b) { command(b, 2).joins = false; }, "no subpass before it"},
+          {[](auto& b) { command(b, 1).joins = true; }, "joins a render pass of another kind"},
+          {[](auto& b) { std::swap(command(b, 1).colors, command(b, 2).colors); }, "that it writes"},
+          {[](auto& b) {
+             command(b, 2).inputs = {1, 1};
+           },
+           "input attachment that no subpass wrote"},
+          {[](auto& b) { command(b, 2).colors = {1}; }, "that it writes"},
+          {[](auto& b) {
+             command(b, 1).colors = {1, 1}, command(b, 1).clear = {0, 0};
+           },
+           "a second time"},
+          {[](auto& b) { command(b, 1).clear.clear(); }, "no clear value"},
+          {[](auto& b) { command(b, 2).leaves = {0}; }, "other leaves than the render pass"},
+          {copy, "command 'copy' names " + wanted},
+          {[](auto& b) { b.resources[2]->slot = b.resources[1]->slot; }, "memory with one of another storage"}});
+  BundleT b = sample_with_tile();
+  copy(b);
+  b.resources[1]->storage = Storage::Image;
+  CHECK(check(b).empty());
+}
+
+TEST_CASE("an image is drawn before it is read") {
+  expect(sample_with_tile, {{[](auto& b) {
+                               b.resources[1]->storage = Storage::Image;
+                               command(b).bindings[0]->resource = 1;
+                             },
+                             "reads 't', which no command before it writes"},
+                            {[](auto& b) {
+                               b.steps[0]->commands.resize(1);
+                               b.steps[0]->outputs[0]->resource = 2;
+                             },
+                             "gives 'u', which none of its commands writes"}});
 }

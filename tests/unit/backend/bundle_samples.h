@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A small bundle that is sound, and changes that make it unsound.
+// A small sound bundle, and changes of it that are not.
 #pragma once
 
 #include <functional>
