@@ -8,9 +8,15 @@
 
 namespace dr::backend {
 
+namespace {
+
+bool is_processor(const target::Profile& profile) { return profile.costs.compute_operations_per_ns < 64; }
+
+}  // namespace
+
 bool joining_pays(const ir::Graph& graph, const target::Profile& profile, const ScatterPass& scatter) {
   if (!profile.subgroup_arithmetic || profile.subgroup_size < 2 || profile.subgroup_size > kMaxJoinedLanes ||
-      !profile.is_gpu())
+      is_processor(profile))
     return false;
   double joins = 0, words = 0;
   for (const ScatterSum& sum : scatter.sums) {
