@@ -209,13 +209,16 @@ void try_all(Kind kind, const char* kind_name, long otherwise) {
       };
       fresh().go();  // what is made once in a process
       Life whole = fresh();
-      faults::watch_stacks(kind);
+      const char* setting = std::getenv("DR_FAULTS");
+      const bool by_stack = setting != nullptr && std::string(setting) == "stacks";
+      if (by_stack)
+        faults::watch_stacks(kind);
+      else
+        faults::arm(kind, 0);
       whole.go();
       const std::vector<long> stacks = faults::first_of_stacks();
       REQUIRE(whole.refused == 0);
       REQUIRE(faults::alive().empty());
-      const char* setting = std::getenv("DR_FAULTS");
-      const bool by_stack = setting != nullptr && std::string(setting) == "stacks";
       const long places = by_stack ? static_cast<long>(stacks.size()) : faults::seen(kind);
       const long tried = by_stack ? places : wanted(places, otherwise);
       const Part part;
