@@ -59,8 +59,9 @@ void Generator::strided_map_pass(const Pass& pass) {
   s.body().line("for (int element = index; element < " + glsl::dim_expression(count) + "; element += apart) {");
   s.push_scope();
   place_from_index(s, pass.domain, "element");
+  take_sums(s, pass);
   s.element_ops(shares.each);
-  for (const ValueId v : pass.writes) s.store(v, s.at(), s.use(v));
+  for (const ValueId v : pass.writes) store_changed(s, pass, v);
   if (tells) s.body().line("largest = max(largest, " + largest_bits(s, code.told) + ");");
   s.pop_scope();
   s.body().line("}");
