@@ -68,6 +68,13 @@ Array sky(float scale) {
   return Array::from_floats(values, 3, 32, 16);
 }
 
+// 6 places of an image, one behind the other.
+Array places(int first) {
+  std::vector<int> out;
+  for (int k = first; k < first + 6; ++k) out.insert(out.end(), {k % 8, k / 8 + 2});
+  return Array::from_ints(out, 2, 6);
+}
+
 // A sphere: `around` vertices on each of `rings` rings, and two poles.
 Array sphere(int around, int rings, float radius) {
   std::vector<float> out{0, radius, 0, 0, -radius, 0};
@@ -203,6 +210,26 @@ step go { output y; })",
        .woken = {25, 231},
        .scatter = "exact",
        .only_on = "swiftshader"},
+      // 6 of 64 texels are read; later 6, of which 3 are others. Those that were keep a memory and go on.
+      {.id = "stepped",
+       .text = R"(
+import std.optim;
+param texel : float[8, 8] = 0.9;
+input place : ivec2[6];
+let color = texel.at(place);
+let error = sum((color - 0.3) * (color - 0.3));
+step go {
+  minimize error over texel with optim.adam(rate = 0.01);
+  texel <- optim.to_range(texel);
+  output error, color;
+})",
+       .bound = {{"place", places(0)}},
+       .leaf = "place",
+       .data = places(3),
+       .with = {12, 116},
+       .without = {0, 0},
+       .woken = {18, 110},
+       .scatter = "rows"},
       {.id = "branches",
        .text = R"(
 param tone : float = 1.0;
