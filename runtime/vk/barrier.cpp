@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <map>
 
+#include "compiler/backend/bundle/levels.h"
+
 namespace dr::runtime {
 
 namespace {
@@ -45,24 +47,12 @@ Scope scope_of(Use use) {
 bool writes(Use use) { return (scope_of(use).access & kWriteAccess) != 0; }
 
 std::vector<std::vector<size_t>> by_level(std::span<const std::vector<Access>> commands) {
-  struct Behind {
-    size_t write = 0, read = 0;  // the levels behind the last write and behind all reads since
-  };
-  std::map<uint32_t, Behind> resources;
+  bundle::Levels resources;
   std::vector<std::vector<size_t>> levels;
   for (size_t k = 0; k < commands.size(); ++k) {
-    size_t own = 0;
-    for (const Access& a : commands[k]) {
-      const Behind& behind = resources[a.resource];
-      own = std::max({own, behind.write, writes(a.use) ? behind.read : 0});
-    }
-    for (const Access& a : commands[k]) {
-      Behind& behind = resources[a.resource];
-      if (writes(a.use))
-        behind = {own + 1, own + 1};
-      else
-        behind.read = std::max(behind.read, own + 1);
-    }
+    std::vector<bundle::Levels::Touch> touches;
+    for (const Access& a : commands[k]) touches.push_back({a.resource, writes(a.use)});
+    const size_t own = resources.add(touches);
     levels.resize(std::max(levels.size(), own + 1));
     levels[own].push_back(k);
   }

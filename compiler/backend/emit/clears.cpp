@@ -6,6 +6,7 @@
 #include <set>
 #include <utility>
 
+#include "compiler/backend/bundle/levels.h"
 #include "compiler/backend/emit/generator.h"
 #include "compiler/backend/plan/dependencies.h"
 #include "compiler/ir/graph.h"
@@ -36,7 +37,7 @@ Dim words_of_fill(const bundle::BundleT& bundle, const CommandT& fill) {
   if (!fill.elements.empty()) return parsed(fill.elements);
   const bundle::ResourceT& r = *bundle.resources[static_cast<size_t>(fill.target)];
   const Dim elements = parsed(r.extent->w) * parsed(r.extent->h) * parsed(r.extent->l);
-  return r.role == bundle::Role::Scratch ? elements : elements * Dim(r.type->rows * r.type->cols);
+  return is_words(r) ? elements : elements * Dim(r.type->rows * r.type->cols);
 }
 
 bool is_small_fill(const bundle::BundleT& bundle, const CommandT& command) {
@@ -50,24 +51,17 @@ bool is_small_fill(const bundle::BundleT& bundle, const CommandT& command) {
 // By resource, whether a step touches it among its last commands, those that no longer chain of waits ends behind. The
 // fill of such a resource waits for the whole run before; the others run beside the end of that.
 std::vector<bool> touched_last(const bundle::BundleT& bundle, const bundle::StepT& step) {
-  struct Behind {
-    int write = 0, any = 0;  // the length of the chains that end with its last write, and with whatever touches it
-  };
-  std::vector<Behind> behind(bundle.resources.size());
-  int longest = 0;
+  bundle::Levels levels;
+  size_t end = 0;
   for (const auto& c : step.commands) {
-    int own = 1;
+    std::vector<bundle::Levels::Touch> touches;
     for_each_access(*c, [&](uint32_t r, bundle::Access access) {
-      own = std::max(own, 1 + (access == bundle::Access::Read ? behind[r].write : behind[r].any));
+      touches.push_back({r, access != bundle::Access::Read});
     });
-    for_each_access(*c, [&](uint32_t r, bundle::Access access) {
-      if (access != bundle::Access::Read) behind[r].write = own;
-      behind[r].any = std::max(behind[r].any, own);
-    });
-    longest = std::max(longest, own);
+    end = std::max(end, levels.add(touches) + 1);
   }
   std::vector<bool> out;
-  for (const Behind& b : behind) out.push_back(b.any == longest);
+  for (uint32_t r = 0; r < bundle.resources.size(); ++r) out.push_back(levels.behind(r) == end);
   return out;
 }
 

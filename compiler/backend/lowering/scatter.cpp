@@ -82,7 +82,10 @@ class StepLegalizer {
     for (Pass& pass : step_.passes)
       if (auto* scatter = pass.as<ScatterPass>(); scatter != nullptr && !scatter->sums.empty()) {
         choose(pass, *scatter);
-        if (ExactScatter* exact = scatter->exact()) exact->joins_lanes = joining_pays(*scatter);
+        if (ExactScatter* exact = scatter->exact()) {
+          exact->joins_lanes = joining_pays(*scatter);
+          exact->joins_parts = exact->joins_lanes && many_share(pass, *scatter);
+        }
         choose_active(pass, *scatter);
       }
     return joined;
@@ -336,7 +339,6 @@ class StepLegalizer {
     auto& table = rows.table.emplace<RowsOfLeaf>();
     std::set<int> columns;
     bool first = true;
-    size_t terms = 0;
     for (const ScatterSum& sum : scatter.sums) {
       const ir::Extent& to = graph_.value(sum.value).extent;
       for (const ValueId term : sum.terms) {
@@ -349,7 +351,6 @@ class StepLegalizer {
         rows.targets = to.w;
         columns.insert(column->column);
         first = false;
-        ++terms;
       }
       // Layers stay apart, or there is one.
       if (!to.h.is_one() || to.l != pass.domain.l) return std::nullopt;
@@ -424,6 +425,24 @@ class StepLegalizer {
     }
     constexpr double kLittle = 0.25;
     return joins / profile_.costs.compute_operations_per_ns < kLittle * words * profile_.costs.atomic_add_ns;
+  }
+
+  // Whether lanes beside each other often add to one element of a sum: where there are many more of them than elements.
+  bool many_share(const Pass& pass, const ScatterPass& scatter) const {
+    constexpr double kMany = 8;
+    const auto count = [](const ir::Extent& extent) {
+      const ir::Dim all = extent.w * extent.h * extent.l;
+      ir::SymbolValues sides;
+      for (const std::string& symbol : all.symbols()) sides[symbol] = 1024;
+      return static_cast<double>(all.evaluate(sides).value_or(1));
+    };
+    double most = 0;
+    for (const ScatterSum& sum : scatter.sums) {
+      double each = 0;
+      for (const ValueId term : sum.terms) each += std::max(contributions(graph_, term), 1);
+      most = std::max(most, each * count(pass.domain) / std::max(count(graph_.value(sum.value).extent), 1.0));
+    }
+    return most >= kMany;
   }
 
   // A contribution costs a row its number and two loads, and an exact sum three words of atomics and their clearing.

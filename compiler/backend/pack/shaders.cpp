@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Shaders from what is stored: as many values of one extent and level into one shader as the limits allow, what no
-// shader can compute at once in parts, then passes that may share one after all.
+// Shaders from what is stored: as many values of one extent and level into one shader as the limits allow, then passes
+// that may share one after all.
 #include <algorithm>
 #include <climits>
 #include <tuple>
@@ -16,9 +16,6 @@ namespace {
 
 // Longer shaders are not merged: drivers compile them slowly, and registers run out.
 constexpr size_t kMaxMergedOps = 2000;
-// In op_size() units. Longer shaders are cut: drivers take quadratic time for one. Each part makes what it needs of the
-// forward sweep again, which costs most where lanes go in turn.
-constexpr size_t kMaxSize = 6144, kMaxSizeInTurn = 8192;
 // A pass is merged with one of so many before it, and among so many passes, which keeps packing near linear.
 constexpr size_t kMergeReach = 64, kMergeWindow = 4096;
 
@@ -27,8 +24,6 @@ uint32_t more_buffers(const target::Profile& profile, const Pass& pass) {
   if (pass.is<ScatterPass>()) return kScatterBuffers;
   return profile.lanes_in_turn && pass.is<MapPass>() ? kMapLists : 0;
 }
-
-size_t max_size(const target::Profile& profile) { return profile.lanes_in_turn ? kMaxSizeInTurn : kMaxSize; }
 
 Pass map_pass(bool hardware) {
   Pass pass;
@@ -169,56 +164,6 @@ void StepPacker::spill(const Pass& pass) {
   }
 }
 
-// By a compute pass of its own, unless a pass has stored it already; later shaders load it.
-void StepPacker::store_before(ValueId v, const Extent& domain) {
-  if (!stored_[v.index]) {
-    stored_[v.index] = true;
-    add_resource(v, def(v));
-  }
-  resource(v).leave_image();
-  if (!written_[v.index]) add_map_pass(domain, {v}, level_[graph_.value(v).op.index], false);
-  spilled_[v.index] = true;
-}
-
-// Where `targets` take a shader that is too large, parts of it are stored by passes before: walks its ops, and where
-// one takes too much, the operand is cut off without which least is left. What several ops use may take half only:
-// values of a forward sweep are computed again beside each part of the backward sweep, which should have room for as
-// much. Ops that are too large by themselves stay.
-void StepPacker::cut(const Extent& domain, const std::vector<ValueId>& targets, int level) {
-  const size_t longest = max_size(profile_);
-  elsewhere_.clear();
-  begin_cone(level);
-  for (ValueId v : targets) grow(v);
-  if (cone_.size <= longest) return;
-  std::vector<OpId> ops = std::move(cone_.ops);
-  std::ranges::sort(ops, {}, [&](OpId id) { return position_[id.index]; });
-  std::vector<bool> small(graph_.op_count());  // not worth to be cut off
-  for (OpId id : ops) {
-    const ValueId result = graph_.op(id).results[0];
-    const size_t most = users_[result.index].size() > 1 ? longest / 2 : longest;
-    const auto size = [&] {
-      begin_cone(level);
-      grow(result, most);
-      return cone_.size;
-    };
-    size_t now = size();
-    small[id.index] = now < longest / 16;
-    while (now > most) {
-      ValueId best;
-      size_t left = now;
-      for (ValueId v : uses_[id.index].at_element) {
-        if (spilled_[v.index] || small[graph_.value(v).op.index] || is_loaded(v, id)) continue;
-        spilled_[v.index] = true;
-        if (const size_t without = size(); without < left || !best.valid()) best = v, left = without;
-        spilled_[v.index] = false;
-      }
-      if (!best.valid()) break;
-      store_before(best, domain);
-      now = size();
-    }
-  }
-}
-
 // ---- passes ----
 
 void StepPacker::add_pass(Pass pass) {
@@ -274,7 +219,7 @@ std::vector<ValueId> StepPacker::choose(std::span<const ValueId>& targets, int l
     grow(v);
     const auto count = static_cast<uint32_t>(chosen.size()) + 1;
     if (fits(profile_, {cone_.buffers, cone_.images, count, hardware, more}) &&
-        (count == 1 || cone_.size <= max_size(profile_))) {
+        (count == 1 || cone_.size <= max_size())) {
       chosen.push_back(v);
       continue;
     }
@@ -427,7 +372,7 @@ std::optional<Pass> StepPacker::merged(const Pass& from, const Pass& into) {
   int level = INT_MAX;
   for (ValueId v : both.writes) level = std::min(level, level_[graph_.value(v).op.index]);
   close_over(both, std::vector<ValueId>(both.writes), level);
-  if (cone_.size > max_size(profile_)) return std::nullopt;
+  if (cone_.size > max_size()) return std::nullopt;
   // Nothing that it would write itself, and nothing new: the order of passes does not know of that.
   const bool sound = std::ranges::all_of(
       both.reads, [&](ValueId v) { return !is_in(both.writes, v) && (is_in(from.reads, v) || is_in(into.reads, v)); });

@@ -106,10 +106,14 @@ class StepPacker {
   void close_over(Pass& pass, const std::vector<ValueId>& targets, int level);
   bool within_limits(const Pass& pass) const;
   void spill(const Pass& pass);
-  void cut(const Extent& domain, const std::vector<ValueId>& targets, int level);
-  void store_before(ValueId v, const Extent& domain);
   void add_pass(Pass pass);
   std::string pass_name(const Pass& pass) const;
+
+  // cut.cpp
+  size_t max_size() const;  // of a shader
+  void store_before(ValueId v, const Extent& domain);
+  size_t size_again(ValueId v, OpId id, int level, size_t most);
+  void cut(const Extent& domain, const std::vector<ValueId>& targets, int level);
 
   const Graph& graph_;
   const ir::Step& step_;

@@ -78,12 +78,6 @@ void mark_states(const Graph& graph, const Op& op, std::vector<bool>& active) {
   }
 }
 
-bool is_zero(const Graph& graph, ValueId id) {
-  if (!graph.value(id).op.valid()) return false;  // a region's parameter
-  const Op& op = graph.op(graph.value(id).op);
-  return op.kind == OpKind::Const && std::ranges::all_of(op.attrs.floats, [](double x) { return x == 0; });
-}
-
 // An op whose rule stands in the op table.
 void differentiate_op(Sweep& sweep, Frame& frame, const Op& op) {
   const auto found = frame.adjoints.find(op.results[0]);
@@ -158,6 +152,12 @@ std::vector<ValueId> expand(const Graph& source, ValueMap now, Builder& b, Value
 }
 
 }  // namespace
+
+bool is_zero(const Graph& graph, ValueId id) {
+  if (!graph.value(id).op.valid()) return false;  // a region's parameter
+  const Op& op = graph.op(graph.value(id).op);
+  return op.kind == OpKind::Const && std::ranges::all_of(op.attrs.floats, [](double x) { return x == 0; });
+}
 
 void Sweep::add(Frame& frame, ValueId value, ValueId term) {
   if (!active[value.index]) return;

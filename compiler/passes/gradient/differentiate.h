@@ -33,6 +33,9 @@ struct Frame {
   std::vector<ScatterTerm> scatters;                            // never in the root
 };
 
+// Whether a value is the constant zero.
+bool is_zero(const ir::Graph& graph, ir::ValueId id);
+
 struct Sweep {
   const ir::Graph& source;
   ir::Builder& builder;

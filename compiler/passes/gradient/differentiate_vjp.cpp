@@ -198,7 +198,7 @@ void differentiate_vjp(Sweep& sweep, Frame& frame, const Op& op) {
     if (!sweep.active[targets[k].index]) continue;
     ValueId term = terms[k];
     const Extent& wanted = source.value(targets[k]).extent;
-    if (frame.root && b.value(term).extent != wanted) {
+    if (frame.root && b.value(term).extent != wanted && !is_zero(b.graph(), term)) {
       if (const auto both = ir::broadcast(b.value(term).extent, extent)) term = ops::broadcast(b, term, *both);
       term = ops::reduce_to(b, term, wanted);
     }

@@ -3,84 +3,12 @@
 #include "compiler/backend/bundle/bundle.h"
 
 #include <cstdlib>
-#include <functional>
 #include <random>
 
 #include "tests/catch.h"
+#include "tests/unit/backend/bundle_samples.h"
 
 using namespace dr::bundle;
-
-namespace {
-
-std::unique_ptr<ExtentT> extent(const char* w) {
-  auto e = std::make_unique<ExtentT>();
-  e->w = w;
-  e->h = e->l = "1";
-  return e;
-}
-
-BundleT sample() {
-  BundleT b;
-  b.version = kVersion;
-  b.profile = "lavapipe";
-  b.symbols = {"V"};
-  auto r = std::make_unique<ResourceT>();
-  r->name = "x";
-  r->role = Role::Leaf;
-  r->type = std::make_unique<TypeT>();
-  r->type->scalar = Scalar::Float;
-  r->extent = extent("V + 1");
-  b.resources.push_back(std::move(r));
-  auto l = std::make_unique<LeafT>();
-  l->name = "x";
-  l->type = std::make_unique<TypeT>();
-  l->type->scalar = Scalar::Float;
-  l->extent = extent("V + 1");
-  b.leaves.push_back(std::move(l));
-  auto s = std::make_unique<ShaderT>();
-  s->name = "main";
-  s->stage = Stage::Compute;
-  s->spirv = {0x07230203u, 0x10300u, 0, 8, 0, 1, 2, 3};
-  b.shaders.push_back(std::move(s));
-  auto step = std::make_unique<StepT>();
-  step->name = "go";
-  step->leaves = {0};
-  auto c = std::make_unique<CommandT>();
-  c->kind = CommandKind::Dispatch;
-  c->label = "pass";
-  c->compute = 0;
-  c->elements = "V";
-  auto binding = std::make_unique<BindingT>();
-  c->bindings.push_back(std::move(binding));
-  step->commands.push_back(std::move(c));
-  auto o = std::make_unique<OutputT>();
-  o->name = "y";
-  step->outputs.push_back(std::move(o));
-  b.steps.push_back(std::move(step));
-  return b;
-}
-
-// A change of a bundle, and what check() says of it.
-struct Change {
-  std::function<void(BundleT&)> make;
-  std::string says;
-};
-
-void expect(BundleT (*start)(), const std::vector<Change>& changes) {
-  CHECK(check(start()).empty());
-  for (const Change& change : changes) {
-    BundleT b = start();
-    change.make(b);
-    const std::string said = check(b);
-    INFO("expected: " << change.says << "\n  found: " << said);
-    CHECK(said.find(change.says) != std::string::npos);
-    CHECK_FALSE(said.empty());
-  }
-}
-
-CommandT& command(BundleT& b, size_t k = 0) { return *b.steps[0]->commands[k]; }
-
-}  // namespace
 
 TEST_CASE("a bundle reads back as it was written, and its bytes do not change") {
   const auto bytes = write(sample());
@@ -445,46 +373,6 @@ TEST_CASE("a tile is read by later subpasses of its render pass and by nothing e
   copy(b);
   b.resources[1]->storage = Storage::Image;
   CHECK(check(b).empty());
-}
-
-// Counts (resource 1, scratch) are cleared, counted in, and read for a value (2).
-BundleT sample_with_counts() {
-  BundleT b = sample();
-  for (const char* name : {"counts", "value"}) {
-    b.resources.push_back(std::make_unique<ResourceT>(*b.resources[0]));
-    b.resources.back()->name = name;
-    b.resources.back()->role = b.resources.size() > 2 ? Role::Value : Role::Scratch;
-    b.resources.back()->slot = static_cast<uint32_t>(b.resources.size());
-  }
-  auto& commands = b.steps[0]->commands;
-  const auto add = [&](std::vector<std::pair<uint32_t, Access>> bindings) {
-    commands.push_back(std::make_unique<CommandT>(*commands[0]));
-    commands.back()->bindings.clear();
-    for (const auto& [resource, access] : bindings) {
-      commands.back()->bindings.push_back(std::make_unique<BindingT>());
-      commands.back()->bindings.back()->resource = resource;
-      commands.back()->bindings.back()->access = access;
-    }
-  };
-  add({{1, Access::ReadWrite}});
-  add({{1, Access::Read}, {2, Access::Write}});
-  CommandT& clear = *commands[0];
-  clear.kind = CommandKind::Fill;
-  clear.compute = -1;
-  clear.elements.clear();
-  clear.bindings.clear();
-  clear.target = 1;
-  b.steps[0]->outputs[0]->resource = 2;
-  return b;
-}
-
-TEST_CASE("memory is written before it is read") {
-  const std::string early = "reads 'counts', which no command before it writes";
-  expect(sample_with_counts,
-         {{[](auto& b) { b.steps[0]->commands.erase(b.steps[0]->commands.begin()); }, early},
-          {[](auto& b) { std::swap(b.steps[0]->commands[0], b.steps[0]->commands[2]); }, early},
-          {[](auto& b) { b.resources[2]->slot = b.resources[1]->slot; }, "and writes what shares its memory"},
-          {[](auto& b) { b.steps[0]->commands.pop_back(); }, "gives 'value', which none of its commands writes"}});
 }
 
 TEST_CASE("an image is drawn before it is read") {

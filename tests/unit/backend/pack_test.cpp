@@ -175,7 +175,7 @@ ir::Graph chain(size_t length) {
 TEST_CASE("no shader grows without bound, and neither does what is computed again for that") {
   for (const char* name : {"lavapipe", "nvidia-h200", "arm-mali-g76"}) {
     std::vector<size_t> totals;
-    for (const size_t length : {500, 1000, 2000}) {
+    for (const size_t length : {500u, 1000u, 2000u}) {
       const ir::Graph g = chain(length);
       size_t graph_size = 0, total = 0;
       for (uint32_t k = 0; k < g.op_count(); ++k) graph_size += op_size(g, g.op(ir::OpId{k}));

@@ -130,6 +130,38 @@ TEST_CASE("a plan that lets two needed values share memory is told") {
   CHECK(told == 20);
 }
 
+// A value is written and read; loops of a later command keep their state in `loops`, which the first of its dispatches
+// writes. The command before may touch that state, too.
+bundle::BundleT bundle_with_loops(bool overlap) {
+  bundle::BundleT b;
+  b.symbols = {"V"};
+  b.resources.push_back(resource("value", bundle::Storage::Buffer, "V"));
+  b.resources.push_back(resource("loops", bundle::Storage::Buffer, "V"));
+  b.resources[1]->role = bundle::Role::Scratch;
+  b.resources[1]->room = "V - 4";
+  b.steps.push_back(std::make_unique<bundle::StepT>());
+  auto& commands = b.steps[0]->commands;
+  for (int k = 0; k < 3; ++k) commands.push_back(std::make_unique<bundle::CommandT>());
+  access(*commands[0], 0, bundle::Access::Write);
+  access(*commands[1], 0, bundle::Access::Read);
+  access(*commands[overlap ? 1 : 2], 1, bundle::Access::ReadWrite);
+  return b;
+}
+
+TEST_CASE("what loops keep between parts shares memory with what is over before, and with nothing else") {
+  for (const bool overlap : {false, true}) {
+    bundle::BundleT b = bundle_with_loops(overlap);
+    plan_memory(b);
+    CHECK((b.resources[0]->slot == b.resources[1]->slot) == !overlap);
+    for (const std::string& problem : check_memory(b)) FAIL(problem);
+    b.resources[1]->slot = b.resources[0]->slot;
+    CHECK(check_memory(b).empty() == !overlap);
+    // Where nothing is held, a word is enough.
+    CHECK(memory_use(b, {{"V", 4}})->planned == 16);
+    CHECK(memory_use(b, {{"V", 4}})->unshared == 20);
+  }
+}
+
 TEST_CASE("sizes that need a symbol's value are not guessed") {
   std::mt19937_64 random(5);
   const bundle::BundleT b = random_bundle(random);

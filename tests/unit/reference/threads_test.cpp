@@ -47,7 +47,7 @@ TEST_CASE("results do not depend on the number of threads") {
 TEST_CASE("workers do each task once") {
   for (int threads : {1, 2, 5}) {
     reference::Workers workers(threads);
-    for (size_t tasks : {0, 1, 2, 1000}) {
+    for (const size_t tasks : {0u, 1u, 2u, 1000u}) {
       std::vector<std::atomic<int>> seen(tasks);
       workers.run(tasks, [&](size_t task, size_t worker) {
         if (worker < workers.count()) ++seen[task];

@@ -3,6 +3,7 @@
 #include "runtime/vk/barrier.h"
 
 #include <algorithm>
+#include <iterator>
 #include <random>
 
 #include "tests/catch.h"
@@ -93,11 +94,13 @@ TEST_CASE("commands stand one level behind what they wait for") {
 TEST_CASE("levels keep every order that reads and writes ask for") {
   std::mt19937 random(5);
   constexpr Use kUses[] = {Use::ComputeRead,  Use::ComputeWrite, Use::ComputeReadWrite,
-                           Use::GraphicsRead, Use::TransferRead, Use::TransferWrite};
+                           Use::GraphicsRead, Use::ColorWrite,   Use::DepthWrite,
+                           Use::IndirectRead, Use::TransferRead, Use::TransferWrite};
   for (int round = 0; round < 200; ++round) {
     std::vector<std::vector<Access>> commands(12);
     for (auto& accesses : commands)
-      for (int k = 0; k < 3; ++k) accesses.push_back({static_cast<uint32_t>(random() % 6), kUses[random() % 6]});
+      for (int k = 0; k < 3; ++k)
+        accesses.push_back({static_cast<uint32_t>(random() % 6), kUses[random() % std::size(kUses)]});
     const std::vector<std::vector<size_t>> levels = dr::runtime::by_level(commands);
     std::vector<size_t> of(commands.size());
     for (size_t level = 0; level < levels.size(); ++level)
@@ -141,4 +144,13 @@ TEST_CASE("attachments are read after they are written, and cleared after they a
   CHECK((b[1].from.stages & scope_of(Use::DepthWrite).stages) == scope_of(Use::DepthWrite).stages);
   REQUIRE(waits(b[2]));
   CHECK((b[2].from.stages & scope_of(Use::GraphicsRead).stages) == scope_of(Use::GraphicsRead).stages);
+}
+
+TEST_CASE("numbers of workgroups wait for the shader that writes them, and it for what reads them") {
+  const auto b = plan({{{0, Use::ComputeWrite}}, {{0, Use::IndirectRead}}, {{0, Use::ComputeWrite}}});
+  REQUIRE(waits(b[1]));
+  CHECK(b[1].from == scope_of(Use::ComputeWrite));
+  CHECK(b[1].to == scope_of(Use::IndirectRead));
+  REQUIRE(waits(b[2]));
+  CHECK((b[2].from.stages & scope_of(Use::IndirectRead).stages) != 0);
 }
