@@ -157,6 +157,20 @@ def lamp_from_shadow():
     save(docs / "examples/lamp_from_shadow.png", side_by_side([large(srgb(0.6 * image), 2) for image in images]))
 
 
+def shape_from_photos():
+    """The pear from a side that was not seen, what was found of it, and the shape that was found."""
+    target, size = docs / "examples/pear/target.dr", ["-D", "W=128", "-D", "H=128"]
+    with tempfile.TemporaryDirectory() as folder:
+        run(target, f"{folder}/seen", *size, "--step", "render", "--step", "meshes")
+        run(target, f"{folder}/new", *size, "-D", "round=1", "--step", "render")
+        files = {"start": "seen/meshes.position", "face": "seen/meshes.face", "view": "seen/render.view", "photo": "seen/render.image",
+                 "mask": "seen/render.mask", "new_view": "new/render.view", "new_photo": "new/render.image", "new_mask": "new/render.mask"}
+        bound = [word for leaf, file in files.items() for word in ("--bind", f"{leaf}={folder}/{file}.npy")]
+        run(docs / "examples/shape_from_photos.dr", f"{folder}/found", *bound, "--step", "coarse=300", "--step", "fit=150", "--step", "look")
+        images = [np.load(f"{folder}/found/look.{name}.npy") for name in ("photo", "drawn", "shape")]
+    save(docs / "examples/shape_from_photos.png", side_by_side([large(srgb(image), 2) for image in images]))
+
+
 def normal_map():
     example("normal_map", ["--step", "fit=150"], ("photo", "coarse", "drawn"))
 
@@ -166,7 +180,7 @@ def shape_and_texture():
     example("shape_and_texture", ["--bind", f"start={ball}:position", "--bind", f"face={ball}:indices", "--step", "together=200"])
 
 
-PROGRAMS = {f.__name__: f for f in (normal_map, shape_and_texture, material_from_views, sky_from_ball, lamp_from_shadow)}
+PROGRAMS = {f.__name__: f for f in (normal_map, shape_and_texture, material_from_views, sky_from_ball, lamp_from_shadow, shape_from_photos)}
 if sys.argv[2:3] == ["--only"]:
     for name in sys.argv[3:]:
         PROGRAMS[name]()

@@ -138,6 +138,21 @@ step go { output y = texture.trilinear(texture.pyramid(image, 5), vec2(coord(8, 
        .with = {57, 388},
        .without = {166, 0},
        .woken = {151, 270}},
+      // The matt layer of what is all metal.
+      {.id = "dead",
+       .text = R"(
+import std.light;
+import std.material;
+const metallic = 1.0;
+input normal : vec3[8];
+let m = material.Material(base = vec3(0.9, 0.6, 0.3), metallic = metallic, roughness = 0.4);
+let lamp = light.directional(vec3(0.0, 0.6, 0.8), vec3(3.0));
+step go { output y = material.shade(m, normal, lamp, vec3(0.0, 0.0, 1.0), matt = material.burley); })",
+       .bound = {{"normal", Array::from_floats(std::vector<float>(24, 0.5773503f), 3, 8)}},
+       .define = "metallic=0.5",
+       .with = {1, 1},
+       .without = {1, 0},
+       .woken = {1, 1}},
       {.id = "zero",
        // A term of weight 0: its gradient is zero whatever `a` is.
        .text = R"(
