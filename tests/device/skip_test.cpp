@@ -150,9 +150,9 @@ let lamp = light.directional(vec3(0.0, 0.6, 0.8), vec3(3.0));
 step go { output y = material.shade(m, normal, lamp, vec3(0.0, 0.0, 1.0), matt = material.burley); })",
        .bound = {{"normal", Array::from_floats(std::vector<float>(24, 0.5773503f), 3, 8)}},
        .define = "metallic=0.5",
-       .with = {1, 1},
-       .without = {1, 0},
-       .woken = {1, 1}},
+       .with = {64, 40},
+       .without = {92, 0},
+       .woken = {93, 0}},
       {.id = "zero",
        // A term of weight 0: its gradient is zero whatever `a` is.
        .text = R"(

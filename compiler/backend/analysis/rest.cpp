@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
+#include <vector>
 
 #include "compiler/ops/op.h"
 
@@ -69,60 +70,82 @@ MaybeRange rising(const Range& a, double from, double (*f)(double)) {
   return a.is_zero() && low == 0 ? MaybeRange(Range{}) : rounded(low, high, true);
 }
 
+MaybeRange lesser(const Range& a, const Range& b) { return Range{std::min(a.low, b.low), std::min(a.high, b.high)}; }
+MaybeRange greater(const Range& a, const Range& b) { return Range{std::max(a.low, b.low), std::max(a.high, b.high)}; }
+
 MaybeRange magnitude(const Range& a) {
   const double most = std::max(std::abs(a.low), std::abs(a.high));
   return Range{a.low <= 0 && a.high >= 0 ? 0 : std::min(std::abs(a.low), std::abs(a.high)), most};
 }
 
-MaybeRange compared(OpKind kind, const Range& a, const Range& b) {
-  const bool below = a.high<b.low, above = a.low> b.high, same = a.is_zero() && b.is_zero();
-  switch (kind) {
-    case OpKind::Less: return truth(below || above || same, below);
-    case OpKind::LessEqual: return truth(below || above || same, below || same);
-    case OpKind::Equal: return truth(below || above || same, same);
-    default: return truth(below || above || same, !same);
-  }
+// Of a comparison: whether it is known, and what it says.
+struct Compared {
+  bool below, above, same;
+  Compared(const Range& a, const Range& b)
+      : below(a.high < b.low), above(a.low > b.high), same(a.is_zero() && b.is_zero()) {}
+  MaybeRange is(bool value) const { return truth(below || above || same, value); }
+};
+
+MaybeRange converted(const Graph& graph, const Op& op, const Range& of) {
+  const bool to_float = graph.value(op.results[0]).type.is_float() && !graph.value(op.operands[0]).type.is_float();
+  return to_float ? rounded(of.low, of.high, true) : std::nullopt;
 }
 
-// `of`: the operands' ranges, all known.
-MaybeRange range_of_known(const Graph& graph, const Op& op, std::span<const Range> of) {
-  const bool is_float = graph.value(op.results[0]).type.is_float();
-  switch (op.kind) {
-    case OpKind::Add:
-      if (of[0].is_zero() && of[1].is_zero()) return Range{};
-      return rounded(of[0].low + of[1].low, of[0].high + of[1].high, is_float);
-    case OpKind::Sub:
-      if (of[0].is_zero() && of[1].is_zero()) return Range{};
-      return rounded(of[0].low - of[1].high, of[0].high - of[1].low, is_float);
-    case OpKind::Mul:
-    case OpKind::SMul: return product(of[0], of[1], is_float);
-    case OpKind::Div: return is_float ? quotient(of[0], of[1]) : std::nullopt;
-    case OpKind::Neg: return Range{-of[0].high, -of[0].low};
-    case OpKind::Abs: return magnitude(of[0]);
-    case OpKind::Min: return Range{std::min(of[0].low, of[1].low), std::min(of[0].high, of[1].high)};
-    case OpKind::Max: return Range{std::max(of[0].low, of[1].low), std::max(of[0].high, of[1].high)};
-    case OpKind::Sqrt: return rising(of[0], 0, [](double x) { return std::sqrt(x); });
-    case OpKind::Exp: return rising(of[0], -kMost, [](double x) { return std::exp(x); });
-    case OpKind::Expm1: return rising(of[0], -kMost, [](double x) { return std::expm1(x); });
-    case OpKind::Log: return rising(of[0], kLeast, [](double x) { return std::log(x); });
-    case OpKind::Less:
-    case OpKind::LessEqual:
-    case OpKind::Equal:
-    case OpKind::NotEqual: return compared(op.kind, of[0], of[1]);
-    case OpKind::LogicalAnd: return Range{std::min(of[0].low, of[1].low), std::min(of[0].high, of[1].high)};
-    case OpKind::LogicalOr: return Range{std::max(of[0].low, of[1].low), std::max(of[0].high, of[1].high)};
-    case OpKind::LogicalNot: return Range{1 - of[0].high, 1 - of[0].low};
-    case OpKind::Select: return hull(of[1], of[2]);
-    case OpKind::Convert:
-      return is_float && !graph.value(op.operands[0]).type.is_float() ? rounded(of[0].low, of[0].high, true)
-                                                                      : std::nullopt;
-    case OpKind::Length: {
-      const double most = magnitude(of[0])->high;
-      return of[0].is_zero() ? MaybeRange(Range{}) : rounded(0, 2 * most, true);
-    }
-    case OpKind::Dot: return of[0].is_zero() || of[1].is_zero() ? MaybeRange(Range{}) : std::nullopt;
-    default: return std::nullopt;
+// What an op's range is where those of its operands are known.
+struct Known {
+  const Graph& graph;
+  const Op& op;
+  std::span<const Range> of;
+  bool is_float;
+
+  bool all_zero() const {
+    return std::ranges::all_of(of, [](const Range& r) { return r.is_zero(); });
   }
+};
+using Rule = MaybeRange (*)(const Known&);
+
+const std::map<OpKind, Rule>& rules() {
+  static const std::map<OpKind, Rule> kRules = {
+      {OpKind::Add,
+       [](const Known& k) {
+         return k.all_zero() ? Range{} : rounded(k.of[0].low + k.of[1].low, k.of[0].high + k.of[1].high, k.is_float);
+       }},
+      {OpKind::Sub,
+       [](const Known& k) {
+         return k.all_zero() ? Range{} : rounded(k.of[0].low - k.of[1].high, k.of[0].high - k.of[1].low, k.is_float);
+       }},
+      {OpKind::Mul, [](const Known& k) { return product(k.of[0], k.of[1], k.is_float); }},
+      {OpKind::SMul, [](const Known& k) { return product(k.of[0], k.of[1], k.is_float); }},
+      {OpKind::Div, [](const Known& k) { return k.is_float ? quotient(k.of[0], k.of[1]) : std::nullopt; }},
+      {OpKind::Neg,
+       [](const Known& k) {
+         return MaybeRange({-k.of[0].high, -k.of[0].low});
+       }},
+      {OpKind::Abs, [](const Known& k) { return magnitude(k.of[0]); }},
+      {OpKind::Min, [](const Known& k) { return lesser(k.of[0], k.of[1]); }},
+      {OpKind::Max, [](const Known& k) { return greater(k.of[0], k.of[1]); }},
+      {OpKind::Sqrt, [](const Known& k) { return rising(k.of[0], 0, [](double x) { return std::sqrt(x); }); }},
+      {OpKind::Exp, [](const Known& k) { return rising(k.of[0], -kMost, [](double x) { return std::exp(x); }); }},
+      {OpKind::Expm1, [](const Known& k) { return rising(k.of[0], -kMost, [](double x) { return std::expm1(x); }); }},
+      {OpKind::Log, [](const Known& k) { return rising(k.of[0], kLeast, [](double x) { return std::log(x); }); }},
+      {OpKind::Less, [](const Known& k) { return Compared(k.of[0], k.of[1]).is(k.of[0].high < k.of[1].low); }},
+      {OpKind::LessEqual, [](const Known& k) { return Compared(k.of[0], k.of[1]).is(k.of[0].high <= k.of[1].low); }},
+      {OpKind::Equal, [](const Known& k) { return Compared(k.of[0], k.of[1]).is(k.all_zero()); }},
+      {OpKind::NotEqual, [](const Known& k) { return Compared(k.of[0], k.of[1]).is(!k.all_zero()); }},
+      {OpKind::LogicalAnd, [](const Known& k) { return lesser(k.of[0], k.of[1]); }},
+      {OpKind::LogicalOr, [](const Known& k) { return greater(k.of[0], k.of[1]); }},
+      {OpKind::LogicalNot,
+       [](const Known& k) {
+         return MaybeRange({1 - k.of[0].high, 1 - k.of[0].low});
+       }},
+      {OpKind::Select, [](const Known& k) { return hull(k.of[1], k.of[2]); }},
+      {OpKind::Convert, [](const Known& k) { return converted(k.graph, k.op, k.of[0]); }},
+      {OpKind::Length,
+       [](const Known& k) { return k.all_zero() ? Range{} : rounded(0, 2 * magnitude(k.of[0])->high, true); }},
+      {OpKind::Dot,
+       [](const Known& k) { return k.of[0].is_zero() || k.of[1].is_zero() ? MaybeRange(Range{}) : std::nullopt; }},
+  };
+  return kRules;
 }
 
 class Facts {
@@ -167,7 +190,9 @@ class Facts {
       if (!one) return std::nullopt;
       of.push_back(*one);
     }
-    return range_of_known(graph_, op, of);
+    const auto rule = rules().find(op.kind);
+    if (rule == rules().end()) return std::nullopt;
+    return rule->second({graph_, op, of, graph_.value(op.results[0]).type.is_float()});
   }
 
   bool is_zero(ValueId v) const { return out_.zero.count(v) != 0; }

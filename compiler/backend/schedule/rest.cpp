@@ -16,7 +16,7 @@ using ir::ValueId;
 
 namespace {
 
-bool contains(const std::vector<ValueId>& values, ValueId v) { return std::ranges::find(values, v) != values.end(); }
+bool is_among(const std::vector<ValueId>& values, ValueId v) { return std::ranges::find(values, v) != values.end(); }
 
 // The leaf that a step updates in place with a value.
 std::optional<uint32_t> leaf_of(const StepSchedule& step, ValueId v) {
@@ -34,7 +34,7 @@ bool is_gradient(const Graph& graph, const StepSchedule& step, const Pass& updat
   const std::set<ValueId> kept = read_afterwards(graph, step);
   return std::ranges::all_of(pass.writes, [&](ValueId v) {
     if (kept.count(v) != 0 || graph.value(v).extent != update.domain) return false;
-    return std::ranges::all_of(step.passes, [&](const Pass& p) { return &p == &update || !contains(p.reads, v); });
+    return std::ranges::all_of(step.passes, [&](const Pass& p) { return &p == &update || !is_among(p.reads, v); });
   });
 }
 
@@ -102,7 +102,7 @@ bool may_rest(const Graph& graph, const Schedule& schedule, const StepSchedule& 
     return false;
   for (const OpId id : pass.ops) {
     const Uses uses = uses_of(graph, graph.op(id));
-    if (std::ranges::any_of(step.pass(rest.gradient).writes, [&](ValueId v) { return contains(uses.elsewhere, v); }))
+    if (std::ranges::any_of(step.pass(rest.gradient).writes, [&](ValueId v) { return is_among(uses.elsewhere, v); }))
       return false;
   }
   const RestFacts facts = facts_at_rest(graph, step, pass, rest);
@@ -113,7 +113,7 @@ bool may_rest(const Graph& graph, const Schedule& schedule, const StepSchedule& 
     later.insert(step.passes[k].writes.begin(), step.passes[k].writes.end());
   for (const OpId id : ops_at_rest(graph, pass, facts))
     for (const ValueId v : graph.op(id).operands)
-      if (contains(pass.reads, v) && later.count(v) != 0 && facts.zero.count(v) == 0) return false;
+      if (is_among(pass.reads, v) && later.count(v) != 0 && facts.zero.count(v) == 0) return false;
   return true;
 }
 
