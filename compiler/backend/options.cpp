@@ -58,10 +58,14 @@ std::variant<CompileOptions, std::string> compile_options(const std::string& low
       out.block_loops = false;
     else if (part == "guesses")
       out.guess_exponents = false;
+    else if (part == "emptying")
+      out.empty_sums = false;
     else if (part == "slots")
       out.share_memory = false;
     else if (std::ranges::find(kSkips, part) == std::end(kSkips))
-      return "unknown part '" + part + "' to switch off; there are substages, stages, remat, cache, blocks and guesses";
+      return "unknown part '" + part +
+             "' to switch off; there are substages, stages, remat, cache, blocks, guesses and "
+             "emptying";
   }
   return out;
 }

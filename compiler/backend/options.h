@@ -35,6 +35,7 @@ struct CompileOptions {
   bool list_active = true;      // scatters run for the elements that may add something (lowering/scatter_active.h)
   bool list_branches = true;    // heavy branches run for the elements that take them (emit/listed.cpp)
   bool block_loops = true;      // see lowering/block_loops.h
+  bool empty_sums = true;       // see lowering/empty_sums.h
   bool guess_exponents = true;  // see lowering/guess_exponents.h
   bool share_memory = true;     // see plan_memory()
   Lower lower = Lower::Auto;

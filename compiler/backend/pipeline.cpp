@@ -8,6 +8,7 @@
 #include "compiler/backend/emit/generator.h"
 #include "compiler/backend/lowering/block_loops.h"
 #include "compiler/backend/lowering/choose_code.h"
+#include "compiler/backend/lowering/empty_sums.h"
 #include "compiler/backend/lowering/guess_exponents.h"
 #include "compiler/backend/lowering/keep_in_tiles.h"
 #include "compiler/backend/lowering/keep_sums.h"
@@ -99,6 +100,11 @@ Outcome run_choose_code(Compilation& c) {
   return std::nullopt;
 }
 
+Outcome run_empty_sums(Compilation& c) {
+  if (c.options.empty_sums) empty_sums(c.graph(), c.profile, c.out.schedule);
+  return std::nullopt;
+}
+
 // The last word on limits, whatever the passes before took care of.
 Outcome run_check_limits(Compilation& c) {
   std::string limits;
@@ -169,6 +175,7 @@ constexpr BackendPass kPasses[] = {
     {"block-loops", run_block_loops, Fact::Packed | Fact::SumsChosen | Fact::PlacesFixed, 0, only(Fact::Lowered)},
     {"choose-code", run_choose_code, Fact::Packed | Fact::SumsChosen | Fact::PlacesFixed | Fact::EntriesKept,
      only(Fact::CodeChosen), only(Fact::Lowered)},
+    {"empty-sums", run_empty_sums, Fact::Packed | Fact::SumsChosen | Fact::CodeChosen, 0, only(Fact::Lowered)},
     {"check-limits", run_check_limits, Fact::Packed | Fact::SumsChosen | Fact::CodeChosen, only(Fact::Lowered),
      only(Fact::Emitted)},
     {"emit", run_emit, only(Fact::Lowered), only(Fact::Emitted), only(Fact::CommandsFixed)},

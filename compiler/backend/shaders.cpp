@@ -45,7 +45,7 @@ std::optional<Limit> words_over_limit(const bundle::BundleT& bundle) {
   ir::SymbolValues ones;
   for (const std::string& symbol : bundle.symbols) ones[symbol] = 1;
   for (const auto& r : bundle.resources) {
-    ir::Dim words = r->role == bundle::Role::Scratch ? 1 : r->type->rows * r->type->cols;
+    ir::Dim words = is_words(*r) ? 1 : r->type->rows * r->type->cols;
     for (const std::string* axis : {&r->extent->w, &r->extent->h, &r->extent->l})
       words = words * ir::Dim::parse(*axis).value_or(ir::Dim(1));
     const auto count = words.evaluate(ones);

@@ -19,7 +19,8 @@ const std::vector<Choice>& choices() {
 }
 
 const std::vector<std::string>& ablations() {
-  static const std::vector<std::string> kParts = {"substages", "stages", "remat", "cache", "blocks", "guesses"};
+  static const std::vector<std::string> kParts = {"substages", "stages",  "remat",   "cache",
+                                                  "blocks",    "guesses", "emptying"};
   return kParts;
 }
 

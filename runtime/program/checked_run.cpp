@@ -18,7 +18,7 @@ std::optional<NotFinite> Program::State::checked_run(const std::string& name) {
   for (size_t k = 0; k < chosen.size(); ++k)
     for (const Access& a : chosen[k]->accesses) {
       const bundle::ResourceT& r = *bundle.resources[a.resource];
-      const bool holds_floats = r.role != bundle::Role::Scratch && r.storage != bundle::Storage::Depth &&
+      const bool holds_floats = !is_words(r) && r.storage != bundle::Storage::Depth &&
                                 r.storage != bundle::Storage::Tile && r.type->scalar == bundle::Scalar::Float;
       if (!writes(a.use) || !holds_floats) continue;
       first_write.try_emplace(a.resource, k);
@@ -26,6 +26,7 @@ std::optional<NotFinite> Program::State::checked_run(const std::string& name) {
     }
   // The step runs to its end whatever is found, so that what it leaves behind is that of a run.
   std::optional<NotFinite> found;
+  step.begun = true;
   for (size_t k = 0; k < chosen.size(); ++k) {
     // What no element of the list stores is what was there before.
     for (const auto& [resource, first] : first_write) {
@@ -44,6 +45,7 @@ std::optional<NotFinite> Program::State::checked_run(const std::string& name) {
                  lines_of(bundle, *bundle.steps[index], *chosen[k])};
     }
   }
+  step.begun = false;
   ++step.counters.recorded;
   count_run(index, dirty, variant.run, variant.skipped);
   return found;

@@ -29,10 +29,25 @@ StepState& Program::State::prepared_step(size_t index) {
   const bool is_new = !step.list;
   if (is_new) prepare(table);
   count_written();
-  if (!is_new) return step;
-  make_ready(index);
-  upload_counter(index);
+  if (is_new) {
+    make_ready(index);
+    upload_counter(index);
+  }
+  if (step.begun) leave_zeros(table);
+  step.begun = false;
   return step;
+}
+
+// What runs leave for the next one is there before the first, and after one that came to no end.
+void Program::State::leave_zeros(const bundle::StepT& table) {
+  std::vector<vk::Buffer> buffers;
+  for (const uint32_t r : resources_of(table))
+    if (const bundle::Role role = bundle.resources[r]->role; role == bundle::Role::Guess || role == bundle::Role::Zeros)
+      buffers.push_back(*on_device->memory.buffer(r).buffer);
+  if (buffers.empty()) return;
+  on_device->queue.once([&](const vk::raii::CommandBuffer& commands) {
+    for (const vk::Buffer buffer : buffers) commands.fillBuffer(buffer, 0, VK_WHOLE_SIZE, 0);
+  });
 }
 
 void Program::State::fill(size_t leaf) {
@@ -41,7 +56,9 @@ void Program::State::fill(size_t leaf) {
   StepState& step = prepared_step(*index);
   const std::vector<bool>& dirty = must_run(step);
   Variant& variant = recorded(step, dirty);
+  step.begun = true;
   submit(step, dirty, variant, 1, {});
+  step.begun = false;
   count_run(*index, dirty, variant.run, variant.skipped);
   on_device->queue.finish();
   require_whole_loops(*index);
@@ -52,10 +69,6 @@ void Program::State::make_ready(size_t index) {
   OnDevice& o = objects();
   const std::set<uint32_t> resources = resources_of(table);
   o.memory.allocate({resources.begin(), resources.end()});  // what has none yet
-  constexpr int32_t kZero = 0;
-  for (const uint32_t r : resources)
-    if (bundle.resources[r]->role == bundle::Role::Guess)
-      o.transfer.upload(r, io::Array::from_ints(std::span(&kZero, 1)));
   for (const auto& c : table.commands)
     for (const int word : {c->watch, c->finite})
       if (word >= 0) watch(static_cast<uint32_t>(word));
@@ -166,7 +179,9 @@ int Program::State::run(const std::string& name, int times, bool wait) {
     // What no run of the step changes is clean from the second run on.
     const bool alike = options.reuse_commands && (done > 0 || !options.cache);
     const int left = times - done, most = alike ? left : 1;
+    step.begun = true;
     const int now = submit(step, dirty, variant, most, most == left ? copies : std::vector<vk::CommandBuffer>());
+    step.begun = false;
     for (int k = 0; k < now; ++k) count_run(index, dirty, variant.run, variant.skipped);
     done += now;
   }

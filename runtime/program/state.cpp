@@ -141,7 +141,7 @@ bool Program::State::write(size_t index, const HostArray& data) {
 
 std::optional<HostArray> Program::State::view(size_t resource, size_t holder) {
   const bundle::ResourceT& r = *bundle.resources[resource];
-  if (r.storage != bundle::Storage::Buffer || r.role == bundle::Role::Scratch) return std::nullopt;
+  if (r.storage != bundle::Storage::Buffer || is_words(r)) return std::nullopt;
   std::byte* data = on_device->memory.buffer(resource).host;
   // A bool takes a word there. Tables follow their leaf when it is bound.
   const bool is_leaf = holder < bundle.leaves.size();

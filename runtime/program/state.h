@@ -34,6 +34,7 @@ struct StepState {
   std::optional<MovingLeaves> moving;             // where the program may be built anew
   std::map<std::vector<bool>, Variant> variants;  // by RunList::dirty()
   StepCounters counters;
+  bool begun = true;  // a run that may not have come to its end, or there was none
 
   // The primitives of the groups that must run, in order.
   std::vector<const Primitive*> chosen(const std::vector<bool>& dirty) const;
@@ -144,6 +145,7 @@ struct Program::State {
   // Says how often: less than asked for when the program was built anew meanwhile. `wait`: for the device.
   int run(const std::string& step, int times, bool wait = true);
   // One run is on its way, and saw this state.
+  void leave_zeros(const bundle::StepT& table);
   void count_run(size_t index, const std::vector<bool>& dirty, const Work& run, const Work& skipped);
   // Loops whose trips nothing bounds may end before their time: then what ran is not the step.
   void require_whole_loops(size_t index);

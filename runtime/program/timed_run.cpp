@@ -56,6 +56,7 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
     fragments.emplace(device->device,
                       vk::QueryPoolCreateInfo({}, vk::QueryType::ePipelineStatistics, draw_count,
                                               vk::QueryPipelineStatisticFlagBits::eFragmentShaderInvocations));
+  step.begun = true;
   on_device->queue.once([&](const vk::raii::CommandBuffer& commands) {
     vk::DeviceSize end_at = 0;
     const auto stamp = [&](size_t k) {
@@ -85,6 +86,7 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
                              vk::MemoryBarrier(vk::AccessFlagBits::eTransferWrite, vk::AccessFlagBits::eHostRead), {},
                              {});
   });
+  step.begun = false;
   ++step.counters.recorded;
   count_run(index, dirty, variant.run, variant.skipped);
   const auto read = pool.getResults<uint64_t>(0, stamps, stamps * sizeof(uint64_t), sizeof(uint64_t),

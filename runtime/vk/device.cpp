@@ -24,6 +24,22 @@ VKAPI_ATTR VkBool32 VKAPI_CALL on_message(VkDebugUtilsMessageSeverityFlagBitsEXT
   return VK_FALSE;
 }
 
+// Vulkan-Hpp allocates the table of an object's calls when the object is there already: where that fails, nobody else
+// destroys it.
+template <class Object, class From, class Handle>
+Object owned(const From& from, Handle handle, PFN_vkVoidFunction destroy) {
+  try {
+    return Object(from, handle);
+  } catch (...) {
+    reinterpret_cast<void(VKAPI_PTR*)(Handle, const VkAllocationCallbacks*)>(destroy)(handle, nullptr);
+    throw;
+  }
+}
+
+void expect_success(VkResult result, const char* call) {
+  if (result != VK_SUCCESS) throw vk::SystemError(make_error_code(static_cast<vk::Result>(result)), call);
+}
+
 constexpr const char* kValidationLayer = "VK_LAYER_KHRONOS_validation";
 
 void make_instance(DeviceState& state, bool validation) {
@@ -59,12 +75,16 @@ void make_instance(DeviceState& state, bool validation) {
   }
   info.setPEnabledLayerNames(layers);
   info.setPEnabledExtensionNames(extensions);
-  try {
-    state.instance = vk::raii::Instance(state.context, info);
-  } catch (const vk::IncompatibleDriverError&) {
+  VkInstance instance = VK_NULL_HANDLE;
+  const auto& calls = *state.context.getDispatcher();
+  const VkResult made =
+      calls.vkCreateInstance(reinterpret_cast<const VkInstanceCreateInfo*>(&info), nullptr, &instance);
+  if (made == VK_ERROR_INCOMPATIBLE_DRIVER)
     throw Failure{
         "there is no Vulkan driver (Debian: mesa-vulkan-drivers), or VK_DRIVER_FILES or VK_ICD_FILENAMES names none"};
-  }
+  expect_success(made, "vkCreateInstance");
+  state.instance =
+      owned<vk::raii::Instance>(state.context, instance, calls.vkGetInstanceProcAddr(instance, "vkDestroyInstance"));
   if (validation) {
     vk::DebugUtilsMessengerCreateInfoEXT messenger;
     messenger.messageSeverity =
@@ -279,7 +299,13 @@ std::shared_ptr<DeviceState> open_device(const DeviceOptions& options) {
     enable_timeline.pNext = const_cast<void*>(info.pNext);
     info.pNext = &enable_timeline;
   }
-  state->device = vk::raii::Device(state->physical, info);
+  VkDevice device = VK_NULL_HANDLE;
+  const auto& calls = *state->physical.getDispatcher();
+  expect_success(
+      calls.vkCreateDevice(*state->physical, reinterpret_cast<const VkDeviceCreateInfo*>(&info), nullptr, &device),
+      "vkCreateDevice");
+  state->device =
+      owned<vk::raii::Device>(state->physical, device, calls.vkGetDeviceProcAddr(device, "vkDestroyDevice"));
   state->queue = state->device.getQueue(state->family, 0);
   return state;
 }

@@ -46,9 +46,8 @@ bool Memory::has_room(const bundle::ResourceT& r) const {
 vk::DeviceSize Memory::buffer_bytes(uint32_t k) const {
   const bundle::ResourceT& r = *bundle_.resources[k];
   const Size s = has_room(r) ? sizes_.size_of(*r.extent, "'" + r.name + "'") : Size{};
-  const vk::DeviceSize bytes =
-      static_cast<vk::DeviceSize>(s.count()) *
-      static_cast<vk::DeviceSize>(r.role == bundle::Role::Scratch ? 1 : components_of(*r.type)) * 4;
+  const vk::DeviceSize bytes = static_cast<vk::DeviceSize>(s.count()) *
+                               static_cast<vk::DeviceSize>(is_words(r) ? 1 : components_of(*r.type)) * 4;
   if (bytes > device_->properties.limits.maxStorageBufferRange)
     throw Failure{"'" + r.name + "' takes " + std::to_string(bytes) + " bytes, the device allows " +
                   std::to_string(device_->properties.limits.maxStorageBufferRange) + " in one buffer"};

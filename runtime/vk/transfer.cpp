@@ -92,7 +92,7 @@ io::Array Transfer::download(uint32_t resource) {
   const bundle::ResourceT& r = *bundle_.resources[resource];
   if (r.storage == Storage::Depth) throw Failure{"'" + r.name + "' is a depth image"};
   if (r.storage == Storage::Tile) throw Failure{"'" + r.name + "' is not kept: make it an output to read it"};
-  const int n = r.role == bundle::Role::Scratch ? 1 : components_of(*r.type);
+  const int n = is_words(r) ? 1 : components_of(*r.type);
   const Size size = sizes_.size_of(*r.extent, r.name);
   const bool image = r.storage == Storage::Image;
   const int stored = image && n == 3 ? 4 : n;

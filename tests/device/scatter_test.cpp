@@ -378,6 +378,54 @@ step run { runs <- runs + 1; tone <- tone * one; output all, some, pull; }
     }
 }
 
+// Sums that their reader leaves zeros: every run finds them so, whatever the one before added, Inf and NaN among it,
+// and whatever way it ran.
+TEST_CASE("sums that their reader empties are those of cleared memory") {
+  const auto path = (std::filesystem::path(DR_BUILD_DIR) / "scatter_emptied_test.dr").string();
+  std::ofstream(path) << R"(edition 1;
+input index : ivec2[S];
+input x : vec2[S];
+input factor : float;
+param tone : vec3[300] = vec3(1.5);
+param few : float[7] = 0.5;
+let read = tone.at(index.x) * factor * x.x + tone.at(index.y);
+let pull = grad(sum(read * read) + sum(few.at(index.x % 7) * x.y), tone);
+let share = grad(sum(few.at(index.x % 7) * few.at(index.y % 7) * x.y * factor), few);
+step run { tone <- tone - 0.01 * pull; few <- few - 0.01 * share; }
+)";
+  const Data data = data_sets()[1];
+  const std::vector<float> tone(900, 1.5F), few(7, 0.5F);
+  const auto once = [&](auto& program, float factor, int way) {
+    must(program.bind("index", Array::from_ints(data.index, 2)));
+    must(program.bind("x", Array::from_floats(data.x, 2)));
+    must(program.bind("tone", Array::from_floats(tone, 3)));
+    must(program.bind("few", Array::from_floats(few)));
+    must(program.bind("factor", Array::from_floats(std::span(&factor, 1))));
+    if (way == 0) must(program.run("run", 3));
+    if (way == 1) must(program.timed_run("run"));
+    if (way == 2) must(program.checked_run("run"));
+    return std::vector<Array>{must(program.leaf("tone")), must(program.leaf("few"))};
+  };
+  auto gpu = std::get<target::Profile>(target::load_profile(narrow()));
+  gpu.subgroup_size = 32;
+  const std::string plain = written(gpu, "emptied");
+  for (const auto& [name, device] : test::devices()) {
+    jit::Options options;
+    options.profile = plain, options.scatter = "exact";
+    const auto emptied = compile(path, options);
+    const auto bundle = std::get<bundle::BundleT>(bundle::read(emptied));
+    CHECK(std::ranges::count(bundle.resources, bundle::Role::Zeros, [](const auto& r) { return r->role; }) == 2);
+    options.ablate = {"emptying"};
+    auto program = must(runtime::Program::load(device, emptied)),
+         cleared = must(runtime::Program::load(device, compile(path, options)));
+    for (const float factor : {1.0F, 3e4F, INFINITY, 1e-7F, NAN, 0.0F, 2.5F, -1.0F})
+      for (const int way : {0, 1, 2}) {
+        INFO(name << ", factor " << factor << ", way " << way);
+        CHECK(same_bits(once(program, factor, way), once(cleared, factor, way)));
+      }
+  }
+}
+
 TEST_CASE("rows follow an index that is bound anew") {
   const auto path = (std::filesystem::path(DR_BUILD_DIR) / "scatter_test.dr").string();
   const auto sets = data_sets();

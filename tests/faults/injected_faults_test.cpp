@@ -2,7 +2,8 @@
 // Each Vulkan call, allocation and file call of a program's life fails once, on each software device. Whatever was
 // asked for then is done or refused in words; what was refused can be asked for again, of the same object or, where
 // that says that it cannot go on, of a new one; the results have the bits of a life without faults; and no object of
-// Vulkan is left alive. DR_FAULTS says how many places of each kind are tried, evenly spread; `all` means every one.
+// Vulkan is left alive. DR_FAULTS says how many places of each kind are tried, evenly spread; `all` means every call,
+// and `stacks` the first call from each stack of callers, which are all that the code can tell apart.
 #include <unistd.h>
 
 #include <algorithm>
@@ -78,6 +79,16 @@ std::vector<Case> cases(const std::string& device) {
   return out;
 }
 
+// What is asked of the library, and no more, may fail.
+template <class F>
+auto watched(const F& call) {
+  struct Watch {
+    Watch() { faults::set_watching(true); }
+    ~Watch() { faults::set_watching(false); }
+  } const watch;
+  return call();
+}
+
 // A life: objects, what was asked of them, and how often something was refused.
 struct Life {
   const Case& what;
@@ -91,7 +102,7 @@ struct Life {
   // Asked once more where it was refused; `again` makes a new program, with all that was done to the old one.
   template <class T>
   T ask(const std::function<io::Result<T>()>& call, const std::function<void()>& again) {
-    io::Result<T> result = call();
+    io::Result<T> result = watched(call);
     for (int k = 0; !result; ++k) {
       INFO("refused: " << result.error());
       REQUIRE(result.error().size() > 10);
@@ -101,7 +112,7 @@ struct Life {
         ++renewed;
         again();
       }
-      result = call();
+      result = watched(call);
     }
     if constexpr (!std::is_void_v<T>) return std::move(result).value();
   }
@@ -121,8 +132,7 @@ struct Life {
     load();
     int runs = 0;  // what a new program has to do again
     const std::function<void()> again = [&] {
-      program.reset();
-      device.reset();
+      end();
       open();
       load();
       if (runs > 0) ask<void>([&] { return program->run(what.step, runs); }, nullptr);
@@ -138,8 +148,13 @@ struct Life {
     keep(ask<Array>([&] { return program->leaf(what.param); }, again));
     for (const auto& raster : ask<std::vector<std::vector<Array>>>([&] { return program->rasters(what.step); }, again))
       for (const Array& part : raster) keep(part);
-    program.reset();
-    device.reset();
+    end();
+  }
+  void end() {
+    watched([&] {
+      program.reset();
+      device.reset();
+    });
   }
 };
 
@@ -153,6 +168,17 @@ long wanted(long places, long otherwise) {
   const long most = setting == nullptr ? otherwise : std::string(setting) == "all" ? places : std::atol(setting);
   return std::clamp(most, 1L, std::max(places, 1L));
 }
+
+// DR_FAULT_PART=2/5: every fifth place, from the second on. SwiftShader lives some 1,000 times in a process: each time
+// it is loaded it takes keys of threads and keeps them.
+struct Part {
+  long number = 1, of = 1;
+  Part() {
+    const char* setting = std::getenv("DR_FAULT_PART");
+    if (setting != nullptr && (std::sscanf(setting, "%ld/%ld", &number, &of) != 2 || number < 1 || of < number))
+      FAIL("DR_FAULT_PART is two numbers, as 2/5");
+  }
+};
 
 void try_all(Kind kind, const char* kind_name, long otherwise) {
   const fs::path folder = fs::temp_directory_path() / ("dr_faults_" + std::to_string(getpid()));
@@ -173,6 +199,7 @@ void try_all(Kind kind, const char* kind_name, long otherwise) {
     setenv("VK_LAYER_PATH", DR_LAYERS, 1);
     setenv("VK_INSTANCE_LAYERS", "VK_LAYER_DRESSI_faults", 1);
     setenv("NODEVICE_SELECT", "1", 1);  // Mesa's layer reads what a call that failed did not write
+    faults::set_watching(false);
     Counts counts;
     for (const Case& what : cases(device)) {
       // A folder of a life without faults has its pipelines; the life that counts begins with them, as most do.
@@ -180,15 +207,24 @@ void try_all(Kind kind, const char* kind_name, long otherwise) {
         fs::remove_all(folder);
         return Life{what, device, folder.string()};
       };
-      faults::arm(kind, 0);
+      fresh().go();  // what is made once in a process
       Life whole = fresh();
+      const char* setting = std::getenv("DR_FAULTS");
+      const bool by_stack = setting != nullptr && std::string(setting) == "stacks";
+      if (by_stack)
+        faults::watch_stacks(kind);
+      else
+        faults::arm(kind, 0);
       whole.go();
+      const std::vector<long> stacks = faults::first_of_stacks();
       REQUIRE(whole.refused == 0);
       REQUIRE(faults::alive().empty());
-      const long places = faults::seen(kind), tried = wanted(places, otherwise);
+      const long places = by_stack ? static_cast<long>(stacks.size()) : faults::seen(kind);
+      const long tried = by_stack ? places : wanted(places, otherwise);
+      const Part part;
       REQUIRE(places > 0);
-      for (long k = 0; k < tried; ++k) {
-        const long at = 1 + k * places / tried;
+      for (long k = part.number - 1; k < tried; k += part.of) {
+        const long at = by_stack ? stacks[static_cast<size_t>(k)] : 1 + k * places / tried;
         Life life = fresh();
         faults::arm(kind, at);
         life.go();
@@ -197,11 +233,11 @@ void try_all(Kind kind, const char* kind_name, long otherwise) {
         CHECK_FALSE(faults::failed().empty());
         CHECK(life.results == whole.results);
         CHECK(faults::alive() == "");
+        ++counts.tried;
         counts.refused += life.refused;
         counts.renewed += life.renewed;
       }
       counts.places += places;
-      counts.tried += tried;
     }
     std::printf("%-12s %-6s %ld of %ld places failed, %ld answers in words, %ld programs loaded anew\n", device,
                 kind_name, counts.tried, counts.places, counts.refused, counts.renewed);

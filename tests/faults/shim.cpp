@@ -7,6 +7,7 @@
 #include <fcntl.h>
 #include <sys/syscall.h>
 #include <unistd.h>
+#include <unwind.h>
 
 #include <array>
 #include <atomic>
@@ -24,7 +25,48 @@ struct Order {
   std::atomic<bool> counts = true;  // nothing shall fail: what may is looked for
 };
 std::array<Order, kKinds> orders;
+
+// The stacks from which calls came while they were counted, as hashes, and the number of the first call from each.
+// Where as many as half of the places were taken, others are no news.
+struct Stacks {
+  static constexpr size_t kMost = 1 << 20;
+  std::array<std::atomic<uint64_t>, kMost> seen;
+  std::array<long, kMost / 2> first;
+  std::atomic<size_t> count;
+
+  // Whether it is the first time.
+  bool add(uint64_t hash) {
+    for (size_t at = hash % kMost;; at = (at + 1) % kMost) {
+      uint64_t free = 0;
+      if (seen[at].compare_exchange_strong(free, hash)) return true;
+      if (free == hash) return false;
+    }
+  }
+};
+Stacks stacks;
+
+// Of all callers up to main(); how often a function called itself makes no difference.
+uint64_t hash_of_stack() {
+  struct Walk {
+    uint64_t hash = 14695981039346656037u;
+    std::array<uintptr_t, 8> last = {};
+    size_t depth = 0;
+  } walk;
+  const auto look = [](_Unwind_Context* context, void* to) {
+    auto& w = *static_cast<Walk*>(to);
+    const uintptr_t at = _Unwind_GetIP(context);
+    for (const uintptr_t before : w.last)
+      if (before == at) return _URC_NO_REASON;
+    w.last[w.depth++ % w.last.size()] = at;
+    w.hash = (w.hash ^ at) * 1099511628211u;
+    return _URC_NO_REASON;
+  };
+  _Unwind_Backtrace(look, &walk);
+  return walk.hash | 1;
+}
 std::atomic<const char*> what_failed = nullptr;
+std::atomic<bool> is_watching = true;
+std::atomic<int> stacks_of = -1;  // the kind of which they are wanted
 
 void set(size_t kind, long at) {
   for (size_t k = 0; k < kKinds; ++k) {
@@ -63,6 +105,20 @@ void arm(Kind kind, long at) {
   set(static_cast<size_t>(kind), at);
 }
 
+void set_watching(bool watching) { is_watching = watching; }
+
+void watch_stacks(Kind kind) {
+  for (auto& hash : stacks.seen) hash = 0;
+  stacks.count = 0;
+  stacks_of = static_cast<int>(kind);
+  arm(kind, 0);
+}
+
+std::vector<long> first_of_stacks() {
+  stacks_of = -1;
+  return {stacks.first.begin(), stacks.first.begin() + static_cast<std::ptrdiff_t>(stacks.count.load())};
+}
+
 long seen(Kind kind) {
   const Order& order = orders[static_cast<size_t>(kind)];
   return order.counts ? order.last : order.seen;
@@ -74,13 +130,16 @@ std::string failed() {
 }
 
 bool is_due(Kind kind, const char* name, bool (*may_fail)()) {
+  if (!is_watching) return false;
   Order& order = orders[static_cast<size_t>(kind)];
   const long number = ++order.seen;
   if (order.counts) {
     long last = order.last;
-    if (may_fail == nullptr || may_fail())
-      while (last < number && !order.last.compare_exchange_weak(last, number)) {
-      }
+    if (may_fail != nullptr && !may_fail()) return false;
+    while (last < number && !order.last.compare_exchange_weak(last, number)) {
+    }
+    if (stacks_of == static_cast<int>(kind) && stacks.count < stacks.first.size() && stacks.add(hash_of_stack()))
+      stacks.first[stacks.count++] = number;
     return false;
   }
   long at = order.at;

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 namespace dr::faults {
 
@@ -17,6 +18,12 @@ inline constexpr int kKinds = 4;
 
 // Counts the calls of each kind from 1; the one of number `at` fails, none for 0.
 void arm(Kind kind, long at);
+// Arms nothing, and tells calls apart by the stacks from which they come; then the number of the first call from each
+// stack. A function that calls itself more often makes no other stack.
+void watch_stacks(Kind kind);
+std::vector<long> first_of_stacks();
+// Whether calls count and fail: a test turns it off for what it does itself. It is on at first.
+void set_watching(bool watching);
 // How many calls there were; where none was to fail, the number of the last one that might have.
 long seen(Kind kind);
 // What failed since, "vkCreateBuffer"; empty when nothing did.

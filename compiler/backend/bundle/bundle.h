@@ -14,11 +14,18 @@
 
 namespace dr::bundle {
 
-inline constexpr uint32_t kVersion = 15;
+inline constexpr uint32_t kVersion = 16;
 
 // Words of a list (ListKind): 0 to 2 the workgroups of 64 that take one element each, then one more than there are,
 // then the elements.
 inline constexpr int kListEnd = 3, kListHead = 4;
+
+// Whether a resource is words of 32 bits that only shaders know the meaning of.
+inline bool is_words(const ResourceT& r) { return r.role == Role::Scratch || r.role == Role::Zeros; }
+// Whether it has a meaning to the host: a leaf, a counter or what a step computes.
+inline bool is_value(const ResourceT& r) { return !is_words(r) && r.role != Role::Watch && r.role != Role::Guess; }
+// Whether a run of a step finds in it what an earlier one, or the host, left.
+inline bool stays(const ResourceT& r) { return r.role != Role::Value && r.role != Role::Scratch; }
 
 // The word of an enumerator in commands, options and what is printed: "ShaderInt64" is "shader_int64".
 std::string word(const char* enumerator);

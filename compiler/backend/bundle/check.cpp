@@ -226,13 +226,13 @@ bool Checker::leaves() {
   for (size_t k = 0; k < b_.resources.size(); ++k) {
     const ResourceT& r = *b_.resources[k];
     if ((r.role == Role::Leaf) != (leaf_of_[k] >= 0)) return fail("resource '" + r.name + "' belongs to no leaf");
-    const bool stays =
-        r.role == Role::Leaf || r.role == Role::StepIndex || r.role == Role::Watch || r.role == Role::Guess;
     const bool is_word = r.type->rows == 1 && r.type->cols == 1 && r.extent->w == "1" && r.extent->h == "1" &&
                          r.extent->l == "1" && r.storage == Storage::Buffer;
     if ((r.role == Role::Watch || r.role == Role::Guess) && !is_word)
       return fail("resource '" + r.name + "' is a watch or a guess, and no word");
-    if (stays && slots[r.slot] > 1) return fail("resource '" + r.name + "' shares memory, but stays");
+    if (r.role == Role::Zeros && r.storage != Storage::Buffer)
+      return fail("resource '" + r.name + "' is words of zeros, and no buffer");
+    if (stays(r) && slots[r.slot] > 1) return fail("resource '" + r.name + "' shares memory, but stays");
   }
   return tables_of_leaves();
 }
@@ -281,8 +281,7 @@ bool Checker::results(const StepT& s, const std::string& where) {
       const std::string own = what + " '" + o->name + "'";
       if (!kept(o->resource, own)) return false;
       const ResourceT& r = *b_.resources[o->resource];
-      if (r.role == Role::Scratch || r.role == Role::Watch || r.role == Role::Guess || r.storage == Storage::Depth)
-        return fail(own + " names '" + r.name + "', no value");
+      if (!is_value(r) || r.storage == Storage::Depth) return fail(own + " names '" + r.name + "', no value");
     }
     return true;
   };

@@ -154,9 +154,6 @@ bool Checker::copy(const CommandT& c, const std::string& where) {
   const ResourceT &from = *b_.resources[static_cast<size_t>(c.source)],
                   &to = *b_.resources[static_cast<size_t>(c.target)];
   if (from.storage == Storage::Depth) return fail(where + " copies a depth image");
-  const auto is_value = [](const ResourceT& r) {
-    return r.role != Role::Scratch && r.role != Role::Watch && r.role != Role::Guess;
-  };
   if (!is_value(from) || !is_value(to) || from.type->rows != to.type->rows || from.type->cols != to.type->cols ||
       from.extent->w != to.extent->w || from.extent->h != to.extent->h || from.extent->l != to.extent->l)
     return fail(where + " copies between unlike resources");
@@ -252,7 +249,7 @@ bool Checker::touches(const StepT& step, const CommandT& c, const std::string& w
 // them; the host fills all else. What loops keep between the parts of a command is written by its first part.
 bool Checker::holds(uint32_t index) const {
   const ResourceT& r = *b_.resources[index];
-  if ((r.role != Role::Value && r.role != Role::Scratch) || !r.room.empty()) return true;
+  if (stays(r) || !r.room.empty()) return true;
   const auto holder = holder_.find(r.slot);
   return holder != holder_.end() && holder->second == index;
 }

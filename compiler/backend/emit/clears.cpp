@@ -37,7 +37,7 @@ Dim words_of_fill(const bundle::BundleT& bundle, const CommandT& fill) {
   if (!fill.elements.empty()) return parsed(fill.elements);
   const bundle::ResourceT& r = *bundle.resources[static_cast<size_t>(fill.target)];
   const Dim elements = parsed(r.extent->w) * parsed(r.extent->h) * parsed(r.extent->l);
-  return r.role == bundle::Role::Scratch ? elements : elements * Dim(r.type->rows * r.type->cols);
+  return is_words(r) ? elements : elements * Dim(r.type->rows * r.type->cols);
 }
 
 bool is_small_fill(const bundle::BundleT& bundle, const CommandT& command) {

@@ -2,6 +2,8 @@
 // Float sums that are independent of order and correct up to one rounding. A first run finds the largest contribution,
 // a second adds 64-bit fixed point numbers scaled so that the sum cannot overflow (one 64-bit word, or two 32-bit words
 // with carry: the same bits); floats are made of them where they are read. A first run that guesses the scale adds too.
+#include <algorithm>
+
 #include "compiler/backend/emit/generator.h"
 #include "compiler/backend/glsl/fixed_point.h"
 
@@ -15,8 +17,8 @@ using ir::ValueId;
 namespace {
 
 // Words of an accumulator, of 32 bits or of 64 where the schedule says so: 0 the largest finite magnitude,
-// 1 the number of contributions where it is counted, then two (one) for each component, then flags for each element,
-// four bits a component: see special_flag.
+// 1 the number of contributions where it is counted, or, of emptied sums, whether an element has flags, then two (one)
+// for each component, then flags for each element, four bits a component: see special_flag.
 constexpr int kHead = 2;
 
 // Not 0 where a value is anything but zeros; NaN is. Without branches, of which drivers compile many slowly.
@@ -66,6 +68,8 @@ ir::Dim words_of_sums(const ir::Type& type, const ir::Extent& extent, bool wide)
   return wide ? words * ir::Dim(2) : words;
 }
 
+ir::Dim words_of_head(bool wide) { return wide ? 2 * kHead : kHead; }
+
 Generator::Adding Generator::fixed_adding(Shader& s, const Pass& pass, const Target& t, Runs runs, bool lists) {
   const bool joins_lanes = pass.get<ScatterPass>().joins_lanes(), guesses = t.guess != 0;
   const std::string& id = t.accumulator.name;
@@ -90,7 +94,7 @@ Generator::Adding Generator::fixed_adding(Shader& s, const Pass& pass, const Tar
   if (runs == Runs::First && !guesses) return out;
   s.prelude(glsl::kFixedFromFloat);
   // Where a map adds, few lanes of a subgroup do: none to join.
-  const bool joins_parts = joins_lanes && runs != Runs::First;
+  const bool joins_parts = pass.get<ScatterPass>().joins_parts() && runs != Runs::First;
   s.prelude(joins_parts ? glsl::kFixedSubgroup : "");
   choose_shift(s, pass, t, runs, buffer);
   out.body += add_fixed(s, t, runs, joins_parts, buffer);
@@ -171,7 +175,12 @@ std::string Generator::add_fixed(Shader& s, const Target& t, Runs runs, bool joi
   const std::string flags = std::to_string(kHead) + " + " +
                             dim_expression(element_count(t.accumulator.extent) * ir::Dim((wide ? 1 : 2) * n)) +
                             " + element";
-  out += "  if (flags != 0u) atomicOr(" + buffer + ".d[" + flags + "], " + std::string(sum_word()) + "(flags));\n";
+  const std::string word = sum_word();
+  const std::string set = "atomicOr(" + buffer + ".d[" + flags + "], " + word + "(flags));";
+  if (t.emptied)
+    out += "  if (flags != 0u) {\n    " + set + "\n    atomicOr(" + buffer + ".d[1], " + word + "(1u));\n  }\n";
+  else
+    out += "  if (flags != 0u) " + set + "\n";
   if (joins_lanes) out += "  }\n";
   return out;
 }
@@ -183,48 +192,83 @@ std::string Generator::guessed_right(const std::vector<Target>& targets) {
 }
 
 Generator::FloatSums Generator::float_sums(Shader& s, const ir::Type& type, const ir::Extent& extent, uint32_t words,
-                                           int most, const ir::Extent& domain) const {
+                                           int most, const ir::Extent& domain, bool empties) const {
   const bool wide = wide_atomics();
   if (wide) wide_extensions(s);
-  const std::string sums = s.read_words(words, "sums_" + std::to_string(words), sum_word());
+  const std::string name = "sums_" + std::to_string(words);
+  const std::string sums = empties ? s.bind_words(words, name, bundle::Access::ReadWrite, sum_word())
+                                   : s.read_words(words, name, sum_word());
+  const auto word = [&](const std::string& at) { return empties ? sums + ".d[" + at + "]" : sums + "(" + at + ")"; };
   s.prelude(glsl::kFixedShift);
   s.prelude(glsl::kFixedToFloat);
   s.prelude(most < 0 ? kCountBits : "");
-  const int n = type.components();
+  const int n = type.components(), each = wide ? 1 : 2;
+  const std::string flags =
+      word(std::to_string(kHead) + " + " + dim_expression(element_count(extent) * ir::Dim(each * n)) + " + index");
   FloatSums out;
-  out.statements = "int shift = fixed_shift(uint(" + sums + "(0)), " + count_bits(most, domain, sums + "(1)") +
-                   "); uint flags = uint(" + sums + "(" + std::to_string(kHead) + " + " +
-                   dim_expression(element_count(extent) * ir::Dim((wide ? 1 : 2) * n)) + " + index));";
+  std::string& text = out.statements;
+  text = "int shift = fixed_shift(uint(" + word("0") + "), " + count_bits(most, domain, word("1")) + ");";
   if (const auto guess = guesses_.find(words); guess != guesses_.end())
-    out.statements += " if (index == 0) " +
-                      s.bind_words(guess->second, "guess_" + std::to_string(words), bundle::Access::Write) +
-                      ".d[0] = uint(shift);";
+    text += " if (index == 0) " + s.bind_words(guess->second, "guess_" + std::to_string(words), bundle::Access::Write) +
+            ".d[0] = uint(shift);";
+  std::string any, zeros;
   for (int c = 0; c < n; ++c) {
-    const std::string number = wide ? "words_of(" + sums + "(" + word_of("index", n, c) + "))"
-                                    : "uvec2(" + sums + "(" + word_of("index", 2 * n, 2 * c) + "), " + sums + "(" +
-                                          word_of("index", 2 * n, 2 * c + 1) + "))";
+    std::string parts;
+    for (int k = c * each; k < (c + 1) * each; ++k) {
+      std::string part = word(word_of("index", each * n, k));
+      if (empties) {
+        const std::string taken = "taken_" + std::to_string(k);
+        text += " " + std::string(sum_word()) + " " + taken + " = " + part + ";";
+        any += (any.empty() ? "" : " | ") + taken;
+        zeros += " " + part + " = 0u;";
+        part = taken;
+      }
+      parts += (parts.empty() ? "" : ", ") + part;
+    }
+    const std::string number = wide ? "words_of(" + parts + ")" : "uvec2(" + parts + ")";
     out.components.push_back("fixed_to_float(" + number + ", shift, (flags >> " + std::to_string(4 * c) + ") & 15u)");
   }
+  // Behind the loads of the sums, which then wait for nothing.
+  if (empties)
+    text += " uint flags = 0u; if (" + word("1") + " != 0u) { flags = uint(" + flags + "); if (flags != 0u) " + flags +
+            " = 0u; }";
+  else
+    text += " uint flags = uint(" + flags + ");";
+  // What nothing was added to is zeros already.
+  if (empties) text += " if ((" + any + ") != 0u) {" + zeros + " }";
   return out;
 }
 
 std::string Generator::sums_reader(Shader& s, ValueId value, const std::string& function) const {
   const ir::ValueInfo& info = graph_.value(value);
-  for (const Pass& pass : step_->passes) {
+  const bool empties = resource(value).is(Resource::Storage::EmptiedSums);
+  const auto sum_of = [&](const Pass& pass) -> const ScatterSum* {
     const auto* scatter = pass.as<ScatterPass>();
-    if (scatter == nullptr) continue;
-    for (const ScatterSum& sum : scatter->sums) {
-      if (sum.value != value) continue;
-      const FloatSums floats =
-          float_sums(s, info.type, info.extent, resource_index(value), contributions(sum), pass.domain);
-      std::string components;
-      for (const std::string& c : floats.components) components += (components.empty() ? "" : ", ") + c;
-      return info.type.str() + " " + function +
-             "(ivec3 at) {\n  int index = " + Shader::element_index(info.extent, "at") + ";\n  " + floats.statements +
-             "\n  return " + info.type.str() + "(" + components + ");\n}\n";
-    }
+    if (scatter == nullptr) return nullptr;
+    const auto it = std::ranges::find(scatter->sums, value, &ScatterSum::value);
+    return it == scatter->sums.end() ? nullptr : &*it;
+  };
+  for (const Pass& pass : step_->passes) {
+    const ScatterSum* sum = sum_of(pass);
+    if (sum == nullptr) continue;
+    const FloatSums floats =
+        float_sums(s, info.type, info.extent, resource_index(value), contributions(*sum), pass.domain, empties);
+    std::string components;
+    for (const std::string& c : floats.components) components += (components.empty() ? "" : ", ") + c;
+    const std::string type = info.type.str(), open = "(ivec3 at) {\n  ",
+                      body = "int index = " + Shader::element_index(info.extent, "at") + ";\n  " + floats.statements +
+                             "\n  ",
+                      result = type + "(" + components + ")";
+    if (!empties) return type + " " + function + open + body + "return " + result + ";\n}\n";
+    return type + " taken_" + function + ";\nvoid take_" + function + open + body + "taken_" + function + " = " +
+           result + ";\n}\n" + type + " " + function + open + "return taken_" + function + ";\n}\n";
   }
   DR_ICE("sums that no pass of the step adds up");
+}
+
+void Generator::take_sums(Shader& s, const Pass& pass) const {
+  for (const ValueId v : pass.reads)
+    if (resource(v).is(Resource::Storage::EmptiedSums)) s.body().line("take_" + s.load(v, "at") + ";");
 }
 
 }  // namespace dr::backend

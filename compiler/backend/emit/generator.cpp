@@ -75,7 +75,8 @@ void Generator::process(bundle::BundleT& bundle, std::vector<GlslShader>& shader
       case Resource::Storage::Entries: break;
       case Resource::Storage::Halves: out->type = bundle_type(ir::vec(r.words(), ir::Scalar::Uint)); break;
       case Resource::Storage::Sums:
-        out->role = bundle::Role::Scratch;
+      case Resource::Storage::EmptiedSums:
+        out->role = r.is(Resource::Storage::Sums) ? bundle::Role::Scratch : bundle::Role::Zeros;
         out->type = bundle_type(ir::kUint);
         out->extent = bundle_extent({words_of_sums(r.type, r.extent, wide_atomics()), 1, 1});
         break;
@@ -335,6 +336,7 @@ void Generator::map_pass(const Pass& pass) {
   ListingLoop loop(s, pass.domain, map.code.lists_in_runs);
   const Cut cut = this->cut(s, pass, map.code.cut, loop.element(), loop.each());
   open_cut(s, cut, loop.skip());
+  take_sums(s, pass);
   s.element_ops(pass.ops);
   close_cut(s, cut);
   store_results(s, pass, &loop);

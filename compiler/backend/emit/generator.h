@@ -67,11 +67,12 @@ class Generator {
   struct Target {
     ScatterSum sum;
     glsl::Accumulator accumulator;
-    uint32_t words = 0;  // bundle resource
-    int most = 0;        // fixed: contributions from an element, negative: unknown
-    bool fixed = false;  // added as fixed point numbers
-    uint32_t terms = 0;  // bundle resource: contributions kept, where the pass keeps them
-    uint32_t guess = 0;  // bundle resource: the shift of the run before, where the pass guesses
+    uint32_t words = 0;    // bundle resource
+    int most = 0;          // fixed: contributions from an element, negative: unknown
+    bool fixed = false;    // added as fixed point numbers
+    uint32_t terms = 0;    // bundle resource: contributions kept, where the pass keeps them
+    uint32_t guess = 0;    // bundle resource: the shift of the run before, where the pass guesses
+    bool emptied = false;  // the pass that reads the words leaves zeros
   };
   // Makes the resources, and clears them.
   std::vector<Target> scatter_targets(const Pass& pass);
@@ -110,9 +111,11 @@ class Generator {
     std::vector<std::string> components;
   };
   FloatSums float_sums(glsl::Shader& shader, const ir::Type& type, const ir::Extent& extent, uint32_t words, int most,
-                       const ir::Extent& domain) const;
+                       const ir::Extent& domain, bool empties = false) const;
   // See glsl::Shader::SumsReader.
   std::string sums_reader(glsl::Shader& shader, ir::ValueId value, const std::string& function) const;
+  // Takes the sums that the pass reads and leaves zeros, once an element.
+  void take_sums(glsl::Shader& shader, const Pass& pass) const;
   // How often an element of the domain adds to a sum at most; negative where a loop decides.
   int contributions(const ScatterSum& sum) const;
   // The scatter of the step that a map pass lists elements for, if there is one.
@@ -122,6 +125,7 @@ class Generator {
   // Stores what a map pass writes at an element and, where it lists elements for a scatter, lists it; `loop`: that the
   // shader runs, if it does; `active`: whether the element may be one of those.
   void store_results(glsl::Shader& shader, const Pass& pass, ListingLoop* loop = nullptr, bool active = true);
+  void store_changed(glsl::Shader& shader, const Pass& pass, ir::ValueId value);
   // Says in a word of the pass that one of those that a map tells of is NaN or Inf.
   void tell_not_finite(glsl::Shader& shader, const Pass& pass);
   // An empty list of elements of the pass, a scratch buffer; a dispatch can be as large as it is long.
@@ -237,6 +241,8 @@ void place_from_index(glsl::Shader& shader, const ir::Extent& extent, const std:
 
 // Words of 32 bits of the fixed point sums of values of that type; `wide`: by 64-bit atomics.
 ir::Dim words_of_sums(const ir::Type& type, const ir::Extent& extent, bool wide);
+// Those before the first element's, which each run of a step begins with as zeros.
+ir::Dim words_of_head(bool wide);
 
 // The number of elements of an extent, as an extent expression.
 ir::Dim element_count(const ir::Extent& extent);

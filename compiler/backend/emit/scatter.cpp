@@ -24,6 +24,12 @@ namespace {
 // Fewer elements than these have no targets to wait for, and joining takes as long as adding.
 constexpr int kWorthJoining = 1 << 14;
 
+// Invocations that look whether the first run guessed right: starting more takes longer than the look.
+ir::Dim looking_for_guesses(const ir::Extent& domain) {
+  constexpr int kAlways = 1024, kOneIn = 128;
+  return element_count(domain).divided_by(kOneIn) + ir::Dim(kAlways);
+}
+
 }  // namespace
 
 int Generator::contributions(const ScatterSum& sum) const {
@@ -101,7 +107,7 @@ void Generator::store_results(Shader& s, const Pass& pass, ListingLoop* loop, bo
   const std::vector<ValueId>& partial = pass.get<MapPass>().partial;
   const auto is_partial = [&](ValueId v) { return std::ranges::find(partial, v) != partial.end(); };
   for (const ValueId v : pass.writes)
-    if (!is_partial(v)) s.store(v, s.at(), s.use(v));
+    if (!is_partial(v)) store_changed(s, pass, v);
   tell_not_finite(s, pass);
   const Pass* const scatter = listed_for(pass);
   if (scatter == nullptr || !active) return;
@@ -114,6 +120,28 @@ void Generator::store_results(Shader& s, const Pass& pass, ListingLoop* loop, bo
     s.body().line(append(s, list, Shader::element_index(pass.domain, "at")) + ";");
   for (const ValueId v : partial) s.store(v, "at", s.use(v));
   s.body().line("}");
+}
+
+// Where few elements of a sum got anything, few of a leaf change, and the others are not written.
+void Generator::store_changed(Shader& s, const Pass& pass, ValueId v) {
+  const auto empties = [&](ValueId read) { return resource(read).is(Resource::Storage::EmptiedSums); };
+  const auto is_old = [&](ValueId read) { return resource_index(read) == resource_index(v); };
+  const auto old = std::ranges::find_if(pass.reads, is_old);
+  const bool may_skip =
+      resource(v).is(Resource::Storage::Leaf) && old != pass.reads.end() && std::ranges::any_of(pass.reads, empties);
+  if (may_skip) {
+    const ir::Type& type = resource(v).type;
+    std::string changed;
+    for (int c = 0; c < type.components(); ++c) {
+      const auto bits = [&](const std::string& x) {
+        return type.is_float() ? "floatBitsToUint(" + component(type, x, c) + ")" : component(type, x, c);
+      };
+      changed += (c == 0 ? "" : " || ") + bits(s.use(v)) + " != " + bits(s.use(*old));
+    }
+    s.body().line("if (" + changed + ") {");
+  }
+  s.store(v, s.at(), s.use(v));
+  if (may_skip) s.body().line("}");
 }
 
 std::vector<Generator::Target> Generator::scatter_targets(const Pass& pass) {
@@ -129,15 +157,17 @@ std::vector<Generator::Target> Generator::scatter_targets(const Pass& pass) {
     t.fixed = r.type.is_float() && scatter.lowering() != ScatterLowering::Atomic && !named_once(graph_, sum.terms);
     if (t.fixed) {
       t.most = contributions(sum);
-      if (!r.is(Resource::Storage::Sums))
-        t.words = add_scratch(r.name + "_sums", words_of_sums(r.type, r.extent, wide_atomics()).str());
+      if (!r.is_sums()) t.words = add_scratch(r.name + "_sums", words_of_sums(r.type, r.extent, wide_atomics()).str());
       if (scatter.keeps_terms()) t.terms = add_scratch(r.name + "_terms", words_of_terms(t, pass.domain).str());
       if (scatter.guesses()) {
         t.guess = guesses_[t.words] = add_scratch(r.name + "_guess", "1");
         bundle_->resources[t.guess]->role = bundle::Role::Guess;
       }
     }
-    fill("clear " + r.name, t.words, maximum ? 0x80000000u : 0u);
+    // The pass that reads emptied sums leaves zeros in all but the head.
+    t.emptied = r.is(Resource::Storage::EmptiedSums);
+    fill("clear " + r.name, t.words, maximum ? 0x80000000u : 0u,
+         t.emptied ? words_of_head(wide_atomics()).str() : std::string());
     targets.push_back(std::move(t));
   }
   return targets;
@@ -225,7 +255,7 @@ void Generator::scatter_pass(const Pass& pass) {
   const auto& scatter = pass.get<ScatterPass>();
   if (scatter.lowering() == ScatterLowering::Rows) return rows_pass(pass);
   const bool lists = scatter.relists(), listed = !scatter.clauses().empty(), joined = scatter.joined_run() != nullptr;
-  const bool keeps = scatter.keeps_terms(), joins_lanes = scatter.joins_lanes();
+  const bool keeps = scatter.keeps_terms(), joins_parts = scatter.joins_parts();
   // The second run of a scatter that guesses has nothing to do, as a rule: few invocations go over all elements.
   const bool strides = keeps || (joined && scatter.guesses());
   if (joined && scatter.lowering() == ScatterLowering::Atomic) return;
@@ -233,7 +263,9 @@ void Generator::scatter_pass(const Pass& pass) {
   uint32_t adding = 0;
   if (lists) adding = add_list(pass, "adding", bundle::ListKind::Active);
   const std::vector<Target> targets = joined ? targets_.at(&pass) : scatter_targets(pass);
-  const ir::Dim invocations = strides ? room_for_terms(pass.domain) : element_count(pass.domain);
+  const ir::Dim invocations = keeps     ? room_for_terms(pass.domain)
+                              : strides ? looking_for_guesses(pass.domain)
+                                        : element_count(pass.domain);
   Shader s = shader();
   linear_index(s, dim_expression(invocations));
   if (!lists && !listed) place_from_index(s, pass.domain);
@@ -242,7 +274,7 @@ void Generator::scatter_pass(const Pass& pass) {
   const Cut cut = this->cut(s, pass, scatter.cut(), lists || listed ? "element" : "index");
   if (lists && !cut.how) s.declare("uint adds = 0u;\n");
   if (lists && cut.how) s.cut_loops().keep(ir::kUint, "adds", true);
-  if (joins_lanes) s.declare("bool joins = true;\n");
+  if (joins_parts) s.declare("bool joins = true;\n");
   for (const Target& t : targets) finish += declare_target(s, pass, t, joined ? Runs::Second : Runs::Both, lists);
   if (scatter.guesses()) s.body().line("if (" + guessed_right(targets) + ") return;");
   if (lists) {
@@ -252,7 +284,7 @@ void Generator::scatter_pass(const Pass& pass) {
     s.body().line("int end = pc.a == 0 ? " +
                   (listed ? "int(" + first + "(" + end + ")) - 1" : dim_expression(element_count(pass.domain))) +
                   " : int(" + again + ".d[" + end + "]) - 1;");
-    if (joins_lanes) s.body().line("joins = end >= " + std::to_string(kWorthJoining) + ";");
+    if (joins_parts) s.body().line("joins = end >= " + std::to_string(kWorthJoining) + ";");
     s.body().line("if (index >= end) return;");
     s.body().line("int element = pc.a == 0 ? " + (listed ? "int(" + first + "(" + item + "))" : "index") + " : int(" +
                   again + ".d[" + item + "]);");
@@ -265,7 +297,7 @@ void Generator::scatter_pass(const Pass& pass) {
     if (listed) {
       const std::string elements = s.read_words(list, "active_elements");
       s.body().line("int end = int(" + elements + "(" + std::to_string(kListEnd) + ")) - 1;");
-      if (joins_lanes) s.body().line("joins = end >= " + std::to_string(kWorthJoining) + ";");
+      if (joins_parts) s.body().line("joins = end >= " + std::to_string(kWorthJoining) + ";");
       if (strides) {
         const std::string room = dim_expression(invocations);
         if (keeps) add_kept_terms(s, pass, targets);
@@ -308,7 +340,7 @@ void Generator::scatter_pass(const Pass& pass) {
     set_trips(sums_run, cut);
   }
   for (const Target& t : targets)
-    if (!resource(t.sum.value).is(Resource::Storage::Sums)) scatter_resolve(pass, t);
+    if (!resource(t.sum.value).is_sums()) scatter_resolve(pass, t);
 }
 
 void Generator::scatter_resolve(const Pass& pass, const Target& target) {

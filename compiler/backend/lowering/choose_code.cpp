@@ -169,7 +169,9 @@ class StepCode {
     lists.small_box = !few_faces && (limit == 0 || short_ones) ? bins.small_box : 0;
     lists.middle_box = bins.middle_box;
     // A power of two, so that teams share the invocations evenly whatever the profile says.
-    lists.team = static_cast<int>(std::bit_floor(std::clamp(profile_.subgroup_size, 1u, 128u)));
+    // On a GPU boxes of some twenty pixels are common, for which a whole subgroup is too many lanes.
+    const uint32_t lanes = profile_.is_gpu() ? profile_.subgroup_size / 2 : profile_.subgroup_size;
+    lists.team = static_cast<int>(std::bit_floor(std::clamp(lanes, 1u, 128u)));
     lists.middle_invocations = bins.middle_invocations;
     lists.large_invocations = bins.large_invocations;
     return walk;

@@ -3,12 +3,12 @@
 #include "compiler/backend/lowering/scatter.h"
 
 #include <algorithm>
-#include <cmath>
 #include <set>
 
 #include "compiler/backend/analysis/named_once.h"
 #include "compiler/backend/analysis/uses.h"
 #include "compiler/backend/lowering/scatter_active.h"
+#include "compiler/backend/lowering/scatter_costs.h"
 #include "compiler/backend/pack/stages.h"
 #include "compiler/backend/schedule/limits.h"
 #include "compiler/backend/schedule/trips.h"
@@ -82,7 +82,10 @@ class StepLegalizer {
     for (Pass& pass : step_.passes)
       if (auto* scatter = pass.as<ScatterPass>(); scatter != nullptr && !scatter->sums.empty()) {
         choose(pass, *scatter);
-        if (ExactScatter* exact = scatter->exact()) exact->joins_lanes = joining_pays(*scatter);
+        if (ExactScatter* exact = scatter->exact()) {
+          exact->joins_lanes = joining_pays(graph_, profile_, *scatter);
+          exact->joins_parts = exact->joins_lanes && many_share(graph_, pass, *scatter);
+        }
         choose_active(pass, *scatter);
       }
     return joined;
@@ -94,7 +97,6 @@ class StepLegalizer {
   bool steady(const ScatterLeaf& leaf, ValueId v) const {
     return std::ranges::any_of(root_values_at(graph_, leaf, std::span(&v, 1)), [&](ValueId x) { return steady(x); });
   }
-  bool is_processor() const { return profile_.costs.compute_operations_per_ns < 64; }
   const Resource& resource(ValueId v) const { return schedule_.resources[step_.stored.at(v).index]; }
 
   void index_passes() {
@@ -319,9 +321,9 @@ class StepLegalizer {
     };
     std::string lacks;
     auto rows = rows_of(pass, scatter);
-    if (!rows || !(asked || rows_pay(scatter, *rows))) {
+    if (!rows || !(asked || rows_pay(graph_, profile_, scatter, *rows))) {
       rows = sorted_rows_of(pass, scatter, lacks);
-      if (rows && !asked && !(changes(scatter) && rows_pay(scatter, *rows))) rows.reset();
+      if (rows && !asked && !(changes(scatter) && rows_pay(graph_, profile_, scatter, *rows))) rows.reset();
     }
     if (!rows) return refuse(lacks);
     // The walk computes what an element adds for each of its items, in loops that cannot be cut.
@@ -402,43 +404,6 @@ class StepLegalizer {
     return std::ranges::any_of(scatter.sums, [&](const ScatterSum& sum) {
       return std::ranges::any_of(sum.terms, [&](ValueId term) { return steady(term); });
     });
-  }
-
-  // Lanes beside each other often add to one element, and atomics of one element wait for each other. Where none do,
-  // joining is in vain: it has to cost little beside the atomics. On a processor, where a thread has all lanes of a
-  // subgroup, atomics do not wait, and sums over lanes go lane by lane. In a loop, each atomic that waits for the lanes
-  // beside it keeps those of later trips from starting.
-  bool joining_pays(const ScatterPass& scatter) const {
-    if (!profile_.subgroup_arithmetic || profile_.subgroup_size < 2 || profile_.subgroup_size > kMaxJoinedLanes ||
-        is_processor())
-      return false;
-    double joins = 0, words = 0;
-    for (const ScatterSum& sum : scatter.sums) {
-      const ir::Type& type = graph_.value(sum.value).type;
-      if (!type.is_float()) continue;
-      if (std::ranges::any_of(sum.terms, [&](ValueId term) { return contributions(graph_, term) < 0; })) return false;
-      joins += kJoinRounds * (6 + 6 * type.components() * std::log2(profile_.subgroup_size));  // operations
-      words += (profile_.shader_int64 && profile_.shader_buffer_int64_atomics ? 1 : 2) * type.components();
-    }
-    constexpr double kLittle = 0.25;
-    return joins / profile_.costs.compute_operations_per_ns < kLittle * words * profile_.costs.atomic_add_ns;
-  }
-
-  // A contribution costs a row its number and two loads, and an exact sum three words of atomics and their clearing.
-  bool rows_pay(const ScatterPass& scatter, const RowsScatter& rows) const {
-    double row = 0, exact = 0;
-    const target::Costs& c = profile_.costs;
-    for (const ScatterSum& sum : scatter.sums) {
-      double terms = static_cast<double>(sum.terms.size());
-      if (rows.sorted() != nullptr) {
-        terms = 0;
-        for (const ValueId term : sum.terms) terms += static_cast<double>(scatter_leaves(graph_, term)->size());
-      }
-      const double n = graph_.value(sum.value).type.components() * terms;
-      row += (8 * terms + 2 * 4 * n) / c.compute_buffer_bytes_per_ns;
-      exact += 2 * 4 * n / c.compute_buffer_bytes_per_ns + 2 * n * c.atomic_add_ns;
-    }
-    return row <= exact;
   }
 
   const Graph& graph_;

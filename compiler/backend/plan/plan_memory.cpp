@@ -32,9 +32,7 @@ std::vector<Lifetime> lifetimes(const BundleT& bundle) {
   std::vector<Lifetime> out(bundle.resources.size());
   std::set<uint32_t> forever;
   for (uint32_t k = 0; k < bundle.resources.size(); ++k)
-    if (bundle.resources[k]->role == bundle::Role::Leaf || bundle.resources[k]->role == bundle::Role::StepIndex ||
-        bundle.resources[k]->role == bundle::Role::Watch || bundle.resources[k]->role == bundle::Role::Guess)
-      forever.insert(k);
+    if (stays(*bundle.resources[k])) forever.insert(k);
   for (int s = 0; s < static_cast<int>(bundle.steps.size()); ++s) {
     const bundle::StepT& step = *bundle.steps[static_cast<size_t>(s)];
     const int end = static_cast<int>(step.commands.size());
@@ -76,7 +74,7 @@ std::optional<int64_t> resource_bytes(const bundle::ResourceT& r, const ir::Symb
   const auto w = axis(r.extent->w), h = axis(r.extent->h), l = axis(r.extent->l);
   if (!w || !h || !l) return std::nullopt;
   int64_t bytes = 4;
-  if (r.role != bundle::Role::Scratch && r.storage != bundle::Storage::Depth) bytes *= r.type->rows * r.type->cols;
+  if (!is_words(r) && r.storage != bundle::Storage::Depth) bytes *= r.type->rows * r.type->cols;
   if ((r.storage == bundle::Storage::Image || r.storage == bundle::Storage::Tile) && r.type->rows == 3) bytes = 16;
   for (int64_t n : {*w, *h, *l})
     if (__builtin_mul_overflow(bytes, std::max<int64_t>(n, 0), &bytes)) return std::nullopt;

@@ -84,6 +84,7 @@ class StepChecker {
     check_ops();
     check_joined_loops();
     check_guesses();
+    check_emptied();
     check_rows();
     check_stage();
     check_writes();
@@ -152,6 +153,19 @@ class StepChecker {
     if (schedule_.code.native || scatter->keeps_terms() || scatter->relists() ||
         !may_guess(graph_, schedule_.resources, step_, pass()))
       unsound("guesses exponents of sums that need two runs");
+  }
+
+  void check_emptied() {
+    const auto* scatter = pass().as<ScatterPass>();
+    for (ValueId v : pass().writes) {
+      const Resource* r = resource_of(v);
+      if (!r || !r->is(Resource::Storage::EmptiedSums)) continue;
+      const auto is_sum = [&](const ScatterSum& sum) {
+        return sum.value == v && may_empty(graph_, step_, pass(), sum);
+      };
+      if (scatter == nullptr || std::ranges::none_of(scatter->sums, is_sum))
+        unsound("adds to sums that their reader may not leave empty");
+    }
   }
 
   void check_rows() {

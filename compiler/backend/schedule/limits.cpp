@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "compiler/backend/analysis/named_once.h"
+#include "compiler/backend/analysis/scatter_leaves.h"
 
 namespace dr::backend {
 
@@ -27,7 +28,7 @@ namespace {
 bool reads_sums(const std::vector<Resource>& resources, const StepSchedule& step, const Pass& pass,
                 const ScatterSum& sum) {
   return std::ranges::find(pass.reads, sum.value) != pass.reads.end() &&
-         resources[step.stored.at(sum.value).index].is(Resource::Storage::Sums);
+         resources[step.stored.at(sum.value).index].is_sums();
 }
 
 }  // namespace
@@ -54,6 +55,21 @@ size_t guesses_bound(const std::vector<Resource>& resources, const StepSchedule&
       if (adds || reads_sums(resources, step, pass, sum)) ++out;
   }
   return out;
+}
+
+bool may_empty(const ir::Graph& graph, const StepSchedule& step, const Pass& pass, const ScatterSum& sum) {
+  if (!pass.steady) return false;
+  // What counts contributions has no word left that says whether an element is flagged.
+  if (std::ranges::any_of(sum.terms, [&](ir::ValueId term) { return contributions(graph, term) < 0; })) return false;
+  for (size_t k = 0; k < step.passes.size(); ++k) {
+    const Pass& reader = step.passes[k];
+    if (std::ranges::find(reader.reads, sum.value) == reader.reads.end()) continue;
+    const auto* map = reader.as<MapPass>();
+    if (map == nullptr || !reader.steady || map->block || map->code.heavy || map->code.cut ||
+        set_up_for(step, pass_id(k)) != nullptr)
+      return false;
+  }
+  return true;
 }
 
 bool fits(const target::Profile& profile, const Bindings& b) {

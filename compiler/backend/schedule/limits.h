@@ -38,6 +38,10 @@ bool may_guess(const ir::Graph& graph, const std::vector<Resource>& resources, c
 // The guesses that the shader of a pass binds beside what the pass reads and writes.
 size_t guesses_bound(const std::vector<Resource>& resources, const StepSchedule& step, const Pass& pass);
 
+// Whether the pass that reads a sum as it was added up may leave zeros: both run in every run of the step, and the
+// reader's one dispatch takes each element once.
+bool may_empty(const ir::Graph& graph, const StepSchedule& step, const Pass& pass, const ScatterSum& sum);
+
 bool fits(const target::Profile& profile, const Bindings& bindings);
 
 }  // namespace dr::backend

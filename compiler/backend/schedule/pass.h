@@ -148,7 +148,8 @@ struct JoinedFirstRun : JoinedRun {
 struct ExactScatter {
   std::variant<OwnFirstRun, JoinedFirstRun> first_run;
   bool guesses = false;  // the first run adds by the exponent of the step's run before, the second where it was wrong
-  bool joins_lanes = false;  // lanes of a subgroup that add to the same element join what they add
+  bool joins_lanes = false;  // lanes of a subgroup list elements, and find the largest contribution, together
+  bool joins_parts = false;  // those that add to the same element join what they add
   std::string no_rows;       // why it has no table of rows, where one was asked for
   std::optional<LoopCut> cut;
 };
@@ -208,6 +209,7 @@ struct ScatterPass {
   bool keeps_terms() const;
   bool guesses() const { return exact() != nullptr && exact()->guesses; }
   bool joins_lanes() const { return exact() != nullptr && exact()->joins_lanes; }
+  bool joins_parts() const { return exact() != nullptr && exact()->joins_parts; }
   std::optional<LoopCut> cut() const;
 };
 

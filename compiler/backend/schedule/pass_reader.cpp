@@ -210,7 +210,10 @@ bool PassReader::decides(ScatterPass& scatter, ExactScatter& exact, bool& ok) {
   } else if (take_word("guesses")) {
     ok = exact.guesses = expect_word("exponents");
   } else if (take_word("join")) {
-    ok = exact.joins_lanes = expect_word("lanes");
+    if (take_word("parts"))
+      exact.joins_parts = true;
+    else
+      ok = exact.joins_lanes = expect_word("lanes");
   } else if (take_word("no")) {
     ok = expect_word("rows") && quoted(exact.no_rows);
   } else if (take_word("cut")) {

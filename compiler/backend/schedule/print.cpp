@@ -22,6 +22,7 @@ std::string_view storage_words(Resource::Storage storage) {
     case Resource::Storage::Halves: return "half buffer";
     case Resource::Storage::Entries: return "entries buffer";
     case Resource::Storage::Sums: return "sums buffer";
+    case Resource::Storage::EmptiedSums: return "emptied sums buffer";
     case Resource::Storage::Image: return "image";
     case Resource::Storage::Tile: return "tile";
   }
@@ -176,6 +177,7 @@ class Writer {
     if (scatter.keeps_terms()) out_ += "    keeps terms\n";
     if (scatter.guesses()) out_ += "    guesses exponents\n";
     if (scatter.joins_lanes()) out_ += "    join lanes\n";
+    if (scatter.joins_parts()) out_ += "    join parts\n";
     if (scatter.relists()) out_ += "    relist\n";
     if (const ExactScatter* exact = scatter.exact(); exact != nullptr && !exact->no_rows.empty())
       out_ += "    no rows " + ir::quoted_text(exact->no_rows) + "\n";

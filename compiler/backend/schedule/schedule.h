@@ -20,14 +20,15 @@ using ResourceId = ir::Id<struct ResourceTag>;
 
 // A value that is stored. See compiler/backend/bundle/bundle.fbs for the layouts.
 struct Resource {
-  // What it is: a buffer of one of six kinds, or an image.
+  // What it is: a buffer of one of seven kinds, or an image.
   enum class Storage : uint8_t {
-    Leaf,       // the memory of the leaf with its number
-    StepIndex,  // the counter of a step's runs
-    Buffer,     // a word a component
-    Halves,     // float16, two components a word; an element begins with a word
-    Entries,    // of a raster, faces and tags of all its ranks; see lowering/raster_entries.h
-    Sums,       // fixed point sums; see lowering/keep_sums.h
+    Leaf,         // the memory of the leaf with its number
+    StepIndex,    // the counter of a step's runs
+    Buffer,       // a word a component
+    Halves,       // float16, two components a word; an element begins with a word
+    Entries,      // of a raster, faces and tags of all its ranks; see lowering/raster_entries.h
+    Sums,         // fixed point sums; see lowering/keep_sums.h
+    EmptiedSums,  // that their reader leaves zeros; see lowering/empty_sums.h
     Image,
     Tile,  // an image that never leaves its render pass
   };
@@ -37,6 +38,7 @@ struct Resource {
   Storage storage = Storage::Buffer;
 
   bool is(Storage one) const { return storage == one; }
+  bool is_sums() const { return is(Storage::Sums) || is(Storage::EmptiedSums); }
   bool is_buffer() const { return storage != Storage::Image && storage != Storage::Tile; }
   // Of 32 bits, of an element in a buffer.
   int words() const { return is(Storage::Halves) ? (type.components() + 1) / 2 : type.components(); }

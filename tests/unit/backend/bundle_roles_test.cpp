@@ -104,6 +104,18 @@ TEST_CASE("words that stay are words, shared with none and given to nobody") {
   expect(sample_with_guess, both);
 }
 
+TEST_CASE("words of zeros are a buffer of their own") {
+  const auto sample_with_zeros = [] {
+    BundleT b = sample_with_guess();
+    b.resources[1]->role = Role::Zeros;
+    b.resources[1]->extent = extent("V");
+    return b;
+  };
+  expect(+sample_with_zeros, {{[](auto& b) { b.resources[1]->slot = 0; }, "shares memory, but stays"},
+                              {[](auto& b) { b.steps[0]->outputs[0]->resource = 1; }, "names 'word', no value"},
+                              {[](auto& b) { b.resources[1]->room = "V"; }, "does without room that it needs"}});
+}
+
 TEST_CASE("a watch is bound by the command that names it") {
   expect(sample_with_watch,
          {{[](auto& b) { command(b).finite = -1; }, "binds a watch that it does not name"},

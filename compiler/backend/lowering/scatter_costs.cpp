@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "compiler/backend/lowering/scatter_costs.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "compiler/backend/analysis/scatter_leaves.h"
+
+namespace dr::backend {
+
+namespace {
+
+bool is_processor(const target::Profile& profile) { return profile.costs.compute_operations_per_ns < 64; }
+
+}  // namespace
+
+bool joining_pays(const ir::Graph& graph, const target::Profile& profile, const ScatterPass& scatter) {
+  if (!profile.subgroup_arithmetic || profile.subgroup_size < 2 || profile.subgroup_size > kMaxJoinedLanes ||
+      is_processor(profile))
+    return false;
+  double joins = 0, words = 0;
+  for (const ScatterSum& sum : scatter.sums) {
+    const ir::Type& type = graph.value(sum.value).type;
+    if (!type.is_float()) continue;
+    if (std::ranges::any_of(sum.terms, [&](ir::ValueId term) { return contributions(graph, term) < 0; })) return false;
+    joins += kJoinRounds * (6 + 6 * type.components() * std::log2(profile.subgroup_size));  // operations
+    words += (profile.shader_int64 && profile.shader_buffer_int64_atomics ? 1 : 2) * type.components();
+  }
+  constexpr double kLittle = 0.25;
+  return joins / profile.costs.compute_operations_per_ns < kLittle * words * profile.costs.atomic_add_ns;
+}
+
+bool many_share(const ir::Graph& graph, const Pass& pass, const ScatterPass& scatter) {
+  constexpr double kMany = 8;
+  const auto count = [](const ir::Extent& extent) {
+    const ir::Dim all = extent.w * extent.h * extent.l;
+    ir::SymbolValues sides;
+    for (const std::string& symbol : all.symbols()) sides[symbol] = 1024;
+    return static_cast<double>(all.evaluate(sides).value_or(1));
+  };
+  double most = 0;
+  for (const ScatterSum& sum : scatter.sums) {
+    double each = 0;
+    for (const ir::ValueId term : sum.terms) each += std::max(contributions(graph, term), 1);
+    most = std::max(most, each * count(pass.domain) / std::max(count(graph.value(sum.value).extent), 1.0));
+  }
+  return most >= kMany;
+}
+
+bool rows_pay(const ir::Graph& graph, const target::Profile& profile, const ScatterPass& scatter,
+              const RowsScatter& rows) {
+  double row = 0, exact = 0;
+  const target::Costs& c = profile.costs;
+  for (const ScatterSum& sum : scatter.sums) {
+    double terms = static_cast<double>(sum.terms.size());
+    if (rows.sorted() != nullptr) {
+      terms = 0;
+      for (const ir::ValueId term : sum.terms) terms += static_cast<double>(scatter_leaves(graph, term)->size());
+    }
+    const double n = graph.value(sum.value).type.components() * terms;
+    row += (8 * terms + 2 * 4 * n) / c.compute_buffer_bytes_per_ns;
+    exact += 2 * 4 * n / c.compute_buffer_bytes_per_ns + 2 * n * c.atomic_add_ns;
+  }
+  return row <= exact;
+}
+
+}  // namespace dr::backend

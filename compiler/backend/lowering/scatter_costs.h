@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+// What ways of summing cost beside each other.
+#pragma once
+
+#include "compiler/backend/schedule/schedule.h"
+#include "compiler/target/profile.h"
+
+namespace dr::backend {
+
+// Lanes beside each other often add to one element, and atomics of one element wait for each other. Where none do,
+// joining is in vain: it has to cost little beside the atomics. On a processor, where a thread has all lanes of a
+// subgroup, atomics do not wait, and sums over lanes go lane by lane. In a loop, each atomic that waits for the lanes
+// beside it keeps those of later trips from starting.
+bool joining_pays(const ir::Graph& graph, const target::Profile& profile, const ScatterPass& scatter);
+
+// Whether lanes beside each other often add to one element of a sum: where there are many more of them than elements.
+bool many_share(const ir::Graph& graph, const Pass& pass, const ScatterPass& scatter);
+
+// A contribution costs a row its number and two loads, and an exact sum three words of atomics and their clearing.
+bool rows_pay(const ir::Graph& graph, const target::Profile& profile, const ScatterPass& scatter,
+              const RowsScatter& rows);
+
+}  // namespace dr::backend
