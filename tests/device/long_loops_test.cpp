@@ -288,3 +288,29 @@ TEST_CASE("the loops of a row's items come to their end") {
         CHECK(sums[1] == (kItems - 1) * one);
       }
 }
+
+// Each alone may be drawn; together they take more trips than an invocation may.
+TEST_CASE("loops that share a drawn shader come to their end") {
+  std::string text = "edition 1; param a : float[W, H] = 0.5; input b : int[M]; let y = 0.0";
+  for (int k = 0; k < 20; ++k)
+    text += " + a.at(ivec2((coord(W, H).x + reduce(sum, j in 0..4000) { b.at((j + " + std::to_string(k) +
+            ") % M) * (coord(W, H).x + 1) }) % W, 0))";
+  const std::string file = written("together", text + "; step go { output y; }");
+  for (const auto& [name, device] : test::devices()) {
+    jit::Options options;
+    options.profile = name;
+    options.lower = "fragment";
+    Program program = must(Program::load(device, test::compile(file, options)));
+    std::vector<float> a(12);
+    for (size_t k = 0; k < a.size(); ++k) a[k] = static_cast<float>(k % 4 + 1);
+    must(program.bind("a", Array::from_floats(a, 1, 4, 3)));
+    std::vector<int32_t> b(7, 1);
+    must(program.bind("b", Array::from_ints(b, 1, 7)));
+    must(program.run("go"));
+    // 4,000 (x + 1) steps to the right: back to x.
+    const auto y = must(program.output("go", "y")).to_doubles();
+    INFO(name);
+    for (size_t k = 0; k < y.size(); ++k) CHECK(y[k] == 20 * static_cast<double>(k % 4 + 1));
+  }
+  std::filesystem::remove(file);
+}

@@ -172,7 +172,13 @@ void Generator::sum_counts(const Sort& sort, const std::string& name, const std:
     s.body().line("sum += count;");
     s.body().line("}");
   }
-  dispatch(sort.pass, name + "_all", sum_all, "1", push);
+  auto& all = dispatch(sort.pass, name + "_all", sum_all, "1", push);
+  // 67 million items are more steps than the device may allow: then the runtime refuses them.
+  const Dim trips = sort.groups + Dim(2);
+  if (const uint32_t most = schedule_.code.loop_trips; most > 0 && (!trips.is_constant() || trips.constant() > most)) {
+    all.trips = trips.str();
+    all.most_trips = most;
+  }
 }
 
 void Generator::take_sorted_items(const Sort& sort) {

@@ -9,6 +9,7 @@
 #include "compiler/backend/pack/pass_order.h"
 #include "compiler/backend/pack/step_packer.h"
 #include "compiler/backend/schedule/limits.h"
+#include "compiler/backend/schedule/trips.h"
 
 namespace dr::backend {
 
@@ -268,12 +269,10 @@ void StepPacker::add_map_pass(const Extent& domain, const std::vector<ValueId>& 
   pass.domain = domain;
   close_over(pass, targets, level);
   if (hardware && options_.blocks) run_in_blocks(pass);
+  if (pass.is_drawn() && stops(pass)) compute(pass);
   if (targets.size() == 1 && !within_limits(pass)) {
-    if (pass.is<FragmentPass>()) {
-      // One value alone needs more than a fragment shader may have: compute shaders may have more.
-      pass.of_kind = MapPass{};
-      resource(targets[0]).leave_image();
-    }
+    // One value alone needs more than a fragment shader may have: compute shaders may have more.
+    if (pass.is<FragmentPass>()) compute(pass);
     if (!within_limits(pass)) {
       spill(pass);
       close_over(pass, targets, level);
@@ -289,12 +288,20 @@ void StepPacker::run_in_blocks(Pass& pass) {
   const double share_to_beat = costs.compute_operations_per_ns / costs.fragment_operations_per_ns;
   if (!blocks_.choose(pass, share_to_beat)) return;
   const auto drawn = std::exchange(pass.of_kind, MapPass{});
-  if (!within_limits(pass)) {
+  if (within_limits(pass))
+    compute(pass);
+  else
     pass.of_kind = drawn;
-    return;
-  }
+}
+
+// By a compute shader.
+void StepPacker::compute(Pass& pass) {
+  pass.of_kind = MapPass{};
   for (const ValueId v : pass.writes) resource(v).leave_image();
 }
+
+// Whether its loops together have to stop and go on later, though each alone has not, or `looped_` knows of it.
+bool StepPacker::stops(const Pass& pass) const { return needs_cut(trips_of(graph_, pass.ops), profile_); }
 
 void StepPacker::make_passes() {
   int top = -1;
@@ -376,7 +383,7 @@ std::optional<Pass> StepPacker::merged(const Pass& from, const Pass& into) {
   // Nothing that it would write itself, and nothing new: the order of passes does not know of that.
   const bool sound = std::ranges::all_of(
       both.reads, [&](ValueId v) { return !is_in(both.writes, v) && (is_in(from.reads, v) || is_in(into.reads, v)); });
-  if (!sound || !within_limits(both)) return std::nullopt;
+  if (!sound || !within_limits(both) || (both.is_drawn() && stops(both))) return std::nullopt;
   both.name = pass_name(both);
   return both;
 }

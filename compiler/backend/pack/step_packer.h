@@ -92,6 +92,8 @@ class StepPacker {
   void add_map_passes(const Extent& domain, const std::vector<OpId>& group, int level);
   void add_map_pass(const Extent& domain, const std::vector<ValueId>& targets, int level, bool hardware);
   void run_in_blocks(Pass& pass);
+  void compute(Pass& pass);
+  bool stops(const Pass& pass) const;
   std::vector<ValueId> choose(std::span<const ValueId>& targets, int level, bool hardware);
   std::vector<std::vector<ValueId>> gathered(std::span<const ValueId> targets, size_t most, const Extent& domain,
                                              int level);
