@@ -108,6 +108,7 @@ struct BuiltinTable {
         {"coord", 1, 3, &E::builtin_coord},
         {"detach", 1, 1, &E::builtin_barrier, OpKind::Detach},
         {"pin", 1, 1, &E::builtin_barrier, OpKind::Pin},
+        {"known", 1, 1, &E::builtin_known},
         {"grad", 2, 2, &E::builtin_grad, OpKind::Grad, {"seed"}},
         {"jvp", 3, 3, &E::builtin_jvp, OpKind::Grad},
         {"array", 2, 2, &E::builtin_array},
