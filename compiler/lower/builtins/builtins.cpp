@@ -252,7 +252,8 @@ Value Elaborator::builtin_mix(BuiltinCall& call) {
   }
   if (!floats(call)) return Error{};
   const Value& t = call.args[2];
-  return add(mul(call.args[0], sub(make_float(1), t)), mul(call.args[1], t));
+  const Value second = mul(call.args[1], t), first = mul(call.args[0], sub(make_float(1), t));
+  return add(first, second);
 }
 
 Value Elaborator::builtin_step(BuiltinCall& call) {
@@ -276,12 +277,13 @@ Value Elaborator::builtin_smoothstep(BuiltinCall& call) {
     t = apply(OpKind::Clamp, {arithmetic(OpKind::Div, sub(x, call.args[0]), width), zero, one});
   } else {
     const Value degenerate = apply(OpKind::Equal, {width, zero});
-    const Value ramp = apply(
-        OpKind::Clamp, {arithmetic(OpKind::Div, sub(x, call.args[0]), select(degenerate, one, width)), zero, one});
+    const Value divisor = select(degenerate, one, width), way = sub(x, call.args[0]);
+    const Value ramp = apply(OpKind::Clamp, {arithmetic(OpKind::Div, way, divisor), zero, one});
     const Value step = select(apply(OpKind::Less, {x, call.args[0]}), zero, one);
     t = select(degenerate, step, ramp);
   }
-  return mul(mul(t, t), sub(make_float(3), mul(make_float(2), t)));
+  const Value rest = sub(make_float(3), mul(make_float(2), t)), square = mul(t, t);
+  return mul(square, rest);
 }
 
 // select(c, a, b), of numbers, vectors, structs and arrays.
