@@ -4,6 +4,7 @@
 program, those of docs/examples/, and the README's pear, of what `./dr demo` left.
 
 usage: pictures.py DRUN [DEMO_OUT_FOLDER]     DR_DEVICE chooses the device; lavapipe without it
+       pictures.py DRUN --only NAME ...       those of some programs of docs/examples/ alone
 """
 import os
 import re
@@ -114,12 +115,81 @@ def pear(out):
     save(docs / "pear.png", side_by_side([image[ys[0] - 4:ys[-1] + 5, xs[0] - 4:xs[-1] + 5] for image in images], gap=24))
 
 
+def large(image, times):
+    """Each pixel as a square of so many."""
+    return np.repeat(np.repeat(image, times, axis=0), times, axis=1)
+
+
+def material_from_views():
+    """Base colour, and roughness and metalness in red and green: what was looked for, and what was found."""
+    program = docs / "examples/material_from_views.dr"
+    mesh = [word.replace("PEAR", str(docs / "examples/pear.obj")) for word in MESH]
+    with tempfile.TemporaryDirectory() as folder:
+        run(program, f"{folder}/made", *mesh, "--step", "make")
+        made = [word for name in ("sky_a", "sky_b", "base_made", "rest_made") for word in ("--bind", f"{name}={folder}/made/make.{name}.npy")]
+        one = ["--step", "start", "--step", "fit=15", "--step", "remember"]
+        run(program, f"{folder}/found", *mesh, *made, *(4 * one), "--step", "take", "--step", "fit=40")
+        two = lambda a: np.concatenate([a, np.zeros_like(a[..., :1])], axis=-1)
+        load = lambda name: np.load(f"{folder}/{name}.npy")
+        images = [load("made/make.base_made"), load("found/base"), two(load("made/make.rest_made")), two(load("found/rest"))]
+    save(docs / "examples/material_from_views.png", side_by_side([large(srgb(image), 3) for image in images]))
+
+
+def sky_from_ball():
+    """The sky, and what was found of it."""
+    program = docs / "examples/sky_from_ball.dr"
+    with tempfile.TemporaryDirectory() as folder:
+        run(program, f"{folder}/made", "--step", "make")
+        sky = f"{folder}/made/make.sky_made.npy"
+        run(program, f"{folder}/found", "--bind", f"sky={sky}", "--step", "fit=200", "--step", "judge")
+        images = [np.load(sky), np.load(f"{folder}/found/judge.sky_found.npy")]
+    save(docs / "examples/sky_from_ball.png", side_by_side([large(srgb(image), 2) for image in images]))
+
+
+def lamp_from_shadow():
+    """The shadow by the lamp that the search starts from, by the one that it finds, and the one that was seen."""
+    program = docs / "examples/lamp_from_shadow.dr"
+    ball = ["--bind", f"position={docs}/examples/sphere.obj:position", "--bind", f"face={docs}/examples/sphere.obj:indices"]
+    with tempfile.TemporaryDirectory() as folder:
+        run(program, f"{folder}/start", *ball, "--step", "show")
+        run(program, f"{folder}/found", *ball, "--step", "fit=300", "--step", "show")
+        images = [np.load(f"{folder}/{name}.npy") for name in ("start/show.found", "found/show.found", "found/show.photo")]
+    save(docs / "examples/lamp_from_shadow.png", side_by_side([large(srgb(0.6 * image), 2) for image in images]))
+
+
+def shape_from_photos():
+    """The pear from a side that was not seen, what was found of it, and the shape that was found."""
+    target, size = docs / "examples/pear/target.dr", ["-D", "W=128", "-D", "H=128"]
+    with tempfile.TemporaryDirectory() as folder:
+        run(target, f"{folder}/seen", *size, "--step", "render", "--step", "meshes")
+        run(target, f"{folder}/new", *size, "-D", "round=1", "--step", "render")
+        files = {"start": "seen/meshes.position", "face": "seen/meshes.face", "view": "seen/render.view", "photo": "seen/render.image",
+                 "mask": "seen/render.mask", "new_view": "new/render.view", "new_photo": "new/render.image", "new_mask": "new/render.mask"}
+        bound = [word for leaf, file in files.items() for word in ("--bind", f"{leaf}={folder}/{file}.npy")]
+        run(docs / "examples/shape_from_photos.dr", f"{folder}/found", *bound, "--step", "coarse=300", "--step", "fit=150", "--step", "look")
+        images = [np.load(f"{folder}/found/look.{name}.npy") for name in ("photo", "drawn", "shape")]
+    save(docs / "examples/shape_from_photos.png", side_by_side([large(srgb(image), 2) for image in images]))
+
+
+def normal_map():
+    example("normal_map", ["--step", "fit=150"], ("photo", "coarse", "drawn"))
+
+
+def shape_and_texture():
+    ball = docs / "examples/sphere.obj"
+    example("shape_and_texture", ["--bind", f"start={ball}:position", "--bind", f"face={ball}:indices", "--step", "together=200"])
+
+
+PROGRAMS = {f.__name__: f for f in (normal_map, shape_and_texture, material_from_views, sky_from_ball, lamp_from_shadow, shape_from_photos)}
+if sys.argv[2:3] == ["--only"]:
+    for name in sys.argv[3:]:
+        PROGRAMS[name]()
+    sys.exit()
 for page in PAGES:
     tutorial(*page)
 for name, options in GALLERY.items():
     example(f"gallery/{name}", options)
-example("normal_map", ["--step", "fit=150"], ("photo", "coarse", "drawn"))
-ball = docs / "examples/sphere.obj"
-example("shape_and_texture", ["--bind", f"start={ball}:position", "--bind", f"face={ball}:indices", "--step", "together=200"])
+for program in PROGRAMS.values():
+    program()
 if len(sys.argv) > 2:
     pear(Path(sys.argv[2]))

@@ -52,6 +52,8 @@ std::variant<CompileOptions, std::string> compile_options(const std::string& low
       out.prologue = false;
     else if (part == "active")
       out.list_active = false;
+    else if (part == "stepped")
+      out.leave_at_rest = false;
     else if (part == "branches")
       out.list_branches = false;
     else if (part == "blocks")

@@ -33,6 +33,7 @@ struct PassHooks {
 struct CompileOptions {
   bool fused = true, recompute = true, stages = true, prologue = true;  // see PackOptions
   bool list_active = true;      // scatters run for the elements that may add something (lowering/scatter_active.h)
+  bool leave_at_rest = true;    // updates leave elements out (lowering/leave_at_rest.h)
   bool list_branches = true;    // heavy branches run for the elements that take them (emit/listed.cpp)
   bool block_loops = true;      // see lowering/block_loops.h
   bool empty_sums = true;       // see lowering/empty_sums.h

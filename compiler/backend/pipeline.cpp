@@ -12,6 +12,7 @@
 #include "compiler/backend/lowering/guess_exponents.h"
 #include "compiler/backend/lowering/keep_in_tiles.h"
 #include "compiler/backend/lowering/keep_sums.h"
+#include "compiler/backend/lowering/leave_at_rest.h"
 #include "compiler/backend/lowering/list_where_computed.h"
 #include "compiler/backend/lowering/raster_entries.h"
 #include "compiler/backend/lowering/scatter.h"
@@ -87,6 +88,11 @@ Outcome run_guess_exponents(Compilation& c) {
 
 Outcome run_set_up_in_raster(Compilation& c) {
   set_up_in_raster(c.graph(), c.profile, c.out.schedule);
+  return std::nullopt;
+}
+
+Outcome run_leave_at_rest(Compilation& c) {
+  if (c.options.leave_at_rest) leave_at_rest(c.graph(), c.profile, c.out.schedule);
   return std::nullopt;
 }
 
@@ -173,6 +179,7 @@ constexpr BackendPass kPasses[] = {
     {"set-up-in-raster", run_set_up_in_raster, Fact::Packed | Fact::EntriesKept, only(Fact::PlacesFixed),
      only(Fact::Lowered)},
     {"block-loops", run_block_loops, Fact::Packed | Fact::SumsChosen | Fact::PlacesFixed, 0, only(Fact::Lowered)},
+    {"leave-at-rest", run_leave_at_rest, Fact::Packed | Fact::SumsChosen | Fact::PlacesFixed, 0, only(Fact::Lowered)},
     {"choose-code", run_choose_code, Fact::Packed | Fact::SumsChosen | Fact::PlacesFixed | Fact::EntriesKept,
      only(Fact::CodeChosen), only(Fact::Lowered)},
     {"empty-sums", run_empty_sums, Fact::Packed | Fact::SumsChosen | Fact::CodeChosen, 0, only(Fact::Lowered)},

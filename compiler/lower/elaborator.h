@@ -512,6 +512,7 @@ class Elaborator {
   Value builtin_scatter(BuiltinCall& call);
   Value builtin_reduction(BuiltinCall& call);
   Value builtin_coord(BuiltinCall& call);
+  Value builtin_known(BuiltinCall& call);
   Value builtin_barrier(BuiltinCall& call);
   Value builtin_grad(BuiltinCall& call);
   Value builtin_jvp(BuiltinCall& call);

@@ -81,8 +81,8 @@ AdjointOutput clamp_adjoint(const AdjointInput& in) {
   const ValueId above_low = apply(b, OpKind::LessEqual, low, x);
   const ValueId ordered = apply(b, OpKind::LessEqual, low, high);
   const ValueId inside = apply(b, OpKind::LogicalAnd, above_low, apply(b, OpKind::LessEqual, x, high));
-  const ValueId is_high =
-      apply(b, OpKind::LogicalOr, apply(b, OpKind::Less, high, x), apply(b, OpKind::LogicalNot, ordered));
+  const ValueId unordered = apply(b, OpKind::LogicalNot, ordered);
+  const ValueId is_high = apply(b, OpKind::LogicalOr, apply(b, OpKind::Less, high, x), unordered);
   const ValueId is_low = apply(b, OpKind::LogicalAnd, apply(b, OpKind::LogicalNot, above_low), ordered);
   return {keep_where(b, inside, in.adjoint), keep_where(b, is_low, in.adjoint), keep_where(b, is_high, in.adjoint)};
 }

@@ -115,7 +115,8 @@ AdjointOutput reduce_extreme_adjoint(const AdjointInput& in) {
   Builder& b = in.builder;
   const ValueId x = in.operands[0];
   const ValueId equal = apply(b, OpKind::Equal, x, in.result);
-  const ValueId winners = select(b, equal, like(b, x, 1.0), zero_like(b, x));
+  const ValueId zero = zero_like(b, x);
+  const ValueId winners = select(b, equal, like(b, x, 1.0), zero);
   const ValueId count = emit(b, OpKind::ReduceSum, {winners}, in.attrs);
   return {keep_where(b, equal, smul(b, in.adjoint, safe_reciprocal(b, count)))};
 }

@@ -45,7 +45,8 @@ double nearest_half(double x) {
 // By the result, which is what is stored: x would have to be kept for it.
 AdjointOutput half_adjoint(const AdjointInput& in) {
   Builder& b = in.builder;
-  const ValueId inside = apply(b, OpKind::Less, apply(b, OpKind::Abs, in.result), like(b, in.result, kLargestHalf));
+  const ValueId largest = like(b, in.result, kLargestHalf);
+  const ValueId inside = apply(b, OpKind::Less, apply(b, OpKind::Abs, in.result), largest);
   return {keep_where(b, inside, in.adjoint)};
 }
 
@@ -58,7 +59,8 @@ double log_add_exp(double x, double y) {
 AdjointOutput log_add_exp_adjoint(const AdjointInput& in) {
   Builder& b = in.builder;
   const ValueId x = in.operands[0], y = in.operands[1];
-  const ValueId apart = drop_where(b, apply(b, OpKind::Equal, x, y), sub(b, x, y));
+  const ValueId difference = sub(b, x, y);
+  const ValueId apart = drop_where(b, apply(b, OpKind::Equal, x, y), difference);
   return {smul(b, in.adjoint, apply(b, OpKind::Sigmoid, apart)),
           smul(b, in.adjoint, apply(b, OpKind::Sigmoid, neg(b, apart)))};
 }
@@ -68,11 +70,20 @@ double into_unit(double x) { return x > 1 ? 1.0 : (x < -1 ? -1.0 : x); }
 
 ValueId is_positive(Builder& b, ValueId x) { return apply(b, OpKind::Less, zero_like(b, x), x); }
 
+// (1 - x)(1 + x)
+ValueId one_less_square(Builder& b, ValueId one, ValueId x) {
+  const ValueId above = add(b, one, x);
+  return mul(b, sub(b, one, x), above);
+}
+
+// x where `positive` is above 0, else 0.
+ValueId where_positive(Builder& b, ValueId positive, ValueId x) { return keep_where(b, is_positive(b, positive), x); }
+
 // 1 / sqrt((1 - x)(1 + x)) inside (-1, 1), 0 outside.
 ValueId asin_derivative(Builder& b, ValueId x) {
   const ValueId one = like(b, x, 1.0);
   const ValueId inside = apply(b, OpKind::Less, apply(b, OpKind::Abs, x), one);
-  const ValueId square = mul(b, sub(b, one, x), add(b, one, x));
+  const ValueId square = one_less_square(b, one, x);
   return keep_where(b, inside, div(b, one, apply(b, OpKind::Sqrt, square)));
 }
 
@@ -98,7 +109,7 @@ ValueId acosh_derivative(Builder& b, ValueId x) {
 ValueId atanh_derivative(Builder& b, ValueId x) {
   const ValueId one = like(b, x, 1.0);
   const ValueId inside = apply(b, OpKind::Less, apply(b, OpKind::Abs, x), one);
-  return keep_where(b, inside, div(b, one, mul(b, sub(b, one, x), add(b, one, x))));
+  return keep_where(b, inside, div(b, one, one_less_square(b, one, x)));
 }
 
 AdjointOutput pow_adjoint(const AdjointInput& in) {
@@ -109,14 +120,15 @@ AdjointOutput pow_adjoint(const AdjointInput& in) {
   // small y makes the product finite. Elsewhere y x^(y - 1); at x = 0 that is Inf for 0 < y < 1, where the derivative
   // is taken to be 0.
   const ValueId size = apply(b, OpKind::Abs, in.result);
-  const ValueId moderate = apply(b, OpKind::LogicalAnd, apply(b, OpKind::LessEqual, like(b, x, 0x1p-126), size),
-                                 apply(b, OpKind::LessEqual, size, like(b, x, 0x1p120)));
-  const ValueId in_x =
-      select(b, moderate, div(b, smul(b, y, in.result), x), smul(b, y, apply(b, OpKind::Pow, x, sub(b, y, one))));
-  const ValueId vertical =
-      apply(b, OpKind::LogicalAnd, apply(b, OpKind::Equal, x, zero), apply(b, OpKind::Less, y, one));
+  const ValueId not_huge = apply(b, OpKind::LessEqual, size, like(b, x, 0x1p120));
+  const ValueId not_tiny = apply(b, OpKind::LessEqual, like(b, x, 0x1p-126), size);
+  const ValueId moderate = apply(b, OpKind::LogicalAnd, not_tiny, not_huge);
+  const ValueId by_power = smul(b, y, apply(b, OpKind::Pow, x, sub(b, y, one)));
+  const ValueId in_x = select(b, moderate, div(b, smul(b, y, in.result), x), by_power);
+  const ValueId below_one = apply(b, OpKind::Less, y, one);
+  const ValueId vertical = apply(b, OpKind::LogicalAnd, apply(b, OpKind::Equal, x, zero), below_one);
   // x^y log(x), and 0 where the logarithm is not defined.
-  const ValueId in_y = keep_where(b, is_positive(b, x), mul(b, in.result, apply(b, OpKind::Log, x)));
+  const ValueId in_y = where_positive(b, x, mul(b, in.result, apply(b, OpKind::Log, x)));
   return {smul(b, in.adjoint, drop_where(b, vertical, in_x)), smul(b, in.adjoint, in_y)};
 }
 
@@ -125,13 +137,15 @@ AdjointOutput atan2_adjoint(const AdjointInput& in) {
   Builder& b = in.builder;
   const ValueId y = in.operands[0], x = in.operands[1];
   const ValueId zero = zero_like(b, x), one = like(b, x, 1.0);
-  const ValueId largest = apply(b, OpKind::Max, apply(b, OpKind::Abs, x), apply(b, OpKind::Abs, y));
+  const ValueId size_y = apply(b, OpKind::Abs, y), size_x = apply(b, OpKind::Abs, x);
+  const ValueId largest = apply(b, OpKind::Max, size_x, size_y);
   // The quotients do not depend on what they are scaled by, so no derivative goes through it.
   const ValueId scale = apply(b, OpKind::Detach, largest);
   const ValueId origin = apply(b, OpKind::Equal, scale, zero);
   const ValueId divisor = select(b, origin, one, scale);
   const ValueId scaled_x = div(b, x, divisor), scaled_y = div(b, y, divisor);
-  const ValueId square = add(b, mul(b, scaled_x, scaled_x), mul(b, scaled_y, scaled_y));
+  const ValueId square_y = mul(b, scaled_y, scaled_y);
+  const ValueId square = add(b, mul(b, scaled_x, scaled_x), square_y);
   const ValueId safe_square = select(b, origin, one, square);
   const ValueId in_y = drop_where(b, origin, div(b, div(b, scaled_x, safe_square), divisor));
   const ValueId in_x = drop_where(b, origin, div(b, div(b, scaled_y, safe_square), divisor));
@@ -229,9 +243,8 @@ std::vector<OpInfo> math_ops() {
        .infer = infer1,
        .eval = [](const EvalBatch& e) { map1(e, [](double x) { return std::sqrt(x); }); },
        .glsl = function<"sqrt">,
-       .adjoint = chain<[](Builder& b, ValueId x, ValueId y) {
-         return keep_where(b, is_positive(b, x), div(b, like(b, x, 0.5), y));
-       }>,
+       .adjoint =
+           chain<[](Builder& b, ValueId x, ValueId y) { return where_positive(b, x, div(b, like(b, x, 0.5), y)); }>,
        .domains = {{0.01, 10}},
        .singular = {{{0}}},
        .ulp_bound = 4.5},
@@ -244,7 +257,8 @@ std::vector<OpInfo> math_ops() {
        .glsl = [](const GlslInput& in) { return "1.0 / sqrt(" + in.operands[0] + ")"; },
        .native = [](const GlslInput& in) -> std::optional<std::string> { return call("inversesqrt", in); },
        .adjoint = chain<[](Builder& b, ValueId x, ValueId y) {
-         return keep_where(b, is_positive(b, x), mul(b, like(b, x, -0.5), div(b, y, x)));
+         const ValueId quotient = div(b, y, x);
+         return where_positive(b, x, mul(b, like(b, x, -0.5), quotient));
        }>,
        .domains = {{0.01, 10}},
        .singular = {{{0}}},
@@ -261,7 +275,8 @@ std::vector<OpInfo> math_ops() {
        .vector_prelude = glsl::kCbrtVectors,
        .adjoint = chain<[](Builder& b, ValueId, ValueId y) {
          const ValueId is_zero = apply(b, OpKind::Equal, y, zero_like(b, y));
-         return drop_where(b, is_zero, div(b, like(b, y, 1.0 / 3), mul(b, y, y)));
+         const ValueId square = mul(b, y, y);
+         return drop_where(b, is_zero, div(b, like(b, y, 1.0 / 3), square));
        }>,
        .domains = {{-10, 10}},
        .singular = {{{0}}, {{8}}, {{-27}}, {{1e-30}}, {{-1e30}}},
@@ -318,9 +333,8 @@ std::vector<OpInfo> math_ops() {
        .glsl = function<"dr_log">,
        .prelude = {glsl::kLogPart, glsl::kLog},
        .vector_prelude = glsl::kLogVectors,
-       .adjoint = chain<[](Builder& b, ValueId x, ValueId) {
-         return keep_where(b, is_positive(b, x), div(b, like(b, x, 1.0), x));
-       }>,
+       .adjoint =
+           chain<[](Builder& b, ValueId x, ValueId) { return where_positive(b, x, div(b, like(b, x, 1.0), x)); }>,
        .domains = {{0.01, 20}},
        .singular = {{{0}}, {{1}}},
        .ulp_bound = 3},
@@ -335,7 +349,7 @@ std::vector<OpInfo> math_ops() {
        .prelude = {glsl::kLogPart, glsl::kLog2},
        .vector_prelude = glsl::kLog2Vectors,
        .adjoint = chain<[](Builder& b, ValueId x, ValueId) {
-         return keep_where(b, is_positive(b, x), div(b, like(b, x, std::numbers::log2e), x));
+         return where_positive(b, x, div(b, like(b, x, std::numbers::log2e), x));
        }>,
        .domains = {{0.01, 20}},
        .singular = {{{0}}, {{1}}},
@@ -353,7 +367,7 @@ std::vector<OpInfo> math_ops() {
        .adjoint = chain<[](Builder& b, ValueId x, ValueId) {
          const ValueId one = like(b, x, 1.0);
          const ValueId shifted = add(b, one, x);
-         return keep_where(b, is_positive(b, shifted), div(b, one, shifted));
+         return where_positive(b, shifted, div(b, one, shifted));
        }>,
        .domains = {{-0.9, 10}},
        .singular = {{{-1}}, {{0}}},
@@ -421,7 +435,10 @@ std::vector<OpInfo> math_ops() {
        .glsl = function<"dr_tan">,
        .prelude = {glsl::kSinPart, glsl::kTan},
        .vector_prelude = glsl::kTanVectors,
-       .adjoint = chain<[](Builder& b, ValueId x, ValueId y) { return add(b, like(b, x, 1.0), mul(b, y, y)); }>,
+       .adjoint = chain<[](Builder& b, ValueId x, ValueId y) {
+         const ValueId square = mul(b, y, y);
+         return add(b, like(b, x, 1.0), square);
+       }>,
        .domains = {{-1.5, 1.5}},
        .singular = {{{0}}},
        .ulp_bound = 8},
@@ -528,7 +545,8 @@ std::vector<OpInfo> math_ops() {
        .adjoint = chain<[](Builder& b, ValueId x, ValueId) {
          const ValueId up = apply(b, OpKind::Sigmoid, mul(b, x, like(b, x, 2.0)));
          const ValueId down = apply(b, OpKind::Sigmoid, mul(b, x, like(b, x, -2.0)));
-         return mul(b, like(b, x, 4.0), mul(b, up, down));
+         const ValueId product = mul(b, up, down);
+         return mul(b, like(b, x, 4.0), product);
        }>,
        .domains = {{-5, 5}},
        .singular = {{{0}}, {{-1000}}, {{1000}}},

@@ -94,9 +94,9 @@ DRESSI_API const void* dressi_bundle_bytes(dressi_bundle* bundle, size_t* size);
 DRESSI_API const char* dressi_bundle_info(dressi_bundle* bundle);
 
 /* The commands of a step in the order in which they run: [{"kind", "label", "ops", "elements", "shaders", "reads",
- * "writes", "joins", "steady", "leaves", "lines"}]; kinds are dispatch, draw, fill, copy and reduce, `reads` and
- * `writes` names of resources. A draw that joins belongs to the render pass before it; what is steady changes in each
- * run and is never left out. */
+ * "writes", "joins", "steady", "foresees", "leaves", "lines"}]; kinds are dispatch, draw, fill, copy and reduce,
+ * `reads` and `writes` names of resources. A draw that joins belongs to the render pass before it; what is steady
+ * changes in each run and is never left out. */
 DRESSI_API const char* dressi_schedule(dressi_bundle* bundle, const char* step);
 
 /* `options`: pairs as above, "cache", "rebuild", "store_all" and "share" with "on" or "off", "memory" with bytes. The

@@ -6,13 +6,13 @@
 
 namespace dr::runtime {
 
-RunList::RunList(const bundle::StepT& step) {
+RunList::RunList(const bundle::StepT& step) : changes_(step.changes) {
   for (const auto& c : step.commands) {
     auto group = std::find_if(groups_.begin(), groups_.end(), [&](const Group& g) {
-      return g.steady == c->steady && (g.steady || g.leaves == c->leaves);
+      return g.steady == c->steady && (g.steady || (g.leaves == c->leaves && g.foresees == c->foresees));
     });
     if (group == groups_.end())
-      group = groups_.insert(group, {c->steady, c->leaves, std::vector<uint64_t>(c->leaves.size())});
+      group = groups_.insert(group, {c->steady, c->foresees, c->leaves, std::vector<uint64_t>(c->leaves.size())});
     group_of_.push_back(static_cast<size_t>(group - groups_.begin()));
   }
   dirty_.assign(groups_.size(), true);
@@ -32,9 +32,12 @@ const std::vector<bool>& RunList::dirty(const std::vector<uint64_t>& versions) {
 void RunList::ran(const std::vector<bool>& dirty, const std::vector<uint64_t>& versions) {
   for (size_t g = 0; g < groups_.size(); ++g) {
     Group& group = groups_[g];
-    if (!dirty[g] || group.steady) continue;
+    if (group.steady || !(dirty[g] || (group.foresees && group.has_run))) continue;
     group.has_run = true;
-    for (size_t k = 0; k < group.leaves.size(); ++k) group.seen[k] = versions[group.leaves[k]];
+    for (size_t k = 0; k < group.leaves.size(); ++k) {
+      const bool changes = group.foresees && std::ranges::binary_search(changes_, group.leaves[k]);
+      group.seen[k] = versions[group.leaves[k]] + (changes ? 1 : 0);
+    }
   }
 }
 

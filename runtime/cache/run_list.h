@@ -27,12 +27,14 @@ class RunList {
  private:
   struct Group {
     bool steady;
+    bool foresees;
     std::vector<uint32_t> leaves;
-    std::vector<uint64_t> seen;  // versions of the leaves in the last run
+    std::vector<uint64_t> seen;  // versions of the leaves in the last run, or, foreseen, behind it
     bool has_run = false;
   };
   std::vector<Group> groups_;
   std::vector<size_t> group_of_;
+  std::vector<uint32_t> changes_;
   std::vector<bool> dirty_, all_;
 };
 

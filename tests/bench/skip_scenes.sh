@@ -15,7 +15,7 @@ os.environ["DRC_CACHE_DIR"] = str(suite.out / "cache")
 shutil.rmtree(suite.out / "cache", ignore_errors=True)
 scenes = sorted(p.stem for p in (here / "cases/skip").glob("*.dr") if p.stem != "scene")[:: 4 if suite.quick else 1]
 of_compiling = ("dead", "zero", "fold", "share", "slots", "shaders")
-skips = (*of_compiling, "active", "branches", "soft", "cache", "commands", "pipelines")
+skips = (*of_compiling, "active", "stepped", "branches", "soft", "cache", "commands", "pipelines")
 runs, rounds = (5, 1) if suite.quick else (20, 3)
 if suite.device:
     runs *= 20

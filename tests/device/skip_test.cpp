@@ -68,6 +68,13 @@ Array sky(float scale) {
   return Array::from_floats(values, 3, 32, 16);
 }
 
+// 6 places of an image, one behind the other.
+Array places(int first) {
+  std::vector<int> out;
+  for (int k = first; k < first + 6; ++k) out.insert(out.end(), {k % 8, k / 8 + 2});
+  return Array::from_ints(out, 2, 6);
+}
+
 // A sphere: `around` vertices on each of `rings` rings, and two poles.
 Array sphere(int around, int rings, float radius) {
   std::vector<float> out{0, radius, 0, 0, -radius, 0};
@@ -131,6 +138,21 @@ step go { output y = texture.trilinear(texture.pyramid(image, 5), vec2(coord(8, 
        .with = {57, 388},
        .without = {166, 0},
        .woken = {151, 270}},
+      // The matt layer of what is all metal.
+      {.id = "dead",
+       .text = R"(
+import std.light;
+import std.material;
+const metallic = 1.0;
+input normal : vec3[8];
+let m = material.Material(base = vec3(0.9, 0.6, 0.3), metallic = metallic, roughness = 0.4);
+let lamp = light.directional(vec3(0.0, 0.6, 0.8), vec3(3.0));
+step go { output y = material.shade(m, normal, lamp, vec3(0.0, 0.0, 1.0), matt = material.burley); })",
+       .bound = {{"normal", Array::from_floats(std::vector<float>(24, 0.5773503f), 3, 8)}},
+       .define = "metallic=0.5",
+       .with = {64, 40},
+       .without = {92, 0},
+       .woken = {93, 0}},
       {.id = "zero",
        // A term of weight 0: its gradient is zero whatever `a` is.
        .text = R"(
@@ -203,6 +225,26 @@ step go { output y; })",
        .woken = {25, 231},
        .scatter = "exact",
        .only_on = "swiftshader"},
+      // 6 of 64 texels are read; later 6, of which 3 are others. Those that were keep a memory and go on.
+      {.id = "stepped",
+       .text = R"(
+import std.optim;
+param texel : float[8, 8] = 0.9;
+input place : ivec2[6];
+let color = texel.at(place);
+let error = sum((color - 0.3) * (color - 0.3));
+step go {
+  minimize error over texel with optim.adam(rate = 0.01);
+  texel <- optim.to_range(texel);
+  output error, color;
+})",
+       .bound = {{"place", places(0)}},
+       .leaf = "place",
+       .data = places(3),
+       .with = {12, 116},
+       .without = {0, 0},
+       .woken = {18, 110},
+       .scatter = "rows"},
       {.id = "branches",
        .text = R"(
 param tone : float = 1.0;

@@ -16,7 +16,7 @@ trap 'rm -rf "$work"' EXIT
 driver=$(sed -nE 's/.*"library_path": *"([^"]*)".*/\1/p' "$DR_LAVAPIPE_ICD")
 echo "leak:$(basename "$driver")" > "$work/suppressions"
 export LSAN_OPTIONS=suppressions=$work/suppressions:print_suppressions=0 NODEVICE_SELECT=1
-printf '#!/bin/sh\nLD_PRELOAD="%s:%s" exec "%s/drun" "$@"\n' "$(c++ -print-file-name=libasan.so)" "$driver" "$bin" > "$work/drun"
+printf '#!/bin/sh\nLD_PRELOAD="%s" exec "%s/drun" "$@"\n' "$driver" "$bin" > "$work/drun"
 chmod +x "$work/drun"
 failed=0
 for name in results faults resume data initial_values reference_check reductions replay blocks long_rasters long_folds mesh_material; do

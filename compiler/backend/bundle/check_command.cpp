@@ -187,7 +187,7 @@ bool Checker::attachments(const StepT& step, size_t index, std::set<uint32_t>& w
                        before.depth < 0 && before.extent->w == c.extent->w && before.extent->h == c.extent->h &&
                        before.extent->l == c.extent->l;
     if (!alike) return fail(where + " joins a render pass of another kind");
-    if (before.steady != c.steady || before.leaves != c.leaves)
+    if (before.steady != c.steady || before.foresees != c.foresees || before.leaves != c.leaves)
       return fail(where + " depends on other leaves than the render pass that it joins");
     written.insert(before.colors.begin(), before.colors.end());
     if (!before.joins) return true;

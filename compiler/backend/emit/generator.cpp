@@ -330,6 +330,7 @@ void Generator::map_pass(const Pass& pass) {
     const bool all_here = joined && scatter->get<ScatterPass>().lowering() == ScatterLowering::Atomic;
     if (!all_here) active_lists_[scatter] = add_list(*scatter, "active", bundle::ListKind::Active);
   }
+  if (map.rest) return stepped_map_pass(pass);
   if (map.block) return block_map_pass(pass, *map.block);
   if (map.code.heavy) return listed_map_pass(pass, *map.code.heavy);
   Shader s = shader();

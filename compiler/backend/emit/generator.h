@@ -41,6 +41,11 @@ class Generator {
   void set_lines(const Pass& pass, const Pass* setup);
   void map_pass(const Pass& pass);
   void listed_map_pass(const Pass& pass, const HeavyBranches& heavy);
+  // Elements that do not rest (at_rest.cpp): lists those of an update, given where the rows of its gradient start;
+  // opens a shader that runs for the list, and gives the number of its element; the update itself.
+  void list_stepped(const Pass& gradient, const Pass& update, uint32_t starts);
+  std::string stepped_index(glsl::Shader& shader, uint32_t list);
+  void stepped_map_pass(const Pass& pass);
   // Several elements an invocation (block.cpp).
   void block_map_pass(const Pass& pass, const Block& block);
   // `inputs`: values that it reads as input attachments; `joins`: it goes on in the render pass before.
@@ -222,6 +227,7 @@ class Generator {
   bundle::StepT* out_ = nullptr;
   std::map<uint32_t, uint32_t> guesses_;                // by the resource of sums, where their scatter guesses
   std::map<const Pass*, uint32_t> active_lists_;        // by scatter, of those that a map pass makes
+  std::map<const Pass*, uint32_t> stepped_lists_;       // by update
   std::map<const Pass*, std::vector<Target>> targets_;  // of scatters that join the pass before
   struct TableOfLeaves {
     uint32_t leaf = 0;  // the first of two, of the bundle

@@ -7,6 +7,7 @@
 
 #include "compiler/backend/emit/generator.h"
 #include "compiler/backend/glsl/fixed_point.h"
+#include "compiler/backend/schedule/rest.h"
 
 namespace dr::backend {
 
@@ -308,6 +309,8 @@ void Generator::rows_pass(const Pass& pass) {
   for (const ScatterSum& sum : all) words += words_of(graph_.value(sum.value).type);
   const std::string block = "block", per_block = std::to_string(words);
   const uint32_t sums = add_scratch(pass.name + "_blocks", (blocks * layers * Dim(words)).str());
+  const Pass* const update = update_of(*step_, pass_id(static_cast<size_t>(&pass - step_->passes.data())));
+  if (update != nullptr) list_stepped(pass, *update, table.starts);
 
   sum_blocks(pass, table, ops, blocks, layers, sums, words);
 
@@ -315,12 +318,18 @@ void Generator::rows_pass(const Pass& pass) {
   RowsWriter writer(graph_, pass, ops, s);
   declare_block(s, all_items);
   s.prelude(glsl::kFixedToFloat);
-  linear_index(s, dim_expression(rows.targets * layers));
+  std::string target = "index";
+  if (update == nullptr) {
+    linear_index(s, dim_expression(rows.targets * layers));
+  } else {
+    s.body().line("int target = " + stepped_index(s, stepped_lists_.at(update)) + ";");
+    target = "target";
+  }
   const std::string starts = s.read_words(table.starts, "starts", "int");
   const std::string items = s.read_words(table.items, "items", "int");
   const std::string in = s.read_words(sums, "blocks");
-  s.body().line("int layer = index / " + dim_expression(rows.targets) + ";");
-  s.body().line("int row = index % " + dim_expression(rows.targets) + ";");
+  s.body().line("int layer = " + target + " / " + dim_expression(rows.targets) + ";");
+  s.body().line("int row = " + target + " % " + dim_expression(rows.targets) + ";");
   s.body().line("int begin = " + starts + "(row), end = " + starts + "(row + 1);");
   s.body().line("int bits = findMSB(uint(end - begin)) + 1;");
   writer.declare_totals();
@@ -348,11 +357,15 @@ void Generator::rows_pass(const Pass& pass) {
       const std::string value = writer.type(k).is_float() ? "fixed_to_float(" + total + ", shift_" + id + ", (flags_" +
                                                                 id + " >> " + std::to_string(4 * c) + ") & 15u)"
                                                           : total;
-      s.body().line(out + ".d[index * " + std::to_string(n) + " + " + std::to_string(c) +
+      s.body().line(out + ".d[" + target + " * " + std::to_string(n) + " + " + std::to_string(c) +
                     "] = " + s.at_once({writer.type(k).scalar, 1, 1}, value) + ";");
     }
   }
   auto& walk = dispatch(pass, "", s, (rows.targets * layers).str());
+  if (update != nullptr) {
+    walk.indirect = static_cast<int>(stepped_lists_.at(update));
+    for (const ScatterSum& sum : all) bundle_->resources[resource_index(sum.value)]->partial = true;
+  }
   const Dim trips = row_walk(all_items, Dim(0), 1);  // where items have loops, all is known
   if (schedule_.code.loop_trips == 0 || trips.is_constant()) return;
   walk.trips = trips.str();

@@ -10,16 +10,6 @@
 
 namespace dr::backend {
 
-namespace {
-
-// In op_size() units. Longer shaders are cut: drivers take quadratic time for one. Each part makes what it needs of the
-// forward sweep again, which costs most where lanes go in turn.
-constexpr size_t kMaxSize = 6144, kMaxSizeInTurn = 8192;
-
-}  // namespace
-
-size_t StepPacker::max_size() const { return profile_.lanes_in_turn ? kMaxSizeInTurn : kMaxSize; }
-
 // By a compute pass of its own, unless a pass has stored it already; later shaders load it.
 void StepPacker::store_before(ValueId v, const Extent& domain) {
   if (!stored_[v.index]) {
@@ -60,7 +50,7 @@ size_t StepPacker::size_again(ValueId v, OpId id, int level, size_t most) {
 // forward sweep are computed again beside each part of the backward sweep, which should have room for as much. Ops that
 // are too large by themselves stay.
 void StepPacker::cut(const Extent& domain, const std::vector<ValueId>& targets, int level) {
-  const size_t longest = max_size();
+  const size_t longest = kMaxSize;
   elsewhere_.clear();
   begin_cone(level);
   for (ValueId v : targets) grow(v);

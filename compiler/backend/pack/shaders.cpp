@@ -220,7 +220,7 @@ std::vector<ValueId> StepPacker::choose(std::span<const ValueId>& targets, int l
     grow(v);
     const auto count = static_cast<uint32_t>(chosen.size()) + 1;
     if (fits(profile_, {cone_.buffers, cone_.images, count, hardware, more}) &&
-        (count == 1 || cone_.size <= max_size())) {
+        (count == 1 || cone_.size <= kMaxSize)) {
       chosen.push_back(v);
       continue;
     }
@@ -379,7 +379,7 @@ std::optional<Pass> StepPacker::merged(const Pass& from, const Pass& into) {
   int level = INT_MAX;
   for (ValueId v : both.writes) level = std::min(level, level_[graph_.value(v).op.index]);
   close_over(both, std::vector<ValueId>(both.writes), level);
-  if (cone_.size > max_size()) return std::nullopt;
+  if (cone_.size > kMaxSize) return std::nullopt;
   // Nothing that it would write itself, and nothing new: the order of passes does not know of that.
   const bool sound = std::ranges::all_of(
       both.reads, [&](ValueId v) { return !is_in(both.writes, v) && (is_in(from.reads, v) || is_in(into.reads, v)); });

@@ -112,7 +112,9 @@ class StepPacker {
   std::string pass_name(const Pass& pass) const;
 
   // cut.cpp
-  size_t max_size() const;  // of a shader
+  // In op_size() units. Longer shaders are cut: drivers take quadratic time for one. Each part makes what it needs of
+  // the forward sweep again.
+  static constexpr size_t kMaxSize = 8192;
   void store_before(ValueId v, const Extent& domain);
   size_t size_again(ValueId v, OpId id, int level, size_t most);
   void cut(const Extent& domain, const std::vector<ValueId>& targets, int level);

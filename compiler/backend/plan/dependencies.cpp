@@ -51,12 +51,23 @@ class StepDependencies {
       const Set& on = of_command_[k];
       CommandT& c = *step_.commands[k];
       c.leaves.assign(on.begin(), on.lower_bound(counter));
-      c.steady = on.count(counter) != 0 ||
-                 std::any_of(on.begin(), on.end(), [&](uint32_t leaf) { return changes.count(leaf) != 0; });
+      c.foresees = lists_stepped(c);
+      c.steady = !c.foresees && (on.count(counter) != 0 || std::any_of(on.begin(), on.end(), [&](uint32_t leaf) {
+                                   return changes.count(leaf) != 0;
+                                 }));
     }
   }
 
  private:
+  // Elements that are not listed stay as they are, and those that are stay on the list, whatever the step does.
+  bool lists_stepped(const CommandT& c) const {
+    bool lists = false;
+    for_each_access(c, [&](uint32_t r, bundle::Access access) {
+      lists = lists || (access != bundle::Access::Read && bundle_.resources[r]->list == bundle::ListKind::Stepped);
+    });
+    return lists;
+  }
+
   void start(uint32_t resource, uint32_t leaf) {
     of_[resource] = {leaf};
     is_memory_[resource] = true;
@@ -104,7 +115,7 @@ void for_each_access(const CommandT& c, const std::function<void(uint32_t, bundl
 }
 
 bool run_together(const CommandT& a, const CommandT& b) {
-  return a.steady == b.steady && (a.steady || a.leaves == b.leaves);
+  return a.steady == b.steady && (a.steady || (a.leaves == b.leaves && a.foresees == b.foresees));
 }
 
 void find_dependencies(BundleT& bundle) {

@@ -92,6 +92,7 @@ class Inspector {
                      {"writes", names(*c, true)},
                      {"joins", c->joins},
                      {"steady", c->steady},
+                     {"foresees", c->foresees},
                      {"leaves", leaves_of(*c)},
                      {"lines", lines(*c)}});
     return out;

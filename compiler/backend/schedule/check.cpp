@@ -5,6 +5,7 @@
 
 #include "compiler/backend/analysis/uses.h"
 #include "compiler/backend/schedule/limits.h"
+#include "compiler/backend/schedule/rest.h"
 #include "compiler/backend/schedule/schedule.h"
 #include "compiler/backend/schedule/structure.h"
 #include "compiler/backend/schedule/trips.h"
@@ -86,6 +87,7 @@ class StepChecker {
     check_guesses();
     check_emptied();
     check_rows();
+    check_rest();
     check_stage();
     check_writes();
     if (pass().kind() != PassKind::Raster) check_limits();  // its draws and dispatches bind one result at a time
@@ -180,6 +182,12 @@ class StepChecker {
       for (ValueId v : root_values_at(graph_, place, sorted_by))
         if (steady[graph_.value(v).op.index]) unsound("sorts by what its step changes");
     }
+  }
+
+  void check_rest() {
+    const auto* map = pass().as<MapPass>();
+    if (map != nullptr && map->rest && !may_rest(graph_, schedule_, step_, pass_id(place_), *map->rest))
+      unsound("leaves elements out that may not stay as they are");
   }
 
   void check_stage() {

@@ -82,11 +82,21 @@ struct MapCode {
   std::vector<ir::ValueId> told;  // those of `writes` that tell whether they are NaN or Inf (emit/finite.cpp)
 };
 
+// An update whose elements stay as they are where no gradient comes (schedule/rest.h): neither it nor `gradient`, a
+// scatter by sorted rows, runs for elements that have no row, whose memory is zero, and that it would leave as they
+// are.
+struct AtRest {
+  PassId gradient;
+  std::vector<ir::ValueId> memory;  // values of states, old ones
+  bool lists_in_runs = false;       // as of MapCode, of what lists the others
+};
+
 // By a compute shader.
 struct MapPass {
   // Those of `writes` that are stored only where the scatter that it lists elements for is active, or for the faces
   // that the raster that it sets up lists.
   std::vector<ir::ValueId> partial;
+  std::optional<AtRest> rest;
   std::optional<Block> block;
   MapCode code;
 };

@@ -154,6 +154,12 @@ bool PassReader::decision(Pass& pass, bool& is_one) {
 bool PassReader::decides(MapPass& map, bool& ok) {
   if (take_word("partial")) {
     ok = values(map.partial);
+  } else if (take_word("rests")) {
+    AtRest& rest = map.rest.emplace();
+    ok = expect_word("without") && pass_name(rest.gradient);
+    if (ok && take(',')) ok = rest.lists_in_runs = expect_word("listed") && expect_word("in") && expect_word("runs");
+  } else if (map.rest && take_word("memory")) {
+    ok = values(map.rest->memory);
   } else if (take_word("block")) {
     ok = numbers("how many elements", map.block.emplace().each);
   } else if (map.block && take_word("read")) {

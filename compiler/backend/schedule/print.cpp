@@ -149,6 +149,7 @@ class Writer {
 
   void write_decisions(const MapPass& map) {
     write_values("    partial", map.partial);
+    if (map.rest) write_rest(*map.rest);
     if (map.block) write_block(*map.block);
     if (map.code.lists_in_runs) out_ += "    lists in runs\n";
     if (map.code.heavy) write_heavy(*map.code.heavy);
@@ -204,6 +205,11 @@ class Writer {
   }
 
   void write_decisions(const DrawnRasterPass&) {}
+
+  void write_rest(const AtRest& rest) {
+    out_ += "    rests without " + pass_at(rest.gradient) + (rest.lists_in_runs ? ", listed in runs\n" : "\n");
+    write_values("    memory", rest.memory);
+  }
 
   void write_heavy(const HeavyBranches& heavy) {
     for (const OpId& id : heavy.ops) out_ += (&id == heavy.ops.data() ? "    heavy " : ", ") + op(id);

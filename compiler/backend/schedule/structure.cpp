@@ -117,7 +117,7 @@ class StructureChecker {
     check_values(pass_->reads, "reads");
     check_values(pass_->writes, "writes");
     if (!check_ops()) return;
-    std::visit(Overloaded{[&](const MapPass& map) { check_map(map); }, [](const FragmentPass&) {},
+    std::visit(Overloaded{[&](const MapPass& map) { check_map(map, place); }, [](const FragmentPass&) {},
                           [](const ReducePass&) {}, [&](const ScatterPass& scatter) { check_scatter(scatter); },
                           [&](const RasterPass& raster) { check_walk(raster.walk); }, [](const DrawnRasterPass&) {}},
                pass_->of_kind);
@@ -125,10 +125,14 @@ class StructureChecker {
     if (const FaceSetup* setup = pass_->setup()) check_helper(setup->pass, place, "set up by");
   }
 
-  void check_map(const MapPass& map) {
+  void check_map(const MapPass& map, size_t place) {
     check_values(map.partial, "stores partly");
     if (!std::ranges::all_of(map.partial, [&](ValueId v) { return holds(pass_->writes, v); }))
       bad("stores partly what it does not store");
+    if (map.rest) {
+      check_values(map.rest->memory, "rests by");
+      if (map.rest->gradient.index >= place) bad("rests without what is no earlier pass");
+    }
     if (map.block) check_block(map, *map.block);
     check_values(map.code.told, "tells of");
     if (!std::ranges::all_of(map.code.told, [&](ValueId v) { return holds(pass_->writes, v); }))

@@ -100,8 +100,10 @@ Value Elaborator::select_branches(const Value& condition, const Value& a, const 
     convert_known_int(else_value, type->scalar);
     if (!type->is_matrix()) return select(condition, then_value, else_value);
     std::vector<Value> columns;
-    for (int c = 0; c < type->cols; ++c)
-      columns.push_back(select(condition, component(then_value, c), component(else_value, c)));
+    for (int c = 0; c < type->cols; ++c) {
+      const Value otherwise = component(else_value, c), then = component(then_value, c);
+      columns.push_back(select(condition, then, otherwise));
+    }
     return compose(std::move(columns), *type);
   });
 }

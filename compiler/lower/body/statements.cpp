@@ -261,7 +261,8 @@ Value Elaborator::fit_assignment(const Value& current, const Value& value, const
 // ---- compile-time control flow ----
 
 void Elaborator::run_for(const dsl::Stmt& stmt) {
-  if (!is_unrolled(stmt, evaluate(*stmt.a), evaluate(*stmt.b))) return run_loop(stmt);
+  const Value first = evaluate(*stmt.a), last = evaluate(*stmt.b);
+  if (!is_unrolled(stmt, first, last)) return run_loop(stmt);
   const auto begin = evaluate_known_int(*stmt.a, "the range of 'for'");
   const auto end = evaluate_known_int(*stmt.b, "the range of 'for'");
   if (!begin || !end) return;

@@ -108,6 +108,7 @@ struct BuiltinTable {
         {"coord", 1, 3, &E::builtin_coord},
         {"detach", 1, 1, &E::builtin_barrier, OpKind::Detach},
         {"pin", 1, 1, &E::builtin_barrier, OpKind::Pin},
+        {"known", 1, 1, &E::builtin_known},
         {"grad", 2, 2, &E::builtin_grad, OpKind::Grad, {"seed"}},
         {"jvp", 3, 3, &E::builtin_jvp, OpKind::Grad},
         {"array", 2, 2, &E::builtin_array},
@@ -246,7 +247,8 @@ Value Elaborator::builtin_mix(BuiltinCall& call) {
   }
   if (!floats(call)) return Error{};
   const Value& t = call.args[2];
-  return add(mul(call.args[0], sub(make_float(1), t)), mul(call.args[1], t));
+  const Value second = mul(call.args[1], t), first = mul(call.args[0], sub(make_float(1), t));
+  return add(first, second);
 }
 
 Value Elaborator::builtin_step(BuiltinCall& call) {
@@ -270,12 +272,13 @@ Value Elaborator::builtin_smoothstep(BuiltinCall& call) {
     t = apply(OpKind::Clamp, {arithmetic(OpKind::Div, sub(x, call.args[0]), width), zero, one});
   } else {
     const Value degenerate = apply(OpKind::Equal, {width, zero});
-    const Value ramp = apply(
-        OpKind::Clamp, {arithmetic(OpKind::Div, sub(x, call.args[0]), select(degenerate, one, width)), zero, one});
+    const Value divisor = select(degenerate, one, width), way = sub(x, call.args[0]);
+    const Value ramp = apply(OpKind::Clamp, {arithmetic(OpKind::Div, way, divisor), zero, one});
     const Value step = select(apply(OpKind::Less, {x, call.args[0]}), zero, one);
     t = select(degenerate, step, ramp);
   }
-  return mul(mul(t, t), sub(make_float(3), mul(make_float(2), t)));
+  const Value rest = sub(make_float(3), mul(make_float(2), t)), square = mul(t, t);
+  return mul(square, rest);
 }
 
 // select(c, a, b), of numbers, vectors, structs and arrays.

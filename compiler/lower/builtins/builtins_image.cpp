@@ -298,6 +298,18 @@ Value Elaborator::builtin_barrier(BuiltinCall& call) {
   });
 }
 
+// Whether all of a value is numbers, none of which is in the graph.
+Value Elaborator::builtin_known(BuiltinCall& call) {
+  bool numeric = false, known = true;
+  for_each_leaf(call.args[0], [&](const Value& leaf) {
+    numeric = numeric || leaf.is_numeric();
+    const auto* dim = leaf.get<Dim>();
+    known = known && (leaf.is<Constant>() || (dim != nullptr && dim->is_constant()));
+  });
+  if (!numeric) return wrong_type(call, 0, "numbers or images");
+  return Constant{ir::kBool, {known ? 1.0 : 0.0}};
+}
+
 Value Elaborator::builtin_grad(BuiltinCall& call) {
   if (refuse_in_region("'grad'", call.span)) return Error{};
   std::optional<Argument> seed;

@@ -65,7 +65,8 @@ Value Elaborator::builtin_sample(BuiltinCall& call) {
   if (*wrap == kMirror) {
     const Value twice = mul(make_float(2), apply(OpKind::Fract, {mul(make_float(0.5), uv)}));
     if (twice.is_error()) return twice;
-    turn = select(apply(OpKind::Less, {splat(make_float(1), ir::vec(2)), twice}), sub(make_float(2), twice), twice);
+    const Value back = sub(make_float(2), twice);
+    turn = select(apply(OpKind::Less, {splat(make_float(1), ir::vec(2)), twice}), back, twice);
   }
   // In texels; with a centre at every whole number where there is something to mix.
   Value p = mul(turn, size);
@@ -102,10 +103,14 @@ Value Elaborator::builtin_sample(BuiltinCall& call) {
   const Value far = settled(add(low, Dim(1)));
   const Value t = sub(p, corner);
   const auto mix = [&](const Value& a, const Value& b, const Value& weight) {
-    return add(mul(a, sub(make_float(1), weight)), mul(b, weight));
+    const Value second = mul(b, weight), first = mul(a, sub(make_float(1), weight));
+    return add(first, second);
   };
-  const Value above = mix(read(near, near), read(far, near), component(t, 0));
-  const Value below = mix(read(near, far), read(far, far), component(t, 0));
+  const auto row = [&](const Value& y) {
+    const Value weight = component(t, 0), second = read(far, y), first = read(near, y);
+    return mix(first, second, weight);
+  };
+  const Value above = row(near), below = row(far);
   return mix(above, below, component(t, 1));
 }
 

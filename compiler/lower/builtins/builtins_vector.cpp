@@ -30,7 +30,12 @@ Value Elaborator::builtin_cross(BuiltinCall& call) {
   if (element_type(call.args[0]) != ir::vec(3)) return wrong_type(call, 0, "vec3");
   constexpr int kYzx[] = {1, 2, 0}, kZxy[] = {2, 0, 1};
   const Value &a = call.args[0], &b = call.args[1];
-  return sub(mul(swizzle(a, kYzx), swizzle(b, kZxy)), mul(swizzle(a, kZxy), swizzle(b, kYzx)));
+  const auto product = [&](const auto& of_a, const auto& of_b) {
+    const Value second = swizzle(b, of_b), first = swizzle(a, of_a);
+    return mul(first, second);
+  };
+  const Value taken = product(kZxy, kYzx), from = product(kYzx, kZxy);
+  return sub(from, taken);
 }
 
 Value Elaborator::builtin_length(BuiltinCall& call) {
@@ -64,8 +69,11 @@ Value Elaborator::builtin_refract(BuiltinCall& call) {
   const Value &i = call.args[0], &n = call.args[1], &eta = call.args[2];
   if (!element_type(eta).is_scalar()) return wrong_type(call, 2, "float");
   const Value cosine = dot(n, i);
-  const Value k = sub(make_float(1), mul(mul(eta, eta), sub(make_float(1), mul(cosine, cosine))));
-  const Value bent = sub(mul(eta, i), mul(add(mul(eta, cosine), apply(OpKind::Sqrt, {k})), n));
+  const Value squared_sine = sub(make_float(1), mul(cosine, cosine)), squared_eta = mul(eta, eta);
+  const Value k = sub(make_float(1), mul(squared_eta, squared_sine));
+  const Value root = apply(OpKind::Sqrt, {k}), scaled_cosine = mul(eta, cosine);
+  const Value along = mul(add(scaled_cosine, root), n), kept = mul(eta, i);
+  const Value bent = sub(kept, along);
   if (bent.is_error()) return bent;
   return select(apply(OpKind::Less, {k, make_float(0)}), splat(make_float(0), element_type(bent)), bent);
 }
@@ -76,7 +84,8 @@ Value Elaborator::builtin_faceforward(BuiltinCall& call) {
   const Value& n = call.args[0];
   const Value facing = dot(call.args[2], call.args[1]);
   if (facing.is_error()) return facing;
-  return select(apply(OpKind::Less, {facing, make_float(0)}), n, apply(OpKind::Neg, {n}));
+  const Value turned = apply(OpKind::Neg, {n});
+  return select(apply(OpKind::Less, {facing, make_float(0)}), n, turned);
 }
 
 // ---- bools ----

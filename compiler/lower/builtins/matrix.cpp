@@ -21,7 +21,8 @@ Value Elaborator::matrix_scalar(OpKind kind, const Value& a, const Value& b) {
   const Type type = matrix_a ? element_type(a) : element_type(b);
   std::vector<Value> columns;
   for (int c = 0; c < type.cols; ++c) {
-    columns.push_back(arithmetic(kind, matrix_a ? component(a, c) : a, matrix_b ? component(b, c) : b));
+    const Value of_b = matrix_b ? component(b, c) : b, of_a = matrix_a ? component(a, c) : a;
+    columns.push_back(arithmetic(kind, of_a, of_b));
     if (columns.back().is_error()) return Error{};
   }
   return compose(std::move(columns), type);
@@ -29,9 +30,12 @@ Value Elaborator::matrix_scalar(OpKind kind, const Value& a, const Value& b) {
 
 // The columns weighted by the vector's components, in order.
 Value Elaborator::matrix_vector(const Value& m, const Value& v) {
-  Value sum = mul(component(m, 0), component(v, 0));
-  for (int c = 1; c < element_type(m).cols && !sum.is_error(); ++c)
-    sum = add(sum, mul(component(m, c), component(v, c)));
+  const auto term = [&](int c) {
+    const Value weight = component(v, c), column = component(m, c);
+    return mul(column, weight);
+  };
+  Value sum = term(0);
+  for (int c = 1; c < element_type(m).cols && !sum.is_error(); ++c) sum = add(sum, term(c));
   return sum;
 }
 
@@ -87,8 +91,8 @@ Value Elaborator::minor_determinant(const Entries& m, const std::vector<size_t>&
                                     const std::vector<size_t>& rows) {
   if (columns.size() == 1) return m[columns[0]][rows[0]];
   if (columns.size() == 2) {
-    return sub(mul(m[columns[0]][rows[0]], m[columns[1]][rows[1]]),
-               mul(m[columns[1]][rows[0]], m[columns[0]][rows[1]]));
+    const Value taken = mul(m[columns[1]][rows[0]], m[columns[0]][rows[1]]);
+    return sub(mul(m[columns[0]][rows[0]], m[columns[1]][rows[1]]), taken);
   }
   Value sum;
   const std::vector<size_t> rest(columns.begin() + 1, columns.end());

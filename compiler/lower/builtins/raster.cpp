@@ -220,14 +220,18 @@ Value Elaborator::coverage(std::span<const Value> edges, const Value& p) {
   Value all_left, all_right;
   for (size_t i = 0; i < edges.size(); ++i) {
     const Value dx = component(edges[i], 2), dy = component(edges[i], 3);
-    const Value x = sub(component(p, 0), component(edges[i], 0)), y = sub(component(p, 1), component(edges[i], 1));
-    const Value side = sub(mul(dx, y), mul(dy, x));
+    const auto apart = [&](int c) {
+      const Value from = component(edges[i], c), to = component(p, c);
+      return sub(to, from);
+    };
+    const Value x = apart(0), y = apart(1);
+    const Value taken = mul(dy, x), side = sub(mul(dx, y), taken);
     const Value on_edge = apply(OpKind::Equal, {side, zero});
     const Value level = apply(OpKind::Equal, {dy, zero});
-    const Value top_left = either(less(dy, zero), both(level, less(zero, dx)));
-    const Value bottom_right = either(less(zero, dy), both(level, less(dx, zero)));
-    const Value left = either(less(zero, side), both(on_edge, top_left));
-    const Value right = either(less(side, zero), both(on_edge, bottom_right));
+    const Value top = both(level, less(zero, dx)), top_left = either(less(dy, zero), top);
+    const Value bottom = both(level, less(dx, zero)), bottom_right = either(less(zero, dy), bottom);
+    const Value on_left = both(on_edge, top_left), left = either(less(zero, side), on_left);
+    const Value on_right = both(on_edge, bottom_right), right = either(less(side, zero), on_right);
     all_left = i == 0 ? left : both(all_left, left);
     all_right = i == 0 ? right : both(all_right, right);
   }

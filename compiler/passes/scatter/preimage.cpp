@@ -180,8 +180,8 @@ void Preimage::undo(ValueId v, int c, Variable variable, const Interval& interva
   if (kind == OpKind::Mod) {
     Interval wrapped = interval;
     wrapped.modulo = places_.at(other(1), part(1));
-    const ValueId inside =
-        both(apply(OpKind::LessEqual, number(0), interval.first), apply(OpKind::Less, interval.first, wrapped.modulo));
+    const ValueId below = apply(OpKind::Less, interval.first, wrapped.modulo);
+    const ValueId inside = both(apply(OpKind::LessEqual, number(0), interval.first), below);
     wrapped.when = both(interval.when, inside);
     return on(wrapped);
   }
@@ -247,7 +247,8 @@ Interval Preimage::scaled(Interval interval, int64_t factor) {
   const ValueId by = number(factor);
   const auto rest = [&](ValueId x) { return apply(OpKind::Mod, x, by); };
   if (interval.is_single()) {
-    interval.when = both(interval.when, apply(OpKind::Equal, rest(interval.first), number(0)));
+    const ValueId zero = number(0);
+    interval.when = both(interval.when, apply(OpKind::Equal, rest(interval.first), zero));
     interval.first = interval.last = apply(OpKind::Div, interval.first, by);
   } else {
     const ValueId up = apply(OpKind::Add, interval.first, number(factor - 1));
@@ -266,8 +267,10 @@ Interval Preimage::divided(Interval interval, int64_t factor) {
   };
   const ValueId first = times(interval.first), last = times(interval.last);
   // Towards zero: what comes to 0 lies on both sides of it.
-  interval.first = ops::select(to_, apply(OpKind::LessEqual, first, number(0)), apply(OpKind::Sub, first, more), first);
-  interval.last = ops::select(to_, apply(OpKind::LessEqual, number(0), last), apply(OpKind::Add, last, more), last);
+  const ValueId less = apply(OpKind::Sub, first, more);
+  interval.first = ops::select(to_, apply(OpKind::LessEqual, first, number(0)), less, first);
+  const ValueId greater = apply(OpKind::Add, last, more);
+  interval.last = ops::select(to_, apply(OpKind::LessEqual, number(0), last), greater, last);
   interval.width = std::min(kBeyond, interval.width * factor + factor - 1);
   interval.below = interval.above = std::nullopt;
   return interval;

@@ -49,7 +49,7 @@ struct Direction {
   // compared but that the result is finite.
   std::string scale = {}, scale_text = {};
   std::string except = {}, except_text = {};
-  std::string why = {};  // the design's bound, or why it is another
+  std::string why = {};  // the bound set beforehand, or why it is another
 };
 
 struct Function {

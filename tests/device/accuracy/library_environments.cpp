@@ -12,8 +12,8 @@ std::vector<Function> reads() {
   const Operand box = whole(vectors("map", 0, 1, 1e-3), "[6, 6, 6]");
   const Operand uv = vectors("uv", -0.5, 1.5, 1e-6, "vec2");
   const std::string contrast = "max(map) - min(map)";
-  const std::string why = "the design's 4u, and the place's own rounding";
-  const Direction to_map = l2("map", 2e-6, "the design's, as a dot product");
+  const std::string why = "the 4u set beforehand, and the place's own rounding";
+  const Direction to_map = l2("map", 2e-6, "the bound set beforehand for dot products");
   const auto by_place = [&](double bound) {
     return over("value", bound, "(" + contrast + ") * 16.0", "contrast times the map's width", why);
   };
@@ -106,7 +106,7 @@ std::vector<Function> filters() {
   const Operand map = whole(vectors("map", 0, 1, 1e-3), "[16, 8]");
   const Operand large = whole(vectors("map", 0, 1, 1e-3), "[64, 32]");
   const Operand alpha = whole(floats("alpha", 0.1, 1, 1e-3), "[1]");
-  const std::string why = "the design's of sums, and the rounding of the weights";
+  const std::string why = "the bound set beforehand for sums, and the rounding of the weights";
   const std::string points = "environment.lobe_points(64, 0.25, 2048)";
   // At the poles all columns of a map meet: what turns around a pole by a rounding reads another texel.
   const std::string upright =

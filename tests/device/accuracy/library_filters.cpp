@@ -6,7 +6,7 @@ namespace dr::accuracy::library {
 
 namespace {
 
-constexpr double kGradient = 1e-6;  // the design's, as a dot product
+constexpr double kGradient = 1e-6;  // the bound set beforehand for dot products
 
 std::vector<Function> picture_filters() {
   const Operand image = whole(vectors("photo", 0, 1, 1e-3), "[24, 18]"),
@@ -16,7 +16,7 @@ std::vector<Function> picture_filters() {
   const auto one = [](double bound, const std::string& why = kFew) {
     return over("value", bound, "1.0 + 0.0 * y", "1", why);
   };
-  const Direction to_image = l2("photo", kGradient, "the design's, as a dot product");
+  const Direction to_image = l2("photo", kGradient, "the bound set beforehand for dot products");
   std::vector<Function> all;
   const auto add = [&](const std::string& name, const std::string& part, const std::string& result,
                        const std::string& arguments, Operands operands, Directions directions) {
@@ -31,11 +31,11 @@ std::vector<Function> picture_filters() {
   for (const char* border : {"zero", "clamp", "repeat", "mirror"})
     add("convolve", border, "vec3[24, 18]", std::string("photo, kernel, image.") + border, {image, kernel},
         {over("value", 16 * u, "sum(abs(kernel)) + 0.0 * y.x", "the kernel's sum", "twelve terms"), to_image,
-         l2("kernel", kGradient, "the design's, as a dot product")});
+         l2("kernel", kGradient, "the bound set beforehand for dot products")});
   add("padded", "", "vec3[28, 23]", "photo, 1, 3, 2, 3, image.mirror", {image}, {equal(), to_image});
   add("correlated", "", "vec3[21, 16]", "photo, kernel", {image, kernel},
       {over("value", 16 * u, "sum(abs(kernel)) + 0.0 * y.x", "the kernel's sum", "twelve terms"), to_image,
-       l2("kernel", kGradient, "the design's, as a dot product")});
+       l2("kernel", kGradient, "the bound set beforehand for dot products")});
   add("gaussian", "", "float[9]", "sigma, 4", {sigma},
       {one(16 * u), over("sigma", 64 * u, "sum(abs(g)) * (1.0 + 1.0 / sigma)", "the adjoints' sum, times 1 + 1 / sigma",
                          "sums of nine terms that cancel")});
@@ -50,7 +50,7 @@ std::vector<Function> picture_filters() {
   for (const char* way : {"right_difference", "lower_difference", "slope_x", "slope_y"})
     add(way, "", "vec3[24, 18]", "photo", {image},
         {over("value", 4 * u, "1.0 + 0.0 * y.x", "1", "a difference"), to_image});
-  add("total_variation", "", "float[1]", "photo", {image}, {relative("value", 1e-6, kDesign), to_image});
+  add("total_variation", "", "float[1]", "photo", {image}, {relative("value", 1e-6, kBeforehand), to_image});
   const std::string cancels = "variances are differences of means of squares: up to 1 / 9e-4 times their rounding";
   add("similarity", "", "vec3[24, 18]", "a, b", {a, b},
       {over("value", 1e-4, "1.0 + 0.0 * y.x", "1", cancels), l2("a", 1e-4, cancels), l2("b", 1e-4, cancels)});
@@ -101,10 +101,12 @@ std::vector<Function> solvers() {
       "b, 4)",
       {a, b}, {value, to_a, to_b}, matrix);
   add("products", "float[9, 9]", "solve.products(j)", {whole(vectors("j", -1, 1, 1e-3), "[12, 30, 9]")},
-      {l2("value", 1e-6, "the design's, as a dot product"), l2("j", 1e-6, "the design's, as a dot product")}, {});
+      {l2("value", 1e-6, "the bound set beforehand for dot products"),
+       l2("j", 1e-6, "the bound set beforehand for dot products")},
+      {});
   add("damped", "float[9, 9]", "solve.damped(a, d)", {a, whole(floats("d", 0, 4, 1e-6), "[1]")},
       {relative("value", 2 * u, kFew), l2("a", 2 * u, kFew)}, {});
-  add("squares", "float[1]", "solve.squares(a)", {a}, {relative("value", 1e-6, kDesign), l2("a", 2 * u, kFew)}, {});
+  add("squares", "float[1]", "solve.squares(a)", {a}, {relative("value", 1e-6, kBeforehand), l2("a", 2 * u, kFew)}, {});
   add("normal_equations", "float[9]", "solve.normal_equations(r, x).1", {a, b, x}, {value}, residual);
   all.back().transposed = {"a", "b", "x"};
   add("gauss_newton", "float[9]", "solve.gauss_newton(r, x)", {a, b, x}, {l2("value", 4e-6, why)}, residual);

@@ -73,7 +73,8 @@ std::vector<Function> hair_terms() {
        .result = "float",
        .operands = {floats("x", 0, 1e6, 1e-6)},
        .value = "hair.bessel_i0e(x)",
-       .directions = {relative("value", 5e-7, kDesign), conditioned("x", 64 * u, "a sum of 8 terms and its slope")}},
+       .directions = {relative("value", 5e-7, kBeforehand),
+                      conditioned("x", 64 * u, "a sum of 8 terms and its slope")}},
       {.name = "hair.longitudinal",
        .part = {},
        .result = "float",
@@ -113,7 +114,7 @@ std::vector<Function> fibers() {
   const Operands ways = join({unit("t"), unit("l"), unit("v")});
   const std::string before = "  let f = hair.Fiber(absorption, radial, around, ior, tilt);\n";
   const Directions directions =
-      all_conditioned(kFiber, 1e-3, {"absorption", "radial", "around", "ior", "tilt", "t", "l", "v"}, kDesign);
+      all_conditioned(kFiber, 1e-3, {"absorption", "radial", "around", "ior", "tilt", "t", "l", "v"}, kBeforehand);
   return {
       {.name = "hair.attenuation",
        .part = {},
@@ -121,7 +122,7 @@ std::vector<Function> fibers() {
        .operands = {floats("h", -0.999, 0.999, 1e-3), floats("c", 1e-2, 1, 1e-2), floats("ior", 1, 2, 1),
                     vectors("absorption", 0, 8, 1e-3)},
        .value = "a[1] + a[2] + a[3]",
-       .directions = all_conditioned(1e-5, 1e-4, {"h", "c", "ior", "absorption"}, kDesign),
+       .directions = all_conditioned(1e-5, 1e-4, {"h", "c", "ior", "absorption"}, kBeforehand),
        .before = "  let a = hair.attenuation(hair.crossing(h, c, ior), absorption);\n"},
       {.name = "hair.scatter",
        .part = {},

@@ -6,11 +6,11 @@ namespace dr::accuracy::library {
 
 namespace {
 
-constexpr double kSum = 2e-7;  // the design's, of sums over images
+constexpr double kSum = 2e-7;  // the bound set beforehand for sums over images
 
 std::vector<Function> losses() {
   const Operand a = vectors("a", -8, 8, 1e-3), b = vectors("b", -8, 8, 1e-3), mask = floats("mask", 0, 1, 1e-3);
-  const std::string why = "the design's of sums, and a few roundings of each term";
+  const std::string why = "the bound set beforehand for sums, and a few roundings of each term";
   std::vector<Function> all;
   const auto measure = [&](const std::string& name, const std::string& arguments, Operands operands,
                            Directions extra = {}) {
@@ -64,7 +64,7 @@ std::vector<Function> textures() {
   // Contrast, and what the coordinates' own rounding does to the weights.
   const std::string scale = "(max(image) - min(image)) * (1.0 + dot(abs(uv), vec2(16.0, 8.0)))";
   const std::string text = "contrast, times 1 + |uv| in texels";
-  const std::string why = "the design's 4u, and the coordinates' own rounding";
+  const std::string why = "the 4u set beforehand, and the coordinates' own rounding";
   std::vector<Function> all;
   const auto read = [&](const std::string& name, const std::string& value, Directions directions, Operands more = {}) {
     all.push_back({.name = "texture." + name,
@@ -80,7 +80,7 @@ std::vector<Function> textures() {
     return d;
   };
   const Direction value = over("value", 4 * u, scale, text, why);
-  const Direction to_image = l2("image", 1e-6, "the design's, as a dot product");
+  const Direction to_image = l2("image", 1e-6, "the bound set beforehand for dot products");
   // Borders between which four texels count, on so many levels.
   const auto slope = [&](int levels) {
     Direction d =
@@ -146,17 +146,17 @@ std::vector<Function> textures() {
                  .operands = axes,
                  .value = "texture.footprint(dx, dy).1",
                  .directions = all_conditioned(32 * u, 64 * u, {"dx", "dy"})});
-  all.push_back(
-      {.name = "texture.between",
-       .part = {},
-       .result = "vec3",
-       .operands = {image,
-                    {.name = "low", .type = "ivec2", .low = 0, .high = 7},
-                    {.name = "high", .type = "ivec2", .low = 0, .high = 7},
-                    vectors("t", 0, 1, 1e-6, "vec2")},
-       .value = "texture.between(image, low, high, t)",
-       .directions = {over("value", 4 * u, "max(image) - min(image)", "contrast", kDesign), to_image,
-                      over("t", 4 * u, "dot(abs(g), max(image) - min(image))", "contrast times |adjoint|", kDesign)}});
+  all.push_back({.name = "texture.between",
+                 .part = {},
+                 .result = "vec3",
+                 .operands = {image,
+                              {.name = "low", .type = "ivec2", .low = 0, .high = 7},
+                              {.name = "high", .type = "ivec2", .low = 0, .high = 7},
+                              vectors("t", 0, 1, 1e-6, "vec2")},
+                 .value = "texture.between(image, low, high, t)",
+                 .directions = {over("value", 4 * u, "max(image) - min(image)", "contrast", kBeforehand), to_image,
+                                over("t", 4 * u, "dot(abs(g), max(image) - min(image))", "contrast times |adjoint|",
+                                     kBeforehand)}});
   const Operand large = vectors("image", 0, 1, 1e-3);
   all.push_back({.name = "texture.halve",
                  .part = {},

@@ -25,7 +25,7 @@ Operands lobe() {
 // A relative error of `bound` over `alpha`: the cross product is off by 2 u, the slope of the lobe is 2 / alpha at
 // most.
 Direction over_alpha(const std::string& of, const std::string& size, const std::string& text) {
-  return over(of, 4 * u, "(1.0 / alpha + 2.0) * " + size, "(1 / alpha + 2) " + text, kDesign);
+  return over(of, 4 * u, "(1.0 / alpha + 2.0) * " + size, "(1 / alpha + 2) " + text, kBeforehand);
 }
 
 const char* const kSlopes = "the slopes of the terms, times 1 + (|ior^2 - 1| + c^2) / |ior^2 - 1 + c^2|";
@@ -89,7 +89,7 @@ std::vector<Function> terms() {
        .result = "float",
        .operands = {cosine("n_l"), cosine("n_v"), alpha()},
        .value = "material.visibility(n_l, n_v, alpha)",
-       .directions = {relative("value", 1e-6, kDesign), conditioned("n_l", 32 * u), conditioned("n_v", 32 * u),
+       .directions = {relative("value", 1e-6, kBeforehand), conditioned("n_l", 32 * u), conditioned("n_v", 32 * u),
                       conditioned("alpha", 32 * u)}},
       {.name = "material.ggx_anisotropic",
        .part = {},
@@ -108,7 +108,7 @@ std::vector<Function> terms() {
        .result = "float",
        .operands = {floats("cosine", -0.1, 1.1, 1e-6)},
        .value = "material.schlick(cosine)",
-       .directions = {relative("value", 8 * u, kDesign),
+       .directions = {relative("value", 8 * u, kBeforehand),
                       relative("cosine", 16 * u, "like the value, five times its slope")}},
       {.name = "material.fresnel",
        .part = {},
@@ -164,7 +164,7 @@ std::vector<Function> lit_surfaces() {
   const Operands paint = {vectors("base", 1e-3, 1), floats("metallic", 0, 1, 1e-3), floats("roughness", 0, 1, 1e-3)};
   const Operands table = {made("table", "vec3", "material.energies()", "[64, 64]")};
   const Directions directions =
-      all_conditioned(kWhole, kWhole, {"base", "metallic", "roughness", "n", "l", "v"}, kDesign);
+      all_conditioned(kWhole, kWhole, {"base", "metallic", "roughness", "n", "l", "v"}, kBeforehand);
   return {
       {.name = "material.shade",
        .part = {},
@@ -220,23 +220,23 @@ std::vector<Function> lit_surfaces() {
        .result = "vec3",
        .operands = join({paint, unit("n"), unit("l"), unit("v"), unit("t"), {floats("strength", 0, 1, 1e-3)}}),
        .value = "material.shade_anisotropic(m, n, t, strength, lamp, v)",
-       .directions =
-           all_conditioned(kWhole, kWhole, {"base", "metallic", "roughness", "n", "l", "v", "t", "strength"}, kDesign),
+       .directions = all_conditioned(kWhole, kWhole, {"base", "metallic", "roughness", "n", "l", "v", "t", "strength"},
+                                     kBeforehand),
        .before = kLit},
       {.name = "material.shade_full",
        .part = {},
        .result = "vec3",
        .operands = join({paint, unit("n"), unit("l"), unit("v"), table}),
        .value = "material.shade_full(m, n, lamp, v, table)",
-       .directions = {conditioned("value", kWhole, kDesign), conditioned("base", kWhole, kDesign)},
+       .directions = {conditioned("value", kWhole, kBeforehand), conditioned("base", kWhole, kBeforehand)},
        .before = kLit},
       {.name = "material.ambient",
        .part = {},
        .result = "vec3",
        .operands = join({paint, unit("n"), unit("v"), {vectors("i", 0, 8, 1e-3), vectors("s", 0, 8, 1e-3)}, table}),
        .value = "material.ambient(m, n, v, i, s, table)",
-       .directions = {conditioned("value", kWhole, kDesign), conditioned("base", kWhole, kDesign),
-                      conditioned("i", kWhole, kDesign), conditioned("s", kWhole, kDesign)},
+       .directions = {conditioned("value", kWhole, kBeforehand), conditioned("base", kWhole, kBeforehand),
+                      conditioned("i", kWhole, kBeforehand), conditioned("s", kWhole, kBeforehand)},
        .before = kMaterial},
   };
 }
@@ -287,14 +287,14 @@ std::vector<Function> energies() {
        .result = "vec3",
        .operands = join({mirror, {floats("n_l", 1e-3, 1, 1e-3), floats("n_v", 1e-3, 1, 1e-3), alpha()}, table}),
        .value = "material.again(straight, grazing, n_l, n_v, alpha, table)",
-       .directions = {over("value", kWhole, "1.0 + 0.0 * alpha", "1", kDesign)},
+       .directions = {over("value", kWhole, "1.0 + 0.0 * alpha", "1", kBeforehand)},
        .transposed = {"straight", "grazing", "n_l", "n_v", "alpha", "table"}},
       {.name = "material.turquin",
        .part = {},
        .result = "vec3",
        .operands = join({{vectors("straight", 0, 1, 1e-3), floats("n_v", 1e-3, 1, 1e-3), alpha()}, table}),
        .value = "material.turquin(straight, n_v, alpha, table)",
-       .directions = {relative("value", kWhole, kDesign)},
+       .directions = {relative("value", kWhole, kBeforehand)},
        .transposed = {"straight", "n_v", "alpha", "table"}},
   };
 }

@@ -75,7 +75,7 @@ std::vector<Function> of_meshes() {
   };
   const std::string table = "topology($face)";
   const std::string longest = "max(distance(p.at(" + table + ".edge.x), p.at(" + table + ".edge.y)))";
-  const std::string per_edge = "4u for each of up to 6 edges, the design's";
+  const std::string per_edge = "4u for each of up to 6 edges, set beforehand";
   add("face_normal", std::string("vec3") + kFaces, "p, face", all_conditioned(8 * u, 16 * u, {"p"}));
   add("normal", std::string("vec3") + kVertices, "p, face", all_conditioned(32 * u, 64 * u, {"p"}));
   add("face_count", std::string("float") + kVertices, "p, face", {equal()});

@@ -6,7 +6,7 @@ namespace dr::accuracy::library {
 
 namespace {
 
-constexpr const char* kDot = "the design's, as a dot product";
+constexpr const char* kDot = "the bound set beforehand for dot products";
 
 std::vector<Function> networks() {
   const Operand x = whole(floats("x", -1, 1, 1e-3), "[6, 150]"),
@@ -70,7 +70,7 @@ std::vector<Function> clouds() {
                  .result = "float[1]",
                  .operands = {a, b},
                  .value = "points.chamfer(a, b)",
-                 .directions = {relative("value", 1e-6, kDesign), l2("a", 1e-6, kDot), l2("b", 1e-6, kDot)},
+                 .directions = {relative("value", 1e-6, kBeforehand), l2("a", 1e-6, kDot), l2("b", 1e-6, kDot)},
                  .whole = true});
   return all;
 }

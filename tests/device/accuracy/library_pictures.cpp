@@ -27,8 +27,8 @@ std::vector<Function> of_fragments() {
                  .result = "float",
                  .operands = distances(),
                  .value = "hardsoftras.silhouette(soft)",
-                 .directions = {relative("value", 1e-6, kDesign), relative("d0", 1e-6, kDesign),
-                                relative("d1", 1e-6, kDesign), relative("d2", 1e-6, kDesign)},
+                 .directions = {relative("value", 1e-6, kBeforehand), relative("d0", 1e-6, kBeforehand),
+                                relative("d1", 1e-6, kBeforehand), relative("d2", 1e-6, kBeforehand)},
                  .before = kSoft,
                  .domain = "in units of sigma"});
   const std::string largest = "max(max(abs(c0), abs(c1)), max(abs(c2), abs(behind)))";
@@ -36,10 +36,10 @@ std::vector<Function> of_fragments() {
   for (const char* form : {"over", "layer", "mean"}) {
     Operands operands = distances();
     for (const char* name : {"c0", "c1", "c2", "behind"}) operands.push_back(vectors(name, 0, 8, 1e-3));
-    Directions directions = {over("value", 1e-6, largest, "the largest colour", kDesign)};
+    Directions directions = {over("value", 1e-6, largest, "the largest colour", kBeforehand)};
     for (const char* d : {"d0", "d1", "d2"})
-      directions.push_back(over(d, 2e-6, summed, "the largest colour times |adjoint|", kDesign));
-    for (const char* c : {"c0", "behind"}) directions.push_back(over(c, 1e-6, "length(g)", "|adjoint|", kDesign));
+      directions.push_back(over(d, 2e-6, summed, "the largest colour times |adjoint|", kBeforehand));
+    for (const char* c : {"c0", "behind"}) directions.push_back(over(c, 1e-6, "length(g)", "|adjoint|", kBeforehand));
     all.push_back(
         {.name = "hardsoftras.blend",
          .part = form,
@@ -76,15 +76,16 @@ std::vector<Function> of_fragments() {
          .directions = {
              over("value", 0x1p-22, size + " + distance(p, a) * distance(p, b) / distance(a, b)",
                   "the largest coordinate + |p - a| |p - b| / |b - a|",
-                  "what the library promises: differences, products and a quotient; the design's is half of it"),
-             known(over("p", 4 * u, "abs(g)", "|adjoint|", kDesign)),
+                  "what the library promises: differences, products and a quotient; the bound set beforehand is half "
+                  "of it"),
+             known(over("p", 4 * u, "abs(g)", "|adjoint|", kBeforehand)),
              known(over("a", 8 * u, "abs(g) * (1.0 + distance(p, a) / distance(a, b))",
-                        "|adjoint| (1 + |p - a| / |b - a|)", "the design's, and where along the edge")),
+                        "|adjoint| (1 + |p - a| / |b - a|)", "the bound set beforehand, and where along the edge")),
              known(over("b", 8 * u, "abs(g) * (1.0 + distance(p, a) / distance(a, b))",
-                        "|adjoint| (1 + |p - a| / |b - a|)", "the design's, and where along the edge"))}});
+                        "|adjoint| (1 + |p - a| / |b - a|)", "the bound set beforehand, and where along the edge"))}});
     if (straight) continue;
     all.back().directions.pop_back();
-    all.back().directions[0] = relative("value", 8 * u, kDesign);
+    all.back().directions[0] = relative("value", 8 * u, kBeforehand);
   }
   // Interpolation by given weights.
   const Operand attribute = whole(vectors("attribute", -100, 100, 1e-3), "[64]");
@@ -104,7 +105,7 @@ std::vector<Function> of_fragments() {
                    .operands = join({{attribute, weight}, std::move(operands)}),
                    .value = value,
                    .directions = {over("value", 4 * u, terms(i), "the terms' sizes", kFew), relative("w", 2 * u, kFew),
-                                  l2("attribute", 2e-7, "the design's, of sums")}});
+                                  l2("attribute", 2e-7, "the bound set beforehand for sums")}});
   };
   const std::string fragment = "hardsoftras.Fragment(f, true, i, 0.0, w)", hit = "raster.Hit(f, i, w, w, w, 0.5)";
   interpolation("hardsoftras.interpolate",
@@ -160,26 +161,26 @@ std::vector<Function> pictures() {
                    .whole = true,
                    .slow = true});
   };
-  const Direction to_clip = l2("clip", kFrame, kDesign), to_paint = l2("paint", kFrame, kDesign);
+  const Direction to_clip = l2("clip", kFrame, kBeforehand), to_paint = l2("paint", kFrame, kBeforehand);
   // A last place of a coordinate in pixels, seen from a face: how much its weights change.
   const auto kappa = [](const std::string& corner) { return "conditions($clip, " + corner + ")"; };
   const std::string kappa_text = "(L^2 + W L) / 2A of the face, L its longest edge, A its area, W = 64";
-  const Direction one = over("value", kFrame, "1.0 + 0.0 * y", "1", kDesign);
+  const Direction one = over("value", kFrame, "1.0 + 0.0 * y", "1", kBeforehand);
   for (const bool outlines : {true, false}) {
     const std::string name = outlines ? "hardsoftras.outlines" : "hardsoftras.rasterize";
     const std::string soft =
         (outlines ? across + "  let soft = hardsoftras.outlines($clip, $face, across, 64, 64, radius = 3.px);\n"
                   : "  let soft = hardsoftras.rasterize($clip, $face, 64, 64, radius = 3.px);\n");
     add(name, "distance", "float", soft, "soft.fragment[0].distance",
-        {over("value", 0x1p-23, "64.0 + 0.0 * y", "the picture's width", kDesign), to_clip});
+        {over("value", 0x1p-23, "64.0 + 0.0 * y", "the picture's width", kBeforehand), to_clip});
     add(name, "weight", "vec3", soft, "soft.fragment[0].weight",
         {over("value", 8 * u, kappa("soft.fragment[0].corner"), kappa_text,
-              "the design's, with the coordinates' own rounding"),
+              "the bound set beforehand, with the coordinates' own rounding"),
          to_clip});
     add(name, "coverage", "float", soft, "hardsoftras.silhouette(soft)", {one, to_clip});
     add(name, "color", "vec3", soft,
         "hardsoftras.blend(soft, fn(s) { hardsoftras.interpolate(s, paint) }, vec3(0.1, 0.2, 0.3))",
-        {over("value", kFrame, "1.0 + 0.0 * y.x", "1", kDesign), to_clip, to_paint});
+        {over("value", kFrame, "1.0 + 0.0 * y.x", "1", kBeforehand), to_clip, to_paint});
   }
   add("coverage.silhouette", "", "float", across, "coverage.silhouette($clip, $face, across, 64, 64)", {one, to_clip});
   add("coverage.crowded", "", "float", across,
@@ -187,13 +188,14 @@ std::vector<Function> pictures() {
       {one});
   add("coverage.blend", "", "vec3", across,
       "coverage.blend($clip, $face, across, 64, 64, fn(hit) { raster.interpolate(hit, paint) }, vec3(0.1, 0.2, 0.3))",
-      {over("value", kFrame, "1.0 + 0.0 * y.x", "1", kDesign), to_clip, to_paint});
+      {over("value", kFrame, "1.0 + 0.0 * y.x", "1", kBeforehand), to_clip, to_paint});
   add("coverage.faces", "", "vec3", across + "  let own = paint.at($face.x);\n",
       "coverage.faces($clip, $face, across, own, 64, 64, vec3(0.1, 0.2, 0.3))",
-      {over("value", kFrame, "1.0 + 0.0 * y.x", "1", kDesign), to_clip, to_paint});
+      {over("value", kFrame, "1.0 + 0.0 * y.x", "1", kBeforehand), to_clip, to_paint});
   const std::string hit = "  let hit = raster.rasterize($clip, $face, 64, 64);\n";
   add("raster.rasterize", "weight", "vec3", hit, "hit.weight",
-      {over("value", 8 * u, kappa("hit.corner"), kappa_text, "the design's, with the coordinates' own rounding"),
+      {over("value", 8 * u, kappa("hit.corner"), kappa_text,
+            "the bound set beforehand, with the coordinates' own rounding"),
        to_clip});
   for (const char* way : {"weight_dx", "weight_dy"})
     add("raster.rasterize", way, "vec3", hit, std::string("hit.") + way,
@@ -201,11 +203,11 @@ std::vector<Function> pictures() {
               "like the weights"),
          l2("clip", 1e-3, "second derivatives of weights: faces seen from the side have nearly all of the sum")});
   add("raster.rasterize", "depth", "float", hit, "hit.depth",
-      {relative("value", 2e-6, kDesign), l2("clip", kFrame, kDesign)});
+      {relative("value", 2e-6, kBeforehand), l2("clip", kFrame, kBeforehand)});
   const std::string color =
       hit + across +
       "  let color = if hit.face >= 0 { raster.interpolate(hit, paint) } else { vec3(0.1, 0.2, 0.3) };\n";
-  const Direction frame = over("value", kFrame, "1.0 + 0.0 * y.x", "1", kDesign);
+  const Direction frame = over("value", kFrame, "1.0 + 0.0 * y.x", "1", kBeforehand);
   add("raster.antialias", "", "vec3", color, "raster.antialias(color, hit, $clip, $face, across)",
       {frame, to_clip, to_paint});
   const std::string nv = "  let (rast, hit) = nvdiffrast.rasterize($clip, $face, 64, 64);\n";
@@ -221,17 +223,18 @@ std::vector<Function> pictures() {
                  .operands = {image, whole(floats("far", 0, 6, 1e-3), "[1]")},
                  .value = "coverage.spread(image, far)",
                  .directions = {over("value", 32 * u, "1.0 + 0.0 * y.x", "1", "sums of 14 terms, twice"),
-                                l2("image", 1e-6, "the design's, as a dot product")},
+                                l2("image", 1e-6, "the bound set beforehand for dot products")},
                  .whole = true});
-  all.push_back({.name = "nvdiffrast.texture",
-                 .part = {},
-                 .result = "vec3",
-                 .operands = {image, vectors("uv", -0.5, 1.5, 1e-6, "vec2"), vectors("dx", -1, 1, 1e-4, "vec2"),
-                              vectors("dy", -1, 1, 1e-4, "vec2")},
-                 .value = "nvdiffrast.texture(image, uv, dx, dy, 3)",
-                 .directions = {conditioned("value", 16 * u), l2("image", 1e-6, "the design's, as a dot product"),
-                                conditioned("uv", 64 * u, "like texture.trilinear"),
-                                conditioned("dx", 64 * u, "like texture.trilinear")}});
+  all.push_back(
+      {.name = "nvdiffrast.texture",
+       .part = {},
+       .result = "vec3",
+       .operands = {image, vectors("uv", -0.5, 1.5, 1e-6, "vec2"), vectors("dx", -1, 1, 1e-4, "vec2"),
+                    vectors("dy", -1, 1, 1e-4, "vec2")},
+       .value = "nvdiffrast.texture(image, uv, dx, dy, 3)",
+       .directions = {conditioned("value", 16 * u), l2("image", 1e-6, "the bound set beforehand for dot products"),
+                      conditioned("uv", 64 * u, "like texture.trilinear"),
+                      conditioned("dx", 64 * u, "like texture.trilinear")}});
   return all;
 }
 

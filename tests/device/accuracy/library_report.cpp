@@ -96,6 +96,7 @@ has one component of the result alone where elements are independent. Entries ar
   that size and the change of the result by a relative change of 1 of the operands, taken from small ones: what no computation
   in float32 can avoid is about u = 2^-24 (6e-8) of it; nothing is counted where a decision falls otherwise so close by. *Over* a scale: that
   is computed by the evaluator. *L2*: root of the sum of squares over all elements.
+- A bound that was *set beforehand* is older than the function that it holds for; the others have their reason beside them.
 - Sizes below 2^-90 count as that much: what devices flush on the way is below their last place.
 - Operands are drawn as above, within the domain; special are its ends, 0, 1 and their neighbours, axes and diagonals. Where elements are
   independent, elements near the 64 worst are then looked at, and those near the worst of these, and so on: the largest error is the one

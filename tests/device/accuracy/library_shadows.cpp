@@ -69,7 +69,7 @@ std::vector<Function> shadow_functions() {
                     made("way_", "vec3", "abs(at - lamp)"), made("sure", "float", kSure)},
        .value = "sure * " + lit("depth"),
        .directions = {conditioned("value", 64 * u, "the place on the map, of 16 texels, and sixteen reads"),
-                      l2("covered", 2e-6, "the design's, as a dot product")},
+                      l2("covered", 2e-6, "the bound set beforehand for dot products")},
        .domain = "sure 0 where moving the depths by 1e-4 takes another decision, else 1"},
   };
 }

@@ -63,7 +63,7 @@ std::vector<Function> profiles() {
        .operands = join(
            {unit("n"), unit("l"), unit("v"), {vectors("rough", 0.2, 1, 0.2, "vec2"), floats("second", 0, 1, 1e-3)}}),
        .value = "skin.highlights(n, light.Light(l, vec3(3.0, 2.0, 1.0)), v, rough, second)",
-       .directions = all_conditioned(1e-4, 1e-4, {"n", "l", "v", "rough", "second"}, kDesign)},
+       .directions = all_conditioned(1e-4, 1e-4, {"n", "l", "v", "rough", "second"}, kBeforehand)},
       {.name = "skin.diffused",
        .part = {},
        .result = "vec3[24, 24]",

@@ -38,10 +38,10 @@ const std::string kHits =
 }  // namespace
 
 std::vector<Function> strand_functions() {
-  const Direction one = over("value", kPicture, "1.0 + 0.0 * y", "1", kDesign);
-  const Directions drawn = {one, l2("clip", kPicture, kDesign), l2("wide", kPicture, kDesign)};
-  Directions colored = {over("value", kPicture, "1.0 + 0.0 * y.x", "1", kDesign), l2("clip", kPicture, kDesign),
-                        l2("wide", kPicture, kDesign), l2("paint", kPicture, kDesign)};
+  const Direction one = over("value", kPicture, "1.0 + 0.0 * y", "1", kBeforehand);
+  const Directions drawn = {one, l2("clip", kPicture, kBeforehand), l2("wide", kPicture, kBeforehand)};
+  Directions colored = {over("value", kPicture, "1.0 + 0.0 * y.x", "1", kBeforehand), l2("clip", kPicture, kBeforehand),
+                        l2("wide", kPicture, kBeforehand), l2("paint", kPicture, kBeforehand)};
   // Two sides that run along each other, 1e-3 to 2 pixels apart.
   const Operands ribbon = {vectors("a", -1, 1, 1e-3, "vec2"),
                            vectors("way_", -2, 2, 1e-3, "vec2"),

@@ -34,7 +34,7 @@ inline Operands unit(const std::string& name) {
   return {vectors(name + "_", -1, 1, 1e-3), direction};
 }
 
-inline constexpr const char* kDesign = "the design's";
+inline constexpr const char* kBeforehand = "the bound set beforehand";
 inline constexpr const char* kFew = "a few roundings";
 
 inline Direction relative(std::string of, double bound, std::string why) {

@@ -184,7 +184,7 @@ TEST_CASE("no shader grows without bound, and neither does what is computed agai
       for (const Pass& pass : s.steps[0].passes) {
         size_t size = 0;
         for (const ir::OpId id : pass.ops) size += op_size(g, g.op(id));
-        CHECK(size <= (profile(name).lanes_in_turn ? 8192 : 6144));
+        CHECK(size <= 8192);
         total += size;
       }
       INFO(name << " " << length);

@@ -11,6 +11,7 @@
 #include "compiler/passes/passes.h"
 #include "dsl/syntax/parser.h"
 #include "tests/catch.h"
+#include "tests/sanitized.h"
 
 using namespace dr;
 
@@ -52,11 +53,7 @@ TEST_CASE("a program may end at every byte") {
   const std::string text = read("docs/examples/fit_sphere.dr");
   REQUIRE(text.size() > 1000);
   CHECK(compile(text).empty());
-#ifdef __SANITIZE_ADDRESS__
-  const size_t step = 7;  // a minute otherwise
-#else
-  const size_t step = 1;
-#endif
+  const size_t step = kSanitized ? 7 : 1;  // a minute otherwise
   size_t tried = 0, refused = 0;
   for (size_t length = 0; length < text.size(); length += step) {
     ++tried;

@@ -60,3 +60,26 @@ TEST_CASE("what did not run stays dirty") {
   list.ran({false, false}, versions);
   CHECK(list.dirty(versions) == Flags{true, false});
 }
+
+TEST_CASE("what foresees what its step changes runs for the changes of others alone") {
+  auto s = step({{false, {0, 1}}, {true, {0, 1}}});
+  s.commands[0]->foresees = true;
+  s.changes = {1};
+  RunList list(s);
+  std::vector<uint64_t> versions{1, 1};
+  const auto runs = [&] {
+    const Flags out = list.dirty(versions);
+    list.ran(out, versions);
+    ++versions[1];  // by the step
+    return out;
+  };
+  CHECK(runs() == Flags{true, true});
+  CHECK(runs() == Flags{false, true});
+  CHECK(runs() == Flags{false, true});
+  ++versions[1];  // by another
+  CHECK(runs() == Flags{true, true});
+  CHECK(runs() == Flags{false, true});
+  versions[0] = 7;
+  CHECK(runs() == Flags{true, true});
+  CHECK(runs() == Flags{false, true});
+}

@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "compiler/backend/lowering/leave_at_rest.h"
+
+#include <algorithm>
+
+#include "compiler/backend/schedule/limits.h"
+#include "compiler/backend/schedule/rest.h"
+
+namespace dr::backend {
+
+using ir::OpKind;
+using ir::ValueId;
+
+namespace {
+
+// What an optimizer remembers of an element: states that the update changes.
+std::vector<ValueId> memory_of(const ir::Graph& graph, const StepSchedule& step, const Pass& update) {
+  std::vector<ValueId> out;
+  for (const ValueId v : update.reads) {
+    const ir::Op& op = graph.op(graph.value(v).op);
+    if (op.kind != OpKind::Leaf) continue;
+    const uint32_t leaf = *graph.leaf_index(op.attrs.text);
+    const auto is_it = [&](ValueId written) { return step.stored.at(written).index == leaf; };
+    if (graph.leaves[leaf].kind == ir::Leaf::Kind::State && std::ranges::any_of(update.writes, is_it)) out.push_back(v);
+  }
+  return out;
+}
+
+// Shaders that list, sum and step bind the list, too, and the one that lists where the rows start.
+bool fits_with_lists(const Schedule& schedule, const StepSchedule& step, const Pass& pass,
+                     const target::Profile& profile) {
+  Bindings all = bindings_of(schedule.resources, resources_of(step, pass.reads), pass.writes.size());
+  all.more += 3;
+  return fits(profile, all);
+}
+
+}  // namespace
+
+void leave_at_rest(const ir::Graph& graph, const target::Profile& profile, Schedule& schedule) {
+  for (StepSchedule& step : schedule.steps)
+    for (size_t u = 0; u < step.passes.size(); ++u) {
+      if (!step.passes[u].is<MapPass>()) continue;
+      for (size_t g = 0; g < u; ++g) {
+        Pass& update = step.passes[u];
+        const Pass& gradient = step.passes[g];
+        const bool reads = gradient.is<ScatterPass>() && std::ranges::any_of(gradient.writes, [&](ValueId v) {
+                             return std::ranges::find(update.reads, v) != update.reads.end();
+                           });
+        if (!reads) continue;
+        const AtRest rest{pass_id(g), memory_of(graph, step, update), profile.lanes_in_turn};
+        if (!may_rest(graph, schedule, step, pass_id(u), rest)) continue;
+        if (!fits_with_lists(schedule, step, update, profile) || !fits_with_lists(schedule, step, gradient, profile))
+          continue;
+        update.get<MapPass>().rest = rest;
+        break;
+      }
+    }
+}
+
+}  // namespace dr::backend

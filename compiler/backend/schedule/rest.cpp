@@ -1,0 +1,128 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "compiler/backend/schedule/rest.h"
+
+#include <algorithm>
+
+#include "compiler/backend/analysis/uses.h"
+#include "compiler/ops/op.h"
+
+namespace dr::backend {
+
+using ir::Graph;
+using ir::Op;
+using ir::OpId;
+using ir::OpKind;
+using ir::ValueId;
+
+namespace {
+
+bool is_among(const std::vector<ValueId>& values, ValueId v) { return std::ranges::find(values, v) != values.end(); }
+
+// The leaf that a step updates in place with a value.
+std::optional<uint32_t> leaf_of(const StepSchedule& step, ValueId v) {
+  for (const auto& [leaf, value] : step.updates)
+    if (value == v && step.stored.at(v).index == leaf) return leaf;
+  return std::nullopt;
+}
+
+bool is_gradient(const Graph& graph, const StepSchedule& step, const Pass& update, PassId id) {
+  const Pass& pass = step.pass(id);
+  const auto* scatter = pass.as<ScatterPass>();
+  const auto* rows = scatter == nullptr ? nullptr : std::get_if<RowsScatter>(&scatter->how);
+  if (rows == nullptr || rows->sorted() == nullptr || !pass.steady) return false;
+  if (pass.writes.size() != scatter->sums.size()) return false;
+  const std::set<ValueId> kept = read_afterwards(graph, step);
+  return std::ranges::all_of(pass.writes, [&](ValueId v) {
+    if (kept.count(v) != 0 || graph.value(v).extent != update.domain) return false;
+    return std::ranges::all_of(step.passes, [&](const Pass& p) { return &p == &update || !is_among(p.reads, v); });
+  });
+}
+
+bool is_plain_update(const Graph& graph, const Schedule& schedule, const StepSchedule& step, PassId id) {
+  const Pass& pass = step.pass(id);
+  const auto* map = pass.as<MapPass>();
+  if (map == nullptr || !pass.steady || map->block || !map->partial.empty()) return false;
+  if (listed_for(step, id) != nullptr || set_up_for(step, id) != nullptr) return false;
+  if (std::ranges::any_of(pass.ops, [&](OpId op) { return !graph.op(op).regions.empty(); })) return false;
+  return std::ranges::all_of(pass.writes, [&](ValueId v) {
+    const auto leaf = leaf_of(step, v);
+    const ir::Type& type = graph.value(v).type;
+    return leaf && type.is_float() && type.cols == 1 && schedule.resources[*leaf].extent == pass.domain;
+  });
+}
+
+}  // namespace
+
+RestFacts facts_at_rest(const Graph& graph, const StepSchedule& step, const Pass& update, const AtRest& rest) {
+  const std::vector<bool> steady = steady_ops(graph, graph.steps[*graph.step_index(step.name)]);
+  std::set<uint32_t> changed, own, memory;
+  for (const auto& [leaf, v] : step.updates) changed.insert(leaf);
+  for (const ValueId v : update.writes) own.insert(step.stored.at(v).index);
+  for (const ValueId v : rest.memory) memory.insert(step.stored.at(v).index);
+  RestFacts known;
+  for (const ValueId v : step.pass(rest.gradient).writes) known.zero.insert(v);
+  for (const OpId id : graph.region(graph.root()).ops) {
+    const Op& op = graph.op(id);
+    if (op.kind == OpKind::Leaf) {
+      const uint32_t leaf = *graph.leaf_index(op.attrs.text);
+      if (memory.count(leaf) != 0)
+        known.zero.insert(op.results[0]);
+      else if (changed.count(leaf) == 0 || own.count(leaf) != 0)
+        known.fixed.insert(op.results[0]);
+    } else if (!steady[id.index]) {
+      known.fixed.insert(op.results.begin(), op.results.end());
+    }
+  }
+  return facts_at_rest(graph, std::move(known));
+}
+
+std::vector<OpId> ops_at_rest(const Graph& graph, const Pass& update, const RestFacts& facts) {
+  std::set<ValueId> needed;
+  for (const ValueId v : update.writes) needed.insert(v);
+  std::vector<OpId> out;
+  for (size_t k = update.ops.size(); k-- > 0;) {
+    const Op& op = graph.op(update.ops[k]);
+    const ValueId result = op.results[0];
+    if (needed.count(result) == 0 || facts.zero.count(result) != 0) continue;
+    out.push_back(update.ops[k]);
+    if (const auto chosen = facts.chosen.find(result); chosen != facts.chosen.end())
+      needed.insert(chosen->second);
+    else
+      needed.insert(op.operands.begin(), op.operands.end());
+  }
+  std::ranges::reverse(out);
+  return out;
+}
+
+bool may_rest(const Graph& graph, const Schedule& schedule, const StepSchedule& step, PassId update,
+              const AtRest& rest) {
+  const Pass& pass = step.pass(update);
+  if (!(rest.gradient < update) || !is_plain_update(graph, schedule, step, update) ||
+      !is_gradient(graph, step, pass, rest.gradient))
+    return false;
+  for (const OpId id : pass.ops) {
+    const Uses uses = uses_of(graph, graph.op(id));
+    if (std::ranges::any_of(step.pass(rest.gradient).writes, [&](ValueId v) { return is_among(uses.elsewhere, v); }))
+      return false;
+  }
+  const RestFacts facts = facts_at_rest(graph, step, pass, rest);
+  if (!std::ranges::all_of(pass.writes, [&](ValueId v) { return facts.fixed.count(v) != 0; })) return false;
+  // What is read to tell is there before the sums.
+  std::set<ValueId> later;
+  for (size_t k = rest.gradient.index; k < step.passes.size(); ++k)
+    later.insert(step.passes[k].writes.begin(), step.passes[k].writes.end());
+  for (const OpId id : ops_at_rest(graph, pass, facts))
+    for (const ValueId v : graph.op(id).operands)
+      if (is_among(pass.reads, v) && later.count(v) != 0 && facts.zero.count(v) == 0) return false;
+  return true;
+}
+
+const Pass* update_of(const StepSchedule& step, PassId gradient) {
+  const auto found = std::ranges::find_if(step.passes, [&](const Pass& pass) {
+    const auto* map = pass.as<MapPass>();
+    return map != nullptr && map->rest && map->rest->gradient == gradient;
+  });
+  return found == step.passes.end() ? nullptr : &*found;
+}
+
+}  // namespace dr::backend
