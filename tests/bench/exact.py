@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scenes and the judge of the suites that hold pictures and gradients against exact areas (exact_area.h): gradients.sh, colors.sh and
 armchair.sh. Positions are rounded to float32 first, so that the judge and the device have the same mesh."""
+import json, os, subprocess
 import numpy as np
-from suite import here
+from suite import Failed, here
 
 # What ../shared/data has, where that folder is there, with the side of a picture.
 files = {"spot": ("obj/spot/cow.obj", 512), "bob": ("obj/bob/bob_tri.obj", 512), "teapot": ("obj/teapot/teapot.obj", 512),
@@ -119,3 +120,39 @@ def against_exact(suite, program, name, position, faces, view, moved, size, ways
         suite.record(**row)
         print(" ".join(f"{k}={v:.4g}" if isinstance(v, float) else f"{k}={v}" for k, v in row.items()), flush=True)
     return cells
+
+
+def mitsuba_python():
+    """The python that has Mitsuba, or None where $DR_MITSUBA_PYTHON (python3) has none or it finds no LLVM."""
+    python = os.environ.get("DR_MITSUBA_PYTHON", "python3")
+    try:
+        works = subprocess.run([python, "-c", "import drjit as d, mitsuba as m; m.set_variant('llvm_ad_rgb'); d.eval(d.arange(m.Float, 4) + 1)"],
+                               capture_output=True).returncode == 0
+    except OSError:
+        works = False
+    return python if works else None
+
+
+def against_mitsuba(suite, python, name, position, faces, distance, moved, size, counts):
+    """What Mitsuba 3's projective sampling makes of the mean-square loss of `against_exact`: a record for each count of samples a pixel, of the
+    median over steps of how far one step's gradient is off."""
+    position = rounded(position)
+    points, there = (projected(camera(distance), p, size)[0] for p in (position, moved))
+    target = rounded(judged(suite, there, faces, size)[0])
+    true = judged(suite, points, faces, size, 2 * (judged(suite, points, faces, size)[0] - target))[1]
+    folder = suite.out / "mitsuba"
+    folder.mkdir(exist_ok=True)
+    for file, array in (("position", np.float32(position)), ("face", np.int32(faces)), ("target", np.float32(target))):
+        np.save(folder / f"{file}.npy", array)
+    words = [python, here / "mitsuba_silhouette.py", folder, size, repr(float(distance)), *counts]
+    done = subprocess.run([str(w) for w in words], capture_output=True, text=True)
+    if done.returncode != 0:
+        raise Failed(f"{python} mitsuba_silhouette.py", done.stderr.strip())
+    rows = []
+    for said in (json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")):
+        off = [apart(g, true) for g in np.load(folder / f"{said['samples']}.npy")]
+        rows.append({"mesh": name, "faces": len(faces), "pixels": size, "way": f"Mitsuba, {said['samples']} samples", "square": float(np.median(off)),
+                     **{k.replace("ms", "us"): 1000 * v for k, v in said.items() if k.startswith("ms")}})
+        suite.record(**rows[-1])
+        print(" ".join(f"{k}={v:.4g}" if isinstance(v, float) else f"{k}={v}" for k, v in rows[-1].items()), flush=True)
+    return rows

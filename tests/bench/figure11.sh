@@ -49,6 +49,10 @@ for length in lengths:
             suite.record(steps=length, K=K, r=R, distance=course[-1], course=course)
             print(f"{length:5} steps  K = {K}  r = {R:<4} distance {grid[i, j]:.3f}%", flush=True)
             curves.plot(np.arange(1, stops + 1) * (length // stops), 100 * np.array(course), label=f"K = {K}, r = {R}")
+    for R in radii:
+        course = fit(length, R, way=3, K=1)
+        suite.record(steps=length, r=R, way="coverage", distance=course[-1], course=course)
+        print(f"{length:5} steps  coverage, r = {R:<4} distance {100 * course[-1]:.3f}%", flush=True)
     course = fit(length, 2, way=0, K=1)
     suite.record(steps=length, K=1, r=2, way="outlines", distance=course[-1], course=course)
     print(f"{length:5} steps  outlines, r = 2    distance {100 * course[-1]:.3f}%", flush=True)
