@@ -121,8 +121,9 @@ void Commands::dispatch(const bundle::CommandT& c, std::vector<Primitive>& out) 
       p.accesses.push_back({static_cast<uint32_t>(c.left), Use::IndirectRead});
       indirect = *memory_.buffer(static_cast<size_t>(c.left)).buffer;
     }
-    if (part > 1) offset = kLeftBytes * (part % 2);
-    if (part < parts) out.push_back(clear_left(c, kLeftBytes * ((part + 1) % 2)));
+    const auto odd = static_cast<vk::DeviceSize>(part % 2);
+    if (part > 1) offset = kLeftBytes * odd;
+    if (part < parts) out.push_back(clear_left(c, kLeftBytes * (1 - odd)));
     p.record = [=, this](const vk::raii::CommandBuffer& commands) {
       record_dispatch(commands, pipelines_[pipeline], bound, push, invocations, group, indirect, offset);
     };

@@ -186,6 +186,8 @@ std::vector<Function> pictures() {
   add("coverage.crowded", "", "float", across,
       "if coverage.crowded($clip, $face, across, 2, 2, nearest = 1).at(coord(64, 64).xy / 32) { 1.0 } else { 0.0 }",
       {one});
+  add("coverage.crowded_faces", "", "float", across,
+      "if coverage.crowded_faces($clip, $face, across, 2, 2).at(coord(64, 64).xy / 32) { 1.0 } else { 0.0 }", {one});
   add("coverage.blend", "", "vec3", across,
       "coverage.blend($clip, $face, across, 64, 64, fn(hit) { raster.interpolate(hit, paint) }, vec3(0.1, 0.2, 0.3))",
       {over("value", kFrame, "1.0 + 0.0 * y.x", "1", kBeforehand), to_clip, to_paint});
