@@ -60,54 +60,56 @@ TEST_CASE("another version is named") {
 }
 
 TEST_CASE("what FlatBuffers cannot know is checked") {
-  expect(sample, {
-                     {[](auto& b) { b.resources[0]->extent->w = "Q"; }, "unknown symbol 'Q'"},
-                     {[](auto& b) { b.resources[0]->extent->w = "V +"; }, "no expression"},
-                     {[](auto& b) { b.resources[0]->extent->w = "V / (V - 8)"; }, "no expression"},
-                     {[](auto& b) { command(b).compute = 3; }, "shader 3"},
-                     {[](auto& b) { command(b).bindings[0]->resource = 5; }, "names resource 5"},
-                     {[](auto& b) { command(b).lines = {Line(0, 3)}; }, "line 3 of file 0"},
-                     {[](auto& b) {
-                        command(b).push = {1, 2, 3, 4};
-                      },
-                      "more than three constants"},
-                     {[](auto& b) {
-                        command(b).leaves = {0, 0};
-                      },
-                      "leafs out of order"},
-                     {[](auto& b) { command(b).leaves = {1}; }, "a leaf that is not there"},
-                     {[](auto& b) { command(b).bindings[0]->texel = 5; }, "binds as texels"},
-                     {[](auto& b) { command(b).indirect = 0; }, "as large as a value says"},
-                     {[](auto& b) { b.shaders[0]->spirv[0] = 1; }, "not SPIR-V"},
-                     {[](auto& b) {
-                        b.leaves[0]->initial = {1, 2};
-                      },
-                      "initial value"},
-                     {[](auto& b) { b.leaves[0]->type->cols = 2; }, "a matrix of what is no float"},
-                     {[](auto& b) { b.resources[0]->role = Role::Value; }, "a resource of another type"},
-                     {[](auto& b) { b.op_lines = {Line(0, 1)}; }, "a file that there is not"},
-                     {[](auto& b) { b.float_profile = static_cast<FloatProfile>(2); }, "float profile"},
-                     {[](auto& b) { b.packing = static_cast<Packing>(2); }, "the lowering is unknown"},
-                     {[](auto& b) { b.lowering = static_cast<Lowering>(9); }, "the lowering is unknown"},
-                     {[](auto& b) { b.raster = static_cast<RasterLowering>(255); }, "the lowering is unknown"},
-                     {[](auto& b) { b.features = {static_cast<Feature>(200)}; }, "needs feature 200, which is unknown"},
-                     {[](auto& b) {
-                        b.features = {Feature::Multiview, Feature::ShaderInt64};
-                      },
-                      "out of order"},
-                     {[](auto& b) { b.resources[0]->list = static_cast<ListKind>(3); }, "an unknown list"},
-                     {[](auto& b) { b.resources[0]->list = ListKind::Active; }, "and yet no scratch buffer"},
-                     {[](auto& b) { b.steps[0]->outputs[0]->resource = 1; }, "output 'y'"},
-                     {[](auto& b) { b.steps[0]->symbols = {"Q"}; }, "needs the unknown symbol 'Q'"},
-                     {[](auto& b) { b.steps[0]->leaves.clear(); }, "which its step does not name"},
-                     {[](auto& b) {
-                        b.steps[0]->changes = {0, 1};
-                      },
-                      "a leaf that is not there"},
-                     {[](auto& b) { b.steps[0]->step_index = 0; }, "no counter"},
-                     {[](auto& b) { b.steps[0]->step_index = -2; }, "counts in no resource"},
-                     {[](auto& b) { command(b).bindings[0]->access = Access::Write; }, "changes leaf 'x'"},
-                 });
+  expect(sample,
+         {
+             {[](auto& b) { b.resources[0]->extent->w = "Q"; }, "unknown symbol 'Q'"},
+             {[](auto& b) { b.resources[0]->extent->w = "V +"; }, "no expression"},
+             {[](auto& b) { b.resources[0]->extent->w = "V / (V - 8)"; }, "no expression"},
+             {[](auto& b) { command(b).compute = 3; }, "shader 3"},
+             {[](auto& b) { command(b).bindings[0]->resource = 5; }, "names resource 5"},
+             {[](auto& b) { command(b).lines = {Line(0, 3)}; }, "line 3 of file 0"},
+             {[](auto& b) {
+                command(b).push = {1, 2, 3, 4};
+              },
+              "more than three constants"},
+             {[](auto& b) {
+                command(b).leaves = {0, 0};
+              },
+              "leafs out of order"},
+             {[](auto& b) { command(b).leaves = {1}; }, "a leaf that is not there"},
+             {[](auto& b) { command(b).bindings[0]->texel = 5; }, "binds as texels"},
+             {[](auto& b) { command(b).indirect = 0; }, "as large as a value says"},
+             {[](auto& b) { b.shaders[0]->spirv[0] = 1; }, "not SPIR-V"},
+             {[](auto& b) {
+                b.leaves[0]->initial = {1, 2};
+              },
+              "initial value"},
+             {[](auto& b) { b.leaves[0]->type->cols = 2; }, "a matrix of what is no float"},
+             {[](auto& b) { b.resources[0]->role = Role::Value; }, "a resource of another type"},
+             {[](auto& b) { b.op_lines = {Line(0, 1)}; }, "a file that there is not"},
+             {[](auto& b) { b.float_profile = static_cast<FloatProfile>(2); }, "float profile"},
+             {[](auto& b) { b.packing = static_cast<Packing>(2); }, "the lowering is unknown"},
+             {[](auto& b) { b.lowering = static_cast<Lowering>(9); }, "the lowering is unknown"},
+             {[](auto& b) { b.raster = static_cast<RasterLowering>(255); }, "the lowering is unknown"},
+             {[](auto& b) { b.features = {static_cast<Feature>(200)}; }, "needs feature 200, which is unknown"},
+             {[](auto& b) {
+                b.features = {Feature::Multiview, Feature::ShaderInt64};
+              },
+              "out of order"},
+             {[](auto& b) { b.resources[0]->list = static_cast<ListKind>(static_cast<int>(ListKind::MAX) + 1); },
+              "an unknown list"},
+             {[](auto& b) { b.resources[0]->list = ListKind::Active; }, "and yet no scratch buffer"},
+             {[](auto& b) { b.steps[0]->outputs[0]->resource = 1; }, "output 'y'"},
+             {[](auto& b) { b.steps[0]->symbols = {"Q"}; }, "needs the unknown symbol 'Q'"},
+             {[](auto& b) { b.steps[0]->leaves.clear(); }, "which its step does not name"},
+             {[](auto& b) {
+                b.steps[0]->changes = {0, 1};
+              },
+              "a leaf that is not there"},
+             {[](auto& b) { b.steps[0]->step_index = 0; }, "no counter"},
+             {[](auto& b) { b.steps[0]->step_index = -2; }, "counts in no resource"},
+             {[](auto& b) { command(b).bindings[0]->access = Access::Write; }, "changes leaf 'x'"},
+         });
 }
 
 // Whoever walks over all fields of a command must find nothing there that nobody looked at.
