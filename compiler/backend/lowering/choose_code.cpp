@@ -75,12 +75,13 @@ class StepCode {
     return code;
   }
 
-  // An invocation's own cost is that of many operations where lanes access memory in turn: elements share it, as many
-  // as leave work for all processors.
+  // An invocation's own cost is that of many operations where lanes access memory in turn, the store that tells of NaN
+  // most of all: elements share it, as many as leave work for all processors. Maps that read neighbours lose by it.
   int elements_in_turn(const Pass& pass, const MapPass& map, const MapCode& code, PassId id) const {
     const bool plain =
         map.partial.empty() && !map.rest && !map.block && !code.heavy && !code.cut && !pass.domain.is_unit();
-    if (!profile_.lanes_in_turn || !plain || set_up_for(step_, id) != nullptr || listed_for(step_, id) != nullptr)
+    if (!profile_.lanes_in_turn || code.told.empty() || !plain || set_up_for(step_, id) != nullptr ||
+        listed_for(step_, id) != nullptr)
       return 1;
     Trips trips = trips_of(graph_, pass.ops);
     trips.most = trips.most + Dim(2);

@@ -65,7 +65,7 @@ bool may_empty(const ir::Graph& graph, const StepSchedule& step, const Pass& pas
     const Pass& reader = step.passes[k];
     if (std::ranges::find(reader.reads, sum.value) == reader.reads.end()) continue;
     const auto* map = reader.as<MapPass>();
-    if (map == nullptr || !reader.steady || map->block || map->code.heavy || map->code.cut ||
+    if (map == nullptr || !reader.steady || map->block || map->rest || map->code.heavy || map->code.cut ||
         set_up_for(step, pass_id(k)) != nullptr)
       return false;
   }
