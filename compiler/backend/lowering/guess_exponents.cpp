@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+#include "compiler/backend/lowering/scatter_costs.h"
 #include "compiler/backend/schedule/limits.h"
 
 namespace dr::backend {
@@ -14,16 +15,12 @@ namespace {
 // A GPU adds to sums that its caches hold where they are computed; to larger ones it adds faster in a run of its own,
 // whose lanes all add. So do processors to all.
 constexpr int64_t kMostCached = 1 << 23;  // words
-constexpr int64_t kSide = 1024;           // of what symbols stand for
 
 bool is_cached(const ir::Graph& graph, const ScatterPass& scatter) {
   int64_t words = 0;
   for (const ScatterSum& sum : scatter.sums) {
     const ir::ValueInfo& info = graph.value(sum.value);
-    const ir::Dim count = info.extent.w * info.extent.h * info.extent.l;
-    ir::SymbolValues sides;
-    for (const std::string& symbol : count.symbols()) sides[symbol] = kSide;
-    words += 2 * info.type.components() * count.evaluate(sides).value_or(kMostCached);
+    words += 2 * info.type.components() * usual_count(info.extent).value_or(kMostCached);
   }
   return words <= kMostCached;
 }

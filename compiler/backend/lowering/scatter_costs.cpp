@@ -14,6 +14,14 @@ bool is_processor(const target::Profile& profile) { return profile.costs.compute
 
 }  // namespace
 
+std::optional<int64_t> usual_count(const ir::Extent& extent) {
+  constexpr int64_t kSide = 1024;
+  const ir::Dim count = extent.w * extent.h * extent.l;
+  ir::SymbolValues sides;
+  for (const std::string& symbol : count.symbols()) sides[symbol] = kSide;
+  return count.evaluate(sides);
+}
+
 bool joining_pays(const ir::Graph& graph, const target::Profile& profile, const ScatterPass& scatter) {
   if (!profile.subgroup_arithmetic || profile.subgroup_size < 2 || profile.subgroup_size > kMaxJoinedLanes ||
       is_processor(profile))
@@ -32,12 +40,7 @@ bool joining_pays(const ir::Graph& graph, const target::Profile& profile, const 
 
 bool many_share(const ir::Graph& graph, const Pass& pass, const ScatterPass& scatter) {
   constexpr double kMany = 8;
-  const auto count = [](const ir::Extent& extent) {
-    const ir::Dim all = extent.w * extent.h * extent.l;
-    ir::SymbolValues sides;
-    for (const std::string& symbol : all.symbols()) sides[symbol] = 1024;
-    return static_cast<double>(all.evaluate(sides).value_or(1));
-  };
+  const auto count = [](const ir::Extent& extent) { return static_cast<double>(usual_count(extent).value_or(1)); };
   double most = 0;
   for (const ScatterSum& sum : scatter.sums) {
     double each = 0;

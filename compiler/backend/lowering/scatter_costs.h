@@ -2,10 +2,17 @@
 // What ways of summing cost beside each other.
 #pragma once
 
+#include <cstdint>
+#include <optional>
+
 #include "compiler/backend/schedule/schedule.h"
 #include "compiler/target/profile.h"
 
 namespace dr::backend {
+
+// The elements of an extent whose symbols are as large as the side of a picture; nothing where there are too many to
+// count.
+std::optional<int64_t> usual_count(const ir::Extent& extent);
 
 // Lanes beside each other often add to one element, and atomics of one element wait for each other. Where none do,
 // joining is in vain: it has to cost little beside the atomics. On a processor, where a thread has all lanes of a
