@@ -3,6 +3,7 @@
 // raster_*.cpp.
 #pragma once
 
+#include <span>
 #include <string>
 #include <vector>
 
@@ -44,11 +45,17 @@ class RasterClosures {
   // What the closures capture and is recomputed here.
   void captured() { shader_.element_ops({pass_.ops.begin(), pass_.ops.end() - 1}); }
   std::string closure(RasterRegion which) {
-    const ir::Region& region = graph_.region(op_.regions[which]);
-    for (size_t k = 0; k < fields_.size(); ++k) shader_.define(region.params[k], fields_[k]);
-    shader_.define(region.params[fields_.size()], "p");
+    define_parameters(which);
     return shader_.region(op_.regions[which])[0];
   }
+  // A candidate that the face does not keep is left by the statement `otherwise`. From here to end_of_candidate() the
+  // closures share what they compute.
+  void leave_unless_kept(const std::string& otherwise) {
+    shader_.begin_sharing(std::span(op_.regions).subspan(kDepth, 3));
+    define_parameters(kKeep);
+    shader_.leave_unless(op_.regions[kKeep], otherwise);
+  }
+  void end_of_candidate() { shader_.end_sharing(); }
   void key_from_depth() {
     const std::string depth = closure(kDepth);
     shader_.body().line("uint key = uint(floor(clamp(" + depth + ", 0.0, 1.0) * 16777215.0));");
@@ -56,6 +63,12 @@ class RasterClosures {
   }
 
  private:
+  void define_parameters(RasterRegion which) {
+    const ir::Region& region = graph_.region(op_.regions[which]);
+    for (size_t k = 0; k < fields_.size(); ++k) shader_.define(region.params[k], fields_[k]);
+    shader_.define(region.params[fields_.size()], "p");
+  }
+
   glsl::Shader& shader_;
   const ir::Graph& graph_;
   const Pass& pass_;

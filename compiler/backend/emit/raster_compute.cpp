@@ -55,7 +55,7 @@ struct Walk {
     const std::string n = dim_expression(element_count(parts.extent()));
     s.body().line("vec2 p = vec2(at.xy) + 0.5;");
     closures.captured();
-    s.body().line("if (!" + closures.closure(kKeep) + ") continue;");
+    closures.leave_unless_kept("continue");
     closures.key_from_depth();
     s.body().line("if (no_depth) continue;");
     s.body().line("int pixel = (at.z * " + h + " + at.y) * " + w + " + at.x;");
@@ -72,8 +72,10 @@ struct Walk {
       s.body().line("entry = old > entry ? old : entry;");
       s.body().line("if (entry == 0xfffffffffffffffful) break;");
       s.body().line("}");
+      closures.end_of_candidate();
       return;
     }
+    closures.end_of_candidate();
     // Peeling: pc.a is the rank; first the least key beyond the rank before, then (pc.b) the least face with it.
     const std::string id_words = s.bind_words(ids, "faces", bundle::Access::ReadWrite);
     s.body().line("int slot = pc.a * " + n + " + pixel;");
