@@ -42,14 +42,14 @@ void ValueNumbers::add(const Op& op) {
   }
 }
 
-bool is_plain_region(const ir::Graph& graph, RegionId region) {
-  return std::ranges::all_of(graph.region(region).ops, [&](ir::OpId id) {
+bool are_plain(const ir::Graph& graph, const std::vector<ir::OpId>& ops) {
+  return std::ranges::all_of(ops, [&](ir::OpId id) {
     const Op& op = graph.op(id);
     if (op.kind == OpKind::ScatterAdd || op.kind == OpKind::ScatterMax) return false;
     if (op.regions.empty()) return true;
     return op.kind == OpKind::If &&
            std::ranges::all_of(op.attrs.yields, [](ir::Yield y) { return y == ir::Yield::Element; }) &&
-           std::ranges::all_of(op.regions, [&](RegionId inner) { return is_plain_region(graph, inner); });
+           std::ranges::all_of(op.regions, [&](RegionId inner) { return are_plain(graph, graph.region(inner).ops); });
   });
 }
 

@@ -9,6 +9,7 @@
 #include <map>
 #include <set>
 #include <string>
+#include <vector>
 
 #include "compiler/ir/graph.h"
 
@@ -17,7 +18,8 @@ namespace dr::backend {
 class ValueNumbers {
  public:
   // `form`: what else tells two ops of a kind apart.
-  ValueNumbers(const ir::Graph& graph, std::function<int(const ir::Op&)> form) : graph_(graph), form_(std::move(form)) {}
+  ValueNumbers(const ir::Graph& graph, std::function<int(const ir::Op&)> form)
+      : graph_(graph), form_(std::move(form)) {}
 
   // The results of an op, and what its regions compute. Its operands come first; those that did not have numbers of
   // their own.
@@ -37,8 +39,8 @@ class ValueNumbers {
   std::map<ir::ValueId, uint32_t> numbers_;
 };
 
-// Whether a region computes by ops without side effects and without loops.
-bool is_plain_region(const ir::Graph& graph, ir::RegionId region);
+// Whether ops have no side effects and no loops.
+bool are_plain(const ir::Graph& graph, const std::vector<ir::OpId>& ops);
 
 // The values of a plain region, and of those inside of it, that some of its yields need.
 std::set<ir::ValueId> needed_for(const ir::Graph& graph, ir::RegionId region, const std::set<ir::ValueId>& yields);

@@ -48,14 +48,21 @@ class RasterClosures {
     define_parameters(which);
     return shader_.region(op_.regions[which])[0];
   }
-  // A candidate that the face does not keep is left by the statement `otherwise`. From here to end_of_candidate() the
-  // closures share what they compute.
+  // From here to end_of_candidates() the closures share what they compute; with `ahead` what is one value for a face is
+  // computed here, not for each candidate.
+  void begin_candidates(bool ahead) {
+    const std::span regions = std::span(op_.regions).subspan(kDepth, 3);
+    shader_.begin_sharing({pass_.ops.begin(), pass_.ops.end() - 1}, regions);
+    if (!ahead) return;
+    for (const RasterRegion which : {kDepth, kKeep, kTag}) define_fields(which);
+    shader_.compute_ahead(regions);
+  }
+  // A candidate that the face does not keep is left by the statement `otherwise`.
   void leave_unless_kept(const std::string& otherwise) {
-    shader_.begin_sharing(std::span(op_.regions).subspan(kDepth, 3));
     define_parameters(kKeep);
     shader_.leave_unless(op_.regions[kKeep], otherwise);
   }
-  void end_of_candidate() { shader_.end_sharing(); }
+  void end_of_candidates() { shader_.end_sharing(); }
   void key_from_depth() {
     const std::string depth = closure(kDepth);
     shader_.body().line("uint key = uint(floor(clamp(" + depth + ", 0.0, 1.0) * 16777215.0));");
@@ -63,10 +70,13 @@ class RasterClosures {
   }
 
  private:
-  void define_parameters(RasterRegion which) {
+  void define_fields(RasterRegion which) {
     const ir::Region& region = graph_.region(op_.regions[which]);
     for (size_t k = 0; k < fields_.size(); ++k) shader_.define(region.params[k], fields_[k]);
-    shader_.define(region.params[fields_.size()], "p");
+  }
+  void define_parameters(RasterRegion which) {
+    define_fields(which);
+    shader_.define(graph_.region(op_.regions[which]).params[fields_.size()], "p");
   }
 
   glsl::Shader& shader_;

@@ -26,7 +26,7 @@ struct Walk {
   uint32_t keys, ids;  // wide: both the slots
   const FaceLists& lists;
   uint32_t list_words;
-  bool hidden_stores;
+  bool hidden_stores;  // and no driver that moves what is one value for a face out of loops
   // The loops of closures are watched; see Generator::Cut.
   bool watched;
 
@@ -72,10 +72,10 @@ struct Walk {
       s.body().line("entry = old > entry ? old : entry;");
       s.body().line("if (entry == 0xfffffffffffffffful) break;");
       s.body().line("}");
-      closures.end_of_candidate();
+      closures.end_of_candidates();
       return;
     }
-    closures.end_of_candidate();
+    closures.end_of_candidates();
     // Peeling: pc.a is the rank; first the least key beyond the rank before, then (pc.b) the least face with it.
     const std::string id_words = s.bind_words(ids, "faces", bundle::Access::ReadWrite);
     s.body().line("int slot = pc.a * " + n + " + pixel;");
@@ -110,6 +110,7 @@ struct Walk {
       if (lists.small_box() == 0) return;
     }
     closures.load_fields("at");
+    closures.begin_candidates(hidden_stores);
     s.body().line("for (at.y = first.y; at.y < last.y; ++at.y)");
     s.body().line("for (at.x = first.x; at.x < last.x; ++at.x) {");
     s.push_scope();
@@ -129,6 +130,7 @@ struct Walk {
     closures.set_up();
     s.body().line(box(s, closures, false));
     closures.load_fields("at");
+    closures.begin_candidates(hidden_stores);
     s.body().line("int down = quotient(stride, across), right = stride - down * across;");
     s.body().line("int y = quotient(lane, across), x = lane - y * across, i = lane;");
     s.body().line("for (; i < area; i += stride, x += right, y += down) {");

@@ -83,9 +83,11 @@ class Shader {
     scopes_.pop_back();
     if (common_) common_->known.pop_back();
   }
-  // Until end_sharing(), in the current scope, these regions share what they compute (shader_common.cpp). Not where they
-  // have loops.
-  void begin_sharing(std::span<const ir::RegionId> regions);
+  // Until end_sharing(), in the current scope, ops and these regions share what they compute (shader_common.cpp). Not
+  // where they have loops.
+  void begin_sharing(const std::vector<ir::OpId>& ops, std::span<const ir::RegionId> regions);
+  // What the regions compute of values that are there, also in branches that nobody may take.
+  void compute_ahead(std::span<const ir::RegionId> regions);
   void end_sharing() { common_.reset(); }
   // Runs a region that yields a Bool, and the statement `otherwise`, which leaves the scope, where it is false.
   void leave_unless(ir::RegionId id, const std::string& otherwise);
@@ -177,6 +179,7 @@ class Shader {
   void know(ir::ValueId value, const std::string& expression);
   const std::string* known(ir::ValueId value);
   bool common_op(const ir::Op& op);
+  bool is_known(ir::ValueId value) { return is_defined(value) || known(value) != nullptr; }
   // shader_alike.cpp
   bool may_loop(const Together& together) const;
   void alike_ops(const Together& together);

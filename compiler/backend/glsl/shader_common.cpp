@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "compiler/backend/glsl/shader.h"
+#include "compiler/ops/op.h"
 
 namespace dr::backend::glsl {
 
@@ -12,21 +13,23 @@ using ir::ValueId;
 
 namespace {
 
-bool shares_text(const ir::Graph& graph, ir::RegionId region) {
-  const std::vector<ir::OpId>& ops = graph.region(region).ops;
+bool shares_text(const ir::Graph& graph, const std::vector<ir::OpId>& ops) {
   if (std::ranges::any_of(alike_together(graph, ops), [](const Together& t) { return t.ops.size() > 1; })) return true;
   return std::ranges::any_of(ops, [&](ir::OpId id) {
-    return std::ranges::any_of(graph.op(id).regions, [&](ir::RegionId inner) { return shares_text(graph, inner); });
+    return std::ranges::any_of(graph.op(id).regions,
+                               [&](ir::RegionId inner) { return shares_text(graph, graph.region(inner).ops); });
   });
 }
 
 }  // namespace
 
-void Shader::begin_sharing(std::span<const ir::RegionId> regions) {
+void Shader::begin_sharing(const std::vector<ir::OpId>& ops, std::span<const ir::RegionId> regions) {
   // Values of a loop are others in each trip.
-  if (cut_ || !std::ranges::all_of(regions, [&](ir::RegionId r) {
-        return is_plain_region(graph_, r) && !shares_text(graph_, r);
-      }))
+  const auto is_plain = [&](const std::vector<ir::OpId>& of) {
+    return are_plain(graph_, of) && !shares_text(graph_, of);
+  };
+  if (cut_ || !is_plain(ops) ||
+      !std::ranges::all_of(regions, [&](ir::RegionId r) { return is_plain(graph_.region(r).ops); }))
     return;
   common_.emplace(ValueNumbers(graph_,
                                [this](const Op& op) {
@@ -35,6 +38,21 @@ void Shader::begin_sharing(std::span<const ir::RegionId> regions) {
                                         (schedule_.code.moderate_divisors.contains(op.operands[1]) ? 1 : 0);
                                }),
                   std::vector<std::map<uint32_t, std::string>>(scopes_.size()), nullptr);
+}
+
+void Shader::compute_ahead(std::span<const ir::RegionId> regions) {
+  if (!common_) return;
+  for (const ir::RegionId region : regions)
+    for (const ir::OpId id : graph_.region(region).ops) {
+      const Op& op = graph_.op(id);
+      const bool plain = op.regions.empty() && (op.kind == OpKind::Const || ops::info(op.kind).glsl != nullptr);
+      if (plain && std::ranges::all_of(op.operands, [&](ValueId v) { return is_known(v); })) {
+        for (const ValueId v : op.operands)
+          if (!is_defined(v)) define(v, std::string(*known(v)));
+        this->op(op);
+      }
+      compute_ahead(op.regions);
+    }
 }
 
 void Shader::know(ValueId value, const std::string& expression) {
