@@ -96,13 +96,13 @@ TEST_CASE("functions of the library are as accurate on devices as the table says
     options.numbers = "native";
     for (library::Row& row : library::measure(device, some, options)) rows.push_back(std::move(row));
     for (const library::Row& row : rows) {
-      INFO(name << ", " << row.profile << ": " << row.function << " " << row.part << " " << row.direction << " (" << row.metric
-                << "), worst at " << row.worst_input << ": found " << row.found << ", expected " << row.expected
-                << "; not finite: " << row.not_finite);
+      INFO(name << ", " << row.profile << ": " << row.function << " " << row.part << " " << row.direction << " ("
+                << row.metric << "), worst at " << row.worst_input << ": found " << row.found << ", expected "
+                << row.expected << "; not finite: " << row.not_finite);
       if (std::getenv("SHOW") != nullptr)
-        std::printf("%-8.3g %s %s %s %s: %.3g of %.3g (99.9%%: %.3g), %lld\n", row.worst / row.bound, row.profile.c_str(),
-                    row.function.c_str(), row.part.c_str(), row.direction.c_str(), row.worst, row.bound, row.p999,
-                    static_cast<long long>(row.samples));
+        std::printf("%-8.3g %s %s %s %s: %.3g of %.3g (99.9%%: %.3g), %lld\n", row.worst / row.bound,
+                    row.profile.c_str(), row.function.c_str(), row.part.c_str(), row.direction.c_str(), row.worst,
+                    row.bound, row.p999, static_cast<long long>(row.samples));
       CHECK(row.worst <= row.bound);
       CHECK(row.not_finite == 0);
       CHECK(row.samples > 0);

@@ -400,7 +400,8 @@ class Group {
     return rows;
   }
 
-  // In the profile `native` as many times as large as one of the result's built-ins may be further off than our function.
+  // In the profile `native` as many times as large as one of the result's built-ins may be further off than our
+  // function.
   void set_bound(Row& row, size_t k, const Direction& d) const {
     row.bound = d.bound;
     if (options_.numbers != "native" || d.metric == Metric::Equal) return;
