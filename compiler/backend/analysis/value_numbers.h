@@ -27,6 +27,7 @@ class ValueNumbers {
   // A parameter of a region; those of one name are the same.
   void add(ir::ValueId param, const std::string& name) { numbers_[param] = number_of("param " + name); }
   uint32_t of(ir::ValueId value);
+  bool has(ir::ValueId value) const { return numbers_.contains(value); }
 
  private:
   uint32_t number_of(const std::string& key) {

@@ -110,7 +110,7 @@ struct Walk {
       if (lists.small_box() == 0) return;
     }
     closures.load_fields("at");
-    closures.begin_candidates(hidden_stores);
+    closures.begin_candidates(false);
     s.body().line("for (at.y = first.y; at.y < last.y; ++at.y)");
     s.body().line("for (at.x = first.x; at.x < last.x; ++at.x) {");
     s.push_scope();

@@ -61,6 +61,7 @@ void Shader::know(ValueId value, const std::string& expression) {
 }
 
 const std::string* Shader::known(ValueId value) {
+  if (!common_->numbers.has(value)) return nullptr;
   const uint32_t number = common_->numbers.of(value);
   for (auto scope = common_->known.rbegin(); scope != common_->known.rend(); ++scope)
     if (const auto it = scope->find(number); it != scope->end()) return &it->second;
