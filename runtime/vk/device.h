@@ -30,6 +30,7 @@ struct DeviceState {
   vk::PhysicalDeviceProperties properties;
   vk::PhysicalDeviceMemoryProperties memory;
   uint32_t multiview_views = 0;  // that one render pass may draw; 0: no multiview
+  vk::DeviceSize largest_block = 0;  // bytes that one allocation may have
   bool memory_budget = false;    // the device says how much memory is left
   bool int64 = false, int64_atomics = false, float_atomics = false, subgroup_arithmetic = false, debug_names = false;
   std::mutex queue_lock;  // one thread at a time may submit
