@@ -149,9 +149,10 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
   app.add_option("--memory", memory,
                  "device memory to take at most, in bytes or as 512M; inputs beyond that are read from the host's "
                  "(default: all that the device has)");
-  app.add_option("--buffers", buffers,
-                 "bytes that a shader sees of a buffer at once, as 1M; larger ones are bound in parts, with the same bits "
-                 "(default: what the device allows)");
+  app.add_option(
+      "--buffers", buffers,
+      "bytes that a shader sees of a buffer at once, as 1M; larger ones are bound in parts, with the same bits "
+      "(default: what the device allows)");
   app.add_option("--timeout", timeout,
                  "seconds after which the run stops, writes what there is and exits with 124 (default: none)");
   app.add_option("--checkpoint-every", checkpoints,

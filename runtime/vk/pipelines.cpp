@@ -86,8 +86,7 @@ vk::DeviceSize Pipelines::most_of(const Descriptor& descriptor) const {
   const vk::DeviceSize given = buffer_limit_ > 0 ? static_cast<vk::DeviceSize>(buffer_limit_) : VK_WHOLE_SIZE;
   if (descriptor.texel == 0) return std::min<vk::DeviceSize>(l.maxStorageBufferRange, given);
   const bundle::ResourceT& r = *bundle_.resources[descriptor.resource];
-  const auto features =
-      device_->physical.getFormatProperties(texel_format(r, descriptor.texel)).bufferFeatures;
+  const auto features = device_->physical.getFormatProperties(texel_format(r, descriptor.texel)).bufferFeatures;
   if (!(features & vk::FormatFeatureFlagBits::eUniformTexelBuffer))
     throw Failure{"'" + r.name + "' is read as texels of " + std::to_string(descriptor.texel) +
                   " words, which the device has none of; compile it for this device (a profile with \"lanes_in_turn\": "
@@ -310,15 +309,15 @@ void Pipelines::build() {
   if (data != known) file.write(data);
 }
 
-vk::raii::Pipeline Pipelines::make_compute(int shader, size_t module, vk::PipelineLayout layout, uint32_t group, uint32_t part_trips,
-                                           std::vector<int32_t> values, const Cache& cache) const {
+vk::raii::Pipeline Pipelines::make_compute(int shader, size_t module, vk::PipelineLayout layout, uint32_t group,
+                                           uint32_t part_trips, std::vector<int32_t> values, const Cache& cache) const {
   std::vector<vk::SpecializationMapEntry> entries;
   values.push_back(static_cast<int32_t>(group));
   values.push_back(static_cast<int32_t>(part_trips));
   const auto specialize = specialization(values, entries);
   vk::ComputePipelineCreateInfo info;
-  info.stage = vk::PipelineShaderStageCreateInfo({}, vk::ShaderStageFlagBits::eCompute, *modules_[module], "main",
-                                                 &specialize);
+  info.stage =
+      vk::PipelineShaderStageCreateInfo({}, vk::ShaderStageFlagBits::eCompute, *modules_[module], "main", &specialize);
   info.layout = layout;
   vk::raii::Pipeline pipeline(device_->device, cache, info);
   device_->name(pipeline, bundle_.shaders[static_cast<size_t>(shader)]->name);
@@ -326,8 +325,8 @@ vk::raii::Pipeline Pipelines::make_compute(int shader, size_t module, vk::Pipeli
 }
 
 vk::raii::Pipeline Pipelines::make_graphics(const bundle::CommandT& c, std::array<size_t, 2> modules,
-                                            vk::PipelineLayout layout, vk::RenderPass render_pass, uint32_t subpass, vk::Extent2D size,
-                                            const Cache& cache) const {
+                                            vk::PipelineLayout layout, vk::RenderPass render_pass, uint32_t subpass,
+                                            vk::Extent2D size, const Cache& cache) const {
   std::vector<vk::SpecializationMapEntry> entries;
   const auto specialize = specialization(values_, entries);
   const vk::PipelineShaderStageCreateInfo stage_infos[] = {

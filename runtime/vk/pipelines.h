@@ -29,8 +29,8 @@ struct Descriptor {
 
 class Pipelines {
  public:
-  // `cache_folder` keeps what the driver wants kept; empty: nothing. `buffer_limit`: bytes that a binding takes at most;
-  // 0: as many as on the device.
+  // `cache_folder` keeps what the driver wants kept; empty: nothing. `buffer_limit`: bytes that a binding takes at
+  // most; 0: as many as on the device.
   Pipelines(std::shared_ptr<DeviceState> device, const bundle::BundleT& bundle, const Memory& memory,
             std::filesystem::path cache_folder, int64_t buffer_limit);
   // Shaders that are used from now on see these values of the symbols. A symbol without a value stands in no shader
@@ -53,8 +53,8 @@ class Pipelines {
  private:
   using Cache = vk::raii::PipelineCache;
   // `values`: of the symbols.
-  vk::raii::Pipeline make_compute(int shader, size_t module, vk::PipelineLayout layout, uint32_t group, uint32_t part_trips,
-                                  std::vector<int32_t> values, const Cache& cache) const;
+  vk::raii::Pipeline make_compute(int shader, size_t module, vk::PipelineLayout layout, uint32_t group,
+                                  uint32_t part_trips, std::vector<int32_t> values, const Cache& cache) const;
   // `modules`: of the two stages.
   vk::raii::Pipeline make_graphics(const bundle::CommandT& draw, std::array<size_t, 2> modules,
                                    vk::PipelineLayout layout, vk::RenderPass render_pass, uint32_t subpass,

@@ -14,8 +14,8 @@
 
 namespace dr::test {
 
-// The program, and the bytes of a binding: the least, from 16 on, with which the device binds all parts. `bind` gives it
-// its data; it is ready to run these steps, without the cache, so that all of it runs each time.
+// The program, and the bytes of a binding: the least, from 16 on, with which the device binds all parts. `bind` gives
+// it its data; it is ready to run these steps, without the cache, so that all of it runs each time.
 inline std::pair<runtime::Program, int64_t> load_in_parts(const runtime::Device& device,
                                                           const std::vector<uint8_t>& bundle,
                                                           const std::vector<std::string>& steps,

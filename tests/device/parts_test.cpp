@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Buffers that hold more than a binding takes are bound in parts: every kind of access gives the bits that it gives where
-// they are whole, on every road.
+// Buffers that hold more than a binding takes are bound in parts: every kind of access gives the bits that it gives
+// where they are whole, on every road.
 #include <cmath>
 #include <cstdio>
 #include <map>
@@ -176,15 +176,16 @@ void check_roads(const char* text, const Values& data, const std::vector<Road>& 
 }  // namespace
 
 TEST_CASE("maps, reads at other places, sums and loops read and write buffers in parts") {
-  check_roads(kMaps, data_of_maps(),
-              {{"fused"}, {"an op a pass", "auto", "auto", "naive"}, {"fragments", "fragment"}});
+  check_roads(kMaps, data_of_maps(), {{"fused"}, {"an op a pass", "auto", "auto", "naive"}, {"fragments", "fragment"}});
 }
 
 TEST_CASE("scatters add to buffers in parts") {
   const char* const a = "auto";
-  check_roads(
-      kScatters, data_of_scatters(),
-      {{"auto"}, {"exact", a, a, "fused", "exact"}, {"rows", a, a, "fused", "rows"}, {"atomic", a, a, "fused", "atomic"}});
+  check_roads(kScatters, data_of_scatters(),
+              {{"auto"},
+               {"exact", a, a, "fused", "exact"},
+               {"rows", a, a, "fused", "rows"},
+               {"atomic", a, a, "fused", "atomic"}});
 }
 
 TEST_CASE("rasters, textures and lists take buffers in parts") {
@@ -196,7 +197,8 @@ TEST_CASE("rasters, textures and lists take buffers in parts") {
 
 TEST_CASE("a buffer beyond what bindings take in all their parts is an error") {
   for (const auto& [name, device] : test::devices()) {
-    const auto bundle = test::compile_text("parts_test.dr", "edition 1;\nparam a : float[N] = 0.5;\nstep go { a <- a * sin(a); }\n", name);
+    const auto bundle = test::compile_text(
+        "parts_test.dr", "edition 1;\nparam a : float[N] = 0.5;\nstep go { a <- a * sin(a); }\n", name);
     Program program = must(Program::load(device, bundle, {.buffer_limit = 256}));
     must(program.bind_symbol("N", 1 << 20));
     const auto refused = program.run("go");

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The same input gives the same bits on one device: every program of tests/golden/programs and the examples, started
-// again and again, and with buffers that are bound in parts. Drivers compile the long shaders of some for minutes: those of few ops run twice, and all of them,
-// made twice, as often as DR_SAME_BITS_RUNS says where it is set.
+// again and again, and with buffers that are bound in parts. Drivers compile the long shaders of some for minutes:
+// those of few ops run twice, and all of them, made twice, as often as DR_SAME_BITS_RUNS says where it is set.
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
@@ -140,7 +140,8 @@ bool check_in_parts(const test::NamedDevice& device, const Job& job, const std::
     for (const auto& [symbol, value] : job.symbols) must(fresh.bind_symbol(symbol, value));
     start_of(fresh, job);
   });
-  check_equal(results(program, job, start_of(program, job)), first, "with " + std::to_string(bytes) + " bytes a binding");
+  check_equal(results(program, job, start_of(program, job)), first,
+              "with " + std::to_string(bytes) + " bytes a binding");
   return std::ranges::any_of(
       first, [most = bytes](const auto& value) { return static_cast<int64_t>(value.second.bytes.size()) > most; });
 }

@@ -98,8 +98,7 @@ class Splitter {
  private:
   void take(const spv_parsed_instruction_t& in) {
     Instruction out{in.opcode, in.type_id, in.result_id, {in.words, in.words + in.num_words}, {}};
-    for (uint16_t k = 0; k < in.num_operands; ++k)
-      switch (in.operands[k].type) {
+    for (uint16_t k = 0; k < in.num_operands; ++k) switch (in.operands[k].type) {
         case SPV_OPERAND_TYPE_ID:
         case SPV_OPERAND_TYPE_MEMORY_SEMANTICS_ID:
         case SPV_OPERAND_TYPE_SCOPE_ID: out.ids.push_back(in.words[in.operands[k].offset]); break;
@@ -282,7 +281,8 @@ class Splitter {
         words[4] = element;
       } else {
         const uint32_t head[] = {chain.pointer_type, words[operands.pointer], of.parts[k]};
-        add(functions_, kAccessChain, {std::span(head), std::span(chain.before), std::span(&element, 1), std::span(chain.after)});
+        add(functions_, kAccessChain,
+            {std::span(head), std::span(chain.before), std::span(&element, 1), std::span(chain.after)});
       }
       functions_.insert(functions_.end(), words.begin(), words.end());
       add(functions_, kBranch, {merge});
@@ -332,9 +332,9 @@ class Splitter {
   std::map<uint32_t, uint32_t> bindings_, strides_, constants_, type_of_, numbers_;  // by id; numbers by value
   std::map<uint32_t, Words> types_;
   std::map<Words, uint32_t> types_of_functions_, functions_by_key_;
-  std::map<uint32_t, Parted> parted_;           // by variable
-  std::map<uint32_t, Chain> chains_;            // by pointer
-  std::map<uint32_t, const Parted*> texels_;    // by image
+  std::map<uint32_t, Parted> parted_;         // by variable
+  std::map<uint32_t, Chain> chains_;          // by pointer
+  std::map<uint32_t, const Parted*> texels_;  // by image
   Words out_, globals_, functions_;
   size_t globals_at_ = 0;  // where in `out_` they belong
 };

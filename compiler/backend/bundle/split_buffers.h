@@ -20,8 +20,8 @@ struct Split {
 };
 
 // The module in which each load, store and atomic of these buffers is a call of a function that looks which part the
-// element is in. Nothing else changes: results have the same bits. Of a valid module, whose buffers are lists of numbers
-// or of short vectors; or one sentence on what of it cannot be split.
+// element is in. Nothing else changes: results have the same bits. Of a valid module, whose buffers are lists of
+// numbers or of short vectors; or one sentence on what of it cannot be split.
 std::variant<std::vector<uint32_t>, std::string> split_buffers(std::span<const uint32_t> module,
                                                                std::span<const Split> splits);
 

@@ -67,7 +67,9 @@ TEST_CASE("accesses become calls, one function for those that are alike") {
 TEST_CASE("every kind of access gives a sound module") {
   split("  a.d[i] = float(c.d[i].y) + float(c.d[u].x);\n  c.d[i + 1] = uvec2(u, 3u);\n");
   split("  uint64_t old = atomicAdd(b.d[i], uint64_t(7));\n  b.d[i + 1] = old;\n  atomicMin(b.d[u], old);\n");
-  split("  if (atomicCompSwap(e.d[u], 3u, 4u) == atomicExchange(e.d[i], u)) atomicOr(e.d[i + 2], atomicMax(e.d[u], 1u));\n");
+  split(
+      "  if (atomicCompSwap(e.d[u], 3u, 4u) == atomicExchange(e.d[i], u)) atomicOr(e.d[i + 2], atomicMax(e.d[u], "
+      "1u));\n");
   split("  a.d[i] = float(texelFetch(t, i).x) + float(texelFetch(t, i + 1).y);\n");
   split("  for (int k = 0; k < i; ++k) { if (a.d[k] > 0.5) e.d[k] = texelFetch(t, k).x; else break; }\n");
 }
