@@ -20,16 +20,16 @@ namespace dr::bundle {
 namespace {
 
 using namespace dr::spv;  // the numbers of the specification
-using Words = std::vector<uint32_t>;
+using WordList = std::vector<uint32_t>;
 
 // Thrown inside of this file.
-struct Unfit {
+struct NotSplit {
   std::string why;
 };
 
 struct Instruction {
   uint32_t opcode = 0, type = 0, result = 0;
-  Words words;
+  WordList words;
   std::vector<uint32_t> ids;  // that it uses, but for its type
 };
 
@@ -53,7 +53,7 @@ Operands operands_of(const Instruction& in) {
 // A variable that has parts.
 struct Parted {
   Split split;
-  Words variable;               // the instruction
+  WordList variable;            // the instruction
   std::vector<uint32_t> parts;  // ids; the first is its own
   bool texels = false;
   uint32_t log_elements = 0;  // of a part
@@ -63,7 +63,7 @@ struct Parted {
 struct Chain {
   const Parted* of = nullptr;
   uint32_t pointer_type = 0, index = 0;
-  Words before, after;  // other indices
+  WordList before, after;  // other indices
 };
 
 class Splitter {
@@ -76,10 +76,10 @@ class Splitter {
       return SPV_SUCCESS;
     };
     if (spvBinaryParse(context.CContext(), this, module.data(), module.size(), nullptr, take, nullptr) != SPV_SUCCESS)
-      throw Unfit{"is no module"};
+      throw NotSplit{"is no module"};
   }
 
-  Words process() {
+  WordList process() {
     for (const Instruction& in : all_) look(in);
     for (const Instruction& in : all_) {
       if (in.opcode == kFunction && !in_functions_) {
@@ -112,13 +112,13 @@ class Splitter {
 
   uint32_t fresh() { return header_[3] + new_ids_++; }
 
-  static void add(Words& to, uint32_t opcode, std::initializer_list<std::span<const uint32_t>> operands) {
+  static void add(WordList& to, uint32_t opcode, std::initializer_list<std::span<const uint32_t>> operands) {
     const size_t at = to.size();
     to.push_back(0);
     for (const auto& some : operands) to.insert(to.end(), some.begin(), some.end());
     to[at] = static_cast<uint32_t>(to.size() - at) << 16 | opcode;
   }
-  static void add(Words& to, uint32_t opcode, std::initializer_list<uint32_t> words) {
+  static void add(WordList& to, uint32_t opcode, std::initializer_list<uint32_t> words) {
     add(to, opcode, {std::span(words.begin(), words.size())});
   }
 
@@ -158,12 +158,12 @@ class Splitter {
     if (split == splits_.end()) return;
     Parted parted{*split, in.words, {in.result}, false, split->log_size};
     for (uint32_t k = 1; k < split->parts; ++k) parted.parts.push_back(fresh());
-    const Words& pointee = types_.at(types_.at(in.type)[3]);
+    const WordList& pointee = types_.at(types_.at(in.type)[3]);
     parted.texels = (pointee[0] & 0xffff) == kTypeImage;
     if (!parted.texels) {
       const auto stride = strides_.find(pointee.size() == 3 ? pointee[2] : 0);
       if (stride == strides_.end() || !std::has_single_bit(stride->second))
-        throw Unfit{"has a buffer whose elements are of another size than bundles have"};
+        throw NotSplit{"has a buffer whose elements are of another size than bundles have"};
       parted.log_elements -= static_cast<uint32_t>(std::countr_zero(stride->second));
     }
     parted_[in.result] = std::move(parted);
@@ -173,13 +173,13 @@ class Splitter {
   bool chain(const Instruction& in) {
     const auto parted = parted_.find(in.words[3]);
     if (parted == parted_.end()) return false;
-    if (in.words.size() < 6) throw Unfit{"passes a buffer on"};
+    if (in.words.size() < 6) throw NotSplit{"passes a buffer on"};
     const Parted& of = parted->second;
     const auto known = constants_.find(in.words[5]);
     if (known != constants_.end() && known->second >> of.log_elements == 0) return true;
     chains_[in.result] = {&of, in.type, in.words[5], {in.words[4]}, {in.words.begin() + 6, in.words.end()}};
     for (const uint32_t index : chains_[in.result].after)
-      if (constants_.count(index) == 0) throw Unfit{"picks a component of a buffer's element by a computed number"};
+      if (constants_.count(index) == 0) throw NotSplit{"picks a component of a buffer's element by a computed number"};
     return true;
   }
 
@@ -187,10 +187,10 @@ class Splitter {
   void access(const Instruction& in) const {
     const Operands operands = operands_of(in);
     for (const uint32_t id : in.ids) {
-      if (parted_.count(id) != 0) throw Unfit{"uses a buffer as a whole"};
+      if (parted_.count(id) != 0) throw NotSplit{"uses a buffer as a whole"};
       if (chains_.count(id) != 0 && (operands.pointer == 0 || in.words[operands.pointer] != id))
-        throw Unfit{"passes a pointer on"};
-      if (texels_.count(id) != 0 && in.opcode != kImageFetch) throw Unfit{"uses a texel buffer as a whole"};
+        throw NotSplit{"passes a pointer on"};
+      if (texels_.count(id) != 0 && in.opcode != kImageFetch) throw NotSplit{"uses a texel buffer as a whole"};
     }
   }
 
@@ -203,7 +203,7 @@ class Splitter {
     if (in.opcode == kDecorate && about != parted_.end()) {
       copy();
       for (uint32_t k = 1; k < about->second.split.parts; ++k) {
-        Words words = in.words;
+        WordList words = in.words;
         words[1] = about->second.parts[k];
         if (words[2] == kBinding) words[3] = about->second.split.more + k - 1;
         out_.insert(out_.end(), words.begin(), words.end());
@@ -213,7 +213,7 @@ class Splitter {
     if (const auto it = parted_.find(in.result); in.opcode == kVariable && it != parted_.end()) {
       copy();
       for (uint32_t k = 1; k < it->second.split.parts; ++k) {
-        Words words = in.words;
+        WordList words = in.words;
         words[2] = it->second.parts[k];
         out_.insert(out_.end(), words.begin(), words.end());
       }
@@ -231,9 +231,9 @@ class Splitter {
   // In place of an access.
   void call(const Instruction& in, const Chain& chain, const Operands& operands) {
     // What two accesses have in common that are one function.
-    Words key{chain.of->parts[0], chain.pointer_type, type_of_.at(chain.index)};
+    WordList key{chain.of->parts[0], chain.pointer_type, type_of_.at(chain.index)};
     key.insert(key.end(), chain.after.begin(), chain.after.end());
-    Words text = in.words, parameters{type_of_.at(chain.index)}, arguments{chain.index};
+    WordList text = in.words, parameters{type_of_.at(chain.index)}, arguments{chain.index};
     if (in.result != 0) text[2] = 0;
     text[operands.pointer] = 0;
     if (in.opcode == kImageFetch) text[4] = 0;
@@ -249,11 +249,12 @@ class Splitter {
     add(out_, kFunctionCall, {std::span(head), std::span(arguments)});
   }
 
-  uint32_t make_function(const Instruction& in, const Chain& chain, const Operands& operands, const Words& parameters) {
+  uint32_t make_function(const Instruction& in, const Chain& chain, const Operands& operands,
+                         const WordList& parameters) {
     const Parted& of = *chain.of;
     const uint32_t result = in.result != 0 ? in.type : void_type(), function = fresh(), merge = fresh();
     add(functions_, kFunction, {result, function, 0, function_type(result, parameters)});
-    Words ids;
+    WordList ids;
     for (const uint32_t type : parameters) {
       ids.push_back(fresh());
       add(functions_, kFunctionParameter, {type, ids.back()});
@@ -265,14 +266,14 @@ class Splitter {
     add(functions_, kShiftRightLogical, {uint_type(), part, index, constant(of.log_elements)});
     add(functions_, kBitwiseAnd, {uint_type(), element, index, constant((1u << of.log_elements) - 1)});
     add(functions_, kSelectionMerge, {merge, 0});
-    Words labels, targets, results;
+    WordList labels, targets, results;
     for (uint32_t k = 0; k < of.split.parts; ++k) labels.push_back(fresh());
     for (uint32_t k = 0; k + 1 < of.split.parts; ++k) targets.insert(targets.end(), {k, labels[k]});
     const uint32_t what[] = {part, labels.back()};
     add(functions_, kSwitch, {std::span(what), std::span(targets)});
     for (uint32_t k = 0; k < of.split.parts; ++k) {
       add(functions_, kLabel, {labels[k]});
-      Words words = in.words;
+      WordList words = in.words;
       if (in.result != 0) results.insert(results.end(), {words[2] = fresh(), labels[k]});
       for (size_t v = 0; v < operands.values.size(); ++v) words[operands.values[v]] = ids[v + 1];
       words[operands.pointer] = fresh();
@@ -313,8 +314,8 @@ class Splitter {
     if (id == 0) add(globals_, kConstant, {type, id = fresh(), value});
     return id;
   }
-  uint32_t function_type(uint32_t result, const Words& parameters) {
-    Words key{result};
+  uint32_t function_type(uint32_t result, const WordList& parameters) {
+    WordList key{result};
     key.insert(key.end(), parameters.begin(), parameters.end());
     uint32_t& id = types_of_functions_[key];
     if (id == 0) {
@@ -325,17 +326,17 @@ class Splitter {
   }
 
   std::vector<Split> splits_;
-  Words header_;
+  WordList header_;
   std::vector<Instruction> all_;
   uint32_t new_ids_ = 0, void_ = 0, uint_ = 0;
   bool body_ = false, in_functions_ = false;
   std::map<uint32_t, uint32_t> bindings_, strides_, constants_, type_of_, numbers_;  // by id; numbers by value
-  std::map<uint32_t, Words> types_;
-  std::map<Words, uint32_t> types_of_functions_, functions_by_key_;
+  std::map<uint32_t, WordList> types_;
+  std::map<WordList, uint32_t> types_of_functions_, functions_by_key_;
   std::map<uint32_t, Parted> parted_;         // by variable
   std::map<uint32_t, Chain> chains_;          // by pointer
   std::map<uint32_t, const Parted*> texels_;  // by image
-  Words out_, globals_, functions_;
+  WordList out_, globals_, functions_;
   size_t globals_at_ = 0;  // where in `out_` they belong
 };
 
@@ -345,7 +346,7 @@ std::variant<std::vector<uint32_t>, std::string> split_buffers(std::span<const u
                                                                std::span<const Split> splits) {
   try {
     return Splitter(module, splits).process();
-  } catch (const Unfit& unfit) {
+  } catch (const NotSplit& unfit) {
     return unfit.why;
   }
 }
