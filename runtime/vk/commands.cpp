@@ -112,7 +112,7 @@ void Commands::dispatch(const bundle::CommandT& c, std::vector<Primitive>& out) 
   const int64_t invocations = invocations_for(elements, c.each);
   const uint32_t group = c.group != 0 ? c.group : indirect ? kGroup : group_size(device_->properties, invocations);
   const int64_t parts = parts_of(c);
-  const size_t pipeline = pipelines_.compute(c.compute, bound.layout, group, parts > 1 ? c.part_trips : 0);
+  const size_t pipeline = pipelines_.compute(c.compute, bound, group, parts > 1 ? c.part_trips : 0);
   vk::DeviceSize offset = 0;
   for (int64_t part = 1; part <= parts; ++part) {
     std::array<int32_t, 4> push = push_of(c);
@@ -197,7 +197,7 @@ void Commands::reduce(const bundle::CommandT& c, std::vector<Primitive>& out) {
     p.accesses.push_back({target, Use::ComputeWrite});
     const Bound bound = pipelines_.bind(descriptors, vk::ShaderStageFlagBits::eCompute);
     const uint32_t group = group_size(device_->properties, invocations);
-    const size_t pipeline = pipelines_.compute(stage == 0 ? c.compute : c.next, bound.layout, group);
+    const size_t pipeline = pipelines_.compute(stage == 0 ? c.compute : c.next, bound, group);
     const std::array<int32_t, 4> push{0, static_cast<int32_t>(n), static_cast<int32_t>(partials), 0};
     p.record = [=, this](const vk::raii::CommandBuffer& commands) {
       record_dispatch(commands, pipelines_[pipeline], bound, push, invocations, group);
