@@ -258,7 +258,8 @@ bool Checker::counter(const StepT& s, const std::string& where) {
 
 bool Checker::raster(const RasterResultsT& raster, const std::string& where) {
   const auto& all = raster.resources;
-  if (all.empty() || all.size() % 2 != 0) return fail(where + " has no tag for each face");
+  // One resource alone lists faces and tags together.
+  if (all.empty() || (all.size() > 1 && all.size() % 2 != 0)) return fail(where + " has no tag for each face");
   for (const uint32_t index : all)
     if (!kept(index, where)) return false;
   const TypeT& first = *b_.resources[all[0]]->type;
