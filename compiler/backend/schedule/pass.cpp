@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "compiler/backend/schedule/pass.h"
 
+#include <bit>
 #include <utility>
 
 namespace dr::backend {
@@ -22,6 +23,10 @@ ScatterLowering ScatterPass::lowering() const {
                                [](const RowsScatter&) { return ScatterLowering::Rows; },
                                [](const AtomicScatter&) { return ScatterLowering::Atomic; }},
                     how);
+}
+
+int joined_elements(const ScatterSum& sum) {
+  return static_cast<int>(std::bit_ceil(static_cast<unsigned>(sum.terms.size()) * (kJoiningGroup / 2)));
 }
 
 const OwnRun* ScatterPass::own_run() const {
