@@ -10,8 +10,8 @@
 //                                          one float, one bool, one int; they capture values that broadcast to
 //                                          [W, H, L]
 //   results    = face 0, tag 0, .., face K-1, tag K-1     int[W, H, L]; -1 and 0 where there is none
-//                where faces are listed, 16 * face + tag of all ranks, or -1: int[W, H, K * L], those of rank k in layers
-//                from k * L on
+//                where faces are listed, 16 * face + tag of all ranks, or -1: int[W, H, K * L], those of rank k in
+//                layers from k * L on
 //
 // For pixel (x, y, l) the candidates are the faces that `cull` spares and whose `keep` holds at p = (x + 0.5, y + 0.5);
 // a face with a NaN among its corners has none, and any whose depth is NaN is dropped. They are ordered by
@@ -20,6 +20,7 @@
 //
 // Listed faces are ordered by number alone, and there are fewer than 2^27: `depth` is not called.
 #include "compiler/ir/raster.h"
+
 #include "compiler/ops/families.h"
 #include "compiler/ops/rules.h"
 

@@ -216,7 +216,8 @@ class Verifier {
         }
       }
     } else if (op.kind == OpKind::Raster) {
-      if (!expect_count(id, "ints", op.attrs.ints.size(), ir::lists_faces(op.attrs) ? 4 : 3) || !expect_count(id, "dims", op.attrs.dims.size(), 4))
+      if (!expect_count(id, "ints", op.attrs.ints.size(), ir::lists_faces(op.attrs) ? 4 : 3) ||
+          !expect_count(id, "dims", op.attrs.dims.size(), 4))
         return false;
       const int64_t nearest = op.attrs.ints[0], fields = op.attrs.ints[1], corners = op.attrs.ints[2];
       if (nearest < 1 || fields < 0 || fields > 1 << 20 || nearest > 1 << 20 || (corners != 3 && corners != 6)) {

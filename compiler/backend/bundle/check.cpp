@@ -266,8 +266,9 @@ bool Checker::raster(const RasterResultsT& raster, const std::string& where) {
   const bool entries = first.rows == 2 && first.scalar == Scalar::Uint;
   for (const uint32_t index : all) {
     const ResourceT& r = *b_.resources[index];
-    const bool well = r.role == Role::Value && r.storage != Storage::Depth && r.type->cols == 1 &&
-                      (entries ? index == all[0] : r.type->rows == 1 && r.type->scalar == Scalar::Int);
+    const bool well =
+        r.role == Role::Value && r.storage != Storage::Depth && r.type->cols == 1 &&
+        (entries ? index == all[0] && all.size() > 1 : r.type->rows == 1 && r.type->scalar == Scalar::Int);
     if (!well) return fail(where + " has '" + r.name + "', which holds neither faces nor entries");
   }
   return true;

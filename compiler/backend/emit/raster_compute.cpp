@@ -177,7 +177,7 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
   const bool stay = parts.listed || resource(op.results[0]).is(Resource::Storage::Entries);
   const uint32_t keys =
       at_once && stay ? resource_index(op.results[0])
-                   : add_scratch(pass.name + (wide ? "_slots" : "_keys"), (wide ? slots * Dim(2) : slots).str());
+                      : add_scratch(pass.name + (wide ? "_slots" : "_keys"), (wide ? slots * Dim(2) : slots).str());
   const uint32_t ids = at_once ? keys : add_scratch(pass.name + "_faces", slots.str());
   fill("clear " + pass.name, keys, 0xffffffffu);
   if (!at_once) fill("clear " + pass.name + " faces", ids, 0xffffffffu);

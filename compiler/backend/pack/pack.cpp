@@ -246,7 +246,8 @@ bool StepPacker::is_image(ValueId v) const {
 
 bool StepPacker::drawn(const Op& raster) const {
   // Lists are made by atomics.
-  return options_.hardware_raster && !ir::lists_faces(raster.attrs) && !needs_cut(trips_of_regions(graph_, raster), profile_);
+  return options_.hardware_raster && !ir::lists_faces(raster.attrs) &&
+         !needs_cut(trips_of_regions(graph_, raster), profile_);
 }
 
 void StepPacker::add_resource(ValueId v, const Op& op) {
