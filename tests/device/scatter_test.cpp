@@ -480,25 +480,6 @@ step run { tone <- tone - 0.01 * pull; few <- few - 0.01 * share; }
   }
 }
 
-// Rows of no item, of a few, and of so many that blocks of them are summed before.
-TEST_CASE("teams that share rows add up what one invocation does") {
-  const auto path = (std::filesystem::path(DR_BUILD_DIR) / "scatter_test.dr").string();
-  auto gpu = std::get<target::Profile>(target::load_profile(narrow()));
-  gpu.subgroup_size = 32;
-  const std::string teams = written(gpu, "teams");
-  for (const auto& [name, device] : test::devices()) {
-    const auto shared = compile(path, teams, "rows");
-    const auto bundle = std::get<bundle::BundleT>(bundle::read(shared));
-    CHECK(std::ranges::any_of(bundle.steps[0]->commands, [](const auto& c) { return c->group == 256; }));
-    const auto plain = compile(path, narrow(), "rows");
-    for (const Data& data : data_sets()) {
-      INFO(name << ", " << data.name);
-      auto program = must(runtime::Program::load(device, shared)), alone = must(runtime::Program::load(device, plain));
-      CHECK(same_bits(run(program, data), run(alone, data)));
-    }
-  }
-}
-
 TEST_CASE("rows follow an index that is bound anew") {
   const auto path = (std::filesystem::path(DR_BUILD_DIR) / "scatter_test.dr").string();
   const auto sets = data_sets();

@@ -143,16 +143,16 @@ class RowsWriter {
     }
     if (rows_.sorted() != nullptr) return add_places(*rows_.sorted());
     const std::vector<int>& columns = std::get<RowsOfLeaf>(rows_.table).columns;
-    // By sum, the variables that hold what is added, each of one term at most for every name.
+    // Adding takes most of the text, so all names share it: variables by sum, each of one term at most for every name.
     std::vector<std::vector<std::string>> added(sums_.size());
     for (size_t k = 0; k < sums_.size(); ++k) {
-      const auto of_name = [&](int column) {
+      const auto of_column = [&](int column) {
         return std::ranges::count_if(sums_[k].terms, [&](ValueId term) {
           return column_of(graph_.op(graph_.value(term).op).operands[0]) == column;
         });
       };
       int64_t most = 0;
-      for (const int column : columns) most = std::max<int64_t>(most, of_name(column));
+      for (const int column : columns) most = std::max<int64_t>(most, of_column(column));
       for (int64_t slot = 0; slot < most; ++slot) {
         added[k].push_back(s_.unique("x"));
         line(type(k).str() + " " + added[k].back() + " = " + glsl::zero(type(k)) + ";");
@@ -177,50 +177,6 @@ class RowsWriter {
       for (const std::string& x : added[k]) add_value(k, x);
   }
 
-  // In teams: the words of a workgroup's memory that the lanes of a team add up in, by sum: the largest magnitude,
-  // flags, low and high of each component.
-  void open_team() {
-    line("if (lane == 0) for (int word = 0; word < " + std::to_string(team_words()) +
-         "; ++word) team_sums[slot + word] = 0u;");
-    line("barrier();");
-  }
-  void find_team_largest() {
-    int word = 0;
-    for (size_t k = 0; k < sums_.size(); word += words_of(type(k++)))
-      line("atomicMax(" + team_word(word) + ", largest_" + std::to_string(k) + ");");
-    line("barrier();");
-    word = 0;
-    for (size_t k = 0; k < sums_.size(); word += words_of(type(k++)))
-      line("largest_" + std::to_string(k) + " = " + team_word(word) + ";");
-  }
-  void add_team_totals() {
-    int word = 0;
-    for (size_t k = 0; k < sums_.size(); ++k) {
-      ++word;
-      line("atomicOr(" + team_word(word++) + ", flags_" + std::to_string(k) + ");");
-      for (int c = 0; c < type(k).components(); ++c, word += 2) {
-        const std::string sum = total(k, c), old = s_.unique("old");
-        line("uint " + old + " = atomicAdd(" + team_word(word) + ", " + sum + ".x);");
-        line("atomicAdd(" + team_word(word + 1) + ", " + sum + ".y + uint(" + old + " + " + sum + ".x < " + old +
-             "));");
-      }
-    }
-    line("barrier();");
-    line("if (lane != 0 || !is_due) return;");
-    word = 0;
-    for (size_t k = 0; k < sums_.size(); ++k) {
-      ++word;
-      line("flags_" + std::to_string(k) + " = " + team_word(word++) + ";");
-      for (int c = 0; c < type(k).components(); ++c, word += 2)
-        line(total(k, c) + " = uvec2(" + team_word(word) + ", " + team_word(word + 1) + ");");
-    }
-  }
-  int team_words() const {
-    int words = 0;
-    for (size_t k = 0; k < sums_.size(); ++k) words += words_of(type(k));
-    return words;
-  }
-
   void set_shifts(const std::string& count) {
     for (size_t k = 0; k < sums_.size(); ++k)
       if (type(k).is_float())
@@ -228,7 +184,6 @@ class RowsWriter {
   }
 
  private:
-  static std::string team_word(int word) { return "team_sums[slot + " + std::to_string(word) + "]"; }
   void line(const std::string& text) { s_.body().line(text); }
   static std::string scalar_name(const ir::Type& type) { return type.scalar == ir::Scalar::Int ? "int" : "uint"; }
 
@@ -383,21 +338,11 @@ void Generator::rows_pass(const Pass& pass) {
   declare_block(s, all_items);
   s.prelude(glsl::kFixedToFloat);
   std::string target = "index";
-  const bool in_teams = rows.in_teams;
-  if (update != nullptr) {
+  if (update == nullptr) {
+    linear_index(s, dim_expression(rows.targets * layers));
+  } else {
     s.body().line("int target = " + stepped_index(s, stepped_lists_.at(update)) + ";");
     target = "target";
-  } else if (in_teams) {
-    const std::string team = std::to_string(kRowTeam);
-    s.declare("shared uint team_sums[" + std::to_string(kRowGroup / kRowTeam * words) + "];\n");
-    linear_index(s, "");
-    s.body().line("int lane = index % " + team + ", slot = int(gl_LocalInvocationID.x) / " + team + " * " + per_block +
-                  ";");
-    s.body().line("index /= " + team + ";");
-    s.body().line("bool is_due = index < " + dim_expression(rows.targets * layers) + ";");
-    writer.open_team();
-  } else {
-    linear_index(s, dim_expression(rows.targets * layers));
   }
   const std::string starts = s.read_words(table.starts, "starts", "int");
   const std::string items = s.read_words(table.items, "items", "int");
@@ -405,49 +350,23 @@ void Generator::rows_pass(const Pass& pass) {
   s.body().line("int layer = " + target + " / " + dim_expression(rows.targets) + ";");
   s.body().line("int row = " + target + " % " + dim_expression(rows.targets) + ";");
   s.body().line("int begin = " + starts + "(row), end = " + starts + "(row + 1);");
-  if (in_teams) s.body().line("if (!is_due) end = begin;");
   s.body().line("int bits = findMSB(uint(end - begin)) + 1;");
   writer.declare_totals();
   s.body().line("for (int run = " + std::string(writer.has_floats() ? "0" : "1") + "; run < 2; ++run) {");
-  const auto block_word = [&](const std::string& number) {
-    s.body().line("int word = (layer * " + dim_expression(blocks) + " + " + number + ") * " + per_block + ";");
-  };
-  if (in_teams) {
-    const std::string team = std::to_string(kRowTeam);
-    s.body().line("for (int b = (begin + block - 1) / block + lane; (b + 1) * block <= end; b += " + team + ") {");
-    block_word("b");
-    writer.add_block(in);
-    s.body().line("}");
-    s.body().line("for (int r = begin + lane; r < end; r += " + team + ") {");
-    s.body().line("int first = r / block * block;");
-    s.body().line("if (first >= begin && first + block <= end) {");
-    s.body().line("r += (first + block - 1 - r) / " + team + " * " + team + ";");
-    s.body().line("continue;");
-    s.body().line("}");
-  } else {
-    s.body().line("for (int r = begin; r < end;) {");
-    s.body().line("if (r % block == 0 && end - r >= block) {");
-    block_word("r / block");
-    writer.add_block(in);
-    s.body().line("r += block;");
-    s.body().line("} else {");
-  }
+  s.body().line("for (int r = begin; r < end;) {");
+  s.body().line("if (r % " + block + " == 0 && end - r >= " + block + ") {");
+  s.body().line("int word = (layer * " + dim_expression(blocks) + " + r / " + block + ") * " + per_block + ";");
+  writer.add_block(in);
+  s.body().line("r += " + block + ";");
+  s.body().line("} else {");
   s.push_scope();
   writer.add_item(items);
   s.pop_scope();
-  if (!in_teams) {
-    s.body().line("++r;");
-    s.body().line("}");
-  }
+  s.body().line("++r;");
   s.body().line("}");
-  if (in_teams) {
-    s.body().line("if (run == 0) {");
-    writer.find_team_largest();
-    s.body().line("}");
-  }
+  s.body().line("}");
   writer.set_shifts("bits");
   s.body().line("}");
-  if (in_teams) writer.add_team_totals();
   for (size_t k = 0; k < all.size(); ++k) {
     const ScatterSum& sum = all[k];
     const std::string out = s.bind(step_->stored.at(sum.value), bundle::Access::Write);
@@ -461,8 +380,7 @@ void Generator::rows_pass(const Pass& pass) {
                     "] = " + s.at_once({writer.type(k).scalar, 1, 1}, value) + ";");
     }
   }
-  const Dim lanes = rows.targets * layers * Dim(in_teams ? kRowTeam : 1);
-  auto& walk = dispatch(pass, "", s, lanes.str(), {0, 0, 0}, in_teams ? kRowGroup : 0);
+  auto& walk = dispatch(pass, "", s, (rows.targets * layers).str());
   if (update != nullptr) {
     walk.indirect = static_cast<int>(stepped_lists_.at(update));
     for (const ScatterSum& sum : all) bundle_->resources[resource_index(sum.value)]->partial = true;

@@ -8,9 +8,7 @@
 #include "compiler/backend/analysis/raster_parts.h"
 #include "compiler/backend/bundle/bundle.h"
 #include "compiler/backend/lowering/heavy_branches.h"
-#include "compiler/backend/lowering/scatter_costs.h"
 #include "compiler/backend/schedule/limits.h"
-#include "compiler/backend/schedule/rest.h"
 #include "compiler/backend/schedule/trips.h"
 
 namespace dr::backend {
@@ -58,7 +56,7 @@ class StepCode {
       Pass& pass = step_.passes[place];
       std::visit(Overloaded{[&](MapPass& own) { own.code = map(pass, own, pass_id(place)); }, [](FragmentPass&) {},
                             [&](ReducePass& own) { own.in_teams = in_teams(pass); },
-                            [&](ScatterPass& own) { scatter(pass, own, pass_id(place)); },
+                            [&](ScatterPass& own) { scatter(pass, own); },
                             [&](RasterPass& own) { own.walk = walk(pass, own); }, [](DrawnRasterPass&) {}},
                  pass.of_kind);
     }
@@ -169,24 +167,7 @@ class StepCode {
     return out;
   }
 
-  // Few rows of a mesh or a texture are much longer than others, and lanes beside one that walks such a row wait for
-  // it.
-  bool in_teams(const Pass& pass, const ScatterPass& scatter, const RowsScatter& rows, PassId id) const {
-    if (!profile_.is_gpu() || profile_.max_compute_work_group_invocations < static_cast<uint32_t>(kRowGroup) ||
-        update_of(step_, id) != nullptr || trips_of(graph_, pass.ops).loops > 0)
-      return false;
-    constexpr int kMostComponents = 16, kLeastItems = 2;
-    int components = 0;
-    for (const ScatterSum& sum : scatter.sums) {
-      const ir::Type& type = graph_.value(sum.value).type;
-      if (!type.is_float()) return false;
-      components += type.components();
-    }
-    const auto items = usual_count({rows.items(pass.domain), 1, 1}), targets = usual_count({rows.targets, 1, 1});
-    return components <= kMostComponents && items && targets && *items >= kLeastItems * *targets;
-  }
-
-  void scatter(const Pass& pass, ScatterPass& scatter, PassId id) const {
+  void scatter(const Pass& pass, ScatterPass& scatter) const {
     if (ActiveList* list = scatter.active_list())
       if (auto* own = std::get_if<OwnList>(&list->listed_by)) own->in_runs = profile_.lanes_in_turn;
     std::visit(Overloaded{[&](ExactScatter& exact) {
@@ -194,7 +175,7 @@ class StepCode {
                             exact.joins_groups =
                                 exact.joins_groups && ends_once(step_.pass(*scatter.lister()).get<MapPass>().code);
                           },
-                          [&](RowsScatter& rows) { rows.in_teams = in_teams(pass, scatter, rows, id); },
+                          [](RowsScatter&) {},
                           [&](AtomicScatter& atomic) {
                             atomic.cut = cut(trips_of(graph_, pass.ops), 1);
                             atomic.skips_zeros = !profile_.lanes_in_turn && sums_floats(scatter);

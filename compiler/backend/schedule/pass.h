@@ -192,15 +192,11 @@ struct SortedRows {
   std::vector<ScatterLeaf> places;
 };
 
-// Invocations that share a row, in teams, and those of their workgroup.
-inline constexpr int kRowTeam = 8, kRowGroup = 256;
-
 // As gathers: the sources of each target in ascending order. Source s and name k give item s * names() + k, where they
 // name one of 0 .. targets - 1.
 struct RowsScatter {
   std::variant<RowsOfLeaf, SortedRows> table;
-  ir::Dim targets;        // sorted: elements of all dimensions
-  bool in_teams = false;  // several invocations share a row
+  ir::Dim targets;  // sorted: elements of all dimensions
 
   const SortedRows* sorted() const { return std::get_if<SortedRows>(&table); }
   int64_t names() const;

@@ -258,8 +258,6 @@ bool PassReader::decides(ScatterPass&, RowsScatter& rows, bool& ok) {
   auto* sorted = std::get_if<SortedRows>(&rows.table);
   if (take_word("rows")) {
     ok = table(rows);
-  } else if (take_word("in")) {
-    ok = rows.in_teams = expect_word("teams");
   } else if (sorted != nullptr && take_word("place")) {
     ok = place(sorted->places.emplace_back());
   } else {

@@ -238,7 +238,6 @@ class Writer {
 
   void write_rows(const RowsScatter& rows) {
     std::visit([&](const auto& table) { write_table(table, rows.targets); }, rows.table);
-    if (rows.in_teams) out_ += "    in teams\n";
   }
 
   void write_table(const RowsOfLeaf& table, const ir::Dim& targets) {
