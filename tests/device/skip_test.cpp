@@ -245,6 +245,27 @@ step go {
        .without = {0, 0},
        .woken = {18, 110},
        .scatter = "rows"},
+      // By exact sums, which wake the texels that they add to for the first time: then nothing is listed anew.
+      {.id = "stepped",
+       .text = R"(
+import std.optim;
+param texel : float[8, 8] = 0.9;
+input place : ivec2[6];
+let color = texel.at(place);
+let error = sum((color - 0.3) * (color - 0.3));
+step go {
+  minimize error over texel with optim.adam(rate = 0.01);
+  texel <- optim.to_range(texel);
+  output error, color;
+})",
+       .bound = {{"place", places(0)}},
+       .leaf = "place",
+       .data = places(3),
+       .with = {6, 58},
+       .without = {0, 0},
+       .woken = {9, 55},
+       .scatter = "exact",
+       .only_on = "lavapipe"},
       {.id = "branches",
        .text = R"(
 param tone : float = 1.0;

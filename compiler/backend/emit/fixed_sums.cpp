@@ -201,6 +201,11 @@ std::string Generator::add_fixed(Shader& s, const Target& t, Runs runs, bool joi
   if (joins_lanes) out += join_lanes(n, part) + "  if (adds_here) {\n";
   for (int c = 0; c < n; ++c) out += add_to_memory(t, c, part(c), "element", buffer);
   out += set_flags(t, buffer);
+  if (t.woken != 0) {
+    std::string added = "flags";
+    for (int c = 0; c < n; ++c) added += " | " + part(c) + ".x | " + part(c) + ".y";
+    out += wake(s, t, added);
+  }
   if (joins_lanes) out += "  }\n";
   return out;
 }

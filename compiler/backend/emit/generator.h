@@ -43,6 +43,7 @@ class Generator {
   void listed_map_pass(const Pass& pass, const HeavyBranches& heavy);
   // Elements that do not rest (at_rest.cpp): lists those of an update, given where the rows of its gradient start;
   // opens a shader that runs for the list, and gives the number of its element; the update itself.
+  // `starts`: of rows; 0: sums that wake elements.
   void list_stepped(const Pass& gradient, const Pass& update, uint32_t starts);
   std::string stepped_index(glsl::Shader& shader, uint32_t list);
   void stepped_map_pass(const Pass& pass);
@@ -79,7 +80,11 @@ class Generator {
     uint32_t terms = 0;    // bundle resource: contributions kept, where the pass keeps them
     uint32_t guess = 0;    // bundle resource: the shift of the run before, where the pass guesses
     bool emptied = false;  // the pass that reads the words leaves zeros
+    uint32_t list = 0;     // bundle resource: elements that an update steps, where the sums wake others,
+    uint32_t woken = 0;    // and a word for each element, not 0 for those on the list
   };
+  // Lists the element that a sum adds to, if `added`, an expression, is not 0 and it is not listed.
+  std::string wake(glsl::Shader& shader, const Target& target, const std::string& added);
   // Makes the resources, and clears them.
   std::vector<Target> scatter_targets(const Pass& pass);
   // Runs of a scatter by fixed point sums: one finds the largest contribution, one adds. Others need the second only.
@@ -243,6 +248,7 @@ class Generator {
   std::map<uint32_t, uint32_t> guesses_;                // by the resource of sums, where their scatter guesses
   std::map<const Pass*, uint32_t> active_lists_;        // by scatter, of those that a map pass makes
   std::map<const Pass*, uint32_t> stepped_lists_;       // by update
+  std::map<const Pass*, uint32_t> woken_;               // by update whose gradient is of exact sums
   std::map<const Pass*, std::vector<Target>> targets_;  // of scatters that join the pass before
   struct TableOfLeaves {
     uint32_t leaf = 0;  // the first of two, of the bundle

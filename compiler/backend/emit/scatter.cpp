@@ -8,6 +8,7 @@
 #include "compiler/backend/analysis/uses.h"
 #include "compiler/backend/emit/generator.h"
 #include "compiler/backend/glsl/fixed_point.h"
+#include "compiler/backend/schedule/rest.h"
 #include "compiler/ir/yields.h"
 
 namespace dr::backend {
@@ -150,8 +151,11 @@ std::vector<Generator::Target> Generator::scatter_targets(const Pass& pass) {
   std::vector<ScatterSum> sums = scatter.sums;
   for (const ValueId v : pass.writes)
     if (graph_.op(graph_.value(v).op).kind == OpKind::ScatterMax) sums.push_back({v, {v}});
+  const PassId id = pass_id(static_cast<size_t>(&pass - step_->passes.data()));
   for (const ScatterSum& sum : sums) {
     const Resource& r = resource(sum.value);
+    const Pass* const update = scatter.exact() != nullptr ? update_of(*step_, id, sum.value) : nullptr;
+    if (update != nullptr && woken_.count(update) == 0) list_stepped(pass, *update, 0);
     const bool maximum = graph_.op(graph_.value(sum.value).op).kind == OpKind::ScatterMax;
     Target t{sum, {std::to_string(targets.size()), r.type, r.extent}, resource_index(sum.value), 0};
     t.fixed = r.type.is_float() && scatter.lowering() != ScatterLowering::Atomic && !named_once(graph_, sum.terms);
@@ -166,6 +170,7 @@ std::vector<Generator::Target> Generator::scatter_targets(const Pass& pass) {
     }
     // The pass that reads emptied sums leaves zeros in all but the head.
     t.emptied = r.is(Resource::Storage::EmptiedSums);
+    if (update != nullptr) t.list = stepped_lists_.at(update), t.woken = woken_.at(update);
     fill("clear " + r.name, t.words, maximum ? 0x80000000u : 0u,
          t.emptied ? words_of_head(wide_atomics()).str() : std::string());
     targets.push_back(std::move(t));

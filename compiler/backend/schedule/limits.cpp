@@ -65,7 +65,9 @@ bool may_empty(const ir::Graph& graph, const StepSchedule& step, const Pass& pas
     const Pass& reader = step.passes[k];
     if (std::ranges::find(reader.reads, sum.value) == reader.reads.end()) continue;
     const auto* map = reader.as<MapPass>();
-    if (map == nullptr || !reader.steady || map->block || map->rest || map->code.heavy || map->code.cut ||
+    // One that leaves elements at rest runs for all that this pass adds to, if that is its gradient.
+    const bool leaves_some = map != nullptr && map->rest && &step.pass(map->rest->gradient) != &pass;
+    if (map == nullptr || !reader.steady || map->block || leaves_some || map->code.heavy || map->code.cut ||
         set_up_for(step, pass_id(k)) != nullptr)
       return false;
   }

@@ -87,9 +87,10 @@ struct MapCode {
   std::vector<ir::ValueId> told;  // those of `writes` that tell whether they are NaN or Inf (emit/finite.cpp)
 };
 
-// An update whose elements stay as they are where no gradient comes (schedule/rest.h): neither it nor `gradient`, a
-// scatter by sorted rows, runs for elements that have no row, whose memory is zero, and that it would leave as they
-// are.
+// An update whose elements stay as they are where no gradient comes (schedule/rest.h): it does not run for elements
+// that `gradient` adds nothing to, whose memory is zero, and that it would leave as they are. Of a scatter by sorted
+// rows, which does not run for them either, these have no row. One by exact sums wakes those that it adds to: they are
+// stepped from then on.
 struct AtRest {
   PassId gradient;
   std::vector<ir::ValueId> memory;  // values of states, old ones
