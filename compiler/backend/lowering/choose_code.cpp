@@ -153,13 +153,12 @@ class StepCode {
   void scatter(const Pass& pass, ScatterPass& scatter) const {
     if (ActiveList* list = scatter.active_list())
       if (auto* own = std::get_if<OwnList>(&list->listed_by)) own->in_runs = profile_.lanes_in_turn;
-    std::visit(
-        Overloaded{[&](ExactScatter& exact) { exact.cut = cut(trips_of(graph_, pass.ops), 1); }, [](RowsScatter&) {},
-                   [&](AtomicScatter& atomic) {
-                     atomic.cut = cut(trips_of(graph_, pass.ops), 1);
-                     atomic.skips_zeros = !profile_.lanes_in_turn && sums_floats(scatter);
-                   }},
-        scatter.how);
+    std::visit(Overloaded{[&](auto& how) { how.cut = cut(trips_of(graph_, pass.ops), 1); }, [](RowsScatter&) {},
+                          [&](AtomicScatter& atomic) {
+                            atomic.cut = cut(trips_of(graph_, pass.ops), 1);
+                            atomic.skips_zeros = !profile_.lanes_in_turn && sums_floats(scatter);
+                          }},
+               scatter.how);
   }
 
   bool sums_floats(const ScatterPass& scatter) const {
