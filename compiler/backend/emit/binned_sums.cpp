@@ -49,15 +49,19 @@ Generator::Adding Generator::binned_adding(Shader& s, const Pass& pass, const Ta
   s.prelude(glsl::kBins);
   s.prelude(joins ? glsl::kFixedSubgroup : "");
   if (wide) {
-    s.declare("void add_to_bin_" + id + "(int bin, uint x, bool minus) {\n  if (x != 0u) atomicAdd(" + buffer +
-              ".d[bin], minus ? ~uint64_t(x) + uint64_t(1) : uint64_t(x));\n}\n");
+    s.declare("bool overflows_" + id + "(int bin, uvec2 part) {\n  uint64_t x = wide_of(part), old = atomicAdd(" +
+              buffer +
+              ".d[bin], x), sum = old + x;\n  return (uint((old ^ sum) >> 63) & uint((x ^ sum) >> 63)) != 0u;\n}\n");
   } else {
-    s.declare("void add_to_bin_" + id +
-              "(int bin, uint x, bool minus) {\n  if (x == 0u) return;\n  uint low = minus ? ~x + 1u : x;\n"
-              "  uint old = atomicAdd(" +
-              buffer + ".d[2 * bin], low);\n  uint high = (minus ? 0xffffffffu : 0u) + uint(old + low < old);\n" +
-              "  if (high != 0u) atomicAdd(" + buffer + ".d[2 * bin + 1], high);\n}\n");
+    s.declare("bool overflows_" + id + "(int bin, uvec2 part) {\n  uint low = 0u, high = part.y;\n" +
+              "  if (part.x != 0u) low = atomicAdd(" + buffer +
+              ".d[2 * bin], part.x);\n  high += uint(low + part.x < low);\n  if (high == 0u) return false;\n" +
+              "  uint old = atomicAdd(" + buffer +
+              ".d[2 * bin + 1], high), sum = old + high;\n  return (((old ^ sum) & (high ^ sum)) >> 31) != 0u;\n}\n");
   }
+  s.declare("void add_to_bin_" + id + "(int bin, uvec2 part) {\n  if (!overflows_" + id +
+            "(bin, part)) return;\n  part = bin_overflow(part);\n  for (++bin; overflows_" + id +
+            "(bin, part);) ++bin;\n}\n");
   Adding out;
   // The other sums of the pass have a first run, in which these add nothing.
   if (runs == Runs::Both && lists) out.body += "  if (pc.a == 0) adds |= " + any_bits(type, "value") + ";\n";
@@ -68,14 +72,12 @@ Generator::Adding Generator::binned_adding(Shader& s, const Pass& pass, const Ta
   for (int c = 0; c < n; ++c) {
     const std::string k = std::to_string(c), part = "part_" + k, bin = "bin_" + k, adds = "adds_" + k;
     const std::string x = component(type, "value", c);
-    out.body += "  uvec2 " + part + " = " + s.at_once(ir::vec(2, ir::Scalar::Uint), "in_bins(" + x + ")") + ";\n";
+    out.body += "  uvec2 " + part + " = " + s.at_once(ir::vec(2, ir::Scalar::Uint), "in_bin(" + x + ")") + ";\n";
     out.body += "  if (" + part + " != uvec2(0u)) {\n    int " + bin + " = (element * " + std::to_string(n) + " + " +
                 k + ") * " + std::to_string(kBins) + " + bin_of(" + x + ");\n";
     if (joins) out.body += "    bool " + adds + " = true;\n" + join_lanes(part, bin, adds);
     if (joins) out.body += "    if (" + adds + ") {\n";
-    out.body += "    bool minus = (" + part + ".y >> 31) != 0u;\n    uvec2 words = bins_magnitude(" + part +
-                ");\n    add_to_bin_" + id + "(" + bin + ", words.x, minus);\n    add_to_bin_" + id + "(" + bin +
-                " + 1, words.y, minus);\n";
+    out.body += "    add_to_bin_" + id + "(" + bin + ", " + part + ");\n";
     out.body += joins ? "    }\n  }\n" : "  }\n";
   }
   const std::string flags = glsl::dim_expression(words_before_flags(type, t.accumulator.extent, wide)) + " + element";
@@ -94,8 +96,8 @@ Generator::FloatSums Generator::floats_of_bins(Shader& s, const ir::Type& type, 
   const std::string bin =
       wide ? "words_of(" + sums + "(bin + k))" : "uvec2(" + sums + "(2 * (bin + k)), " + sums + "(2 * (bin + k) + 1))";
   // Beyond the last bin is what it carries.
-  s.declare("float " + function + "(int bin, uint flags) {\n  uvec2 sum = uvec2(0u);\n  for (int k = 0; k < " + count +
-            "; ++k) sum = bin_carried(" + bin + ", sum);\n" +
+  s.declare("float " + function + "(int bin, uint flags) {\n  uvec3 sum = uvec3(0u);\n  for (int k = 0; k < " + count +
+            "; ++k) sum = bin_digit(sum, " + bin + ");\n  sum = bin_digit(sum, uvec2(0u));\n" +
             "  BinDigits digits = bin_digits(uint(int(sum.y) >> 31));\n  for (int k = 0; k < " + count +
             "; ++k) digits = with_bin(digits, " + bin + ", 32 * k);\n" +
             "  return bins_to_float(with_bin(digits, uvec2(0u), 32 * " + count + "), flags);\n}\n");

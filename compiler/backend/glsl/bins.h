@@ -1,18 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
-// GLSL of sums that are rounded once. A float is a whole number of 2^-149, of 277 bits; a sum has a 64-bit integer, a
-// bin, for each 32 of them. A float adds to the two bins that its 24 bits lie in, less than 2^32 to each, so that 2^31
-// floats cannot overflow them. What is done for each term has no branches (see compiler/ops/prelude.h).
+// GLSL of sums that are rounded once. A float is a whole number of 2^-149, of 277 bits; a sum has a signed 64-bit
+// integer, a bin, for each 32 of them. A float adds its 24 bits to the bin of the lowest, less than 2^55. Where that
+// overflows, once in 2^8 times at most, the next bin gets 2^32, and so on; the last one gets nothing else, and has room
+// for 2^39 floats. What is done for each term has no branches (see compiler/ops/prelude.h).
 // Behind kFixedShift of fixed_point.h.
 #pragma once
 
 namespace dr::backend::glsl {
 
 inline constexpr const char* kBins = R"(
-// The first of the bins that a float adds to.
+// The bin that a float adds to.
 int bin_of(float value) { return int(max(finite_magnitude(value) >> 23, 1u) - 1u) >> 5; }
 
-// What it adds there, as a 64-bit integer whose high word counts in the next bin; 0 for one that is not finite.
-uvec2 in_bins(float value) {
+// What it adds there, as a 64-bit integer; 0 for one that is not finite.
+uvec2 in_bin(float value) {
   uint magnitude = finite_magnitude(value);
   uint mantissa = (magnitude & 0x7fffffu) | (magnitude >= 0x800000u ? 0x800000u : 0u);
   uint left = (max(magnitude >> 23, 1u) - 1u) & 31u;
@@ -23,35 +24,34 @@ uvec2 in_bins(float value) {
   return uvec2(low, high);
 }
 
-// The magnitude of such an integer.
-uvec2 bins_magnitude(uvec2 part) {
-  uint minus = 0u - (part.y >> 31);
-  uint low = (part.x ^ minus) - minus;
-  return uvec2(low, (part.y ^ minus) + (minus & uint(low == 0u)));
-}
+// What the next bin gets where such an integer overflows one.
+uvec2 bin_overflow(uvec2 part) { return uvec2(0u, 1u - 2u * (part.y >> 31)); }
 )";
 
-// A shader that reads bins takes the sum through them twice, from the lowest: for its sign, then for its digits.
+// A shader that reads bins takes the sum through them twice, from the lowest, and once beyond the last: for its sign,
+// which is that of what is carried in the end, then for its digits.
 inline constexpr const char* kBinsToFloat = R"(
-// A bin and what those below it carry.
-uvec2 bin_carried(uvec2 bin, uvec2 below) {
-  uint low = bin.x + below.y;
-  return uvec2(low, bin.y + uint(int(below.y) >> 31) + uint(low < bin.x));
+// The digit of a sum, of 32 bits, where a bin begins, what it carries, and the bin's high word, which belongs to the
+// next digit.
+uvec3 bin_digit(uvec3 before, uvec2 bin) {
+  uint sum = bin.x + before.z, digit = sum + before.y;
+  uint carry = uint(sum < bin.x) + uint(digit < sum) - (before.z >> 31) - (before.y >> 31);
+  return uvec3(digit, carry, bin.y);
 }
 
 // Where a sum is negative, `minus` is all ones. Of the digits of its magnitude, of 32 bits, so far: `top` is the
 // highest that is not 0 and stands at bit `place`, `next` the one below, `rest` not 0 where those below are not;
 // `last` is the last one, `under` not 0 where those before it are not, `one` what negation carries.
 struct BinDigits {
-  uvec2 sum;
+  uvec3 sum;
   uint minus, one, top, next, rest, last, under;
   int place;
 };
 
-BinDigits bin_digits(uint minus) { return BinDigits(uvec2(0u, 0u), minus, minus & 1u, 0u, 0u, 0u, 0u, 0u, 0); }
+BinDigits bin_digits(uint minus) { return BinDigits(uvec3(0u, 0u, 0u), minus, minus & 1u, 0u, 0u, 0u, 0u, 0u, 0); }
 
 BinDigits with_bin(BinDigits all, uvec2 bin, int place) {
-  all.sum = bin_carried(bin, all.sum);
+  all.sum = bin_digit(all.sum, bin);
   uint digit = (all.sum.x ^ all.minus) + all.one;
   bool is_top = digit != 0u;
   all.one = is_top ? 0u : all.one;
