@@ -382,6 +382,60 @@ step run { runs <- runs + 1; tone <- tone * one; output all, some, pull; }
     }
 }
 
+// Pictures that squares of 16 x 16 fill, and others; textures with a few texels, for which all pixels wait, and with
+// more than a workgroup's memory has room for.
+TEST_CASE("what workgroups add up together is what their invocations add alone") {
+  const auto path = (std::filesystem::path(DR_BUILD_DIR) / "scatter_groups_test.dr").string();
+  std::ofstream(path) << R"(edition 1;
+import std.texture;
+input size : vec2[W, H];
+input factor : float;
+param texels : vec3[T, R] = vec3(0.7);
+let p = coord(W, H).xy;
+let place = vec2(p) * size.x + 0.3 * sin(vec2(p.yx));
+let color = if (p.x + p.y) % 7 > 1 { texture.bilinear(texels, fract(place)) } else { vec3(0.0) };
+let pull = grad(sum(factor * size.y * color * color), texels);
+step run { texels <- texels - 0.01 * pull; }
+)";
+  auto gpu = std::get<target::Profile>(target::load_profile(narrow()));
+  auto wide = std::get<target::Profile>(target::load_profile("lavapipe"));
+  gpu.subgroup_size = wide.subgroup_size = 32;
+  gpu.lanes_in_turn = wide.lanes_in_turn = false;
+  for (const auto& [name, device] : test::devices())
+    for (const std::string& profile : {written(gpu, "in_groups"), written(wide, "in_groups_wide")}) {
+      jit::Options options;
+      options.profile = profile, options.scatter = "exact";
+      const auto joined = compile(path, options);
+      const auto bundle = std::get<bundle::BundleT>(bundle::read(joined));
+      CHECK(std::ranges::any_of(bundle.steps[0]->commands, [](const auto& c) { return c->group == 256; }));
+      options.ablate = {"guesses"};
+      const auto apart = compile(path, options);
+      if (profile.find("wide") != std::string::npos && !runtime::Program::load(device, joined)) continue;
+      for (const auto& [w, h] : {std::pair{64, 48}, {40, 33}, {5, 3}})
+        for (const auto& [across, texels] : {std::pair{0.013F, 3}, {0.4F, 350}}) {
+          auto program = must(runtime::Program::load(device, joined)),
+               plain = must(runtime::Program::load(device, apart));
+          std::vector<float> size, start(static_cast<size_t>(texels) * 2 * 3 * 3);
+          std::mt19937 random(11);
+          for (int k = 0; k < w * h; ++k)
+            for (const float times : {across, std::ldexp(1.0F, static_cast<int>(random() % 40) - 20)})
+              size.push_back(times);
+          for (float& x : start) x = static_cast<float>(random() % 1000) / 500.0F - 1.0F;
+          const auto once = [&](auto& any, float factor) {
+            must(any.bind("size", Array::from_floats(size, 2, w, h)));
+            must(any.bind("texels", Array::from_floats(start, 3, texels * 2, 3)));
+            must(any.bind("factor", Array::from_floats(std::span(&factor, 1))));
+            must(any.run("run", 2));
+            return std::vector<Array>{must(any.leaf("texels"))};
+          };
+          for (const float factor : {1.0F, 1.0F, 3e4F, INFINITY, 1e-30F, NAN, 0.0F, -2.5F}) {
+            INFO(name << ", " << w << " x " << h << ", texture of " << texels * 2 << ", factor " << factor);
+            CHECK(same_bits(once(program, factor), once(plain, factor)));
+          }
+        }
+    }
+}
+
 // Sums that their reader leaves zeros: every run finds them so, whatever the one before added, Inf and NaN among it,
 // and whatever way it ran.
 TEST_CASE("sums that their reader empties are those of cleared memory") {

@@ -14,6 +14,25 @@ namespace {
 
 constexpr int kRun = kListedRun;  // a bit each
 
+// Squares of 16 x 16, in bands over the whole width. Where they do not fit, what is left of a band at its right comes
+// behind its squares, and the rows below the last band at the end, one row after the other.
+constexpr const char* kInTiles = R"(
+int in_tiles(int index, int w, int rows) {
+  int across = w / 16, lane = index & 255;
+  ivec2 at = ivec2((lane & 7) + ((lane >> 2) & 8), ((lane >> 3) & 3) + ((lane >> 4) & 12));
+  if (w % 16 == 0 && rows % 16 == 0) {
+    int tile = index / 256;
+    return (tile / across * 16 + at.y) * w + tile % across * 16 + at.x;
+  }
+  int band = index / (16 * w), within = index - band * 16 * w, rest = within - across * 256, left = max(w - across * 16, 1);
+  if (band >= rows / 16) return index;
+  lane = within & 255;
+  at = ivec2(within / 256 * 16 + (lane & 7) + ((lane >> 2) & 8), ((lane >> 3) & 3) + ((lane >> 4) & 12));
+  if (rest >= 0) at = ivec2(across * 16 + rest % left, rest / left);
+  return (band * 16 + at.y) * w + at.x;
+}
+)";
+
 std::string members(const std::string& list) { return "members_of_" + list; }
 
 }  // namespace
@@ -40,10 +59,15 @@ std::string append(Shader& s, const std::string& list, const std::string& elemen
   return "append_to_" + list + "(" + element + ")";
 }
 
-ListingLoop::ListingLoop(Shader& shader, const ir::Extent& extent, bool runs)
+ListingLoop::ListingLoop(Shader& shader, const ir::Extent& extent, bool runs, bool tiles)
     : shader_(shader), count_(element_count(extent)), runs_(runs) {
   if (!runs_) {
     linear_index(shader_, dim_expression(count_));
+    if (tiles) {
+      shader_.prelude(kInTiles);
+      shader_.body().line("index = in_tiles(index, " + dim_expression(extent.w) + ", " +
+                          dim_expression(extent.h * extent.l) + ");");
+    }
     place_from_index(shader_, extent);
     return;
   }

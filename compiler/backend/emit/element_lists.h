@@ -17,11 +17,12 @@ std::string append(glsl::Shader& s, const std::string& list, const std::string& 
 
 // The main of a shader that computes the elements of an extent and lists some of them. With `runs` an invocation
 // computes 32 that follow each other, and lists them together: where lanes access memory in turn, an atomic costs a
-// subgroup that lists nothing as much as any other.
+// subgroup that lists nothing as much as any other. With `tiles` 32 invocations have a rectangle of 8 x 4 elements, and
+// 256 a square.
 class ListingLoop {
  public:
   // Opens it: behind, `at` is an element's place.
-  ListingLoop(glsl::Shader& shader, const ir::Extent& extent, bool runs);
+  ListingLoop(glsl::Shader& shader, const ir::Extent& extent, bool runs, bool tiles = false);
   // Adds the element to a list, whose words are bound. `together`: see append().
   void add(const std::string& list, bool together = false);
   // A statement: is done with the element.

@@ -22,9 +22,16 @@ namespace {
 // for each component, then flags for each element, four bits a component: see special_flag.
 constexpr int kHead = 2;
 
-std::string word_of(const std::string& element, int components, int c) {
-  return std::to_string(kHead) + " + " + element + " * " + std::to_string(components) + " + " + std::to_string(c);
+// Word `k` of the `n` words of an element. Wide ones lie apart, all first words before all second ones: lanes side by
+// side mostly add to elements side by side, and a GPU adds what lies together in one go.
+std::string word_of(const ir::Extent& extent, const std::string& element, int n, int k, bool wide) {
+  const std::string head = std::to_string(kHead) + " + ";
+  if (!wide || n == 1) return head + element + " * " + std::to_string(n) + " + " + std::to_string(k);
+  const std::string before = k == 0 ? "" : dim_expression(element_count(extent) * ir::Dim(k)) + " + ";
+  return head + before + element;
 }
+
+std::string part(int c) { return "part_" + std::to_string(c); }
 
 constexpr const char* kCountBits = R"(
 int bits_of_count(uint count) { return count <= 1u ? 0 : findMSB(count - 1u) + 1; }
@@ -98,6 +105,10 @@ Generator::Adding Generator::fixed_adding(Shader& s, const Pass& pass, const Tar
   const bool joins_parts = pass.get<ScatterPass>().joins_parts() && runs != Runs::First;
   s.prelude(joins_parts ? glsl::kFixedSubgroup : "");
   choose_shift(s, pass, t, runs, buffer);
+  if (runs == Runs::First && pass.get<ScatterPass>().joins_groups()) {
+    out.body += keep_for_group(s, t);
+    return out;
+  }
   out.body += add_fixed(s, t, runs, joins_parts, buffer);
   if (runs == Runs::Both && !guesses) out.body += "  }\n";
   return out;
@@ -138,50 +149,59 @@ void Generator::choose_shift(Shader& s, const Pass& pass, const Target& t, Runs 
   }
 }
 
-std::string Generator::add_fixed(Shader& s, const Target& t, Runs runs, bool joins_lanes, const std::string& buffer) {
+std::string Generator::fixed(Shader& s, const Target& t, int c, const std::string& shift) {
+  std::string x = component(t.accumulator.type, "value", c);
+  if (s.native()) x = "clamp(" + x + ", -limit_" + t.accumulator.name + ", limit_" + t.accumulator.name + ")";
+  return s.at_once(ir::vec(2, ir::Scalar::Uint), "fixed_from_float(" + x + ", " + shift + ")");
+}
+
+std::string Generator::fixed_parts(Shader& s, const Target& t) {
   const std::string& id = t.accumulator.name;
   const ir::Type& type = t.accumulator.type;
-  const bool wide = wide_atomics();
-  const int n = type.components();
-  const auto part = [](int c) { return "part_" + std::to_string(c); };
-  const auto fixed = [&](int c, const std::string& shift) {
-    std::string x = component(type, "value", c);
-    if (s.native()) x = "clamp(" + x + ", -limit_" + id + ", limit_" + id + ")";
-    return s.at_once(ir::vec(2, ir::Scalar::Uint), "fixed_from_float(" + x + ", " + shift + id + ")");
-  };
   std::string out = "  uint flags = 0u;\n";
-  for (int c = 0; c < n; ++c) {
+  for (int c = 0; c < type.components(); ++c) {
     out += "  flags |= special_flag(" + component(type, "value", c) + ") << " + std::to_string(4 * c) + ";\n";
-    out += "  uvec2 " + part(c) + " = " + fixed(c, "shift_") + ";\n";
+    out += "  uvec2 " + part(c) + " = " + fixed(s, t, c, "shift_" + id) + ";\n";
   }
+  return out;
+}
+
+std::string Generator::add_to_memory(const Target& t, int c, const std::string& part, const std::string& element,
+                                     const std::string& buffer) const {
+  const int n = t.accumulator.type.components();
+  if (wide_atomics())
+    return "  if (" + part + " != uvec2(0u)) atomicAdd(" + buffer + ".d[" +
+           word_of(t.accumulator.extent, element, n, c, true) + "], wide_of(" + part + "));\n";
+  return "  if (" + part + " != uvec2(0u)) {\n    uint old = atomicAdd(" + buffer + ".d[" +
+         word_of(t.accumulator.extent, element, 2 * n, 2 * c, false) + "], " + part + ".x);\n    atomicAdd(" + buffer +
+         ".d[" + word_of(t.accumulator.extent, element, 2 * n, 2 * c + 1, false) + "], " + part + ".y + (old + " +
+         part + ".x < old ? 1u : 0u));\n  }\n";
+}
+
+std::string Generator::set_flags(const Target& t, const std::string& buffer) const {
+  const int words = (wide_atomics() ? 1 : 2) * t.accumulator.type.components();
+  const std::string at = std::to_string(kHead) + " + " +
+                         dim_expression(element_count(t.accumulator.extent) * ir::Dim(words)) + " + element";
+  const std::string word = sum_word();
+  const std::string set = "atomicOr(" + buffer + ".d[" + at + "], " + word + "(flags));";
+  if (!t.emptied) return "  if (flags != 0u) " + set + "\n";
+  return "  if (flags != 0u) {\n    " + set + "\n    atomicOr(" + buffer + ".d[1], " + word + "(1u));\n  }\n";
+}
+
+std::string Generator::add_fixed(Shader& s, const Target& t, Runs runs, bool joins_lanes, const std::string& buffer) {
+  const std::string& id = t.accumulator.name;
+  const int n = t.accumulator.type.components();
+  std::string out = fixed_parts(s, t);
   if (t.guess != 0 && runs != Runs::First) {
     s.prelude(glsl::kFixedMinus);
     if (runs == Runs::Both) out += "  if (pc.a == 1) {\n";
     for (int c = 0; c < n; ++c)
-      out += "  " + part(c) + " = fixed_minus(" + part(c) + ", " + fixed(c, "guessed_") + ");\n";
+      out += "  " + part(c) + " = fixed_minus(" + part(c) + ", " + fixed(s, t, c, "guessed_" + id) + ");\n";
     if (runs == Runs::Both) out += "  }\n";
   }
   if (joins_lanes) out += join_lanes(n, part) + "  if (adds_here) {\n";
-  for (int c = 0; c < n; ++c) {
-    if (wide) {
-      out += "  if (" + part(c) + " != uvec2(0u)) atomicAdd(" + buffer + ".d[" + word_of("element", n, c) +
-             "], wide_of(" + part(c) + "));\n";
-    } else {
-      const std::string word = word_of("element", 2 * n, 2 * c);
-      out += "  if (" + part(c) + " != uvec2(0u)) {\n    uint old = atomicAdd(" + buffer + ".d[" + word + "], " +
-             part(c) + ".x);\n    atomicAdd(" + buffer + ".d[" + word_of("element", 2 * n, 2 * c + 1) + "], " +
-             part(c) + ".y + (old + " + part(c) + ".x < old ? 1u : 0u));\n  }\n";
-    }
-  }
-  const std::string flags = std::to_string(kHead) + " + " +
-                            dim_expression(element_count(t.accumulator.extent) * ir::Dim((wide ? 1 : 2) * n)) +
-                            " + element";
-  const std::string word = sum_word();
-  const std::string set = "atomicOr(" + buffer + ".d[" + flags + "], " + word + "(flags));";
-  if (t.emptied)
-    out += "  if (flags != 0u) {\n    " + set + "\n    atomicOr(" + buffer + ".d[1], " + word + "(1u));\n  }\n";
-  else
-    out += "  if (flags != 0u) " + set + "\n";
+  for (int c = 0; c < n; ++c) out += add_to_memory(t, c, part(c), "element", buffer);
+  out += set_flags(t, buffer);
   if (joins_lanes) out += "  }\n";
   return out;
 }
@@ -217,7 +237,7 @@ Generator::FloatSums Generator::float_sums(Shader& s, const ir::Type& type, cons
   for (int c = 0; c < n; ++c) {
     std::string parts;
     for (int k = c * each; k < (c + 1) * each; ++k) {
-      std::string part = word(word_of("index", each * n, k));
+      std::string part = word(word_of(extent, "index", each * n, k, wide));
       if (empties) {
         const std::string taken = "taken_" + std::to_string(k);
         text += " " + std::string(sum_word()) + " " + taken + " = " + part + ";";

@@ -336,7 +336,7 @@ void Generator::map_pass(const Pass& pass) {
   if (map.code.each > 1) return strided_map_pass(pass);
   if (map.code.heavy) return listed_map_pass(pass, *map.code.heavy);
   Shader s = shader();
-  ListingLoop loop(s, pass.domain, map.code.lists_in_runs);
+  ListingLoop loop(s, pass.domain, map.code.lists_in_runs, map.code.in_tiles);
   const Cut cut = this->cut(s, pass, map.code.cut, loop.element(), loop.each());
   open_cut(s, cut, loop.skip());
   take_sums(s, pass);
@@ -345,7 +345,9 @@ void Generator::map_pass(const Pass& pass) {
   store_results(s, pass, &loop);
   end_cut(s, cut);
   const std::string count = loop.close();
-  set_trips(dispatch(pass, "", s, count), cut);
+  const Pass* scatter = listed_for(pass);
+  const bool joins = scatter != nullptr && scatter->get<ScatterPass>().joins_groups();
+  set_trips(dispatch(pass, "", s, count, {0, 0, 0}, joins ? kJoiningGroup : 0), cut);
 }
 
 void Generator::fragment_pass(const Pass& pass, const std::vector<ValueId>& inputs, bool joins) {

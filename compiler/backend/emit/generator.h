@@ -100,6 +100,18 @@ class Generator {
   void choose_shift(glsl::Shader& shader, const Pass& pass, const Target& target, Runs runs, const std::string& buffer);
   std::string add_fixed(glsl::Shader& shader, const Target& target, Runs runs, bool joins_lanes,
                         const std::string& buffer);
+  // A component of `value` in fixed point.
+  static std::string fixed(glsl::Shader& shader, const Target& target, int c, const std::string& shift);
+  // Statements that make a float's fixed point numbers, `part_0` and so on, and `flags` of what is not finite; that add
+  // such a number to component `c` of an element; and that set the flags of an element.
+  std::string fixed_parts(glsl::Shader& shader, const Target& target);
+  std::string add_to_memory(const Target& target, int c, const std::string& part, const std::string& element,
+                            const std::string& buffer) const;
+  std::string set_flags(const Target& target, const std::string& buffer) const;
+  // Invocations of a workgroup join what they add to a target when they are done (group_sums.cpp): what each does with
+  // a contribution until then, and what they do together.
+  std::string keep_for_group(glsl::Shader& shader, const Target& target);
+  void join_in_group(glsl::Shader& shader, const std::vector<Target>& targets);
   // Of the second run: whether the first one added by the right shift everywhere.
   static std::string guessed_right(const std::vector<Target>& targets);
   const char* sum_word() const { return wide_atomics() ? "uint64_t" : "uint"; }

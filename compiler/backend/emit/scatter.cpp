@@ -182,7 +182,7 @@ std::string Generator::declare_target(Shader& s, const Pass& pass, const Target&
   const Adding adding = t.fixed    ? fixed_adding(s, pass, t, runs, lists)
                         : t.binned ? binned_adding(s, pass, t, runs, lists)
                                    : plain_adding(s, pass, t, runs);
-  const bool keeps = t.terms != 0 && runs == Runs::First;
+  const bool keeps = runs == Runs::First && (t.terms != 0 || pass.get<ScatterPass>().joins_groups());
   s.declare("void add_" + id + "(int element, " + r.type.str() + " value" + (keeps ? ", int site" : "") + ") {\n" +
             adding.body + "}\nvoid scatter_" + id + "(ivec3 place, " + r.type.str() + " value" +
             (keeps ? ", int site" : "") + ") {\n  if (" + Shader::in_range(r.extent, "place") + ") add_" + id + "(" +
@@ -254,6 +254,7 @@ void Generator::scatter_where_listed(Shader& s, const Pass& pass, const Pass& sc
     s.declare("void finish() {\n" + finish + "}\n");
     s.body().line("finish();");
   }
+  if (how.joins_groups()) join_in_group(s, targets_.at(&scatter));
 }
 
 void Generator::scatter_pass(const Pass& pass) {

@@ -577,9 +577,11 @@ std::string Shader::finish(const std::string& layout) {
   }
   out += declarations_;
   if (cut_) out += cut_->functions();
-  out += "\nvoid main() {\n";
+  const bool together = !together_at_end_.empty();
+  out += together ? "\nvoid compute() {\n" : "\nvoid main() {\n";
   out += body_.take();
   out += "}\n";
+  if (together) out += "\nvoid main() {\n  compute();\n" + together_at_end_ + "}\n";
   return out;
 }
 

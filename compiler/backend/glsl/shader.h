@@ -118,6 +118,8 @@ class Shader {
   void extension(const std::string& name) { extensions_.insert(name); }
   const std::set<std::string>& extensions() const { return extensions_; }
   void declare(const std::string& text) { declarations_ += text; }  // functions and interface variables
+  // What all invocations of a workgroup do when they are done with their elements, those that had none too: statements.
+  void do_together(std::string statements) { together_at_end_ += std::move(statements); }
   void prelude(std::string_view text);
   bool native() const { return native_; }
   std::string unique(std::string_view base);
@@ -209,6 +211,7 @@ class Shader {
   std::string declarations_;
   std::vector<Declared> declared_;  // by binding
   std::vector<std::string> preludes_;
+  std::string together_at_end_;
   std::set<std::string> extensions_;
   std::unordered_map<std::string, int> names_;  // how many names each stem has
   std::set<std::string> functions_;

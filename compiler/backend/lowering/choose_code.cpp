@@ -71,8 +71,15 @@ class StepCode {
       code.cut = cut(code.heavy ? light_trips(pass, *code.heavy) : trips, code.lists_in_runs ? kListedRun : 1);
     }
     code.told = told(pass, map, code, id);
+    code.in_tiles = ends_once(code) && in_tiles(pass, id);
     code.each = elements_in_turn(pass, map, code, id);
     return code;
+  }
+
+  // Lanes of a square add to the same elements; elsewhere memory is read in rows.
+  bool in_tiles(const Pass& pass, PassId id) const {
+    const Pass* scatter = listed_for(step_, id);
+    return scatter != nullptr && scatter->get<ScatterPass>().joins_groups() && !pass.domain.h.is_one();
   }
 
   // An invocation's own cost is that of many operations where lanes access memory in turn, the store that tells of NaN
@@ -153,13 +160,22 @@ class StepCode {
   void scatter(const Pass& pass, ScatterPass& scatter) const {
     if (ActiveList* list = scatter.active_list())
       if (auto* own = std::get_if<OwnList>(&list->listed_by)) own->in_runs = profile_.lanes_in_turn;
-    std::visit(Overloaded{[&](auto& how) { how.cut = cut(trips_of(graph_, pass.ops), 1); }, [](RowsScatter&) {},
-                          [&](AtomicScatter& atomic) {
-                            atomic.cut = cut(trips_of(graph_, pass.ops), 1);
-                            atomic.skips_zeros = !profile_.lanes_in_turn && sums_floats(scatter);
-                          }},
-               scatter.how);
+    std::visit(
+        Overloaded{[&](ExactScatter& exact) {
+                     exact.cut = cut(trips_of(graph_, pass.ops), 1);
+                     exact.joins_groups =
+                         exact.joins_groups && ends_once(step_.pass(*scatter.lister()).get<MapPass>().code);
+                   },
+                   [](RowsScatter&) {}, [&](BinnedScatter& binned) { binned.cut = cut(trips_of(graph_, pass.ops), 1); },
+                   [&](AtomicScatter& atomic) {
+                     atomic.cut = cut(trips_of(graph_, pass.ops), 1);
+                     atomic.skips_zeros = !profile_.lanes_in_turn && sums_floats(scatter);
+                   }},
+        scatter.how);
   }
+
+  // Whether each invocation of a map has one element, which it computes to the end.
+  static bool ends_once(const MapCode& code) { return !code.lists_in_runs && !code.heavy && !code.cut; }
 
   bool sums_floats(const ScatterPass& scatter) const {
     return std::ranges::any_of(scatter.sums,

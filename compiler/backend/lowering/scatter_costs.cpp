@@ -50,6 +50,20 @@ bool many_share(const ir::Graph& graph, const Pass& pass, const ScatterPass& sca
   return most >= kMany;
 }
 
+bool groups_may_join(const ir::Graph& graph, const target::Profile& profile, const ScatterPass& scatter) {
+  // More would leave too few workgroups at a time to a processor of a GPU.
+  constexpr uint32_t kMostBytes = 16 << 10;
+  if (!profile.is_gpu() || profile.max_compute_work_group_invocations < static_cast<uint32_t>(kJoiningGroup))
+    return false;
+  uint32_t bytes = sizeof(uint32_t);
+  for (const ScatterSum& sum : scatter.sums) {
+    if (graph.value(sum.value).extent.h.is_one()) return false;
+    bytes += static_cast<uint32_t>(joined_elements(sum) * (1 + 2 * graph.value(sum.value).type.components())) *
+             static_cast<uint32_t>(sizeof(uint32_t));
+  }
+  return bytes <= std::min(kMostBytes, profile.max_compute_shared_memory_size);
+}
+
 bool rows_pay(const ir::Graph& graph, const target::Profile& profile, const ScatterPass& scatter,
               const RowsScatter& rows) {
   double row = 0, exact = 0;

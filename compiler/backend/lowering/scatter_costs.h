@@ -23,6 +23,10 @@ bool joining_pays(const ir::Graph& graph, const target::Profile& profile, const 
 // Whether lanes beside each other often add to one element of a sum: where there are many more of them than elements.
 bool many_share(const ir::Graph& graph, const Pass& pass, const ScatterPass& scatter);
 
+// Whether the invocations of a workgroup join what they add: pixels of a square add to texels of one, of which its
+// memory has room for some hundred. What they add to vertices, which lie anywhere, they add to memory.
+bool groups_may_join(const ir::Graph& graph, const target::Profile& profile, const ScatterPass& scatter);
+
 // A contribution costs a row its number and two loads, and an exact sum three words of atomics and their clearing.
 bool rows_pay(const ir::Graph& graph, const target::Profile& profile, const ScatterPass& scatter,
               const RowsScatter& rows);

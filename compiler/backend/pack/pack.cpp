@@ -91,7 +91,10 @@ StepSchedule StepPacker::process() {
   find_levels();
   find_stored();
   make_passes();
-  if (options_.fused) merge_passes();
+  if (options_.fused) {
+    store_later();
+    merge_passes();
+  }
   pack_stages(graph_, out_, profile_, options_.stages);
   return std::move(out_);
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Packing of one step, private to pack*.cpp: what is computed again and what is stored (pack.cpp), what scatters
-// compute themselves (absorb.cpp), then which shader computes what (shaders.cpp).
+// compute themselves (absorb.cpp), then which shader computes what (shaders.cpp) and stores it (store_later.cpp).
 #pragma once
 
 #include <algorithm>
@@ -110,6 +110,10 @@ class StepPacker {
   void spill(const Pass& pass);
   void add_pass(Pass pass);
   std::string pass_name(const Pass& pass) const;
+
+  // store_later.cpp
+  void store_later();
+  void store_later(Pass& early, Pass& late, const std::vector<ValueId>& read_behind);
 
   // cut.cpp
   // In op_size() units. Longer shaders are cut: drivers take quadratic time for one. Each part makes what it needs of

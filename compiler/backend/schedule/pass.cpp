@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "compiler/backend/schedule/pass.h"
 
+#include <bit>
 #include <utility>
 
 namespace dr::backend {
@@ -23,6 +24,10 @@ ScatterLowering ScatterPass::lowering() const {
                                [](const AtomicScatter&) { return ScatterLowering::Atomic; },
                                [](const BinnedScatter&) { return ScatterLowering::Binned; }},
                     how);
+}
+
+int joined_elements(const ScatterSum& sum) {
+  return static_cast<int>(std::bit_ceil(static_cast<unsigned>(sum.terms.size()) * (kJoiningGroup / 2)));
 }
 
 const OwnRun* ScatterPass::own_run() const {

@@ -80,6 +80,7 @@ inline constexpr int kMostInTurn = 32;
 // How the shader is written; chosen by lowering/choose_code.h.
 struct MapCode {
   bool lists_in_runs = false;  // an invocation has kListedRun elements, one after the other, and lists them together
+  bool in_tiles = false;       // lanes that follow each other have elements of a square, not of a row
   int each = 1;                // elements of an invocation at most, one after the other; the host chooses (strides.cpp)
   std::optional<HeavyBranches> heavy;
   std::optional<LoopCut> cut;
@@ -150,6 +151,11 @@ struct JoinedRun {
 inline constexpr int kJoinRounds = 2;
 inline constexpr uint32_t kMaxJoinedLanes = 128;
 
+// Invocations of a workgroup that joins what it adds, and for how many elements of a sum it has room, a power of two:
+// neighbours share elements, and those beyond are added to memory.
+inline constexpr int kJoiningGroup = 256;
+int joined_elements(const ScatterSum& sum);
+
 struct OwnFirstRun : OwnRun {
   bool relists = false;  // it lists what adds something for the second
 };
@@ -162,9 +168,10 @@ struct JoinedFirstRun : JoinedRun {
 struct ExactScatter {
   std::variant<OwnFirstRun, JoinedFirstRun> first_run;
   bool guesses = false;  // the first run adds by the exponent of the step's run before, the second where it was wrong
-  bool joins_lanes = false;  // lanes of a subgroup list elements, and find the largest contribution, together
-  bool joins_parts = false;  // those that add to the same element join what they add
-  std::string no_rows;       // why it has no table of rows, where one was asked for
+  bool joins_lanes = false;   // lanes of a subgroup list elements, and find the largest contribution, together
+  bool joins_parts = false;   // those that add to the same element join what they add
+  bool joins_groups = false;  // where a map adds, the invocations of a workgroup do (emit/group_sums.cpp)
+  std::string no_rows;        // why it has no table of rows, where one was asked for
   std::optional<LoopCut> cut;
 };
 
@@ -232,6 +239,7 @@ struct ScatterPass {
   bool keeps_terms() const;
   bool guesses() const { return exact() != nullptr && exact()->guesses; }
   bool joins_lanes() const { return exact() != nullptr && exact()->joins_lanes; }
+  bool joins_groups() const { return exact() != nullptr && exact()->joins_groups; }
   bool joins_parts() const;
   const std::string& no_rows() const;
   std::optional<LoopCut> cut() const;

@@ -170,6 +170,8 @@ bool PassReader::decides(MapPass& map, bool& ok) {
          number("a number of trips", reads.trips) && expect_word("of") && op(reads.loop);
   } else if (take_word("lists")) {
     ok = map.code.lists_in_runs = expect_word("in") && expect_word("runs");
+  } else if (take_word("in")) {
+    ok = map.code.in_tiles = expect_word("tiles");
   } else if (take_word("up")) {
     ok = expect_word("to") && number("how many elements", map.code.each) && expect_word("elements") &&
          expect_word("in") && expect_word("turn");
@@ -222,6 +224,8 @@ bool PassReader::decides(ScatterPass& scatter, ExactScatter& exact, bool& ok) {
   } else if (take_word("join")) {
     if (take_word("parts"))
       exact.joins_parts = true;
+    else if (take_word("workgroups"))
+      exact.joins_groups = true;
     else
       ok = exact.joins_lanes = expect_word("lanes");
   } else if (take_word("no")) {

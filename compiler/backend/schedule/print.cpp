@@ -152,6 +152,7 @@ class Writer {
     if (map.rest) write_rest(*map.rest);
     if (map.block) write_block(*map.block);
     if (map.code.lists_in_runs) out_ += "    lists in runs\n";
+    if (map.code.in_tiles) out_ += "    in tiles\n";
     if (map.code.each > 1) out_ += "    up to " + std::to_string(map.code.each) + " elements in turn\n";
     if (map.code.heavy) write_heavy(*map.code.heavy);
     write_cut("    cut loops ", map.code.cut);
@@ -180,6 +181,7 @@ class Writer {
     if (scatter.guesses()) out_ += "    guesses exponents\n";
     if (scatter.joins_lanes()) out_ += "    join lanes\n";
     if (scatter.joins_parts()) out_ += "    join parts\n";
+    if (scatter.joins_groups()) out_ += "    join workgroups\n";
     if (scatter.relists()) out_ += "    relist\n";
     if (!scatter.no_rows().empty()) out_ += "    no rows " + ir::quoted_text(scatter.no_rows()) + "\n";
     if (const auto* rows = std::get_if<RowsScatter>(&scatter.how)) write_rows(*rows);

@@ -3,9 +3,11 @@
 //
 //   bench_accuracy measure FILE NAME [DEVICE] [SAMPLES]   one device, as NAME; its figures replace those in FILE
 //   bench_accuracy again FILE NAME DEVICE FUNCTION        one function of the library, in place of its rows there
-//   bench_accuracy library FILE NAME DEVICE MODULE...      modules of the library, in place of their rows there
+//   bench_accuracy library FILE NAME DEVICE PROFILE MODULE...  modules of the library in a profile of floats, strict or
+//                                                              native, in place of their rows there
 //   bench_accuracy document FILE > docs/results/accuracy.md       all devices of FILE
-//   bench_accuracy light FILE > docs/results/accuracy_light.md    what lights a frame, of FILE's devices
+//   bench_accuracy light FILE PROFILE > docs/results/accuracy_light.md    what lights a frame, of FILE's devices; of
+//                                                                         native: accuracy_light_native.md
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -84,7 +86,7 @@ int measure_again(const std::string& path, const std::string& name, const std::s
       accuracy::library::measure(*device, some, {.profile = profile_of(*device)});
   json all = json::array(), fresh = accuracy::library::to_json(rows);
   for (json& row : data["devices"][name]["library"]) {
-    if (row["function"] != function) {
+    if (row["function"] != function || row["profile"] != "strict") {
       all.push_back(std::move(row));
     } else if (!fresh.empty()) {
       for (json& other : fresh) all.push_back(std::move(other));
@@ -101,7 +103,7 @@ int measure_again(const std::string& path, const std::string& name, const std::s
 
 // Functions of these modules, in place of all of theirs in the file.
 int measure_modules(const std::string& path, const std::string& name, const std::string& wanted,
-                    std::span<char* const> modules) {
+                    const std::string& numbers, std::span<char* const> modules) {
   auto device = runtime::Device::open({wanted, false});
   if (!device) stop(device.error());
   const auto meant = [&](const std::string& function) {
@@ -112,19 +114,24 @@ int measure_modules(const std::string& path, const std::string& name, const std:
   std::erase_if(some, [&](const accuracy::library::Function& f) { return !meant(f.name); });
   if (some.empty()) stop("no function of the library in these modules");
   const std::vector<accuracy::library::Row> rows =
-      accuracy::library::measure(*device, some, {.profile = profile_of(*device)});
+      accuracy::library::measure(*device, some, {.profile = profile_of(*device), .numbers = numbers});
   json data = read(path);
   json& there = data["devices"][name];
   there["device"] = device->info().name;
   there["driver"] = device->info().driver;
   json all = json::array();
   for (json& row : there["library"])
-    if (!meant(row["function"].get<std::string>())) all.push_back(std::move(row));
+    if (row["profile"] != numbers || !meant(row["function"].get<std::string>())) all.push_back(std::move(row));
   for (json& row : accuracy::library::to_json(rows)) all.push_back(std::move(row));
   there["library"] = std::move(all);
   std::ofstream(path) << data.dump(1) << "\n";
   const auto beyond = std::ranges::count_if(rows, [](const accuracy::library::Row& row) { return !row.passes(); });
-  std::printf("%s: %zu rows, %lld beyond their bound\n", name.c_str(), rows.size(), static_cast<long long>(beyond));
+  for (const accuracy::library::Row& row : rows)
+    if (!row.passes())
+      std::printf("%s %s %s: %g, %g allowed, at %s\n", row.function.c_str(), row.part.c_str(), row.direction.c_str(),
+                  row.worst, row.bound, row.worst_input.c_str());
+  std::printf("%s, %s: %zu rows, %lld beyond their bound\n", name.c_str(), numbers.c_str(), rows.size(),
+              static_cast<long long>(beyond));
   return beyond == 0 ? 0 : 1;
 }
 
@@ -320,27 +327,31 @@ it is largest.
   std::printf("\n## Not in the table\n\n");
   for (const accuracy::Elsewhere& other : accuracy::elsewhere())
     std::printf("- `%s`: %s\n", std::string(ir::op_name(other.kind)).c_str(), other.where.c_str());
-  accuracy::library::document(devices);
+  accuracy::library::document(devices, "strict");
   return 0;
 }
 
 // A page of its own for the modules that light a frame.
-int document_light(const std::string& path) {
+int document_light(const std::string& path, const std::string& numbers) {
   const json data = read(path);
   const json& devices = data["devices"];
   if (devices.empty()) stop("'" + path + "' has no device");
-  std::printf(R"(# Accuracy of what lights a frame
+  const bool native = numbers == "native";
+  std::printf(R"(# Accuracy of what lights a frame%s
 
-How far materials, environments and shadows are off on devices: `bench_accuracy library FILE NAME DEVICE material environment shadow` on
-each, then `bench_accuracy light FILE`. [Accuracy](accuracy.md) has the ops and the other modules.
+How far materials, environments and shadows are off on devices%s:
+`bench_accuracy library FILE NAME DEVICE %s material environment shadow` on each, then `bench_accuracy light FILE %s`.
+[Accuracy](accuracy.md) has the ops and the other modules, [another page](%s) the float profile `%s`.
 
 | device | name | driver |
 | --- | --- | --- |
-)");
+)",
+              native ? " by drivers' built-ins" : "", native ? " with `--float=native`" : "", numbers.c_str(),
+              numbers.c_str(), native ? "accuracy_light.md" : "accuracy_light_native.md", native ? "strict" : "native");
   for (const auto& [name, device] : devices.items())
     std::printf("| %s | %s | %s |\n", name.c_str(), device["device"].get<std::string>().c_str(),
                 device["driver"].get<std::string>().c_str());
-  accuracy::library::document(devices);
+  accuracy::library::document(devices, numbers);
   return 0;
 }
 
@@ -353,12 +364,12 @@ int main(int argc, char** argv) {
   if (what == "measure" && argc >= 4 && samples > 0)
     return measure(argv[2], argv[3], argc > 4 ? argv[4] : "", samples, argc > 6 ? argv[6] : "");
   if (what == "again" && argc == 6) return measure_again(argv[2], argv[3], argv[4], argv[5]);
-  if (what == "library" && argc >= 6)
-    return measure_modules(argv[2], argv[3], argv[4], std::span(argv + 5, static_cast<size_t>(argc - 5)));
-  if (what == "light" && argc == 3) return document_light(argv[2]);
+  if (what == "library" && argc >= 7)
+    return measure_modules(argv[2], argv[3], argv[4], argv[5], std::span(argv + 6, static_cast<size_t>(argc - 6)));
+  if (what == "light" && argc == 4) return document_light(argv[2], argv[3]);
   std::fputs(
       "usage: bench_accuracy measure FILE NAME [DEVICE] [SAMPLES] [DATE AND COMMIT] | again FILE NAME DEVICE FUNCTION "
-      "| library FILE NAME DEVICE MODULE... | document FILE | light FILE\n",
+      "| library FILE NAME DEVICE PROFILE MODULE... | document FILE | light FILE PROFILE\n",
       stderr);
   return 2;
 }

@@ -50,6 +50,9 @@ struct Direction {
   std::string scale = {}, scale_text = {};
   std::string except = {}, except_text = {};
   std::string why = {};  // the bound set beforehand, or why it is another
+  // In the profile of floats `native`, where more than the built-ins is further off there; 0: the same.
+  double native = 0;
+  std::string native_why = {};
 };
 
 struct Function {
@@ -115,9 +118,9 @@ struct Options {
 // Errors of the device or the compiler end the process with a message.
 std::vector<Row> measure(const runtime::Device& device, std::span<const Function> functions, const Options& options);
 
-// Rows as JSON, and the sections of docs/results/accuracy.md about them on stdout; `devices` has "library" rows by
-// name.
+// Rows as JSON, and the sections of docs/results/accuracy.md about those of a profile of floats on stdout; `devices`
+// has "library" rows by name.
 nlohmann::json to_json(std::span<const Row> rows);
-void document(const nlohmann::json& devices);
+void document(const nlohmann::json& devices, const std::string& numbers);
 
 }  // namespace dr::accuracy::library

@@ -64,6 +64,10 @@ std::vector<Function> terms() {
                               over("h", 16 * u, "(1.0 / alpha + 2.0) * 2.0 * abs(g) * y / alpha",
                                    "(1 / alpha + 2) 2 D / alpha |adjoint|", "like the value")},
                .domain = "h within the lobe"};
+  // Drivers that may take 1 - (1 - c) - c for 0 lose what the difference is rounded by.
+  Direction schlick = relative("value", 8 * u, kBeforehand);
+  schlick.native = 9 * u;
+  schlick.native_why = "five times the difference's rounding, and four products";
   return {
       {.name = "material.alpha_of",
        .part = {},
@@ -108,8 +112,7 @@ std::vector<Function> terms() {
        .result = "float",
        .operands = {floats("cosine", -0.1, 1.1, 1e-6)},
        .value = "material.schlick(cosine)",
-       .directions = {relative("value", 8 * u, kBeforehand),
-                      relative("cosine", 16 * u, "like the value, five times its slope")}},
+       .directions = {schlick, relative("cosine", 16 * u, "like the value, five times its slope")}},
       {.name = "material.fresnel",
        .part = {},
        .result = "float",

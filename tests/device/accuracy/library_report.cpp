@@ -76,15 +76,19 @@ json to_json(std::span<const Row> rows) {
   return all;
 }
 
-void document(const json& devices) {
-  json names = json::array();
+void document(const json& all, const std::string& numbers) {
+  json names = json::array(), devices = json::object();
   const json* first = nullptr;
-  for (const auto& [name, device] : devices.items()) {
-    if (!device.contains("library")) continue;
-    if (first == nullptr) first = &device["library"];
+  for (const auto& [name, device] : all.items()) {
+    json rows = json::array();
+    for (const json& row : device.value("library", json::array()))
+      if (row["profile"] == numbers) rows.push_back(row);
+    if (rows.empty()) continue;
+    devices[name]["library"] = std::move(rows);
     names.push_back(name);
   }
-  if (first == nullptr) return;
+  if (names.empty()) return;
+  first = &devices[names[0].get<std::string>()]["library"];
   std::printf(R"(
 ## Library functions
 
@@ -103,8 +107,15 @@ has one component of the result alone where elements are independent. Entries ar
   found so.
 - Where an operand is a direction, of length 1, and a drawn one is 0, the result must be finite and no more.
 - Pictures are compared with an evaluation that is given the device's faces and tags.
-
 )");
+  if (numbers == "native")
+    std::printf(
+        R"(- Drivers' built-ins stand for our functions ([the profile `native`](accuracy.md#the-profile-native)). Errors add up, so where none of
+  a function's ops is off by more than so many times what it may be in the profile `strict`, neither is the result: the bound is that of `strict`,
+  times the most by which a built-in's may be larger (of `sin` and `cos` 4096 / 1.7 last places of 1, `atan` 4100 / 8,
+  `asin` and `acos` 4900 / 8, `log2` 4 / 3). Where there is no built-in, it is that of `strict`.
+)");
+  std::printf("\n");
   for (const json& name : names) {
     int64_t failed = 0, samples = 0;
     const json& rows = devices[name.get<std::string>()]["library"];
