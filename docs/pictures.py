@@ -107,7 +107,7 @@ def pear(out):
     colours = ["--bind", f"albedo={out}/fit/albedo.npy"]
     images = []
     with tempfile.TemporaryDirectory() as folder:
-        for position, more in ((target / "meshes.position", plain), (out / "fit/position", plain), (out / "fit/position", colours)):
+        for position, more in ((target / "meshes.position", plain), (out / "fit/finish.drawn", plain), (out / "fit/finish.drawn", colours)):
             run(docs / "examples/pear/show.dr", folder, *same, *more, "--bind", f"position={position}.npy")
             images.append(srgb(np.load(Path(folder) / "show.shaded.npy")[0]))
     shown = (np.stack(images) != 255).any(axis=(0, 3))

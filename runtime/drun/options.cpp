@@ -23,7 +23,7 @@ std::pair<std::string, std::string> split(const std::string& text, const char* o
 }
 
 // "512M": a number of bytes. K, M, G and T are powers of 1024.
-int64_t bytes_of(const std::string& text) {
+int64_t bytes_of(const std::string& text, const char* option) {
   constexpr std::string_view kUnits = "KMGT";
   uint64_t number = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
@@ -36,7 +36,7 @@ int64_t bytes_of(const std::string& text) {
   const bool known = unit.empty() || power > 0;
   const int shift = static_cast<int>(10 * power);
   if (error != std::errc{} || !known || number == 0 || number > uint64_t{1} << (62 - shift))
-    throw CLI::ValidationError("--memory", "expected a number of bytes as 1000000, 512M or 2G, found '" + text + "'");
+    throw CLI::ValidationError(option, "expected a number of bytes as 1000000, 512M or 2G, found '" + text + "'");
   return static_cast<int64_t>(number << shift);
 }
 
@@ -145,10 +145,14 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
       ->delimiter(',')
       ->type_name("ID")
       ->check(CLI::IsMember(skips));
-  std::string memory, timeout, checkpoints;
+  std::string memory, buffers, timeout, checkpoints;
   app.add_option("--memory", memory,
                  "device memory to take at most, in bytes or as 512M; inputs beyond that are read from the host's "
                  "(default: all that the device has)");
+  app.add_option(
+      "--buffers", buffers,
+      "bytes that a shader sees of a buffer at once, as 1M; larger ones are bound in parts, with the same bits "
+      "(default: what the device allows)");
   app.add_option("--timeout", timeout,
                  "seconds after which the run stops, writes what there is and exits with 124 (default: none)");
   app.add_option("--checkpoint-every", checkpoints,
@@ -226,7 +230,8 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
     }
     if (out->count() > 0 && options.out.empty())
       throw CLI::ValidationError("--out", "expected a folder, found nothing");
-    if (!memory.empty()) options.memory = bytes_of(memory);
+    if (!memory.empty()) options.memory = bytes_of(memory, "--memory");
+    if (!buffers.empty()) options.buffers = bytes_of(buffers, "--buffers");
     if (!timeout.empty()) options.timeout = seconds_of(timeout, "--timeout", "a number of seconds as 90 or 90s");
     set_checkpoints(checkpoints, options);
     if (check->count() > 0 && options.check_runs < 1)

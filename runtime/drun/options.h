@@ -39,6 +39,7 @@ struct Options {
   bool commands = true;   // recorded commands are used again
   bool pipelines = true;  // pipelines are kept on disk
   int64_t memory = 0;     // bytes of the device, 0: all that it has
+  int64_t buffers = 0;    // bytes of a binding, 0: what the device allows
   bool rebuild = true;    // the program for the leaves that move
   bool list_devices = false;
   bool measure = false;  // the device's profile

@@ -101,6 +101,7 @@ int run_program(const Options& options) {
                               .reuse_commands = options.commands,
                               .pipeline_folder = options.pipelines ? jit::cache_folder() : std::string(),
                               .memory_limit = options.memory,
+                              .buffer_limit = options.buffers,
                               .store_all = options.check_finite,
                               .warn = {}};  // a session says more
     if (options.rebuild) load.rebuild = jit::rebuilder(bundle, options.compile);

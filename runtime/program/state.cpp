@@ -254,12 +254,14 @@ io::Array Program::State::initial_value(size_t index) const {
   const bundle::LeafT& leaf = *bundle.leaves[index];
   const Size s = sizes.size_of(*leaf.extent, "leaf '" + leaf.name + "'");
   const int n = components_of(*leaf.type);
-  std::vector<double> values(static_cast<size_t>(s.count() * n), 0.0);
-  if (!leaf.initial.empty())
-    for (size_t i = 0; i < values.size(); ++i) values[i] = leaf.initial[i % static_cast<size_t>(n)];
-  auto array = io::Array::from_doubles(values, n, s.w, s.h, s.l).converted(kind_of(*leaf.type));
-  if (!array) throw Failure{"leaf '" + leaf.name + "': " + array.error()};
-  return std::move(array).value();
+  const std::vector<double> values =
+      leaf.initial.empty() ? std::vector<double>(static_cast<size_t>(n), 0.0) : leaf.initial;
+  const auto element = io::Array::from_doubles(values, n, 1, 1, 1).converted(kind_of(*leaf.type));
+  if (!element) throw Failure{"leaf '" + leaf.name + "': " + element.error()};
+  io::Array out = io::Array::zeros(element->kind, n, s.w, s.h, s.l);
+  for (size_t at = 0; at < out.bytes.size(); at += element->bytes.size())
+    std::ranges::copy(element->bytes, out.bytes.begin() + static_cast<std::ptrdiff_t>(at));
+  return out;
 }
 
 OnDevice& Program::State::objects() {

@@ -57,7 +57,7 @@ struct OnDevice {
       : memory(device, bundle, sizes, options.memory_limit, tally, options.share),
         queue(device),
         transfer(device, bundle, sizes, memory, queue),
-        pipelines(device, bundle, memory, options.pipeline_folder),
+        pipelines(device, bundle, memory, options.pipeline_folder, options.buffer_limit),
         commands(device, bundle, sizes, memory, pipelines, options.trusted),
         steps(bundle.steps.size()) {}
   // What failed may have left something under way.

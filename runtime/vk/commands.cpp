@@ -112,7 +112,7 @@ void Commands::dispatch(const bundle::CommandT& c, std::vector<Primitive>& out) 
   const int64_t invocations = invocations_for(elements, c.each);
   const uint32_t group = c.group != 0 ? c.group : indirect ? kGroup : group_size(device_->properties, invocations);
   const int64_t parts = parts_of(c);
-  const size_t pipeline = pipelines_.compute(c.compute, bound.layout, group, parts > 1 ? c.part_trips : 0);
+  const size_t pipeline = pipelines_.compute(c.compute, bound, group, parts > 1 ? c.part_trips : 0);
   vk::DeviceSize offset = 0;
   for (int64_t part = 1; part <= parts; ++part) {
     std::array<int32_t, 4> push = push_of(c);
@@ -180,7 +180,8 @@ void Commands::reduce(const bundle::CommandT& c, std::vector<Primitive>& out) {
     const int64_t partials = (n + kEach * kMostLanes - 1) / (kEach * kMostLanes);
     int64_t lanes = 1;
     while (lanes < kMostLanes && lanes * kEach < n) lanes *= 2;
-    const int64_t invocations = outs * partials * lanes;
+    const int64_t team = c.group != 0 ? bundle::kReducingTeam : 1;  // invocations that share kEach inputs
+    const int64_t invocations = outs * partials * lanes * team;
     const uint32_t target = partials == 1 ? static_cast<uint32_t>(c.target) : scratch[stage % 2];
     must_be_due(c, invocations);
     if (memory_.buffer(target).bytes / 4 < static_cast<vk::DeviceSize>(outs * partials))
@@ -196,8 +197,8 @@ void Commands::reduce(const bundle::CommandT& c, std::vector<Primitive>& out) {
     descriptors.push_back({target, 0});
     p.accesses.push_back({target, Use::ComputeWrite});
     const Bound bound = pipelines_.bind(descriptors, vk::ShaderStageFlagBits::eCompute);
-    const uint32_t group = group_size(device_->properties, invocations);
-    const size_t pipeline = pipelines_.compute(stage == 0 ? c.compute : c.next, bound.layout, group);
+    const uint32_t group = c.group != 0 ? c.group : group_size(device_->properties, invocations);
+    const size_t pipeline = pipelines_.compute(stage == 0 ? c.compute : c.next, bound, group);
     const std::array<int32_t, 4> push{0, static_cast<int32_t>(n), static_cast<int32_t>(partials), 0};
     p.record = [=, this](const vk::raii::CommandBuffer& commands) {
       record_dispatch(commands, pipelines_[pipeline], bound, push, invocations, group);

@@ -214,6 +214,10 @@ std::shared_ptr<DeviceState> open_device(const DeviceOptions& options) {
   if (state->properties.apiVersion < VK_API_VERSION_1_1)
     throw Failure{"device '" + std::string(state->properties.deviceName.data()) + "' has Vulkan " +
                   version_text(state->properties.apiVersion) + ", 1.1 is needed"};
+  state->largest_block =
+      state->physical.getProperties2<vk::PhysicalDeviceProperties2, vk::PhysicalDeviceMaintenance3Properties>()
+          .get<vk::PhysicalDeviceMaintenance3Properties>()
+          .maxMemoryAllocationSize;
   const auto families = state->physical.getQueueFamilyProperties();
   const auto wanted = vk::QueueFlagBits::eGraphics | vk::QueueFlagBits::eCompute;
   const auto family =

@@ -48,9 +48,14 @@ vk::DeviceSize Memory::buffer_bytes(uint32_t k) const {
   const Size s = has_room(r) ? sizes_.size_of(*r.extent, "'" + r.name + "'") : Size{};
   const vk::DeviceSize bytes = static_cast<vk::DeviceSize>(s.count()) *
                                static_cast<vk::DeviceSize>(is_words(r) ? 1 : components_of(*r.type)) * 4;
-  if (bytes > device_->properties.limits.maxStorageBufferRange)
+  // Shaders count words in an int. Drivers of processors count the bytes of an allocation so, and end in a crash beyond
+  // what they say that they allow; others are asked.
+  constexpr vk::DeviceSize kMostBytes = vk::DeviceSize{kMaxElements} * 4;
+  const bool cpu = device_->properties.deviceType == vk::PhysicalDeviceType::eCpu;
+  const vk::DeviceSize most = cpu ? std::min(kMostBytes, device_->largest_block) : kMostBytes;
+  if (bytes > most)
     throw Failure{"'" + r.name + "' takes " + std::to_string(bytes) + " bytes, the device allows " +
-                  std::to_string(device_->properties.limits.maxStorageBufferRange) + " in one buffer"};
+                  std::to_string(most) + " for one value"};
   return bytes;
 }
 
@@ -70,7 +75,11 @@ vk::MemoryRequirements Memory::create_buffer(uint32_t k) {
                vk::BufferUsageFlagBits::eIndirectBuffer;
   const vk::ExternalMemoryBufferCreateInfo outside(vk::ExternalMemoryHandleTypeFlagBits::eOpaqueFd);
   if (shared_.contains(r.slot)) info.pNext = &outside;
-  buffers_[k].buffer = vk::raii::Buffer(d, info);
+  try {
+    buffers_[k].buffer = vk::raii::Buffer(d, info);
+  } catch (const vk::SystemError&) {
+    throw Failure{"'" + r.name + "' takes " + std::to_string(bytes) + " bytes, more than the device has in one buffer"};
+  }
   buffers_[k].bytes = bytes;
   device_->name(buffers_[k].buffer, r.name);
   return buffers_[k].buffer.getMemoryRequirements();
@@ -147,15 +156,24 @@ void Memory::place(std::map<uint32_t, Slot>& slots, const std::vector<uint32_t>&
     added.push_back(index);
   }
   make_room(slots, added, resources);
-  std::map<decltype(Slot().kind()), vk::DeviceSize> sizes;
+  // Those of one kind stand side by side, in as few blocks as the device makes that large.
+  std::vector<std::pair<decltype(Slot().kind()), vk::DeviceSize>> planned;  // kinds and bytes
+  std::map<decltype(Slot().kind()), size_t> last;                           // of a kind, in `planned`
   for (const uint32_t index : added) {
     Slot& slot = slots.at(index);
-    vk::DeviceSize& size = sizes[slot.kind()];
-    slot.offset = (size + slot.alignment - 1) / slot.alignment * slot.alignment;
-    size = slot.offset + slot.bytes;
+    auto it = last.find(slot.kind());
+    const auto offset = [&] {
+      return (planned[it->second].second + slot.alignment - 1) / slot.alignment * slot.alignment;
+    };
+    if (it == last.end() || offset() + slot.bytes > device_->largest_block) {
+      it = last.insert_or_assign(slot.kind(), planned.size()).first;
+      planned.emplace_back(slot.kind(), 0);
+    }
+    slot.offset = offset();
+    slot.block = blocks_.size() + it->second;
+    planned[it->second].second = slot.offset + slot.bytes;
   }
-  std::map<decltype(Slot().kind()), size_t> block_of;
-  for (const auto& [kind, bytes] : sizes) {
+  for (const auto& [kind, bytes] : planned) {
     const auto& [type, of_host, shared] = kind;
     try {
       blocks_.emplace_back(*device_, bytes, type, tally_, shared);
@@ -164,12 +182,8 @@ void Memory::place(std::map<uint32_t, Slot>& slots, const std::vector<uint32_t>&
                     largest(resources)};
     }
     of_host_.push_back(of_host);
-    block_of[kind] = blocks_.size() - 1;
   }
-  for (const uint32_t index : added) {
-    slots[index].block = block_of[slots[index].kind()];
-    placed_[index] = slots[index];
-  }
+  for (const uint32_t index : added) placed_[index] = slots.at(index);
 }
 
 int64_t Memory::room(uint32_t type) const {

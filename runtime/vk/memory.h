@@ -81,7 +81,7 @@ class Memory {
   // reads directly: inputs first, those with layers before others, large and seldom used ones before others. Fails, by
   // name, when that is not enough.
   void allocate(const std::vector<uint32_t>& resources);
-  // Ends with a Failure where one is larger than a buffer of the device may be.
+  // Ends with a Failure where one is larger than a value may be.
   void check_sizes(const std::vector<uint32_t>& resources) const;
   bool has(size_t resource) const { return allocated_[resource]; }
   // Of a resource that has memory, as the bundle lays it out; 0 for a tile, whose content stays in its render pass.

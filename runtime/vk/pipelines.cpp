@@ -3,6 +3,7 @@
 #include "runtime/vk/pipelines.h"
 
 #include <algorithm>
+#include <bit>
 #include <utility>
 
 #include "compiler/backend/bundle/on_all_cores.h"
@@ -28,14 +29,33 @@ vk::SpecializationInfo specialization(std::span<const int32_t> values,
 }  // namespace
 
 Pipelines::Pipelines(std::shared_ptr<DeviceState> device, const bundle::BundleT& bundle, const Memory& memory,
-                     std::filesystem::path cache_folder)
-    : device_(std::move(device)), bundle_(bundle), memory_(memory), cache_folder_(std::move(cache_folder)) {
+                     std::filesystem::path cache_folder, int64_t buffer_limit)
+    : device_(std::move(device)),
+      bundle_(bundle),
+      memory_(memory),
+      cache_folder_(std::move(cache_folder)),
+      buffer_limit_(buffer_limit) {
   for (const auto& s : bundle_.shaders) {
     vk::ShaderModuleCreateInfo info;
     info.setCode(s->spirv);
-    shaders_.emplace_back(device_->device, info);
-    device_->name(shaders_.back(), s->name);
+    modules_.emplace_back(device_->device, info);
+    device_->name(modules_.back(), s->name);
   }
+}
+
+size_t Pipelines::module_of(int shader, const std::vector<bundle::Split>& splits) {
+  if (splits.empty()) return static_cast<size_t>(shader);
+  const auto [it, is_new] = split_modules_.emplace(std::pair(shader, splits), modules_.size());
+  if (!is_new) return it->second;
+  const bundle::ShaderT& s = *bundle_.shaders[static_cast<size_t>(shader)];
+  const auto split = bundle::split_buffers(s.spirv, splits);
+  if (const auto* why = std::get_if<std::string>(&split))
+    throw Failure{"shader '" + s.name + "' cannot have buffers that are bound in parts: it " + *why};
+  vk::ShaderModuleCreateInfo info;
+  info.setCode(std::get<std::vector<uint32_t>>(split));
+  modules_.emplace_back(device_->device, info);
+  device_->name(modules_.back(), s.name);
+  return it->second;
 }
 
 void Pipelines::specialize(const ir::SymbolValues& symbols) {
@@ -48,24 +68,57 @@ void Pipelines::specialize(const ir::SymbolValues& symbols) {
   }
 }
 
-// All of a buffer as texels.
-vk::BufferView Pipelines::texels(const Descriptor& descriptor) {
+namespace {
+
+vk::Format texel_format(const bundle::ResourceT& r, uint32_t texel) {
   using F = vk::Format;
   static constexpr F kFormats[3][4] = {{F::eR32Sfloat, F::eR32G32Sfloat, F::eR32G32B32Sfloat, F::eR32G32B32A32Sfloat},
                                        {F::eR32Sint, F::eR32G32Sint, F::eR32G32B32Sint, F::eR32G32B32A32Sint},
                                        {F::eR32Uint, F::eR32G32Uint, F::eR32G32B32Uint, F::eR32G32B32A32Uint}};
-  const bundle::ResourceT& r = *bundle_.resources[descriptor.resource];
   const int scalar = r.type->scalar == bundle::Scalar::Float ? 0 : r.type->scalar == bundle::Scalar::Int ? 1 : 2;
-  const F format = kFormats[scalar][descriptor.texel - 1];
-  const vk::DeviceSize size = descriptor.texel * 4, count = memory_.buffer(descriptor.resource).bytes / size;
-  const auto features = device_->physical.getFormatProperties(format).bufferFeatures;
-  const vk::DeviceSize most =
-      features & vk::FormatFeatureFlagBits::eUniformTexelBuffer ? device_->properties.limits.maxTexelBufferElements : 0;
-  if (count == 0 || count > most)
-    throw Failure{"'" + r.name + "' is read as " + std::to_string(count) + " texels of " +
-                  std::to_string(descriptor.texel) + " words, the device allows " + std::to_string(most) +
-                  "; compile it for this device (a profile with \"lanes_in_turn\": false)"};
-  const vk::BufferViewCreateInfo info({}, *memory_.buffer(descriptor.resource).buffer, format, 0, count * size);
+  return kFormats[scalar][texel - 1];
+}
+
+}  // namespace
+
+vk::DeviceSize Pipelines::most_of(const Descriptor& descriptor) const {
+  const vk::PhysicalDeviceLimits& l = device_->properties.limits;
+  const vk::DeviceSize given = buffer_limit_ > 0 ? static_cast<vk::DeviceSize>(buffer_limit_) : VK_WHOLE_SIZE;
+  if (descriptor.texel == 0) return std::min<vk::DeviceSize>(l.maxStorageBufferRange, given);
+  const bundle::ResourceT& r = *bundle_.resources[descriptor.resource];
+  const auto features = device_->physical.getFormatProperties(texel_format(r, descriptor.texel)).bufferFeatures;
+  if (!(features & vk::FormatFeatureFlagBits::eUniformTexelBuffer))
+    throw Failure{"'" + r.name + "' is read as texels of " + std::to_string(descriptor.texel) +
+                  " words, which the device has none of; compile it for this device (a profile with \"lanes_in_turn\": "
+                  "false)"};
+  return std::min<vk::DeviceSize>(l.maxTexelBufferElements, given / (descriptor.texel * 4));
+}
+
+std::vector<bundle::Split> Pipelines::splits_of(const std::vector<Descriptor>& descriptors, size_t count) const {
+  const vk::PhysicalDeviceLimits& l = device_->properties.limits;
+  std::vector<bundle::Split> out;
+  for (uint32_t k = 0; k < descriptors.size(); ++k) {
+    const auto [resource, texel] = descriptors[k];
+    if (bundle_.resources[resource]->storage != Storage::Buffer) continue;
+    // A part begins where a binding may.
+    const vk::DeviceSize least = texel == 0 ? std::max<vk::DeviceSize>(l.minStorageBufferOffsetAlignment, 16)
+                                            : std::max<vk::DeviceSize>(l.minTexelBufferOffsetAlignment / 4, 4),
+                         most = std::max(most_of(descriptors[k]), least),
+                         has = memory_.buffer(resource).bytes / (texel == 0 ? 1 : texel * 4);
+    if (has <= most) continue;
+    const auto log_size = static_cast<uint32_t>(std::bit_width(most) - 1);
+    const vk::DeviceSize parts = (has + (vk::DeviceSize{1} << log_size) - 1) >> log_size;
+    out.push_back({k, static_cast<uint32_t>(count), static_cast<uint32_t>(parts), log_size});
+    count += parts - 1;
+  }
+  return out;
+}
+
+vk::BufferView Pipelines::texels(const Descriptor& descriptor, vk::DeviceSize first, vk::DeviceSize count) {
+  const bundle::ResourceT& r = *bundle_.resources[descriptor.resource];
+  const vk::DeviceSize size = descriptor.texel * 4;
+  const vk::BufferViewCreateInfo info({}, *memory_.buffer(descriptor.resource).buffer,
+                                      texel_format(r, descriptor.texel), first * size, count * size);
   views_.emplace_back(device_->device, info);
   device_->name(views_.back(), r.name);
   return *views_.back();
@@ -84,33 +137,50 @@ Bound Pipelines::bind(const std::vector<Descriptor>& descriptors, vk::ShaderStag
                                                                                 : vk::DescriptorType::eSampledImage;
     bindings.emplace_back(k, type, 1, input ? vk::ShaderStageFlags(vk::ShaderStageFlagBits::eFragment) : stages);
   }
-  must_fit(bindings);
+  const std::vector<bundle::Split> splits = splits_of(descriptors, bindings.size());
+  for (const bundle::Split& split : splits)
+    for (uint32_t part = 1; part < split.parts; ++part)
+      bindings.emplace_back(split.more + part - 1, bindings[split.binding].descriptorType, 1, stages);
+  must_fit(bindings, !splits.empty());
   const Layouts& layouts = layouts_for(bindings, stages);
-  Bound bound{*layouts.pipeline, {}};
+  Bound bound{*layouts.pipeline, {}, splits};
   vk::DescriptorSetAllocateInfo allocate(pool_for(bindings));
   allocate.setSetLayouts(*layouts.set);
   sets_.push_back(std::move(vk::raii::DescriptorSets(d, allocate).front()));
   bound.set = *sets_.back();
-  for (uint32_t k = 0; k < descriptors.size(); ++k) {
-    const uint32_t r = descriptors[k].resource;
-    vk::WriteDescriptorSet write(bound.set, k, 0, 1, bindings[k].descriptorType);
-    const vk::DescriptorBufferInfo buffer(*memory_.buffer(r).buffer, 0, VK_WHOLE_SIZE);
+  const auto write = [&](uint32_t binding, uint32_t k, vk::DeviceSize first, vk::DeviceSize count) {
+    const auto [resource, texel] = descriptors[k];
+    vk::WriteDescriptorSet one(bound.set, binding, 0, 1, bindings[k].descriptorType);
+    const vk::DescriptorBufferInfo buffer(*memory_.buffer(resource).buffer, first, count);
     const bool input = bindings[k].descriptorType == vk::DescriptorType::eInputAttachment;
-    const vk::DescriptorImageInfo image({}, input ? inputs.at(r) : *memory_.image(r).all,
+    const vk::DescriptorImageInfo image({}, input ? inputs.at(resource) : *memory_.image(resource).all,
                                         vk::ImageLayout::eShaderReadOnlyOptimal);
     vk::BufferView view;
     if (bindings[k].descriptorType == vk::DescriptorType::eUniformTexelBuffer)
-      write.setTexelBufferView(view = texels(descriptors[k]));
+      one.setTexelBufferView(view = texels(descriptors[k], first, count));
     else if (bindings[k].descriptorType == vk::DescriptorType::eStorageBuffer)
-      write.setBufferInfo(buffer);
+      one.setBufferInfo(buffer);
     else
-      write.setImageInfo(image);
-    d.updateDescriptorSets(write, {});
+      one.setImageInfo(image);
+    d.updateDescriptorSets(one, {});
+  };
+  for (uint32_t k = 0; k < descriptors.size(); ++k) {
+    const auto [resource, texel] = descriptors[k];
+    const vk::DeviceSize all = memory_.buffer(resource).bytes / (texel == 0 ? 1 : texel * 4);
+    const auto split = std::ranges::find(splits, k, &bundle::Split::binding);
+    if (split == splits.end()) {
+      write(k, k, 0, texel == 0 ? VK_WHOLE_SIZE : all);
+      continue;
+    }
+    for (vk::DeviceSize part = 0; part < split->parts; ++part) {
+      const vk::DeviceSize first = part << split->log_size, size = vk::DeviceSize{1} << split->log_size;
+      write(part == 0 ? k : split->more + static_cast<uint32_t>(part) - 1, k, first, std::min(size, all - first));
+    }
   }
   return bound;
 }
 
-void Pipelines::must_fit(const std::vector<vk::DescriptorSetLayoutBinding>& bindings) const {
+void Pipelines::must_fit(const std::vector<vk::DescriptorSetLayoutBinding>& bindings, bool in_parts) const {
   const vk::PhysicalDeviceLimits& l = device_->properties.limits;
   using Type = vk::DescriptorType;
   const auto count = [&](std::initializer_list<Type> types) {
@@ -128,7 +198,9 @@ void Pipelines::must_fit(const std::vector<vk::DescriptorSetLayoutBinding>& bind
   for (const auto& [what, found, most] : all)
     if (found > most)
       throw Failure{"a shader binds " + std::to_string(found) + " " + what + ", the device allows " +
-                    std::to_string(most) + "; compile the program for this device"};
+                    std::to_string(most) +
+                    (in_parts ? "; buffers beyond its limit are bound in parts: take smaller ones"
+                              : "; compile the program for this device")};
 }
 
 const Pipelines::Layouts& Pipelines::layouts_for(const std::vector<vk::DescriptorSetLayoutBinding>& bindings,
@@ -181,20 +253,24 @@ size_t Pipelines::want(std::function<vk::raii::Pipeline(const Cache&)> make) {
   return pipelines_.size() - 1;
 }
 
-size_t Pipelines::compute(int shader, vk::PipelineLayout layout, uint32_t group, uint32_t part_trips) {
+size_t Pipelines::compute(int shader, const Bound& bound, uint32_t group, uint32_t part_trips) {
+  const size_t module = module_of(shader, bound.splits);
+  const vk::PipelineLayout layout = bound.layout;
   const auto [it, is_new] =
-      compute_.emplace(std::tuple(shader, static_cast<VkPipelineLayout>(layout), group, part_trips, values_), 0);
+      compute_.emplace(std::tuple(module, static_cast<VkPipelineLayout>(layout), group, part_trips, values_), 0);
   if (is_new)
     it->second = want([=, this, values = values_](const Cache& cache) {
-      return make_compute(shader, layout, group, part_trips, values, cache);
+      return make_compute(shader, module, layout, group, part_trips, values, cache);
     });
   return it->second;
 }
 
-size_t Pipelines::graphics(const bundle::CommandT& draw, vk::PipelineLayout layout, vk::RenderPass render_pass,
+size_t Pipelines::graphics(const bundle::CommandT& draw, const Bound& bound, vk::RenderPass render_pass,
                            uint32_t subpass, vk::Extent2D size) {
-  return want(
-      [=, this, &draw](const Cache& cache) { return make_graphics(draw, layout, render_pass, subpass, size, cache); });
+  const std::array modules{module_of(draw.vertex, bound.splits), module_of(draw.fragment, bound.splits)};
+  return want([=, this, &draw, layout = bound.layout](const Cache& cache) {
+    return make_graphics(draw, modules, layout, render_pass, subpass, size, cache);
+  });
 }
 
 // Device, driver, shaders and the values of symbols; the rest of a pipeline's state follows from the bundle's tables.
@@ -233,29 +309,29 @@ void Pipelines::build() {
   if (data != known) file.write(data);
 }
 
-vk::raii::Pipeline Pipelines::make_compute(int shader, vk::PipelineLayout layout, uint32_t group, uint32_t part_trips,
-                                           std::vector<int32_t> values, const Cache& cache) const {
+vk::raii::Pipeline Pipelines::make_compute(int shader, size_t module, vk::PipelineLayout layout, uint32_t group,
+                                           uint32_t part_trips, std::vector<int32_t> values, const Cache& cache) const {
   std::vector<vk::SpecializationMapEntry> entries;
   values.push_back(static_cast<int32_t>(group));
   values.push_back(static_cast<int32_t>(part_trips));
   const auto specialize = specialization(values, entries);
   vk::ComputePipelineCreateInfo info;
-  info.stage = vk::PipelineShaderStageCreateInfo({}, vk::ShaderStageFlagBits::eCompute,
-                                                 *shaders_[static_cast<size_t>(shader)], "main", &specialize);
+  info.stage =
+      vk::PipelineShaderStageCreateInfo({}, vk::ShaderStageFlagBits::eCompute, *modules_[module], "main", &specialize);
   info.layout = layout;
   vk::raii::Pipeline pipeline(device_->device, cache, info);
   device_->name(pipeline, bundle_.shaders[static_cast<size_t>(shader)]->name);
   return pipeline;
 }
 
-vk::raii::Pipeline Pipelines::make_graphics(const bundle::CommandT& c, vk::PipelineLayout layout,
-                                            vk::RenderPass render_pass, uint32_t subpass, vk::Extent2D size,
-                                            const Cache& cache) const {
+vk::raii::Pipeline Pipelines::make_graphics(const bundle::CommandT& c, std::array<size_t, 2> modules,
+                                            vk::PipelineLayout layout, vk::RenderPass render_pass, uint32_t subpass,
+                                            vk::Extent2D size, const Cache& cache) const {
   std::vector<vk::SpecializationMapEntry> entries;
   const auto specialize = specialization(values_, entries);
   const vk::PipelineShaderStageCreateInfo stage_infos[] = {
-      {{}, vk::ShaderStageFlagBits::eVertex, *shaders_[static_cast<size_t>(c.vertex)], "main", &specialize},
-      {{}, vk::ShaderStageFlagBits::eFragment, *shaders_[static_cast<size_t>(c.fragment)], "main", &specialize}};
+      {{}, vk::ShaderStageFlagBits::eVertex, *modules_[modules[0]], "main", &specialize},
+      {{}, vk::ShaderStageFlagBits::eFragment, *modules_[modules[1]], "main", &specialize}};
   const vk::PipelineVertexInputStateCreateInfo no_vertices;
   const vk::PipelineInputAssemblyStateCreateInfo triangles({}, vk::PrimitiveTopology::eTriangleList);
   const vk::Viewport viewport(0, 0, static_cast<float>(size.width), static_cast<float>(size.height), 0, 1);

@@ -225,7 +225,7 @@ void Commands::render_pass(Draws draws, std::vector<Primitive>& out) {
       // Input attachments are of some layers, so each part has its descriptors.
       subpass.bound = first > 0 && inputs.empty() ? parts.front().subpasses[s].bound
                                                   : pipelines_.bind(descriptors, kGraphicsStages, inputs);
-      if (is_new) shared.pipelines.push_back(pipelines_.graphics(c, subpass.bound.layout, shared.pass, s, area.extent));
+      if (is_new) shared.pipelines.push_back(pipelines_.graphics(c, subpass.bound, shared.pass, s, area.extent));
       subpass.pipeline = shared.pipelines[s];
       subpass.push = push_of(c);
       subpass.push[0] = static_cast<int32_t>(first);

@@ -19,11 +19,11 @@ run "$root/docs/examples/studio.dr" "${obj[@]}" -D N=4 -D turn=22.5 -D elevation
 run "$pear/target.dr" -D coarse=16 --step meshes --out "$out/sphere"
 
 run "$pear/fit.dr" --bind "position=$out/sphere/meshes.position.npy" --bind "face=$out/sphere/meshes.face.npy" \
-  --bind "view=$out/train/silhouettes.view.npy" --bind "mask=$out/train/silhouettes.mask.npy" -D "steps=$steps" --step "fit_shape=$steps" --out "$out/fit" \
-  --mesh "$out/fit.glb=position:face"
+  --bind "view=$out/train/silhouettes.view.npy" --bind "mask=$out/train/silhouettes.mask.npy" -D "steps=$steps" --step "fit_shape=$steps" --step finish \
+  --out "$out/fit" --mesh "$out/fit.glb=finish.drawn:face"
 
 judge() {  # judge VIEWS: against the mesh itself
-  run "$here/cases/judge_shape.dr" --bind "position=$out/fit/position.npy" --bind "face=$out/sphere/meshes.face.npy" \
+  run "$here/cases/judge_shape.dr" --bind "position=$out/fit/finish.drawn.npy" --bind "face=$out/sphere/meshes.face.npy" \
     --bind "true_position=$out/train/silhouettes.position.npy" --bind "true_face=$out/train/silhouettes.face.npy" --bind "view=$out/$1/silhouettes.view.npy" \
     --step silhouettes --step distances --out "$out/judge_$1"
 }

@@ -92,7 +92,7 @@ const std::vector<Without>& without_derivative() {
         "random.uniform",          "random.uniform2",   "random.uniform3",  "random.uniform4",     "random.unit",
         "texture.sobol_jitter"}},
       {"what a step does, which has no derivative",
-       {"optim.adam", "optim.adamw", "optim.momentum", "optim.sgd", "solve.levenberg_marquardt"}},
+       {"optim.adam", "optim.adamw", "optim.smooth_adam", "optim.momentum", "optim.sgd", "solve.levenberg_marquardt"}},
       {"rows of what it is made of ask", {"hair.shade", "shadow.map", "shadow.plain_map", "strands.interpolate"}},
   };
   return kAll;

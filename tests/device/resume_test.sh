@@ -30,6 +30,10 @@ run --log-every 1 --step fit=7 --step tune=3 --resume --out parts > /dev/null
 same straight parts
 run --step fit=7 --step tune=3 --resume --out parts 2>&1 | grep -q "nothing is left to run" || fail "a run that is over goes on"
 same straight parts
+# With buffers that are bound in parts, too: of 16 bytes, with which 'a' and its momentum have two.
+run --log-every 1 --step fit=4 --buffers 16 --out bound > /dev/null
+run --log-every 1 --step fit=7 --step tune=3 --buffers 16 --resume --out bound > /dev/null
+same straight bound
 
 # A result that cannot be written costs no run: it is an error, what else there is is written, and --resume writes the rest.
 # So does one after a kill for a step that was over before.

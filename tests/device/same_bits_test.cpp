@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The same input gives the same bits on one device: every program of tests/golden/programs and the examples, started
-// again and again. Drivers compile the long shaders of some for minutes: those of few ops run twice, and all of them,
-// made twice, as often as DR_SAME_BITS_RUNS says where it is set.
+// again and again, and with buffers that are bound in parts. Drivers compile the long shaders of some for minutes:
+// those of few ops run twice, and all of them, made twice, as often as DR_SAME_BITS_RUNS says where it is set.
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
@@ -11,6 +11,7 @@
 #include <map>
 #include <set>
 #include <sstream>
+#include <utility>
 
 #include "compiler/driver/driver.h"
 #include "runtime/jit/jit.h"
@@ -18,6 +19,7 @@
 #include "tests/catch.h"
 #include "tests/device/compile.h"
 #include "tests/device/devices.h"
+#include "tests/device/in_parts.h"
 
 using namespace dr;
 using io::Array;
@@ -58,6 +60,8 @@ Job job_of(const fs::path& file) {
   }
   return job;
 }
+
+int in_parts = 0;  // programs of which a leaf or an output was
 
 const char* wanted() { return std::getenv("DR_SAME_BITS_RUNS"); }
 
@@ -105,33 +109,60 @@ Values results(Program& program, const Job& job, const Values& start) {
   return out;
 }
 
+// What the program starts from.
+Values start_of(Program& program, const Job& job) {
+  Values start = job.data;
+  for (const auto& leaf : program.leaves())
+    if (const auto it = job.sources.find(leaf.name); it != job.sources.end())
+      start.insert_or_assign(leaf.name, must(io::load_binding(it->second, leaf.components)));
+  for (const auto& [leaf, data] : start) must(program.bind(leaf, data));
+  // What has a value without being bound starts from it again, too.
+  for (const auto& leaf : program.leaves())
+    if (auto value = start.count(leaf.name) == 0 && !program.is_input(leaf.name) ? program.leaf(leaf.name)
+                                                                                 : io::Result<Array>(io::Error{});
+        value)
+      start.insert_or_assign(leaf.name, *value);
+  return start;
+}
+
+void check_equal(const Values& now, const Values& first, const std::string& when) {
+  REQUIRE(now.size() == first.size());
+  for (const auto& [name, value] : now)
+    if (value.bytes != first.at(name).bytes) FAIL_CHECK(name << " differs " << when);
+}
+
+// With buffers in parts, as many as the device binds. Says whether any value has several.
+bool check_in_parts(const test::NamedDevice& device, const Job& job, const std::vector<uint8_t>& bundle,
+                    const Values& first) {
+  std::vector<std::string> steps = job.steps;
+  if (steps.empty()) steps = must(Program::describe(bundle)).steps();
+  auto [program, bytes] = test::load_in_parts(device.device, bundle, steps, [&](Program& fresh) {
+    for (const auto& [symbol, value] : job.symbols) must(fresh.bind_symbol(symbol, value));
+    start_of(fresh, job);
+  });
+  check_equal(results(program, job, start_of(program, job)), first,
+              "with " + std::to_string(bytes) + " bytes a binding");
+  return std::ranges::any_of(
+      first, [most = bytes](const auto& value) { return static_cast<int64_t>(value.second.bytes.size()) > most; });
+}
+
 // The values of the first run.
 Values check_job(const test::NamedDevice& device, const Job& job, int runs) {
   INFO(job.file.filename().string() << " on " << device.name);
   const std::vector<uint8_t> bundle = compile(job, device.name);
-  Values first, start = job.data;
+  Values first;
   for (int build = 0; build < (wanted() ? 2 : 1); ++build) {
     // Without the cache all of it runs each time.
     Program program = must(Program::load(device.device, bundle, {.cache = false}));
     for (const auto& [symbol, value] : job.symbols) must(program.bind_symbol(symbol, value));
-    for (const auto& leaf : program.leaves())
-      if (const auto it = job.sources.find(leaf.name); it != job.sources.end())
-        start.insert_or_assign(leaf.name, must(io::load_binding(it->second, leaf.components)));
-    for (const auto& [leaf, data] : start) must(program.bind(leaf, data));
-    // What has a value without being bound starts from it again, too.
-    for (const auto& leaf : program.leaves())
-      if (auto value = start.count(leaf.name) == 0 && !program.is_input(leaf.name) ? program.leaf(leaf.name)
-                                                                                   : io::Result<Array>(io::Error{});
-          value)
-        start.insert_or_assign(leaf.name, *value);
+    const Values start = start_of(program, job);
     for (int run = 0; run < runs; ++run) {
       Values now = results(program, job, start);
       if (first.empty()) first = now;
-      REQUIRE(now.size() == first.size());
-      for (const auto& [name, value] : now)
-        if (value.bytes != first.at(name).bytes) FAIL_CHECK(name << " differs in run " << run << " of build " << build);
+      check_equal(now, first, "in run " + std::to_string(run) + " of build " + std::to_string(build));
     }
   }
+  if (check_in_parts(device, job, bundle, first)) ++in_parts;
   return first;
 }
 
@@ -148,7 +179,9 @@ TEST_CASE("programs give the same bits each time") {
   for (const test::NamedDevice& device : test::devices()) {
     size_t values = 0;
     for (const Job& job : jobs) values += check_job(device, job, wanted_runs()).size();
-    std::printf("%-12s %zu values of %zu programs\n", device.name.c_str(), values, jobs.size());
+    std::printf("%-12s %zu values of %zu programs, %d of them with buffers in parts\n", device.name.c_str(), values,
+                jobs.size(), in_parts);
+    CHECK(std::exchange(in_parts, 0) > 5);
     check_messages(device);
   }
 }

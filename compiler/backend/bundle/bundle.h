@@ -14,7 +14,7 @@
 
 namespace dr::bundle {
 
-inline constexpr uint32_t kVersion = 17;
+inline constexpr uint32_t kVersion = 18;
 
 // Words of a list (ListKind): 0 to 2 the workgroups of 64 that take one element each, then one more than there are,
 // then the elements.
@@ -23,6 +23,8 @@ inline constexpr int kListEnd = 3, kListHead = 4;
 // Where invocations may take several elements (Command.each), so many are started at least: they keep the threads of a
 // large processor busy.
 inline constexpr int64_t kLeastInvocations = 8192;
+// Invocations of a Reduce with a `group` that share the inputs of one of others.
+inline constexpr int64_t kReducingTeam = 8;
 
 // Whether a resource is words of 32 bits that only shaders know the meaning of.
 inline bool is_words(const ResourceT& r) { return r.role == Role::Scratch || r.role == Role::Zeros; }

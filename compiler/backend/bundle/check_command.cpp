@@ -52,7 +52,7 @@ bool Checker::only_own_fields(const CommandT& c, const std::string& where) {
       {"watch", c.watch != -1, kDispatch},
       {"left", c.left != -1, kDispatch},
       {"finite", c.finite != -1, kDispatch},
-      {"group", c.group != 0, kDispatch},
+      {"group", c.group != 0, kDispatch | kReduce},
       {"each", c.each != 0, kDispatch},
       {"colors", !c.colors.empty(), kDraw},
       {"clear", !c.clear.empty(), kDraw},

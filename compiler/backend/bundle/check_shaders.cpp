@@ -194,7 +194,7 @@ class ShaderChecker {
     first.push_back(slot(static_cast<uint32_t>(c.target), false));
     last.push_back(slot(static_cast<uint32_t>(c.scratch_a), true));
     last.push_back(first.back());
-    return group(of(c.compute), 0) && group(of(c.next), 0) && resources(of(c.compute), first) &&
+    return group(of(c.compute), c.group) && group(of(c.next), c.group) && resources(of(c.compute), first) &&
            resources(of(c.next), last);
   }
 

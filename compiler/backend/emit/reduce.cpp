@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Sums, minima and maxima over an image. An invocation folds 64 inputs, and up to 64 of them, side by side in a
 // workgroup, fold what they found: a dispatch leaves one partial of 4,096 inputs. The tree is the same on every device:
-// groups of eight, of eight groups, of 64 of those, and so on.
+// groups of eight, of eight groups, of 64 of those, and so on. In teams an invocation folds eight inputs, one of eight
+// invocations what these found, and so on: the same tree.
 #include <string>
 
 #include "compiler/backend/emit/generator.h"
@@ -32,6 +33,19 @@ class ReduceWriter {
     s.body().line("int end = is_due ? min(begin + 64, pc.a) : begin;");
   }
 
+  // In teams: the same, and what an invocation folds are inputs begin .. end - 1 of result `o`. Partials have a number
+  // of invocations that divides that of a workgroup.
+  static void open_teams(Shader& s) {
+    linear_index(s, "");
+    const std::string team = std::to_string(bundle::kReducingTeam);
+    s.body().line("int lanes = pc.a <= 64 ? 1 : min(2 << findMSB((pc.a - 1) / 64), 64), o = 0;");
+    s.body().line("int here = int(gl_LocalInvocationID.x), width = lanes * " + team + ";");
+    s.body().line("int partial = index / width, lane = index % width, first = here - lane;");
+    s.body().line("bool is_due = partial < pc.b;");
+    s.body().line("int block = partial * lanes * 64, count = is_due ? clamp(pc.a - block, 0, lanes * 64) : 0;");
+    s.body().line("int begin = block + lane * 8, end = min(begin + 8, block + count);");
+  }
+
   // Folds what `read` gives for r = begin .. end - 1 into a variable `into`, in groups of eight.
   void fold(Shader& s, const std::string& into, const std::string& read) const {
     const std::string first =
@@ -48,6 +62,25 @@ class ReduceWriter {
     s.body().line("}");
   }
 
+  // In teams: each time an eighth of the lanes goes on, with what eight lanes found.
+  void close_teams(Shader& s, const std::string& target) const {
+    s.declare("shared " + type_.str() + " totals[" + std::to_string(kReducingGroup) + "];\n");
+    for (const char* last : {"total", "total_2", "total_3"}) {
+      s.body().line("barrier();");
+      s.body().line(std::string("if (lane < count) totals[here] = ") + last + ";");
+      s.body().line("barrier();");
+      s.body().line("count = (count + 7) / 8;");
+      s.body().line("begin = first + lane * 8;");
+      s.body().line("end = min(begin + 8, first + count);");
+      const std::string next = last == std::string("total")     ? "total_2"
+                               : last == std::string("total_2") ? "total_3"
+                                                                : "all";
+      fold(s, next, "totals[r]");
+    }
+    s.body().line("if (lane != 0 || !is_due) return;");
+    store(s, target);
+  }
+
   // The lanes of a partial fold their totals, and the first one stores what comes of it.
   void close(Shader& s, const std::string& target) const {
     constexpr int kMostInGroup = 256;
@@ -59,13 +92,17 @@ class ReduceWriter {
     s.body().line("begin = here;");
     s.body().line("end = here + min(lanes, (pc.a - block + 63) / 64);");
     fold(s, "all", "totals[r]");
+    store(s, target);
+  }
+
+ private:
+  void store(Shader& s, const std::string& target) const {
     const int n = type_.components();
     for (int c = 0; c < n; ++c)
       s.body().line(target + ".d[partial * " + std::to_string(n) + " + " + std::to_string(c) +
                     "] = " + glsl::component(type_, "all", c) + ";");
   }
 
- private:
   void combine(Shader& s, const std::string& into, const std::string& what) const {
     if (kind_ == OpKind::ReduceSum) {
       s.body().line(into + " = " + into + " + " + what + ";");
@@ -117,8 +154,13 @@ void Generator::reduce_pass(const Pass& pass) {
   const ReduceWriter writer(op, type);
   const std::string word = glsl::storage_scalar(type.scalar);
 
+  const bool in_teams = pass.get<ReducePass>().in_teams;
+  const auto open = [&](Shader& s) { in_teams ? ReduceWriter::open_teams(s) : ReduceWriter::open(s, outs); };
+  const auto close = [&](Shader& s, const std::string& to) {
+    in_teams ? writer.close_teams(s, to) : writer.close(s, to);
+  };
   Shader first = strict_shader();
-  ReduceWriter::open(first, outs);
+  open(first);
   first.load(source, "at");
   first.declare(source_place(op, axes));
   const std::string load = first.load(source, "source_place(o, r)");
@@ -129,23 +171,24 @@ void Generator::reduce_pass(const Pass& pass) {
   const uint32_t b = add_scratch(pass.name + "_partials_2", (later * outs * Dim(n)).str());
   const std::string out_name = first.bind_words(a, "partials", bundle::Access::Write, word.c_str());
   writer.fold(first, "total", load);
-  writer.close(first, out_name);
+  close(first, out_name);
 
   Shader next = strict_shader();
-  ReduceWriter::open(next, outs);
+  open(next);
   const std::string in = next.bind_words(a, "inputs", bundle::Access::Read, word.c_str());
   const std::string out = next.bind_words(b, "partials", bundle::Access::Write, word.c_str());
   std::string words;
   for (int c = 0; c < n; ++c)
     words += (c ? ", " : "") + in + ".d[(o * pc.a + r) * " + std::to_string(n) + " + " + std::to_string(c) + "]";
   writer.fold(next, "total", type.is_scalar() ? words : type.str() + "(" + words + ")");
-  writer.close(next, out);
+  close(next, out);
 
   auto& c = command(bundle::CommandKind::Reduce, pass.name);
-  c.compute = add_shader(pass.name, bundle::Stage::Compute, first);
+  c.group = in_teams ? kReducingGroup : 0;
+  c.compute = add_shader(pass.name, bundle::Stage::Compute, first, static_cast<int>(c.group));
   c.bindings = first.take_bindings();
   c.bindings.pop_back();  // the output: target or scratch, as the sizes have it
-  c.next = add_shader(pass.name + "_next", bundle::Stage::Compute, next);
+  c.next = add_shader(pass.name + "_next", bundle::Stage::Compute, next, static_cast<int>(c.group));
   c.target = static_cast<int>(resource_index(target));
   c.outs = outs.str();
   c.count = count.str();

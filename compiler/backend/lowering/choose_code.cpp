@@ -55,7 +55,8 @@ class StepCode {
     for (size_t place = 0; place < step_.passes.size(); ++place) {
       Pass& pass = step_.passes[place];
       std::visit(Overloaded{[&](MapPass& own) { own.code = map(pass, own, pass_id(place)); }, [](FragmentPass&) {},
-                            [](ReducePass&) {}, [&](ScatterPass& own) { scatter(pass, own); },
+                            [&](ReducePass& own) { own.in_teams = in_teams(pass); },
+                            [&](ScatterPass& own) { scatter(pass, own); },
                             [&](RasterPass& own) { own.walk = walk(pass, own); }, [](DrawnRasterPass&) {}},
                  pass.of_kind);
     }
@@ -74,6 +75,15 @@ class StepCode {
     code.in_tiles = ends_once(code) && in_tiles(pass, id);
     code.each = elements_in_turn(pass, map, code, id);
     return code;
+  }
+
+  // A GPU waits for the 64 inputs of an invocation, few of which run where one number is asked for.
+  bool in_teams(const Pass& pass) const {
+    const ir::Op& op = graph_.op(pass.ops[0]);
+    const ir::ValueInfo& result = graph_.value(op.results[0]);
+    constexpr int kMostComponents = 4;  // that a workgroup's memory holds
+    return profile_.is_gpu() && profile_.max_compute_work_group_invocations >= static_cast<uint32_t>(kReducingGroup) &&
+           result.extent.is_unit() && result.type.components() <= kMostComponents;
   }
 
   // Lanes of a square add to the same elements; elsewhere memory is read in rows.

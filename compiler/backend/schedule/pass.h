@@ -111,7 +111,12 @@ struct FragmentPass {};
 
 // ---- One ReduceSum/Min/Max ----
 
-struct ReducePass {};
+// Invocations of a workgroup, where eight share what one folds otherwise (emit/reduce.cpp).
+inline constexpr int kReducingGroup = 512;
+
+struct ReducePass {
+  bool in_teams = false;
+};
 
 // ---- Scatters: ScatterAdd/ScatterMax and region ops with Scatter results, and additions of what they sum ----
 

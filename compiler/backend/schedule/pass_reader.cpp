@@ -190,6 +190,12 @@ bool PassReader::decides(MapPass& map, bool& ok) {
   return true;
 }
 
+bool PassReader::decides(ReducePass& reduce, bool& ok) {
+  if (!take_word("in")) return false;
+  ok = reduce.in_teams = expect_word("teams");
+  return true;
+}
+
 bool PassReader::decides(RasterPass& raster, bool& ok) {
   if (take_word("set")) {
     FaceSetup& setup = raster.setup.emplace();

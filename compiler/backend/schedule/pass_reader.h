@@ -49,7 +49,7 @@ class PassReader : protected ir::TextReader {
 
   // Whether the line is one about what such passes have, and, in `ok`, as it should be.
   bool decides(FragmentPass&, bool&) { return false; }
-  bool decides(ReducePass&, bool&) { return false; }
+  bool decides(ReducePass& reduce, bool& ok);
   bool decides(DrawnRasterPass&, bool&) { return false; }
   bool decides(MapPass& map, bool& ok);
   bool decides(RasterPass& raster, bool& ok);

@@ -161,7 +161,9 @@ class Writer {
   }
 
   void write_decisions(const FragmentPass&) {}
-  void write_decisions(const ReducePass&) {}
+  void write_decisions(const ReducePass& reduce) {
+    if (reduce.in_teams) out_ += "    in teams\n";
+  }
 
   void write_decisions(const ScatterPass& scatter) {
     for (const ScatterSum& sum : scatter.sums) {

@@ -39,7 +39,7 @@
 //   rows face[0, 1, 2] of V                     // or: rows sorted of W * H, and lines of places:
 //     place %12 adds %13 in if %40 branch 0 of the table, if %41 branch 1
 //   lists in runs
-//   in tiles
+//   in tiles                                    // of a reduction: in teams
 //   heavy if %40, if %41 by subgroups apart 32  // branches of a second dispatch
 //   cut loops 8000, watched                     // trips in a dispatch; `cut heavy loops` in the second one
 //   skips zeros

@@ -25,8 +25,8 @@ echo "2/4 fit: shape from silhouettes, then colours"
 # shellcheck disable=SC2046
 run fit.dr --bind "position=$target/meshes.position.npy" "${mesh[@]}" $(pictures "$target") \
   --bind "true_position=$target/meshes.pear_position.npy" --bind "true_face=$target/meshes.pear_face.npy" \
-  --step fit_shape=150 --step fit_texture=50 --step measure_shape \
-  --out "$out/fit" --mesh "$out/pear.glb=position:face:uv:uv_face:albedo"
+  --step fit_shape=150 --step fit_texture=50 --step measure_shape --step finish \
+  --out "$out/fit" --mesh "$out/pear.glb=finish.drawn:face:uv:uv_face:albedo"
 
 echo "3/4 judge it by the other pictures"
 for round in 1 2; do
@@ -38,6 +38,6 @@ done
 echo "4/4 pictures for people"
 show=(show.dr "${mesh[@]}" --bind "view=$target/render.view.npy" --symbol T=1 --symbol U=1)
 run "${show[@]}" --bind "position=$target/meshes.position.npy" --out "$out/start"
-run "${show[@]}" --bind "position=$out/fit/position.npy" --out "$out/shape"
+run "${show[@]}" --bind "position=$out/fit/finish.drawn.npy" --out "$out/shape"
 /usr/bin/python3 report.py "$out"
 echo "$((SECONDS - begin)) seconds; open $out/report.html, or $out/pear.glb in a 3D viewer"

@@ -91,6 +91,14 @@ std::vector<Function> of_meshes() {
   };
   add_smooth("umbrella", std::string("vec3") + kVertices, "p, face",
              {over("value", 24 * u, longest, "the longest edge", per_edge), l2("p", 24 * u, per_edge)});
+  const std::string around = "topology($face, 812)";
+  add_smooth("around", std::string("vec3") + kVertices, "p, face, " + around,
+             {over("value", 24 * u, longest, "the longest edge", per_edge), l2("p", 24 * u, per_edge)});
+  add("smoothed", std::string("vec3") + kVertices, "p, face, " + around + ", 2",
+      {over("value", 48 * u, longest, "the longest edge", per_edge), l2("p", 48 * u, per_edge)});
+  add("outset", std::string("vec3") + kVertices, "p, face, " + around,
+      {over("value", 24 * u, longest, "the longest edge", per_edge), l2("p", 24 * u, per_edge)});
+  add_smooth("unevenness", "float[1]", "p, face, " + around, {relative("value", 1e-6, kFew), l2("p", 1e-6, kFew)});
   add_smooth("uniform_laplacian", std::string("vec3") + kVertices, "p, " + table,
              {over("value", 24 * u, longest, "the longest edge", per_edge), l2("p", 24 * u, per_edge)});
   add("cotangent_laplacian", std::string("vec3") + kVertices, "p, face",
