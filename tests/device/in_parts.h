@@ -14,13 +14,13 @@
 
 namespace dr::test {
 
-// The program, and the bytes of a binding: the least, from 16 on, with which the device binds all parts. `bind` gives
-// it its data; it is ready to run these steps, without the cache, so that all of it runs each time.
+// The program, and the bytes of a binding: the fewest, from `least` on, with which the device binds all parts. `bind`
+// gives it its data; it is ready to run these steps, without the cache, so that all of it runs each time.
 inline std::pair<runtime::Program, int64_t> load_in_parts(const runtime::Device& device,
                                                           const std::vector<uint8_t>& bundle,
-                                                          const std::vector<std::string>& steps,
+                                                          const std::vector<std::string>& steps, int64_t least,
                                                           const std::function<void(runtime::Program&)>& bind) {
-  for (int64_t bytes = 16;; bytes *= 2) {
+  for (int64_t bytes = least;; bytes *= 2) {
     auto program = must(runtime::Program::load(device, bundle, {.cache = false, .buffer_limit = bytes}));
     bind(program);
     const bool fits = std::ranges::all_of(steps, [&](const std::string& step) {

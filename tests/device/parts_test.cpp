@@ -160,7 +160,7 @@ void check_roads(const char* text, const Values& data, const std::vector<Road>& 
       Program whole = must(Program::load(device, bundle, {.cache = false}));
       bind(whole, data);
       const Values expected = results(whole);
-      auto [program, bytes] = test::load_in_parts(device, bundle, {"go"}, [&](Program& p) { bind(p, data); });
+      auto [program, bytes] = test::load_in_parts(device, bundle, {"go"}, 1024, [&](Program& p) { bind(p, data); });
       std::printf("%-12s %-24s %lld bytes a binding\n", device_name.c_str(), road.name, static_cast<long long>(bytes));
       const Values found = results(program);
       size_t largest = 0;
@@ -197,6 +197,7 @@ TEST_CASE("rasters, textures and lists take buffers in parts") {
 
 TEST_CASE("a buffer beyond what bindings take in all their parts is an error") {
   for (const auto& [name, device] : test::devices()) {
+    if (device.limits().max_per_stage_descriptor_storage_buffers > 1000) continue;  // it may have them all
     const auto bundle = test::compile_text(
         "parts_test.dr", "edition 1;\nparam a : float[N] = 0.5;\nstep go { a <- a * sin(a); }\n", name);
     Program program = must(Program::load(device, bundle, {.buffer_limit = 256}));

@@ -136,7 +136,7 @@ bool check_in_parts(const test::NamedDevice& device, const Job& job, const std::
                     const Values& first) {
   std::vector<std::string> steps = job.steps;
   if (steps.empty()) steps = must(Program::describe(bundle)).steps();
-  auto [program, bytes] = test::load_in_parts(device.device, bundle, steps, [&](Program& fresh) {
+  auto [program, bytes] = test::load_in_parts(device.device, bundle, steps, 16, [&](Program& fresh) {
     for (const auto& [symbol, value] : job.symbols) must(fresh.bind_symbol(symbol, value));
     start_of(fresh, job);
   });

@@ -143,19 +143,38 @@ class RowsWriter {
     }
     if (rows_.sorted() != nullptr) return add_places(*rows_.sorted());
     const std::vector<int>& columns = std::get<RowsOfLeaf>(rows_.table).columns;
+    // Adding takes most of the text, so all names share it: variables by sum, each of one term at most for every name.
+    std::vector<std::vector<std::string>> added(sums_.size());
+    for (size_t k = 0; k < sums_.size(); ++k) {
+      const auto of_column = [&](int column) {
+        return std::ranges::count_if(sums_[k].terms, [&](ValueId term) {
+          return column_of(graph_.op(graph_.value(term).op).operands[0]) == column;
+        });
+      };
+      int64_t most = 0;
+      for (const int column : columns) most = std::max<int64_t>(most, of_column(column));
+      for (int64_t slot = 0; slot < most; ++slot) {
+        added[k].push_back(s_.unique("x"));
+        line(type(k).str() + " " + added[k].back() + " = " + glsl::zero(type(k)) + ";");
+      }
+    }
     for (int64_t name = 0; name < names; ++name) {
       line((names == 1 ? std::string("{") : "if (term == " + std::to_string(name) + ") {"));
       s_.push_scope();
-      for (size_t k = 0; k < sums_.size(); ++k)
+      for (size_t k = 0; k < sums_.size(); ++k) {
+        size_t slot = 0;
         for (const ValueId term : sums_[k].terms) {
           const ir::Op& op = graph_.op(graph_.value(term).op);
           if (column_of(op.operands[0]) != columns[static_cast<size_t>(name)]) continue;
           s_.element_ops(ops_at(graph_, {}, ops_, std::span(&op.operands[1], 1)));
-          add_value(k, s_.use(op.operands[1]));
+          line(added[k][slot++] + " = " + s_.use(op.operands[1]) + ";");
         }
+      }
       s_.pop_scope();
       line("}");
     }
+    for (size_t k = 0; k < sums_.size(); ++k)
+      for (const std::string& x : added[k]) add_value(k, x);
   }
 
   void set_shifts(const std::string& count) {
@@ -218,9 +237,9 @@ class RowsWriter {
     return s_.use(leaf.value);
   }
 
-  void add_value(size_t k, const std::string& value) {
-    const std::string x = s_.unique("x"), id = std::to_string(k);
-    line(type(k).str() + " " + x + " = " + value + ";");
+  // `x`: a variable.
+  void add_value(size_t k, const std::string& x) {
+    const std::string id = std::to_string(k);
     if (!type(k).is_float()) {
       for (int c = 0; c < type(k).components(); ++c) line(total(k, c) + " += " + component(type(k), x, c) + ";");
       return;

@@ -174,13 +174,13 @@ class StepChecker {
     const auto* scatter = pass().as<ScatterPass>();
     const auto* rows = scatter == nullptr ? nullptr : std::get_if<RowsScatter>(&scatter->how);
     if (rows == nullptr || rows->sorted() == nullptr) return;
-    const std::vector<bool> steady = steady_ops(graph_, graph_.steps[*graph_.step_index(step_.name)]);
+    if (steady_.empty()) steady_ = steady_ops(graph_, graph_.steps[*graph_.step_index(step_.name)]);
     for (const ScatterLeaf& place : rows->sorted()->places) {
       std::vector<ValueId> sorted_by{place.index};
       for (const ScatterLeaf::Branch& branch : place.path)
         if (branch.in_table) sorted_by.push_back(graph_.op(branch.op).operands[0]);
       for (ValueId v : root_values_at(graph_, place, sorted_by))
-        if (steady[graph_.value(v).op.index]) unsound("sorts by what its step changes");
+        if (steady_[graph_.value(v).op.index]) unsound("sorts by what its step changes");
     }
   }
 
@@ -285,6 +285,7 @@ class StepChecker {
   std::set<uint32_t> overwritten_;      // leaves that hold their new value already
   std::vector<ValueId> inputs_;         // read as input attachments by the pass
   std::set<ValueId> here_, elsewhere_;  // at hand in the pass; read by it at other places
+  std::vector<bool> steady_;            // by op, where a pass needs it; the same for all passes
 };
 
 }  // namespace
