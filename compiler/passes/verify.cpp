@@ -5,6 +5,7 @@
 #include <unordered_set>
 
 #include "compiler/ir/print.h"
+#include "compiler/ir/raster.h"
 #include "compiler/ir/yields.h"
 #include "compiler/ops/op.h"
 #include "compiler/passes/passes.h"
@@ -215,7 +216,8 @@ class Verifier {
         }
       }
     } else if (op.kind == OpKind::Raster) {
-      if (!expect_count(id, "ints", op.attrs.ints.size(), 3) || !expect_count(id, "dims", op.attrs.dims.size(), 4))
+      if (!expect_count(id, "ints", op.attrs.ints.size(), ir::lists_faces(op.attrs) ? 4 : 3) ||
+          !expect_count(id, "dims", op.attrs.dims.size(), 4))
         return false;
       const int64_t nearest = op.attrs.ints[0], fields = op.attrs.ints[1], corners = op.attrs.ints[2];
       if (nearest < 1 || fields < 0 || fields > 1 << 20 || nearest > 1 << 20 || (corners != 3 && corners != 6)) {
@@ -224,7 +226,7 @@ class Verifier {
       }
       params = static_cast<size_t>(fields) + 1;
       operands = static_cast<size_t>(fields + corners) + 1;
-      results = static_cast<size_t>(2 * nearest);
+      results = ir::lists_faces(op.attrs) ? 1 : static_cast<size_t>(2 * nearest);
     } else if (op.kind == OpKind::Grad) {
       if (op.operands.size() < 3) {
         report(id, "a grad has a value, a seed and at least one target");

@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "compiler/ir/raster.h"
+
 namespace dr::reference {
 namespace {
 
@@ -79,6 +81,7 @@ class Raster {
   Raster(const Context& context, const Op& op)
       : context_(context),
         ranks_(static_cast<size_t>(op.attrs.ints[0])),
+        listed_(ir::lists_faces(op.attrs)),
         depth_(context.graph, op.regions[0]),
         keep_(context.graph, op.regions[1]),
         tag_(context.graph, op.regions[2]) {
@@ -237,8 +240,13 @@ class Raster {
       for (int64_t x = 0; x < size_.w; ++x) {
         for (size_t rank = 0; rank < ranks_; ++rank) {
           const Nearest::Entry& entry = nearest.at(rank, static_cast<size_t>((y - y0) * size_.w + x));
-          results[2 * rank]->at(x, y, layer, 0) = entry.face;
-          results[2 * rank + 1]->at(x, y, layer, 0) = entry.tag;
+          if (listed_) {
+            const auto place = static_cast<int64_t>(rank) * size_.l + layer;
+            results[0]->at(x, y, place, 0) = entry.face < 0 ? -1 : 16.0 * entry.face + entry.tag;
+          } else {
+            results[2 * rank]->at(x, y, layer, 0) = entry.face;
+            results[2 * rank + 1]->at(x, y, layer, 0) = entry.tag;
+          }
         }
       }
     }
@@ -309,6 +317,7 @@ class Raster {
 
   const Context& context_;
   size_t ranks_;
+  bool listed_;
   Function depth_, keep_, tag_;
   Size size_;
   int64_t faces_ = 0;

@@ -11,6 +11,7 @@ namespace dr::backend {
 
 struct RasterParts {
   size_t count;  // K
+  bool listed;   // one result holds the faces of all ranks
   std::vector<ir::ValueId> fields, corners;
   ir::ValueId cull;
   ir::Dim w, h, l, faces;

@@ -258,15 +258,17 @@ bool Checker::counter(const StepT& s, const std::string& where) {
 
 bool Checker::raster(const RasterResultsT& raster, const std::string& where) {
   const auto& all = raster.resources;
-  if (all.empty() || all.size() % 2 != 0) return fail(where + " has no tag for each face");
+  // One resource alone lists faces and tags together.
+  if (all.empty() || (all.size() > 1 && all.size() % 2 != 0)) return fail(where + " has no tag for each face");
   for (const uint32_t index : all)
     if (!kept(index, where)) return false;
   const TypeT& first = *b_.resources[all[0]]->type;
   const bool entries = first.rows == 2 && first.scalar == Scalar::Uint;
   for (const uint32_t index : all) {
     const ResourceT& r = *b_.resources[index];
-    const bool well = r.role == Role::Value && r.storage != Storage::Depth && r.type->cols == 1 &&
-                      (entries ? index == all[0] : r.type->rows == 1 && r.type->scalar == Scalar::Int);
+    const bool well =
+        r.role == Role::Value && r.storage != Storage::Depth && r.type->cols == 1 &&
+        (entries ? index == all[0] && all.size() > 1 : r.type->rows == 1 && r.type->scalar == Scalar::Int);
     if (!well) return fail(where + " has '" + r.name + "', which holds neither faces nor entries");
   }
   return true;

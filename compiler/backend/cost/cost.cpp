@@ -159,7 +159,8 @@ struct Model {
     }
     const Op& op = graph.op(graph.value(pass.writes.front()).op);
     const double faces = evaluate(op.attrs.dims[3]);
-    const double layers = evaluate(pass.domain.l), ranks = static_cast<double>(op.results.size()) / 2;
+    const double layers = evaluate(pass.domain.l),
+                 ranks = op.results.size() == 1 ? 1 : static_cast<double>(op.results.size()) / 2;
     const bool drawn = pass.is_drawn();
     const double triangle = drawn ? costs.hardware_triangle_ns : costs.compute_triangle_ns;
     double pixel = drawn ? costs.hardware_pixel_ns : costs.compute_pixel_ns;

@@ -23,7 +23,7 @@ struct Walk {
   const ir::Op& op;
   RasterParts parts;
   bool wide;           // 64-bit entries
-  uint32_t keys, ids;  // wide: both the slots
+  uint32_t keys, ids;  // of entries, or listed faces, both the slots
   const FaceLists& lists;
   uint32_t list_words;
   bool hidden_stores;
@@ -56,21 +56,26 @@ struct Walk {
     s.body().line("vec2 p = vec2(at.xy) + 0.5;");
     closures.captured();
     s.body().line("if (!" + closures.closure(kKeep) + ") continue;");
-    closures.key_from_depth();
-    s.body().line("if (no_depth) continue;");
+    if (!parts.listed) {
+      closures.key_from_depth();
+      s.body().line("if (no_depth) continue;");
+    }
     s.body().line("int pixel = (at.z * " + h + " + at.y) * " + w + " + at.x;");
+    const bool words = parts.listed || !wide;
+    const std::string type = words ? "uint" : "uint64_t", suffix = words ? "u" : "ul";
     const std::string key_words =
-        s.bind_words(keys, wide ? "slots" : "keys", bundle::Access::ReadWrite, wide ? "uint64_t" : "uint");
-    if (wide) {
-      s.body().line("uint64_t entry = (uint64_t(key) << 36) | (uint64_t(uint(face)) << 4) | uint64_t(" +
-                    closures.closure(kTag) + " & 15);");
-      if (hidden_stores) s.body().line("entry = pc.c == 0 ? entry : 0ul;");
+        s.bind_words(keys, parts.listed || wide ? "slots" : "keys", bundle::Access::ReadWrite, type.c_str());
+    if (parts.listed || wide) {
+      const std::string number = type + "(" + (words ? "" : "uint(") + "face" + (words ? "" : ")") + ")";
+      s.body().line(type + " entry = " + (words ? "" : "(uint64_t(key) << 36) | ") + "(" + number + " << 4) | " + type +
+                    "(" + closures.closure(kTag) + " & 15);");
+      if (hidden_stores) s.body().line("entry = pc.c == 0 ? entry : 0" + suffix + ";");
       // Each slot keeps the smaller entry and hands the other on, so that the K smallest end up sorted whatever the
       // order. Slots behind the first empty one are empty, too.
       s.body().line("for (int k = 0; k < " + std::to_string(parts.count) + "; ++k) {");
-      s.body().line("uint64_t old = atomicMin(" + key_words + ".d[k * " + n + " + pixel], entry);");
+      s.body().line(type + " old = atomicMin(" + key_words + ".d[k * " + n + " + pixel], entry);");
       s.body().line("entry = old > entry ? old : entry;");
-      s.body().line("if (entry == 0xfffffffffffffffful) break;");
+      s.body().line("if (entry == " + std::string(words ? "0xffffffffu" : "0xfffffffffffffffful") + ") break;");
       s.body().line("}");
       return;
     }
@@ -168,14 +173,14 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
   const Dim pixels = element_count(parts.extent());
   const Dim slots = pixels * Dim(static_cast<int64_t>(parts.count));
   const Dim faces = parts.faces * parts.l;
-  const bool wide = wide_atomics();
-  const bool stay = resource(op.results[0]).is(Resource::Storage::Entries);
+  const bool wide = wide_atomics() && !parts.listed, at_once = wide || parts.listed;
+  const bool stay = parts.listed || resource(op.results[0]).is(Resource::Storage::Entries);
   const uint32_t keys =
-      wide && stay ? resource_index(op.results[0])
-                   : add_scratch(pass.name + (wide ? "_slots" : "_keys"), (wide ? slots * Dim(2) : slots).str());
-  const uint32_t ids = wide ? keys : add_scratch(pass.name + "_faces", slots.str());
+      at_once && stay ? resource_index(op.results[0])
+                      : add_scratch(pass.name + (wide ? "_slots" : "_keys"), (wide ? slots * Dim(2) : slots).str());
+  const uint32_t ids = at_once ? keys : add_scratch(pass.name + "_faces", slots.str());
   fill("clear " + pass.name, keys, 0xffffffffu);
-  if (!wide) fill("clear " + pass.name + " faces", ids, 0xffffffffu);
+  if (!at_once) fill("clear " + pass.name + " faces", ids, 0xffffffffu);
   const Pass* const setup = raster.setup ? &step_->pass(raster.setup->pass) : nullptr;
   const bool sets_up_again = raster.setup && raster.setup->again;
   const WalkTrips trips = walk_trips(graph_, pass, op, sets_up_again ? setup : nullptr, wide);
@@ -185,7 +190,7 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
   if (lists.used())
     fill("clear " + pass.name + " lists", list_words, lists.clear_value(), std::to_string(lists.cleared()));
   const Walk walk{graph_, pass, op, parts, wide, keys, ids, lists, list_words, schedule_.code.hidden_stores, watched};
-  // Without wide words a rank takes two runs; see Walk::pixel.
+  // Without wide words a rank of entries takes two runs; see Walk::pixel.
   std::vector<size_t> first_run;
   // A face whose loops the device ends may look empty and leave the shader at once.
   const auto set_up = [&](Shader& s, const std::optional<uint32_t>& watch) {
@@ -225,7 +230,7 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
   };
   run(false, "_faces", faces);
   if (lists.used()) run(true, "_listed_faces", lists.invocations());
-  if (!wide)
+  if (!at_once)
     for (int rank_run = 1; rank_run < 2 * static_cast<int>(parts.count); ++rank_run)
       for (const size_t index : first_run) {
         const std::string label = out_->commands[index]->label;
@@ -242,7 +247,7 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
       }
 
   if (wide && !stay) take_out(pass, op, keys);
-  if (!wide) resolve(pass, op, ids, stay);
+  if (!at_once) resolve(pass, op, ids, stay);
 }
 
 // So many ranks a dispatch, which binds two buffers for each.

@@ -14,6 +14,7 @@ void keep_entries(const ir::Graph& graph, Schedule& schedule) {
     for (const Pass& pass : step.passes) {
       if (!pass.is<RasterPass>()) continue;
       const std::vector<ValueId>& results = graph.op(pass.ops.back()).results;
+      if (results.size() == 1) continue;  // faces are listed: what the walk leaves is the result
       if (std::ranges::any_of(results, [&](ValueId v) { return kept.count(v) != 0; })) continue;
       const ResourceId id = step.stored.at(results[0]);
       Resource& entries = schedule.resources[id.index];

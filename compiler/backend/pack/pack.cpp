@@ -9,6 +9,7 @@
 #include "compiler/backend/pack/stages.h"
 #include "compiler/backend/pack/step_packer.h"
 #include "compiler/backend/schedule/trips.h"
+#include "compiler/ir/raster.h"
 #include "compiler/ops/op.h"
 
 namespace dr::backend {
@@ -247,7 +248,9 @@ bool StepPacker::is_image(ValueId v) const {
 }
 
 bool StepPacker::drawn(const Op& raster) const {
-  return options_.hardware_raster && !needs_cut(trips_of_regions(graph_, raster), profile_);
+  // Lists are made by atomics.
+  return options_.hardware_raster && !ir::lists_faces(raster.attrs) &&
+         !needs_cut(trips_of_regions(graph_, raster), profile_);
 }
 
 void StepPacker::add_resource(ValueId v, const Op& op) {

@@ -260,8 +260,9 @@ WalkTrips walk_trips(const Graph& graph, const Pass& pass, const Op& op, const P
   const Trips closures = trips_of_regions(graph, op);
   const Trips captured = trips_of(graph, {pass.ops.begin(), pass.ops.end() - 1});
   WalkTrips trips;
-  const auto ranks = static_cast<int64_t>(raster_parts(op).count);
-  trips.pixel = closures.most + captured.most + Dim(wide ? ranks + 1 : 0);
+  const RasterParts parts = raster_parts(op);
+  const bool at_once = wide || parts.listed;  // all ranks
+  trips.pixel = closures.most + captured.most + Dim(at_once ? static_cast<int64_t>(parts.count) + 1 : 0);
   trips.face = setup == nullptr ? Dim(0) : trips_of(graph, setup->ops).most;
   trips.watched = closures.unknown + closures.promised + captured.unknown + captured.promised > 0;
   return trips;

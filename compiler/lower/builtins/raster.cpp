@@ -13,6 +13,7 @@ struct Elaborator::RasterCall {
   Dim faces;
   Extent domain;
   int64_t nearest = 1;
+  bool listed = false;  // the faces of all ranks are one image
   int64_t corners = 3;
   const dsl::FnDecl *setup = nullptr, *corner = nullptr, *depth = nullptr, *keep = nullptr, *tag = nullptr,
                     *cull = nullptr;
@@ -28,7 +29,7 @@ bool Elaborator::raster_arguments(const Expr& expr, RasterCall& call) {
   bool ok = true;
   size_t next = 0;
   Dim* const extents[] = {&call.faces, &call.domain.w, &call.domain.h, &call.domain.l};
-  static const std::vector<std::string> kNames = {"nearest", "corners"};
+  static const std::vector<std::string> kNames = {"nearest", "listed", "corners"};
   for (const dsl::Arg& arg : expr.args) {
     if (!arg.name) {
       if (next == 4) {
@@ -45,7 +46,7 @@ bool Elaborator::raster_arguments(const Expr& expr, RasterCall& call) {
       ++next;
       continue;
     }
-    const bool nearest = arg.name->text == "nearest";
+    const bool listed = arg.name->text == "listed", nearest = listed || arg.name->text == "nearest";
     if (!nearest && arg.name->text != "corners") {
       report(Code::E0305, arg.name->span,
              "expected the name of a parameter of 'raster', found '" + arg.name->text + "'", {},
@@ -57,11 +58,12 @@ bool Elaborator::raster_arguments(const Expr& expr, RasterCall& call) {
     if (!number) continue;
     if (nearest ? *number < 1 || *number > 64 : *number != 3 && *number != 6) {
       report(Code::E0705, arg.value->span,
-             std::string("expected ") + (nearest ? "1 to 64 for 'nearest'" : "3 or 6 for 'corners'") + ", found " +
+             "expected " + std::string(nearest ? "1 to 64" : "3 or 6") + " for '" + arg.name->text + "', found " +
                  std::to_string(*number));
       ok = false;
     }
     (nearest ? call.nearest : call.corners) = *number;
+    call.listed = call.listed || listed;
   }
   if (next < 3) {
     report(Code::E0304, expr.span,
@@ -91,10 +93,15 @@ bool Elaborator::raster_functions(const Expr& expr, RasterCall& call) {
   };
   take(call.setup, "setup", 1, true);
   take(call.corner, "corner", 2, true);
-  take(call.depth, "depth", 2, true);
+  take(call.depth, "depth", 2, !call.listed);
   take(call.keep, "keep", 2, false);
   take(call.tag, "tag", 2, false);
   take(call.cull, "cull", 1, false);
+  if (call.listed && call.depth) {
+    report(Code::E0705, call.depth->name.span, "expected no function 'depth' beside 'listed', found one", {},
+           "faces are listed by their numbers; 'nearest' orders them by depth");
+    ok = false;
+  }
   return ok;
 }
 
@@ -140,7 +147,7 @@ bool Elaborator::raster_record(RasterCall& call) {
   FunctionValue setup{.decl = call.setup, .scope = scope_, .creator = frames_.size(), .is_lambda = true, .self = {}};
   call.record = inline_function(setup, {Argument{nullptr, face, call.setup->name.span}}, {});
   if (contains_error(call.record) || !check_record(call.record, call, *call.setup)) return false;
-  set_name(call.record, call.depth->params[0].name.text);
+  set_name(call.record, call.corner->params[0].name.text);
   for_each_leaf(call.record, [&](const Value& leaf) {
     if (leaf.is<Image>()) call.fields.push_back(leaf);
   });
@@ -268,7 +275,7 @@ Value Elaborator::evaluate_raster(const Expr& expr) {
     return map_leaves(call.record, [&](const Value& leaf) { return leaf.is<Image>() ? fields[next++] : leaf; });
   };
   const auto depth = raster_region(call, [&](std::span<const Value> fields, const Value& p) {
-    return call_raster_fn(*call.depth, {record_at(fields), p}, ir::kFloat);
+    return call.depth ? call_raster_fn(*call.depth, {record_at(fields), p}, ir::kFloat) : make_float(0);
   });
   const auto keep = raster_region(call, [&](std::span<const Value> fields, const Value& p) {
     if (call.keep) return call_raster_fn(*call.keep, {record_at(fields), p}, ir::kBool);
@@ -287,9 +294,11 @@ Value Elaborator::evaluate_raster(const Expr& expr) {
   operands.push_back(materialize(cull));
   ir::Attrs attrs;
   attrs.ints = {call.nearest, static_cast<int64_t>(call.fields.size()), call.corners};
+  if (call.listed) attrs.ints.push_back(1);
   attrs.dims = {call.domain.w, call.domain.h, call.domain.l, call.faces};
   const std::vector<ValueId> results =
       ops::emit_multi(b_, OpKind::Raster, std::move(operands), std::move(attrs), {*depth, *keep, *tag});
+  if (call.listed) return Image{results[0]};
   ArrayValue nearest;
   for (size_t k = 0; k < static_cast<size_t>(call.nearest); ++k) {
     nearest.items.push_back(StructValue{&fragment_type(), {}, {Image{results[2 * k]}, Image{results[2 * k + 1]}}});

@@ -267,7 +267,10 @@ TEST_CASE("tables are whole numbers of other leaves") {
 
 TEST_CASE("a raster is entries, or faces and tags") {
   const std::string neither = "holds neither faces nor entries";
-  expect(sample_with_raster, {{[](auto& b) { b.steps[0]->rasters[0]->resources = {1}; }, "no tag for each face"},
+  expect(sample_with_raster, {{[](auto& b) {
+                                 b.steps[0]->rasters[0]->resources = {1, 1, 1};
+                               },
+                               "no tag for each face"},
                               {[](auto& b) { b.steps[0]->rasters[0]->resources.clear(); }, "no tag for each face"},
                               {[](auto& b) {
                                  b.steps[0]->rasters[0]->resources = {1, 0};
