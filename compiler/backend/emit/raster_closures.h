@@ -3,6 +3,7 @@
 // raster_*.cpp.
 #pragma once
 
+#include <span>
 #include <string>
 #include <vector>
 
@@ -44,11 +45,24 @@ class RasterClosures {
   // What the closures capture and is recomputed here.
   void captured() { shader_.element_ops({pass_.ops.begin(), pass_.ops.end() - 1}); }
   std::string closure(RasterRegion which) {
-    const ir::Region& region = graph_.region(op_.regions[which]);
-    for (size_t k = 0; k < fields_.size(); ++k) shader_.define(region.params[k], fields_[k]);
-    shader_.define(region.params[fields_.size()], "p");
+    define_parameters(which);
     return shader_.region(op_.regions[which])[0];
   }
+  // From here to end_of_candidates() the closures share what they compute; with `ahead` what is one value for a face is
+  // computed here, not for each candidate.
+  void begin_candidates(bool ahead) {
+    const std::span regions = std::span(op_.regions).subspan(kDepth, 3);
+    shader_.begin_sharing({pass_.ops.begin(), pass_.ops.end() - 1}, regions);
+    if (!ahead) return;
+    for (const RasterRegion which : {kDepth, kKeep, kTag}) define_fields(which);
+    shader_.compute_ahead(regions);
+  }
+  // A candidate that the face does not keep is left by the statement `otherwise`.
+  void leave_unless_kept(const std::string& otherwise) {
+    define_parameters(kKeep);
+    shader_.leave_unless(op_.regions[kKeep], otherwise);
+  }
+  void end_of_candidates() { shader_.end_sharing(); }
   void key_from_depth() {
     const std::string depth = closure(kDepth);
     shader_.body().line("uint key = uint(floor(clamp(" + depth + ", 0.0, 1.0) * 16777215.0));");
@@ -56,6 +70,15 @@ class RasterClosures {
   }
 
  private:
+  void define_fields(RasterRegion which) {
+    const ir::Region& region = graph_.region(op_.regions[which]);
+    for (size_t k = 0; k < fields_.size(); ++k) shader_.define(region.params[k], fields_[k]);
+  }
+  void define_parameters(RasterRegion which) {
+    define_fields(which);
+    shader_.define(graph_.region(op_.regions[which]).params[fields_.size()], "p");
+  }
+
   glsl::Shader& shader_;
   const ir::Graph& graph_;
   const Pass& pass_;

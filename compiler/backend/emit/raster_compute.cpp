@@ -26,7 +26,7 @@ struct Walk {
   uint32_t keys, ids;  // of entries, or listed faces, both the slots
   const FaceLists& lists;
   uint32_t list_words;
-  bool hidden_stores;
+  bool hidden_stores;  // and no driver that moves what is one value for a face out of loops
   // The loops of closures are watched; see Generator::Cut.
   bool watched;
 
@@ -55,7 +55,7 @@ struct Walk {
     const std::string n = dim_expression(element_count(parts.extent()));
     s.body().line("vec2 p = vec2(at.xy) + 0.5;");
     closures.captured();
-    s.body().line("if (!" + closures.closure(kKeep) + ") continue;");
+    closures.leave_unless_kept("continue");
     if (!parts.listed) {
       closures.key_from_depth();
       s.body().line("if (no_depth) continue;");
@@ -77,8 +77,10 @@ struct Walk {
       s.body().line("entry = old > entry ? old : entry;");
       s.body().line("if (entry == " + std::string(words ? "0xffffffffu" : "0xfffffffffffffffful") + ") break;");
       s.body().line("}");
+      closures.end_of_candidates();
       return;
     }
+    closures.end_of_candidates();
     // Peeling: pc.a is the rank; first the least key beyond the rank before, then (pc.b) the least face with it.
     const std::string id_words = s.bind_words(ids, "faces", bundle::Access::ReadWrite);
     s.body().line("int slot = pc.a * " + n + " + pixel;");
@@ -113,6 +115,7 @@ struct Walk {
       if (lists.small_box() == 0) return;
     }
     closures.load_fields("at");
+    closures.begin_candidates(false);
     s.body().line("for (at.y = first.y; at.y < last.y; ++at.y)");
     s.body().line("for (at.x = first.x; at.x < last.x; ++at.x) {");
     s.push_scope();
@@ -132,6 +135,7 @@ struct Walk {
     closures.set_up();
     s.body().line(box(s, closures, false));
     closures.load_fields("at");
+    closures.begin_candidates(hidden_stores);
     s.body().line("int down = quotient(stride, across), right = stride - down * across;");
     s.body().line("int y = quotient(lane, across), x = lane - y * across, i = lane;");
     s.body().line("for (; i < area; i += stride, x += right, y += down) {");

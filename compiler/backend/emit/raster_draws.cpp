@@ -104,8 +104,9 @@ void Generator::raster_hardware(const Pass& pass, const ir::Op& op) {
     f.body().line("ivec3 at = ivec3(ivec2(gl_FragCoord.xy), " + drawn_layer(f, parts.l) + ");");
     f.body().line("vec2 p = vec2(at.xy) + 0.5;");
     closures.load_fields("ivec3(face, 0, at.z)");
+    closures.begin_candidates(false);
     closures.captured();
-    f.body().line("if (!" + closures.closure(kKeep) + ") discard;");
+    closures.leave_unless_kept("discard");
     closures.key_from_depth();
     f.body().line("if (no_depth) discard;");
     if (k > 0) {
@@ -118,6 +119,7 @@ void Generator::raster_hardware(const Pass& pass, const ir::Op& op) {
     }
     f.body().line("out_face = face;");
     f.body().line("out_tag = " + closures.closure(kTag) + " & 15;");
+    closures.end_of_candidates();
     f.body().line("out_key = key;");
     f.body().line("gl_FragDepth = float(key) / 16777216.0;");
 

@@ -284,7 +284,10 @@ bool Shader::is_defined(ValueId value) const {
   return std::ranges::any_of(scopes_, [&](const auto& scope) { return scope.count(value) != 0; });
 }
 
-void Shader::define(ValueId value, std::string expression) { scopes_.back()[value] = std::move(expression); }
+void Shader::define(ValueId value, std::string expression) {
+  if (common_) know(value, expression);
+  scopes_.back()[value] = std::move(expression);
+}
 
 std::string Shader::use(ValueId value) {
   for (auto scope = scopes_.rbegin(); scope != scopes_.rend(); ++scope)
@@ -324,7 +327,7 @@ void Shader::element_ops(const std::vector<ir::OpId>& ops) {
     return;
   }
   // Loops that stop and go on are cut where they stand in the text.
-  const std::vector<Together> order = cut_ ? std::vector<Together>() : alike_together(graph_, ops);
+  const std::vector<Together> order = cut_ || common_ ? std::vector<Together>() : alike_together(graph_, ops);
   if (order.empty())
     for (const ir::OpId id : ops) op(graph_.op(id));
   for (const Together& together : order) {
@@ -345,6 +348,7 @@ std::vector<std::string> Shader::region(ir::RegionId id) {
 }
 
 void Shader::op(const Op& op) {
+  if (common_ && common_op(op)) return;
   switch (op.kind) {
     case OpKind::Const: define(op.results[0], literal(graph_.value(op.results[0]).type, op.attrs.floats)); return;
     case OpKind::DimValue: define(op.results[0], dim_expression(op.attrs.dims[0])); return;

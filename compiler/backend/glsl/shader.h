@@ -9,6 +9,7 @@
 #include <memory>
 #include <optional>
 #include <set>
+#include <span>
 #include <string>
 #include <unordered_map>
 #include <vector>
@@ -16,6 +17,7 @@
 #include "compiler/backend/analysis/alike_branches.h"
 #include "compiler/backend/analysis/axes.h"
 #include "compiler/backend/analysis/read_part.h"
+#include "compiler/backend/analysis/value_numbers.h"
 #include "compiler/backend/bundle/bundle.h"
 #include "compiler/backend/glsl/cut_loops.h"
 #include "compiler/backend/glsl/text.h"
@@ -73,8 +75,22 @@ class Shader {
   void define(ir::ValueId value, std::string expression);  // region parameters
   // Runs a region's ops in the current scope and returns the expressions of its yields.
   std::vector<std::string> region(ir::RegionId id);
-  void push_scope() { scopes_.emplace_back(); }
-  void pop_scope() { scopes_.pop_back(); }
+  void push_scope() {
+    scopes_.emplace_back();
+    if (common_) common_->known.emplace_back();
+  }
+  void pop_scope() {
+    scopes_.pop_back();
+    if (common_) common_->known.pop_back();
+  }
+  // Until end_sharing(), in the current scope, ops and these regions share what they compute (shader_common.cpp). Not
+  // where they have loops.
+  void begin_sharing(const std::vector<ir::OpId>& ops, std::span<const ir::RegionId> regions);
+  // What the regions compute of values that are there, also in branches that nobody may take.
+  void compute_ahead(std::span<const ir::RegionId> regions);
+  void end_sharing() { common_.reset(); }
+  // Runs a region that yields a Bool, and the statement `otherwise`, which leaves the scope, where it is false.
+  void leave_unless(ir::RegionId id, const std::string& otherwise);
   void accumulate_into(ir::ValueId scatter_result, Accumulator accumulator) {
     accumulators_[scatter_result] = std::move(accumulator);
   }
@@ -156,6 +172,16 @@ class Shader {
   bool is_hidden(ir::ValueId divisor) const;
   void otherwise(const std::string& condition);
   void if_op(const ir::Op& op);
+  // shader_common.cpp
+  struct Common {
+    ValueNumbers numbers;
+    std::vector<std::map<uint32_t, std::string>> known;  // expressions by number, a map a scope
+    const std::set<ir::ValueId>* needed = nullptr;       // null: all
+  };
+  void know(ir::ValueId value, const std::string& expression);
+  const std::string* known(ir::ValueId value);
+  bool common_op(const ir::Op& op);
+  bool is_known(ir::ValueId value) { return is_defined(value) || known(value) != nullptr; }
   // shader_alike.cpp
   bool may_loop(const Together& together) const;
   void alike_ops(const Together& together);
@@ -228,6 +254,7 @@ class Shader {
   std::map<ir::ValueId, Accumulator> accumulators_;
   std::set<ir::ValueId> left_out_;  // first results
   std::optional<CutLoops> cut_;
+  std::optional<Common> common_;
   // Members; without any, there is one.
   ChangingAxes* changing_ = nullptr;
   std::vector<Member> members_;

@@ -26,7 +26,7 @@ struct Bins {
   // Invocations that share the faces of a list.
   int middle_invocations, large_invocations;
 };
-constexpr Bins kCpu{64, 4096, 1 << 13, 1 << 12};
+constexpr Bins kCpu{64, 4096, 1 << 11, 1 << 12};
 // A raster that keeps so many faces of a pixel lists what few faces have, as outlines are. On a CPU, whose lanes take
 // each other's branches, a lane that walks its box alone makes all lanes beside it go over that; a team walks the few
 // that are left.

@@ -41,8 +41,10 @@ bool one_shader(const StepSchedule& step, const Schedule& schedule, const target
 }
 
 // Whether to load what a face is set up from takes no more components than to store the partial results for listed
-// faces and to load those again. What it computes is cheap beside either, a few hundred operations.
+// faces and to load those again. What it computes is cheap beside either, a few hundred operations, but for loops,
+// which each lane of a face's team would take again.
 bool cheap_again(const ir::Graph& graph, const Pass& setup) {
+  if (trips_of(graph, setup.ops).loops > 0) return false;
   std::set<ValueId> here;
   int loaded = 0, kept = 0;
   for (ir::OpId id : setup.ops) {
