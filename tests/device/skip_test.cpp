@@ -102,7 +102,7 @@ Array sphere_faces(int around, int rings) {
 // 10 of 256 pixels read a texel; later 25 do.
 // Which pixels read a texel cannot be computed from it, so that its gradient is a scatter.
 const char* const kReadsTexels = R"(
-param texel : float[16] = 1.0;
+param texel : float[T];
 input seen : float[16, 16];
 let p = coord(16, 16);
 let color = if seen > 0.5 { texel.at((p.x * p.y) % 16) } else { 0.0 };
@@ -207,7 +207,7 @@ step go { output y; })",
       // Two dispatches by lists; one, where the pass that lists does the first itself.
       {.id = "active",
        .text = kReadsTexels,
-       .bound = {{"seen", ones(16, 16, 10)}},
+       .bound = {{"seen", ones(16, 16, 10)}, {"texel", ones(16, 1, 16)}},
        .leaf = "seen",
        .data = ones(16, 16, 25),
        .with = {20, 492},
@@ -217,7 +217,7 @@ step go { output y; })",
        .only_on = "lavapipe"},
       {.id = "active",
        .text = kReadsTexels,
-       .bound = {{"seen", ones(16, 16, 10)}},
+       .bound = {{"seen", ones(16, 16, 10)}, {"texel", ones(16, 1, 16)}},
        .leaf = "seen",
        .data = ones(16, 16, 25),
        .with = {10, 246},
@@ -229,7 +229,7 @@ step go { output y; })",
       {.id = "stepped",
        .text = R"(
 import std.optim;
-param texel : float[8, 8] = 0.9;
+param texel : float[U, V];
 input place : ivec2[6];
 let color = texel.at(place);
 let error = sum((color - 0.3) * (color - 0.3));
@@ -238,7 +238,7 @@ step go {
   texel <- optim.to_range(texel);
   output error, color;
 })",
-       .bound = {{"place", places(0)}},
+       .bound = {{"place", places(0)}, {"texel", ones(8, 8, 64)}},
        .leaf = "place",
        .data = places(3),
        .with = {12, 116},

@@ -77,6 +77,7 @@ class Generator {
     uint32_t words = 0;    // bundle resource
     int most = 0;          // fixed: contributions from an element, negative: unknown
     bool fixed = false;    // added as fixed point numbers
+    bool binned = false;   // added in bins; neither: as they are
     uint32_t terms = 0;    // bundle resource: contributions kept, where the pass keeps them
     uint32_t guess = 0;    // bundle resource: the shift of the run before, where the pass guesses
     bool emptied = false;  // the pass that reads the words leaves zeros
@@ -97,6 +98,7 @@ class Generator {
     std::string body, finish;
   };
   Adding fixed_adding(glsl::Shader& shader, const Pass& pass, const Target& target, Runs runs, bool lists);
+  Adding binned_adding(glsl::Shader& shader, const Pass& pass, const Target& target, Runs runs, bool lists);
   Adding plain_adding(glsl::Shader& shader, const Pass& pass, const Target& target, Runs runs);
   // Parts of fixed_adding(). `buffer` has the sums.
   std::string find_largest(glsl::Shader& shader, const Pass& pass, const Target& target, bool lists);
@@ -128,6 +130,7 @@ class Generator {
   void keep_no_terms(glsl::Shader& shader, const Pass& pass, const Target& target) const;
   void add_kept_terms(glsl::Shader& shader, const Pass& pass, const std::vector<Target>& targets) const;
   void scatter_resolve(const Pass& pass, const Target& target);
+  void resolve_apart(const Pass& pass, const Target& target);  // unless its reader does
   // Fixed point sums as floats: statements, and an expression a component, for the element `index`.
   struct FloatSums {
     std::string statements;
@@ -135,6 +138,7 @@ class Generator {
   };
   FloatSums float_sums(glsl::Shader& shader, const ir::Type& type, const ir::Extent& extent, uint32_t words, int most,
                        const ir::Extent& domain, bool empties = false) const;
+  FloatSums floats_of_bins(glsl::Shader& shader, const ir::Type& type, const ir::Extent& extent, uint32_t words) const;
   // See glsl::Shader::SumsReader.
   std::string sums_reader(glsl::Shader& shader, ir::ValueId value, const std::string& function) const;
   // Takes the sums that the pass reads and leaves zeros, once an element.
@@ -266,8 +270,12 @@ void linear_index(glsl::Shader& shader, const std::string& elements);
 // Computes `at`, an element's place.
 void place_from_index(glsl::Shader& shader, const ir::Extent& extent, const std::string& index = "index");
 
-// Words of 32 bits of the fixed point sums of values of that type; `wide`: by 64-bit atomics.
+// Not 0 where a value is anything but zeros; NaN is. Without branches, of which drivers compile many slowly.
+std::string any_bits(const ir::Type& type, const std::string& value);
+
+// Words of 32 bits of the sums of values of that type, in fixed point or in bins; `wide`: by 64-bit atomics.
 ir::Dim words_of_sums(const ir::Type& type, const ir::Extent& extent, bool wide);
+ir::Dim words_of_bins(const ir::Type& type, const ir::Extent& extent, bool wide);
 // Those before the first element's, which each run of a step begins with as zeros.
 ir::Dim words_of_head(bool wide);
 

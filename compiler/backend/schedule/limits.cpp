@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+#include "compiler/backend/analysis/bins.h"
 #include "compiler/backend/analysis/named_once.h"
 #include "compiler/backend/analysis/scatter_leaves.h"
 
@@ -40,7 +41,8 @@ bool may_guess(const ir::Graph& graph, const std::vector<Resource>& resources, c
   return std::ranges::all_of(scatter.sums, [&](const ScatterSum& sum) {
     const bool is_drawn = std::ranges::any_of(
         step.passes, [&](const Pass& reader) { return reader.is_drawn() && reads_sums(resources, step, reader, sum); });
-    return graph.value(sum.value).type.is_float() && !named_once(graph, sum.terms) && !is_drawn;
+    return graph.value(sum.value).type.is_float() && !named_once(graph, sum.terms) &&
+           !adds_in_bins(graph, sum.value, sum.terms) && !is_drawn;
   });
 }
 
@@ -58,7 +60,8 @@ size_t guesses_bound(const std::vector<Resource>& resources, const StepSchedule&
 }
 
 bool may_empty(const ir::Graph& graph, const StepSchedule& step, const Pass& pass, const ScatterSum& sum) {
-  if (!pass.steady) return false;
+  // Few bins are cleared in no time.
+  if (!pass.steady || adds_in_bins(graph, sum.value, sum.terms)) return false;
   // What counts contributions has no word left that says whether an element is flagged.
   if (std::ranges::any_of(sum.terms, [&](ir::ValueId term) { return contributions(graph, term) < 0; })) return false;
   for (size_t k = 0; k < step.passes.size(); ++k) {
