@@ -102,7 +102,7 @@ Array sphere_faces(int around, int rings) {
 // 10 of 256 pixels read a texel; later 25 do.
 // Which pixels read a texel cannot be computed from it, so that its gradient is a scatter.
 const char* const kReadsTexels = R"(
-param texel : float[16] = 1.0;
+param texel : float[T];
 input seen : float[16, 16];
 let p = coord(16, 16);
 let color = if seen > 0.5 { texel.at((p.x * p.y) % 16) } else { 0.0 };
@@ -207,7 +207,7 @@ step go { output y; })",
       // Two dispatches by lists; one, where the pass that lists does the first itself.
       {.id = "active",
        .text = kReadsTexels,
-       .bound = {{"seen", ones(16, 16, 10)}},
+       .bound = {{"seen", ones(16, 16, 10)}, {"texel", ones(16, 1, 16)}},
        .leaf = "seen",
        .data = ones(16, 16, 25),
        .with = {20, 492},
@@ -217,7 +217,7 @@ step go { output y; })",
        .only_on = "lavapipe"},
       {.id = "active",
        .text = kReadsTexels,
-       .bound = {{"seen", ones(16, 16, 10)}},
+       .bound = {{"seen", ones(16, 16, 10)}, {"texel", ones(16, 1, 16)}},
        .leaf = "seen",
        .data = ones(16, 16, 25),
        .with = {10, 246},
@@ -226,6 +226,26 @@ step go { output y; })",
        .scatter = "exact",
        .only_on = "swiftshader"},
       // 6 of 64 texels are read; later 6, of which 3 are others. Those that were keep a memory and go on.
+      {.id = "stepped",
+       .text = R"(
+import std.optim;
+param texel : float[U, V];
+input place : ivec2[6];
+let color = texel.at(place);
+let error = sum((color - 0.3) * (color - 0.3));
+step go {
+  minimize error over texel with optim.adam(rate = 0.01);
+  texel <- optim.to_range(texel);
+  output error, color;
+})",
+       .bound = {{"place", places(0)}, {"texel", ones(8, 8, 64)}},
+       .leaf = "place",
+       .data = places(3),
+       .with = {12, 116},
+       .without = {0, 0},
+       .woken = {18, 110},
+       .scatter = "rows"},
+      // By exact sums, which wake the texels that they add to for the first time: then nothing is listed anew.
       {.id = "stepped",
        .text = R"(
 import std.optim;
@@ -241,10 +261,11 @@ step go {
        .bound = {{"place", places(0)}},
        .leaf = "place",
        .data = places(3),
-       .with = {12, 116},
+       .with = {6, 58},
        .without = {0, 0},
-       .woken = {18, 110},
-       .scatter = "rows"},
+       .woken = {9, 55},
+       .scatter = "exact",
+       .only_on = "lavapipe"},
       {.id = "branches",
        .text = R"(
 param tone : float = 1.0;

@@ -31,15 +31,16 @@ input move : int;
 param gain : float = 1.0;
 let own = gain * x;
 let i = index + ivec2(move, move);
-let host = scatter_add(index.x, own, 300);
-let sorted = scatter_add(i.x, own, 300);
-let host_pairs = scatter_add(index.x, own, 300) + scatter_add(index.y, own.yx, 300);
-let pairs = scatter_add(i.x, own, 300) + scatter_add(i.y, own.yx, 300);
+let host = scatter_add(index.x, own, T);
+let sorted = scatter_add(i.x, own, T);
+let host_pairs = scatter_add(index.x, own, T) + scatter_add(index.y, own.yx, T);
+let pairs = scatter_add(i.x, own, T) + scatter_add(i.y, own.yx, T);
 let image = scatter_add(ivec2(i.x % 20, i.y / 20), int(gain), 20, 15);
 let wide = gain * float(coord(S, 1, 3).z + 1) * x.x;
-let layers = scatter_add(i.x, wide, 300, 1, 3);
+let layers = scatter_add(i.x, wide, T, 1, 3);
 
-param tone : vec3[13, 11] = vec3(1.0);
+input room : float[T];  // 300: only sums of many elements, as many as data says, go by rows
+param tone : vec3[U, V];
 let uv = vec2(float(i.x) / 300.0, float(i.y) / 300.0);
 let read = if i.x >= 0 { texture.bilinear(tone, uv) * own.x } else { vec3(0.0) };
 let tinted = if own.y > 0.3 { texture.bilinear(tone, uv.yx) * own.x } else { texture.bilinear(tone, uv) };
@@ -96,6 +97,8 @@ void bind(P& program, const Data& data, int32_t move = 0) {
   must(program.bind("index", Array::from_ints(data.index, 2)));
   must(program.bind("x", Array::from_floats(data.x, 2)));
   must(program.bind("move", Array::from_ints(std::vector<int32_t>{move})));
+  must(program.bind("room", Array::from_floats(std::vector<float>(300))));
+  must(program.bind("tone", Array::from_floats(std::vector<float>(13 * 11 * 3, 1.0F), 3, 13, 11)));
 }
 
 void check_close(const std::vector<Array>& found, const std::vector<Array>& truth) {

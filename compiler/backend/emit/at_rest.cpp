@@ -13,11 +13,17 @@ void Generator::list_stepped(const Pass& gradient, const Pass& update, uint32_t 
   const AtRest& rest = *update.get<MapPass>().rest;
   const RestFacts facts = facts_at_rest(graph_, *step_, update, rest);
   const uint32_t list = add_list(update, "stepped", bundle::ListKind::Stepped);
+  // Elements that are not listed stay as they are, and those that are stay on the list, whatever the step does.
+  out_->commands.back()->foresees = true;
   stepped_lists_[&update] = list;
   Shader s = shader();
   ListingLoop loop(s, update.domain, rest.lists_in_runs);
-  const std::string start = s.read_words(starts, "starts", "int"), element = loop.element();
-  std::string moves = start + "(" + element + ") != " + start + "(" + element + " + 1)";
+  const std::string element = loop.element();
+  std::string moves = "false";
+  if (starts != 0) {
+    const std::string start = s.read_words(starts, "starts", "int");
+    moves = start + "(" + element + ") != " + start + "(" + element + " + 1)";
+  }
   Clauses memory;
   for (const ValueId v : rest.memory) memory.push_back({v});
   if (!memory.empty()) moves += " || " + active_condition(s, memory);
@@ -40,11 +46,25 @@ void Generator::list_stepped(const Pass& gradient, const Pass& update, uint32_t 
     }
   }
   const std::string words = s.bind_words(list, "stepped_elements", bundle::Access::ReadWrite);
-  s.body().line("if (" + moves + ") {");
+  s.body().line("bool moves = " + moves + ";");
+  if (starts == 0) {
+    const uint32_t woken = woken_[&update] = add_scratch(update.name + "_woken", element_count(update.domain).str());
+    const std::string marks = s.bind_words(woken, "woken_elements", bundle::Access::Write);
+    s.body().line(marks + ".d[" + element + "] = moves ? 1u : 0u;");
+  }
+  s.body().line("if (moves) {");
   loop.add(words);
   s.body().line("}");
   const std::string invocations = loop.close();
-  dispatch(gradient, "_stepped", s, invocations);
+  dispatch(gradient, "_stepped", s, invocations).foresees = true;
+}
+
+std::string Generator::wake(Shader& s, const Target& t, const std::string& added) {
+  const std::string id = t.accumulator.name;
+  const std::string list = s.bind_words(t.list, "stepped_elements_" + id, bundle::Access::ReadWrite);
+  const std::string marks = s.bind_words(t.woken, "woken_elements_" + id, bundle::Access::ReadWrite);
+  return "  if ((" + added + ") != 0u && " + marks + ".d[element] == 0u && atomicExchange(" + marks +
+         ".d[element], 1u) == 0u) " + append(s, list, "element") + ";\n";
 }
 
 std::string Generator::stepped_index(Shader& s, uint32_t list) {
@@ -58,6 +78,7 @@ void Generator::stepped_map_pass(const Pass& pass) {
   Shader s = shader();
   s.body().line("int element = " + stepped_index(s, list) + ";");
   place_from_index(s, pass.domain, "element");
+  take_sums(s, pass);
   s.element_ops(pass.ops);
   store_results(s, pass);
   dispatch(pass, "", s, element_count(pass.domain).str()).indirect = static_cast<int>(list);

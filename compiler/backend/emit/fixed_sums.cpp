@@ -4,6 +4,7 @@
 // with carry: the same bits); floats are made of them where they are read. A first run that guesses the scale adds too.
 #include <algorithm>
 
+#include "compiler/backend/analysis/bins.h"
 #include "compiler/backend/emit/generator.h"
 #include "compiler/backend/glsl/fixed_point.h"
 
@@ -20,14 +21,6 @@ namespace {
 // 1 the number of contributions where it is counted, or, of emptied sums, whether an element has flags, then two (one)
 // for each component, then flags for each element, four bits a component: see special_flag.
 constexpr int kHead = 2;
-
-// Not 0 where a value is anything but zeros; NaN is. Without branches, of which drivers compile many slowly.
-std::string any_bits(const ir::Type& type, const std::string& value) {
-  std::string out;
-  for (int c = 0; c < type.components(); ++c)
-    out += (c > 0 ? " | " : "") + ("floatBitsToUint(" + component(type, value, c)) + ")";
-  return "(" + out + ") & 0x7fffffffu";
-}
 
 // Word `k` of the `n` words of an element. Wide ones lie apart, all first words before all second ones: lanes side by
 // side mostly add to elements side by side, and a GPU adds what lies together in one go.
@@ -70,7 +63,15 @@ std::string join_lanes(int n, const Part& part) {
 
 }  // namespace
 
+std::string any_bits(const ir::Type& type, const std::string& value) {
+  std::string out;
+  for (int c = 0; c < type.components(); ++c)
+    out += (c > 0 ? " | " : "") + ("floatBitsToUint(" + component(type, value, c)) + ")";
+  return "(" + out + ") & 0x7fffffffu";
+}
+
 ir::Dim words_of_sums(const ir::Type& type, const ir::Extent& extent, bool wide) {
+  if (adds_in_bins(extent)) return words_of_bins(type, extent, wide);
   const ir::Dim words = element_count(extent) * ir::Dim((wide ? 1 : 2) * type.components() + 1) + kHead;
   return wide ? words * ir::Dim(2) : words;
 }
@@ -201,6 +202,11 @@ std::string Generator::add_fixed(Shader& s, const Target& t, Runs runs, bool joi
   if (joins_lanes) out += join_lanes(n, part) + "  if (adds_here) {\n";
   for (int c = 0; c < n; ++c) out += add_to_memory(t, c, part(c), "element", buffer);
   out += set_flags(t, buffer);
+  if (t.woken != 0) {
+    std::string added = "flags";
+    for (int c = 0; c < n; ++c) added += " | " + part(c) + ".x | " + part(c) + ".y";
+    out += wake(s, t, added);
+  }
   if (joins_lanes) out += "  }\n";
   return out;
 }
@@ -213,6 +219,7 @@ std::string Generator::guessed_right(const std::vector<Target>& targets) {
 
 Generator::FloatSums Generator::float_sums(Shader& s, const ir::Type& type, const ir::Extent& extent, uint32_t words,
                                            int most, const ir::Extent& domain, bool empties) const {
+  if (adds_in_bins(extent)) return floats_of_bins(s, type, extent, words);
   const bool wide = wide_atomics();
   if (wide) wide_extensions(s);
   const std::string name = "sums_" + std::to_string(words);

@@ -328,7 +328,7 @@ void Generator::map_pass(const Pass& pass) {
   if (const Pass* scatter = listed_for(pass)) {
     const bool joined = scatter->get<ScatterPass>().joined_run() != nullptr;
     if (joined) targets_[scatter] = scatter_targets(*scatter);
-    const bool all_here = joined && scatter->get<ScatterPass>().lowering() == ScatterLowering::Atomic;
+    const bool all_here = joined && scatter->get<ScatterPass>().exact() == nullptr;
     if (!all_here) active_lists_[scatter] = add_list(*scatter, "active", bundle::ListKind::Active);
   }
   if (map.rest) return stepped_map_pass(pass);

@@ -43,6 +43,7 @@ class Generator {
   void listed_map_pass(const Pass& pass, const HeavyBranches& heavy);
   // Elements that do not rest (at_rest.cpp): lists those of an update, given where the rows of its gradient start;
   // opens a shader that runs for the list, and gives the number of its element; the update itself.
+  // `starts`: of rows; 0: sums that wake elements.
   void list_stepped(const Pass& gradient, const Pass& update, uint32_t starts);
   std::string stepped_index(glsl::Shader& shader, uint32_t list);
   void stepped_map_pass(const Pass& pass);
@@ -76,10 +77,15 @@ class Generator {
     uint32_t words = 0;    // bundle resource
     int most = 0;          // fixed: contributions from an element, negative: unknown
     bool fixed = false;    // added as fixed point numbers
+    bool binned = false;   // added in bins; neither: as they are
     uint32_t terms = 0;    // bundle resource: contributions kept, where the pass keeps them
     uint32_t guess = 0;    // bundle resource: the shift of the run before, where the pass guesses
     bool emptied = false;  // the pass that reads the words leaves zeros
+    uint32_t list = 0;     // bundle resource: elements that an update steps, where the sums wake others,
+    uint32_t woken = 0;    // and a word for each element, not 0 for those on the list
   };
+  // Lists the element that a sum adds to, if `added`, an expression, is not 0 and it is not listed.
+  std::string wake(glsl::Shader& shader, const Target& target, const std::string& added);
   // Makes the resources, and clears them.
   std::vector<Target> scatter_targets(const Pass& pass);
   // Runs of a scatter by fixed point sums: one finds the largest contribution, one adds. Others need the second only.
@@ -92,6 +98,7 @@ class Generator {
     std::string body, finish;
   };
   Adding fixed_adding(glsl::Shader& shader, const Pass& pass, const Target& target, Runs runs, bool lists);
+  Adding binned_adding(glsl::Shader& shader, const Pass& pass, const Target& target, Runs runs, bool lists);
   Adding plain_adding(glsl::Shader& shader, const Pass& pass, const Target& target, Runs runs);
   // Parts of fixed_adding(). `buffer` has the sums.
   std::string find_largest(glsl::Shader& shader, const Pass& pass, const Target& target, bool lists);
@@ -123,6 +130,7 @@ class Generator {
   void keep_no_terms(glsl::Shader& shader, const Pass& pass, const Target& target) const;
   void add_kept_terms(glsl::Shader& shader, const Pass& pass, const std::vector<Target>& targets) const;
   void scatter_resolve(const Pass& pass, const Target& target);
+  void resolve_apart(const Pass& pass, const Target& target);  // unless its reader does
   // Fixed point sums as floats: statements, and an expression a component, for the element `index`.
   struct FloatSums {
     std::string statements;
@@ -130,6 +138,7 @@ class Generator {
   };
   FloatSums float_sums(glsl::Shader& shader, const ir::Type& type, const ir::Extent& extent, uint32_t words, int most,
                        const ir::Extent& domain, bool empties = false) const;
+  FloatSums floats_of_bins(glsl::Shader& shader, const ir::Type& type, const ir::Extent& extent, uint32_t words) const;
   // See glsl::Shader::SumsReader.
   std::string sums_reader(glsl::Shader& shader, ir::ValueId value, const std::string& function) const;
   // Takes the sums that the pass reads and leaves zeros, once an element.
@@ -243,6 +252,7 @@ class Generator {
   std::map<uint32_t, uint32_t> guesses_;                // by the resource of sums, where their scatter guesses
   std::map<const Pass*, uint32_t> active_lists_;        // by scatter, of those that a map pass makes
   std::map<const Pass*, uint32_t> stepped_lists_;       // by update
+  std::map<const Pass*, uint32_t> woken_;               // by update whose gradient is of exact sums
   std::map<const Pass*, std::vector<Target>> targets_;  // of scatters that join the pass before
   struct TableOfLeaves {
     uint32_t leaf = 0;  // the first of two, of the bundle
@@ -260,8 +270,12 @@ void linear_index(glsl::Shader& shader, const std::string& elements);
 // Computes `at`, an element's place.
 void place_from_index(glsl::Shader& shader, const ir::Extent& extent, const std::string& index = "index");
 
-// Words of 32 bits of the fixed point sums of values of that type; `wide`: by 64-bit atomics.
+// Not 0 where a value is anything but zeros; NaN is. Without branches, of which drivers compile many slowly.
+std::string any_bits(const ir::Type& type, const std::string& value);
+
+// Words of 32 bits of the sums of values of that type, in fixed point or in bins; `wide`: by 64-bit atomics.
 ir::Dim words_of_sums(const ir::Type& type, const ir::Extent& extent, bool wide);
+ir::Dim words_of_bins(const ir::Type& type, const ir::Extent& extent, bool wide);
 // Those before the first element's, which each run of a step begins with as zeros.
 ir::Dim words_of_head(bool wide);
 

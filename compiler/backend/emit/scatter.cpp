@@ -4,10 +4,12 @@
 #include <algorithm>
 #include <set>
 
+#include "compiler/backend/analysis/bins.h"
 #include "compiler/backend/analysis/named_once.h"
 #include "compiler/backend/analysis/uses.h"
 #include "compiler/backend/emit/generator.h"
 #include "compiler/backend/glsl/fixed_point.h"
+#include "compiler/backend/schedule/rest.h"
 #include "compiler/ir/yields.h"
 
 namespace dr::backend {
@@ -150,12 +152,17 @@ std::vector<Generator::Target> Generator::scatter_targets(const Pass& pass) {
   std::vector<ScatterSum> sums = scatter.sums;
   for (const ValueId v : pass.writes)
     if (graph_.op(graph_.value(v).op).kind == OpKind::ScatterMax) sums.push_back({v, {v}});
+  const PassId id = pass_id(static_cast<size_t>(&pass - step_->passes.data()));
   for (const ScatterSum& sum : sums) {
     const Resource& r = resource(sum.value);
+    const Pass* const update = scatter.exact() != nullptr ? update_of(*step_, id, sum.value) : nullptr;
+    if (update != nullptr && woken_.count(update) == 0) list_stepped(pass, *update, 0);
     const bool maximum = graph_.op(graph_.value(sum.value).op).kind == OpKind::ScatterMax;
     Target t{sum, {std::to_string(targets.size()), r.type, r.extent}, resource_index(sum.value), 0};
     t.fixed = r.type.is_float() && scatter.lowering() != ScatterLowering::Atomic && !named_once(graph_, sum.terms);
-    if (t.fixed) {
+    t.binned = t.fixed && adds_in_bins(r.extent);
+    t.fixed = t.fixed && !t.binned;
+    if (t.fixed || t.binned) {
       t.most = contributions(sum);
       if (!r.is_sums()) t.words = add_scratch(r.name + "_sums", words_of_sums(r.type, r.extent, wide_atomics()).str());
       if (scatter.keeps_terms()) t.terms = add_scratch(r.name + "_terms", words_of_terms(t, pass.domain).str());
@@ -166,6 +173,7 @@ std::vector<Generator::Target> Generator::scatter_targets(const Pass& pass) {
     }
     // The pass that reads emptied sums leaves zeros in all but the head.
     t.emptied = r.is(Resource::Storage::EmptiedSums);
+    if (update != nullptr) t.list = stepped_lists_.at(update), t.woken = woken_.at(update);
     fill("clear " + r.name, t.words, maximum ? 0x80000000u : 0u,
          t.emptied ? words_of_head(wide_atomics()).str() : std::string());
     targets.push_back(std::move(t));
@@ -176,7 +184,9 @@ std::vector<Generator::Target> Generator::scatter_targets(const Pass& pass) {
 std::string Generator::declare_target(Shader& s, const Pass& pass, const Target& t, Runs runs, bool lists) {
   const std::string& id = t.accumulator.name;
   const Resource& r = resource(t.sum.value);
-  const Adding adding = t.fixed ? fixed_adding(s, pass, t, runs, lists) : plain_adding(s, pass, t, runs);
+  const Adding adding = t.fixed    ? fixed_adding(s, pass, t, runs, lists)
+                        : t.binned ? binned_adding(s, pass, t, runs, lists)
+                                   : plain_adding(s, pass, t, runs);
   const bool keeps = runs == Runs::First && (t.terms != 0 || pass.get<ScatterPass>().joins_groups());
   s.declare("void add_" + id + "(int element, " + r.type.str() + " value" + (keeps ? ", int site" : "") + ") {\n" +
             adding.body + "}\nvoid scatter_" + id + "(ivec3 place, " + r.type.str() + " value" +
@@ -259,7 +269,10 @@ void Generator::scatter_pass(const Pass& pass) {
   const bool keeps = scatter.keeps_terms(), joins_parts = scatter.joins_parts();
   // The second run of a scatter that guesses has nothing to do, as a rule: few invocations go over all elements.
   const bool strides = keeps || (joined && scatter.guesses());
-  if (joined && scatter.lowering() == ScatterLowering::Atomic) return;
+  if (joined && scatter.exact() == nullptr) {
+    for (const Target& t : targets_.at(&pass)) resolve_apart(pass, t);
+    return;
+  }
   const uint32_t list = !listed ? 0 : scatter.lister() ? active_lists_.at(&pass) : list_active(pass);
   uint32_t adding = 0;
   if (lists) adding = add_list(pass, "adding", bundle::ListKind::Active);
@@ -276,7 +289,8 @@ void Generator::scatter_pass(const Pass& pass) {
   if (lists && !cut.how) s.declare("uint adds = 0u;\n");
   if (lists && cut.how) s.cut_loops().keep(ir::kUint, "adds", true);
   if (joins_parts) s.declare("bool joins = true;\n");
-  for (const Target& t : targets) finish += declare_target(s, pass, t, joined ? Runs::Second : Runs::Both, lists);
+  const bool one_run = joined || scatter.binned() != nullptr;
+  for (const Target& t : targets) finish += declare_target(s, pass, t, one_run ? Runs::Second : Runs::Both, lists);
   if (scatter.guesses()) s.body().line("if (" + guessed_right(targets) + ") return;");
   if (lists) {
     const std::string again = s.bind_words(adding, "adding_elements", bundle::Access::ReadWrite);
@@ -340,8 +354,11 @@ void Generator::scatter_pass(const Pass& pass) {
     sums_run.push = {1, 0, 0};
     set_trips(sums_run, cut);
   }
-  for (const Target& t : targets)
-    if (!resource(t.sum.value).is_sums()) scatter_resolve(pass, t);
+  for (const Target& t : targets) resolve_apart(pass, t);
+}
+
+void Generator::resolve_apart(const Pass& pass, const Target& target) {
+  if (!resource(target.sum.value).is_sums()) scatter_resolve(pass, target);
 }
 
 void Generator::scatter_resolve(const Pass& pass, const Target& target) {
@@ -359,7 +376,7 @@ void Generator::scatter_resolve(const Pass& pass, const Target& target) {
     dispatch(pass, "_resolve", s, count.str());
     return;
   }
-  if (!target.fixed) return;
+  if (!target.fixed && !target.binned) return;
   const ir::Dim count = element_count(accumulator.extent);
   Shader s = shader();
   linear_index(s, dim_expression(count));

@@ -170,17 +170,18 @@ class StepCode {
   void scatter(const Pass& pass, ScatterPass& scatter) const {
     if (ActiveList* list = scatter.active_list())
       if (auto* own = std::get_if<OwnList>(&list->listed_by)) own->in_runs = profile_.lanes_in_turn;
-    std::visit(Overloaded{[&](ExactScatter& exact) {
-                            exact.cut = cut(trips_of(graph_, pass.ops), 1);
-                            exact.joins_groups =
-                                exact.joins_groups && ends_once(step_.pass(*scatter.lister()).get<MapPass>().code);
-                          },
-                          [](RowsScatter&) {},
-                          [&](AtomicScatter& atomic) {
-                            atomic.cut = cut(trips_of(graph_, pass.ops), 1);
-                            atomic.skips_zeros = !profile_.lanes_in_turn && sums_floats(scatter);
-                          }},
-               scatter.how);
+    std::visit(
+        Overloaded{[&](ExactScatter& exact) {
+                     exact.cut = cut(trips_of(graph_, pass.ops), 1);
+                     exact.joins_groups =
+                         exact.joins_groups && ends_once(step_.pass(*scatter.lister()).get<MapPass>().code);
+                   },
+                   [](RowsScatter&) {}, [&](BinnedScatter& binned) { binned.cut = cut(trips_of(graph_, pass.ops), 1); },
+                   [&](AtomicScatter& atomic) {
+                     atomic.cut = cut(trips_of(graph_, pass.ops), 1);
+                     atomic.skips_zeros = !profile_.lanes_in_turn && sums_floats(scatter);
+                   }},
+        scatter.how);
   }
 
   // Whether each invocation of a map has one element, which it computes to the end.

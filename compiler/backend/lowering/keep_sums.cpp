@@ -28,7 +28,7 @@ void keep_sums(const ir::Graph& graph, Schedule& schedule) {
     const std::set<ValueId> kept = read_afterwards(graph, step);
     for (const Pass& pass : step.passes) {
       const auto* scatter = pass.as<ScatterPass>();
-      if (scatter == nullptr || scatter->exact() == nullptr) continue;
+      if (scatter == nullptr || (scatter->exact() == nullptr && scatter->binned() == nullptr)) continue;
       for (const ScatterSum& sum : scatter->sums) {
         const ValueId v = sum.value;
         if (!graph.value(v).type.is_float() || kept.count(v) != 0 || named_once(graph, sum.terms)) continue;

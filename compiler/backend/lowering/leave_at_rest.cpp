@@ -51,7 +51,15 @@ void leave_at_rest(const ir::Graph& graph, const target::Profile& profile, Sched
         if (!may_rest(graph, schedule, step, pass_id(u), rest)) continue;
         if (!fits_with_lists(schedule, step, update, profile) || !fits_with_lists(schedule, step, gradient, profile))
           continue;
+        // A GPU reads sums of all elements as fast as it looks for those on a list, and lists, as vertices are, have
+        // few.
+        const bool exact = gradient.get<ScatterPass>().exact() != nullptr;
+        if (exact && (!profile.lanes_in_turn || update.domain.h.is_one())) continue;
         update.get<MapPass>().rest = rest;
+        if (!exact) break;
+        for (const ScatterSum& sum : gradient.get<ScatterPass>().sums)
+          if (std::ranges::find(update.reads, sum.value) != update.reads.end())
+            schedule.resources[step.stored.at(sum.value).index].storage = Resource::Storage::EmptiedSums;
         break;
       }
     }

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+#include "compiler/backend/analysis/bins.h"
 #include "compiler/backend/analysis/scatter_leaves.h"
 #include "compiler/backend/analysis/uses.h"
 #include "compiler/backend/schedule/limits.h"
@@ -55,6 +56,12 @@ bool may_join(const ir::Graph& graph, const target::Profile& profile, const Sche
   const Trips own = trips_of(graph, scatter.ops);
   if (own.loops > 0 && needs_cut(own + trips_of(graph, step.pass(lister).ops), profile)) return false;
   const std::vector<ScatterSum>& sums = scatter.get<ScatterPass>().sums;
+  // Few lanes of a subgroup add where a map does, and those that add to few elements wait for each other.
+  const auto& how = scatter.get<ScatterPass>();
+  if (how.binned() != nullptr && how.joins_parts()) return false;
+  // Sums in bins add nothing in a first run that others need.
+  const auto is_binned = [&](const ScatterSum& s) { return adds_in_bins(graph, s.value, s.terms); };
+  if (how.exact() != nullptr && std::ranges::any_of(sums, is_binned)) return false;
   for (const ValueId v : scatter.writes) {
     const bool sum = std::ranges::any_of(sums, [&](const ScatterSum& s) { return s.value == v; });
     if (!sum || !graph.value(v).type.is_float()) return false;

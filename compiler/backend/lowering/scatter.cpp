@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <set>
 
+#include "compiler/backend/analysis/bins.h"
 #include "compiler/backend/analysis/named_once.h"
 #include "compiler/backend/analysis/uses.h"
 #include "compiler/backend/lowering/scatter_active.h"
@@ -82,10 +83,7 @@ class StepLegalizer {
     for (Pass& pass : step_.passes)
       if (auto* scatter = pass.as<ScatterPass>(); scatter != nullptr && !scatter->sums.empty()) {
         choose(pass, *scatter);
-        if (ExactScatter* exact = scatter->exact()) {
-          exact->joins_lanes = joining_pays(graph_, profile_, *scatter);
-          exact->joins_parts = exact->joins_lanes && many_share(graph_, pass, *scatter);
-        }
+        choose_joining(pass, *scatter);
         choose_active(pass, *scatter);
       }
     return joined;
@@ -297,13 +295,42 @@ class StepLegalizer {
     std::visit(Overloaded{[&](ExactScatter& exact) {
                             exact.first_run = OwnFirstRun{std::move(run), true};
                           },
-                          [](RowsScatter&) {}, [&](AtomicScatter& atomic) { atomic.run = std::move(run); }},
+                          [](RowsScatter&) {}, [&](auto& by) { by.run = std::move(run); }},
+               scatter.how);
+  }
+
+  void choose_joining(const Pass& pass, ScatterPass& scatter) const {
+    std::visit(Overloaded{[&](ExactScatter& exact) {
+                            exact.joins_lanes = joining_pays(graph_, profile_, scatter);
+                            exact.joins_parts = exact.joins_lanes && many_share(graph_, pass, scatter);
+                          },
+                          [&](BinnedScatter& binned) {
+                            binned.joins_parts =
+                                joining_pays(graph_, profile_, scatter) && many_share(graph_, pass, scatter);
+                          },
+                          [](auto&) {}},
                scatter.how);
   }
 
   bool is_float(const ScatterSum& sum) const { return graph_.value(sum.value).type.is_float(); }
+  bool is_binned(const ScatterSum& sum) const { return adds_in_bins(graph_, sum.value, sum.terms); }
+  // Whether a sum needs the exponent of its largest contribution.
+  bool needs_exponent(const ScatterSum& sum) const {
+    return is_float(sum) && !is_binned(sum) && !named_once(graph_, sum.terms);
+  }
 
   void choose(const Pass& pass, ScatterPass& scatter) const {
+    const bool bins = std::ranges::any_of(scatter.sums, [&](const ScatterSum& sum) { return is_binned(sum); });
+    if (bins && lower_ != ScatterLower::Atomic) {
+      // A row's sum has an exponent of its own.
+      const std::string why = "it sums few elements, in bins";
+      const bool asked = lower_ == ScatterLower::Rows;
+      if (std::ranges::none_of(scatter.sums, [&](const ScatterSum& sum) { return needs_exponent(sum); }))
+        scatter.how.emplace<BinnedScatter>().no_rows = asked ? why : "";
+      else if (asked)
+        scatter.exact()->no_rows = why;
+      return;
+    }
     switch (lower_) {
       case ScatterLower::Exact: return;
       case ScatterLower::Atomic:
@@ -424,7 +451,7 @@ void run_all_elements(Pass& pass) {
   auto* scatter = pass.as<ScatterPass>();
   if (scatter == nullptr) return;
   std::visit(Overloaded{[](ExactScatter& exact) { exact.first_run = OwnFirstRun{}; }, [](RowsScatter&) {},
-                        [](AtomicScatter& atomic) { atomic.run = OwnRun{}; }},
+                        [](auto& by) { by.run = OwnRun{}; }},
              scatter->how);
 }
 

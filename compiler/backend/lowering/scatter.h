@@ -8,6 +8,9 @@
 // Exact  64-bit fixed point numbers whose exponent is that of the largest contribution, added by atomics: independent
 //        of order, correct to about 2^-38 of the largest contribution.
 //        Where atomics are dear, the lanes of a subgroup that add to one element join what they add first.
+// Binned of few elements, whatever was asked but float atomics: integers over all exponents, added by atomics in one
+// run
+//        and rounded once. What of these a sum is follows from the program alone (analysis/bins.h).
 // Rows   a gather by the inverse of an index: the host makes it of one that is a column of an input, the device sorts
 //        one that is computed of what the step does not change. The same numbers, summed in registers with an exponent
 //        of each row's own.

@@ -25,7 +25,15 @@ bool add(Set& to, const Set& from) {
 class StepDependencies {
  public:
   StepDependencies(const BundleT& bundle, bundle::StepT& step)
-      : bundle_(bundle), step_(step), of_(bundle.resources.size()), is_memory_(bundle.resources.size(), false) {
+      : bundle_(bundle),
+        step_(step),
+        of_(bundle.resources.size()),
+        is_memory_(bundle.resources.size(), false),
+        is_foreseen_(bundle.resources.size(), false) {
+    for (const auto& c : step.commands)
+      for_each_access(*c, [&](uint32_t r, bundle::Access access) {
+        if (c->foresees && access != bundle::Access::Read) is_foreseen_[r] = true;
+      });
     const auto counter = static_cast<uint32_t>(bundle.leaves.size());
     for (uint32_t k = 0; k < counter; ++k) start(bundle.leaves[k]->resource, k);
     if (step.step_index >= 0) start(static_cast<uint32_t>(step.step_index), counter);
@@ -51,7 +59,6 @@ class StepDependencies {
       const Set& on = of_command_[k];
       CommandT& c = *step_.commands[k];
       c.leaves.assign(on.begin(), on.lower_bound(counter));
-      c.foresees = lists_stepped(c);
       c.steady = !c.foresees && (on.count(counter) != 0 || std::any_of(on.begin(), on.end(), [&](uint32_t leaf) {
                                    return changes.count(leaf) != 0;
                                  }));
@@ -59,15 +66,6 @@ class StepDependencies {
   }
 
  private:
-  // Elements that are not listed stay as they are, and those that are stay on the list, whatever the step does.
-  bool lists_stepped(const CommandT& c) const {
-    bool lists = false;
-    for_each_access(c, [&](uint32_t r, bundle::Access access) {
-      lists = lists || (access != bundle::Access::Read && bundle_.resources[r]->list == bundle::ListKind::Stepped);
-    });
-    return lists;
-  }
-
   void start(uint32_t resource, uint32_t leaf) {
     of_[resource] = {leaf};
     is_memory_[resource] = true;
@@ -77,8 +75,11 @@ class StepDependencies {
   bool visit(size_t begin, size_t end) {
     of_command_.resize(step_.commands.size());
     Set all;
-    // No result depends on a guess.
-    const auto is_guess = [&](uint32_t r) { return bundle_.resources[r]->role == bundle::Role::Guess; };
+    // No result depends on a guess, nor on which of the elements that stay as they are a step lists.
+    const auto is_guess = [&](uint32_t r) {
+      const bool foreseen = is_foreseen_[r] && !step_.commands[begin]->foresees;
+      return foreseen || bundle_.resources[r]->role == bundle::Role::Guess;
+    };
     for (size_t k = begin; k < end; ++k)
       for_each_access(*step_.commands[k], [&](uint32_t r, bundle::Access) {
         if (!is_guess(r)) add(all, of_[r]);
@@ -88,7 +89,7 @@ class StepDependencies {
       grew = add(of_command_[k], all) || grew;
       // What is memory keeps its own number: those that read it wait for it alone.
       for_each_access(*step_.commands[k], [&](uint32_t r, bundle::Access access) {
-        if (access != bundle::Access::Read && !is_memory_[r]) grew = add(of_[r], all) || grew;
+        if (access != bundle::Access::Read && !is_memory_[r] && !is_guess(r)) grew = add(of_[r], all) || grew;
       });
     }
     return grew;
@@ -96,8 +97,9 @@ class StepDependencies {
 
   const BundleT& bundle_;
   bundle::StepT& step_;
-  std::vector<Set> of_;          // by resource
-  std::vector<bool> is_memory_;  // leaves and the counter
+  std::vector<Set> of_;            // by resource
+  std::vector<bool> is_memory_;    // leaves and the counter
+  std::vector<bool> is_foreseen_;  // what commands that foresee what the step does write
   std::vector<Set> of_command_;
 };
 

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+#include "compiler/backend/analysis/bins.h"
 #include "compiler/backend/analysis/named_once.h"
 #include "compiler/backend/analysis/scatter_leaves.h"
 
@@ -40,7 +41,8 @@ bool may_guess(const ir::Graph& graph, const std::vector<Resource>& resources, c
   return std::ranges::all_of(scatter.sums, [&](const ScatterSum& sum) {
     const bool is_drawn = std::ranges::any_of(
         step.passes, [&](const Pass& reader) { return reader.is_drawn() && reads_sums(resources, step, reader, sum); });
-    return graph.value(sum.value).type.is_float() && !named_once(graph, sum.terms) && !is_drawn;
+    return graph.value(sum.value).type.is_float() && !named_once(graph, sum.terms) &&
+           !adds_in_bins(graph, sum.value, sum.terms) && !is_drawn;
   });
 }
 
@@ -58,14 +60,17 @@ size_t guesses_bound(const std::vector<Resource>& resources, const StepSchedule&
 }
 
 bool may_empty(const ir::Graph& graph, const StepSchedule& step, const Pass& pass, const ScatterSum& sum) {
-  if (!pass.steady) return false;
+  // Few bins are cleared in no time.
+  if (!pass.steady || adds_in_bins(graph, sum.value, sum.terms)) return false;
   // What counts contributions has no word left that says whether an element is flagged.
   if (std::ranges::any_of(sum.terms, [&](ir::ValueId term) { return contributions(graph, term) < 0; })) return false;
   for (size_t k = 0; k < step.passes.size(); ++k) {
     const Pass& reader = step.passes[k];
     if (std::ranges::find(reader.reads, sum.value) == reader.reads.end()) continue;
     const auto* map = reader.as<MapPass>();
-    if (map == nullptr || !reader.steady || map->block || map->rest || map->code.heavy || map->code.cut ||
+    // One that leaves elements at rest runs for all that this pass adds to, if that is its gradient.
+    const bool leaves_some = map != nullptr && map->rest && &step.pass(map->rest->gradient) != &pass;
+    if (map == nullptr || !reader.steady || map->block || leaves_some || map->code.heavy || map->code.cut ||
         set_up_for(step, pass_id(k)) != nullptr)
       return false;
   }

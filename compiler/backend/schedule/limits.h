@@ -31,7 +31,7 @@ inline constexpr uint32_t kScatterBuffers = 3;
 // Lists that a map's shader may write.
 inline constexpr uint32_t kMapLists = 2;
 
-// Whether the first run of a scatter may add by a guessed exponent: all that the pass writes are sums in fixed point,
+// Whether the first run of a scatter may add by a guessed exponent: all that the pass writes are sums of an exponent,
 // and compute shaders alone read them as such, for those leave the guess.
 bool may_guess(const ir::Graph& graph, const std::vector<Resource>& resources, const StepSchedule& step,
                const Pass& pass);

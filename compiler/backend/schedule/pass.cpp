@@ -21,7 +21,8 @@ ir::Dim RowsScatter::items(const ir::Extent& domain) const {
 ScatterLowering ScatterPass::lowering() const {
   return std::visit(Overloaded{[](const ExactScatter&) { return ScatterLowering::Exact; },
                                [](const RowsScatter&) { return ScatterLowering::Rows; },
-                               [](const AtomicScatter&) { return ScatterLowering::Atomic; }},
+                               [](const AtomicScatter&) { return ScatterLowering::Atomic; },
+                               [](const BinnedScatter&) { return ScatterLowering::Binned; }},
                     how);
 }
 
@@ -33,7 +34,7 @@ const OwnRun* ScatterPass::own_run() const {
   return std::visit(
       Overloaded{[](const ExactScatter& by) -> const OwnRun* { return std::get_if<OwnFirstRun>(&by.first_run); },
                  [](const RowsScatter&) -> const OwnRun* { return nullptr; },
-                 [](const AtomicScatter& by) { return std::get_if<OwnRun>(&by.run); }},
+                 [](const auto& by) { return std::get_if<OwnRun>(&by.run); }},
       how);
 }
 
@@ -41,7 +42,7 @@ const JoinedRun* ScatterPass::joined_run() const {
   return std::visit(
       Overloaded{[](const ExactScatter& by) -> const JoinedRun* { return std::get_if<JoinedFirstRun>(&by.first_run); },
                  [](const RowsScatter&) -> const JoinedRun* { return nullptr; },
-                 [](const AtomicScatter& by) { return std::get_if<JoinedRun>(&by.run); }},
+                 [](const auto& by) { return std::get_if<JoinedRun>(&by.run); }},
       how);
 }
 
@@ -69,7 +70,7 @@ void ScatterPass::join_lister() {
   DR_ASSERT(active_list() != nullptr && lister());
   JoinedRun joined{std::move(active_list()->clauses), *lister()};
   std::visit(Overloaded{[&](ExactScatter& by) { by.first_run = JoinedFirstRun{std::move(joined)}; },
-                        [](RowsScatter&) {}, [&](AtomicScatter& by) { by.run = std::move(joined); }},
+                        [](RowsScatter&) {}, [&](auto& by) { by.run = std::move(joined); }},
              how);
 }
 
@@ -83,11 +84,19 @@ bool ScatterPass::keeps_terms() const {
   return joined != nullptr && joined->keeps_terms;
 }
 
+bool ScatterPass::joins_parts() const {
+  return (exact() != nullptr && exact()->joins_parts) || (binned() != nullptr && binned()->joins_parts);
+}
+
+const std::string& ScatterPass::no_rows() const {
+  static const std::string kNone;
+  return exact() != nullptr ? exact()->no_rows : binned() != nullptr ? binned()->no_rows : kNone;
+}
+
 std::optional<LoopCut> ScatterPass::cut() const {
-  return std::visit(Overloaded{[](const ExactScatter& by) { return by.cut; },
-                               [](const RowsScatter&) { return std::optional<LoopCut>(); },
-                               [](const AtomicScatter& by) { return by.cut; }},
-                    how);
+  return std::visit(
+      Overloaded{[](const RowsScatter&) { return std::optional<LoopCut>(); }, [](const auto& by) { return by.cut; }},
+      how);
 }
 
 PassKind Pass::kind() const {
@@ -116,6 +125,7 @@ const char* lowering_name(ScatterLowering lowering) {
     case ScatterLowering::Exact: return "scatter exact";
     case ScatterLowering::Rows: return "scatter rows";
     case ScatterLowering::Atomic: return "scatter atomic";
+    case ScatterLowering::Binned: return "scatter binned";
   }
   return "";
 }

@@ -87,9 +87,10 @@ struct MapCode {
   std::vector<ir::ValueId> told;  // those of `writes` that tell whether they are NaN or Inf (emit/finite.cpp)
 };
 
-// An update whose elements stay as they are where no gradient comes (schedule/rest.h): neither it nor `gradient`, a
-// scatter by sorted rows, runs for elements that have no row, whose memory is zero, and that it would leave as they
-// are.
+// An update whose elements stay as they are where no gradient comes (schedule/rest.h): it does not run for elements
+// that `gradient` adds nothing to, whose memory is zero, and that it would leave as they are. Of a scatter by sorted
+// rows, which does not run for them either, these have no row. One by exact sums wakes those that it adds to: they are
+// stepped from then on.
 struct AtRest {
   PassId gradient;
   std::vector<ir::ValueId> memory;  // values of states, old ones
@@ -210,16 +211,25 @@ struct AtomicScatter {
   std::optional<LoopCut> cut;
 };
 
+// Float sums of few elements, in bins (analysis/bins.h): one run adds.
+struct BinnedScatter {
+  std::variant<OwnRun, JoinedRun> run;
+  bool joins_parts = false;  // lanes of a subgroup that add to the same bins join what they add
+  std::string no_rows;       // why it has no table of rows, where one was asked for
+  std::optional<LoopCut> cut;
+};
+
 // How sums come about, in the order of ScatterPass::how; see lowering/scatter.h.
-enum class ScatterLowering : uint8_t { Exact, Rows, Atomic };
+enum class ScatterLowering : uint8_t { Exact, Rows, Atomic, Binned };
 
 struct ScatterPass {
   std::vector<ScatterSum> sums;  // those among `writes`
-  std::variant<ExactScatter, RowsScatter, AtomicScatter> how;
+  std::variant<ExactScatter, RowsScatter, AtomicScatter, BinnedScatter> how;
 
   ScatterLowering lowering() const;
   const ExactScatter* exact() const { return std::get_if<ExactScatter>(&how); }
   ExactScatter* exact() { return std::get_if<ExactScatter>(&how); }
+  const BinnedScatter* binned() const { return std::get_if<BinnedScatter>(&how); }
   const RowsScatter& rows() const { return std::get<RowsScatter>(how); }
 
   const OwnRun* own_run() const;        // null where it has none
@@ -236,7 +246,8 @@ struct ScatterPass {
   bool guesses() const { return exact() != nullptr && exact()->guesses; }
   bool joins_lanes() const { return exact() != nullptr && exact()->joins_lanes; }
   bool joins_groups() const { return exact() != nullptr && exact()->joins_groups; }
-  bool joins_parts() const { return exact() != nullptr && exact()->joins_parts; }
+  bool joins_parts() const;
+  const std::string& no_rows() const;
   std::optional<LoopCut> cut() const;
 };
 

@@ -103,7 +103,8 @@ bool PassReader::kind(Pass& pass) {
 bool PassReader::lowering(ScatterPass& scatter) {
   if (take_word("rows")) return scatter.how.emplace<RowsScatter>(), true;
   if (take_word("atomic")) return scatter.how.emplace<AtomicScatter>(), true;
-  return take_word("exact") || expected("'exact', 'rows' or 'atomic'");
+  if (take_word("binned")) return scatter.how.emplace<BinnedScatter>(), true;
+  return take_word("exact") || expected("'exact', 'binned', 'rows' or 'atomic'");
 }
 
 bool PassReader::pass(uint32_t stage) {
@@ -250,6 +251,19 @@ bool PassReader::decides(ScatterPass& scatter, AtomicScatter& atomic, bool& ok) 
     ok = cut(atomic.cut);
   } else {
     return runs(scatter, std::get_if<OwnRun>(&atomic.run), ok);
+  }
+  return true;
+}
+
+bool PassReader::decides(ScatterPass& scatter, BinnedScatter& binned, bool& ok) {
+  if (take_word("join")) {
+    ok = binned.joins_parts = expect_word("parts");
+  } else if (take_word("no")) {
+    ok = expect_word("rows") && quoted(binned.no_rows);
+  } else if (take_word("cut")) {
+    ok = cut(binned.cut);
+  } else {
+    return runs(scatter, std::get_if<OwnRun>(&binned.run), ok);
   }
   return true;
 }

@@ -56,6 +56,7 @@ class PassReader : protected ir::TextReader {
   bool decides(ScatterPass& scatter, bool& ok);
   bool decides(ScatterPass& scatter, ExactScatter& exact, bool& ok);
   bool decides(ScatterPass& scatter, AtomicScatter& atomic, bool& ok);
+  bool decides(ScatterPass& scatter, BinnedScatter& binned, bool& ok);
   bool decides(ScatterPass&, RowsScatter& rows, bool& ok);
 
   // Which elements run, and who lists them. `own`: the scatter's run, unless it is joined.

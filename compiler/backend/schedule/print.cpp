@@ -185,8 +185,7 @@ class Writer {
     if (scatter.joins_parts()) out_ += "    join parts\n";
     if (scatter.joins_groups()) out_ += "    join workgroups\n";
     if (scatter.relists()) out_ += "    relist\n";
-    if (const ExactScatter* exact = scatter.exact(); exact != nullptr && !exact->no_rows.empty())
-      out_ += "    no rows " + ir::quoted_text(exact->no_rows) + "\n";
+    if (!scatter.no_rows().empty()) out_ += "    no rows " + ir::quoted_text(scatter.no_rows()) + "\n";
     if (const auto* rows = std::get_if<RowsScatter>(&scatter.how)) write_rows(*rows);
     const ActiveList* list = scatter.active_list();
     const OwnList* own = list == nullptr ? nullptr : std::get_if<OwnList>(&list->listed_by);

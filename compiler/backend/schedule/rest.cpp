@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "compiler/backend/analysis/uses.h"
+#include "compiler/backend/schedule/limits.h"
 #include "compiler/ops/op.h"
 
 namespace dr::backend {
@@ -25,9 +26,31 @@ std::optional<uint32_t> leaf_of(const StepSchedule& step, ValueId v) {
   return std::nullopt;
 }
 
-bool is_gradient(const Graph& graph, const StepSchedule& step, const Pass& update, PassId id) {
+// What an update takes from the pass of its gradient.
+std::vector<ValueId> taken(const Pass& gradient, const Pass& update) {
+  std::vector<ValueId> out;
+  for (const ValueId v : gradient.writes)
+    if (is_among(update.reads, v)) out.push_back(v);
+  return out;
+}
+
+// Exact sums that the update alone reads, in place, and leaves empty.
+bool is_exact_gradient(const Graph& graph, const Schedule& schedule, const StepSchedule& step, const Pass& update,
+                       const Pass& pass) {
+  const auto& scatter = pass.get<ScatterPass>();
+  const std::vector<ValueId> sums = taken(pass, update);
+  return pass.steady && !sums.empty() && std::ranges::all_of(sums, [&](ValueId v) {
+           const auto sum = std::ranges::find(scatter.sums, v, &ScatterSum::value);
+           return sum != scatter.sums.end() && schedule.resources[step.stored.at(v).index].is_sums() &&
+                  graph.value(v).extent == update.domain && may_empty(graph, step, pass, *sum);
+         });
+}
+
+bool is_gradient(const Graph& graph, const Schedule& schedule, const StepSchedule& step, const Pass& update,
+                 PassId id) {
   const Pass& pass = step.pass(id);
   const auto* scatter = pass.as<ScatterPass>();
+  if (scatter != nullptr && scatter->exact() != nullptr) return is_exact_gradient(graph, schedule, step, update, pass);
   const auto* rows = scatter == nullptr ? nullptr : std::get_if<RowsScatter>(&scatter->how);
   if (rows == nullptr || rows->sorted() == nullptr || !pass.steady) return false;
   if (pass.writes.size() != scatter->sums.size()) return false;
@@ -60,7 +83,7 @@ RestFacts facts_at_rest(const Graph& graph, const StepSchedule& step, const Pass
   for (const ValueId v : update.writes) own.insert(step.stored.at(v).index);
   for (const ValueId v : rest.memory) memory.insert(step.stored.at(v).index);
   RestFacts known;
-  for (const ValueId v : step.pass(rest.gradient).writes) known.zero.insert(v);
+  for (const ValueId v : taken(step.pass(rest.gradient), update)) known.zero.insert(v);
   for (const OpId id : graph.region(graph.root()).ops) {
     const Op& op = graph.op(id);
     if (op.kind == OpKind::Leaf) {
@@ -98,12 +121,12 @@ bool may_rest(const Graph& graph, const Schedule& schedule, const StepSchedule& 
               const AtRest& rest) {
   const Pass& pass = step.pass(update);
   if (!(rest.gradient < update) || !is_plain_update(graph, schedule, step, update) ||
-      !is_gradient(graph, step, pass, rest.gradient))
+      !is_gradient(graph, schedule, step, pass, rest.gradient))
     return false;
+  const std::vector<ValueId> sums = taken(step.pass(rest.gradient), pass);
   for (const OpId id : pass.ops) {
     const Uses uses = uses_of(graph, graph.op(id));
-    if (std::ranges::any_of(step.pass(rest.gradient).writes, [&](ValueId v) { return is_among(uses.elsewhere, v); }))
-      return false;
+    if (std::ranges::any_of(sums, [&](ValueId v) { return is_among(uses.elsewhere, v); })) return false;
   }
   const RestFacts facts = facts_at_rest(graph, step, pass, rest);
   if (!std::ranges::all_of(pass.writes, [&](ValueId v) { return facts.fixed.count(v) != 0; })) return false;
@@ -121,6 +144,14 @@ const Pass* update_of(const StepSchedule& step, PassId gradient) {
   const auto found = std::ranges::find_if(step.passes, [&](const Pass& pass) {
     const auto* map = pass.as<MapPass>();
     return map != nullptr && map->rest && map->rest->gradient == gradient;
+  });
+  return found == step.passes.end() ? nullptr : &*found;
+}
+
+const Pass* update_of(const StepSchedule& step, PassId gradient, ValueId sum) {
+  const auto found = std::ranges::find_if(step.passes, [&](const Pass& pass) {
+    const auto* map = pass.as<MapPass>();
+    return map != nullptr && map->rest && map->rest->gradient == gradient && is_among(pass.reads, sum);
   });
   return found == step.passes.end() ? nullptr : &*found;
 }

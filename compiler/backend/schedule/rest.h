@@ -19,7 +19,9 @@ bool may_rest(const ir::Graph& graph, const Schedule& schedule, const StepSchedu
 // The ops of an update that tell what it writes at rest, which is where they are not zero themselves.
 std::vector<ir::OpId> ops_at_rest(const ir::Graph& graph, const Pass& update, const RestFacts& facts);
 
-// The update whose elements at rest a scatter leaves out, too; null: there is none.
+// The update whose elements at rest a scatter by rows leaves out, too, or that reads this sum of one by exact sums;
+// null: there is none.
 const Pass* update_of(const StepSchedule& step, PassId gradient);
+const Pass* update_of(const StepSchedule& step, PassId gradient, ir::ValueId sum);
 
 }  // namespace dr::backend
