@@ -236,7 +236,7 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
     first_run.push_back(out_->commands.size() - 1);
   };
   run(false, "_faces", faces);
-  if (ir::lists_faces(op.attrs)) out_->commands.back()->most = (Dim(kMostListed) * parts.l).str();
+  if (parts.listed) out_->commands.back()->most = (Dim(kMostListed) * parts.l).str();
   if (lists.used()) run(true, "_listed_faces", lists.invocations());
   if (!at_once)
     for (int rank_run = 1; rank_run < 2 * static_cast<int>(parts.count); ++rank_run)
