@@ -245,11 +245,12 @@ step go {
        .without = {0, 0},
        .woken = {18, 110},
        .scatter = "rows"},
-      // By exact sums, which wake the texels that they add to for the first time: then nothing is listed anew.
+      // By exact sums, which wake the texels that they add to for the first time: then nothing is listed anew. Few
+      // texels would be summed in bins.
       {.id = "stepped",
        .text = R"(
 import std.optim;
-param texel : float[8, 8] = 0.9;
+param texel : float[64, 64] = 0.9;
 input place : ivec2[6];
 let color = texel.at(place);
 let error = sum((color - 0.3) * (color - 0.3));
@@ -261,9 +262,9 @@ step go {
        .bound = {{"place", places(0)}},
        .leaf = "place",
        .data = places(3),
-       .with = {6, 58},
+       .with = {6, 4090},
        .without = {0, 0},
-       .woken = {9, 55},
+       .woken = {9, 4087},
        .scatter = "exact",
        .only_on = "lavapipe"},
       {.id = "branches",
