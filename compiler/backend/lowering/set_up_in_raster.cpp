@@ -41,10 +41,10 @@ bool one_shader(const StepSchedule& step, const Schedule& schedule, const target
 }
 
 // Whether to load what a face is set up from takes no more components than to store the partial results for listed
-// faces and to load those again. What it computes is cheap beside either, a few hundred operations, but for loops,
-// which each lane of a face's team would take again.
-bool cheap_again(const ir::Graph& graph, const Pass& setup) {
-  if (trips_of(graph, setup.ops).loops > 0) return false;
+// faces and to load those again. What it computes is cheap beside either, a few hundred operations, but for loops on a
+// processor, which takes them again for one lane of a face's team after the other.
+bool cheap_again(const ir::Graph& graph, const target::Profile& profile, const Pass& setup) {
+  if (profile.lanes_in_turn && trips_of(graph, setup.ops).loops > 0) return false;
   std::set<ValueId> here;
   int loaded = 0, kept = 0;
   for (ir::OpId id : setup.ops) {
@@ -107,7 +107,7 @@ void set_up_in_raster(const ir::Graph& graph, const target::Profile& profile, Sc
           });
           if (!others && kept.count(v) == 0) setup.get<MapPass>().partial.push_back(v);
         }
-        if (cheap_again(graph, setup)) forget_partial(step, setup, raster, unused);
+        if (cheap_again(graph, profile, setup)) forget_partial(step, setup, raster, unused);
       }
     }
   }
