@@ -7,6 +7,6 @@
 namespace dr::ir {
 
 // Whether its one result lists the faces of all ranks.
-inline bool lists_faces(const Attrs& attrs) { return attrs.ints.size() > 3; }
+inline bool lists_faces(const Attrs& attrs) { return attrs.ints.size() > 3 && attrs.ints[3] == 1; }
 
 }  // namespace dr::ir

@@ -101,9 +101,10 @@ void Commands::dispatch(const bundle::CommandT& c, std::vector<Primitive>& out) 
   const Bound bound = pipelines_.bind(descriptors, vk::ShaderStageFlagBits::eCompute);
   const int64_t elements = sizes_.evaluate(c.elements, "pass '" + c.label + "'");
   must_be_due(c, elements);
-  if (!c.most.empty() && elements > sizes_.evaluate(c.most, "pass '" + c.label + "'"))
-    throw Failure{"pass '" + c.label + "' has " + std::to_string(elements) +
-                  " faces, too many for a 'raster' with 'listed': " + "let it keep the nearest ones, with 'nearest'"};
+  if (!c.faces.empty())
+    if (const int64_t faces = sizes_.evaluate(c.faces, "pass '" + c.label + "'"); faces > bundle::kMostListed)
+      throw Failure{"pass '" + c.label + "' has " + std::to_string(faces) +
+                    " faces, too many for a 'raster' with 'listed': " + "let it keep the nearest ones, with 'nearest'"};
   vk::Buffer indirect;
   if (c.indirect >= 0) {
     const BufferObject& sizes = memory_.buffer(static_cast<size_t>(c.indirect));

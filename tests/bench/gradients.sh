@@ -20,7 +20,7 @@ python = mitsuba_python() if "--with-mitsuba" in words else None
 suite = Suite("gradients", [w for w in words if w not in ("--only", "--with-mitsuba")])
 if "--with-mitsuba" in words and python is None:
     print("gradients: Mitsuba is left out: no python in DR_MITSUBA_PYTHON that has it, with LLVM from 17 on in DRJIT_LIBLLVM_PATH", flush=True)
-ways = {"coverage": {"way": 0}, "coverage, 12 outlines": {"way": 0, "K": 12}, "outlines, r = 2": {"way": 1}, "outlines, r = 4": {"way": 1, "R": 4.0},
+ways = {"coverage": {"way": 0}, "coverage, 12 faces": {"way": 0, "K": 12}, "outlines, r = 2": {"way": 1}, "outlines, r = 4": {"way": 1, "R": 4.0},
         "all edges, K = 3": {"way": 2, "K": 3}, "antialias": {"way": 3}}
 
 distance = 1 / np.sin(np.arctan(0.6 * np.tan(np.radians(22.5))))
@@ -49,5 +49,5 @@ chosen = [] if suite.quick and only is None else files if only is None else [onl
 for name, (position, faces, size) in ((n, m) for n in chosen if (m := mesh(suite, n))):
     for side, turned in enumerate(sides(position)):
         against_exact(suite, "gradients.dr", f"{name} {side}", turned, faces, camera(3.0), turned * 1.03 + [0.03, 0.02, 0], size,
-                      {w: ways[w] for w in ("coverage", "coverage, 12 outlines", "outlines, r = 2")})
+                      {w: ways[w] for w in ("coverage", "coverage, 12 faces", "outlines, r = 2")})
 PYTHON

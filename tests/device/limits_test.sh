@@ -75,15 +75,17 @@ on swiftshader ends 0 'total' trips.drb -s N=100000
 cat > listed.dr << 'DR'
 edition 1;
 const F = 134217728;
-let list = raster(F, 8, 8, 1, listed = 2) {
+const L = 1;
+let list = raster(F, 8, 8, L, listed = 2) {
   setup(f) -> vec2 { vec2(float(f % 3)) }
   corner(s, c) -> vec2 { s + vec2(float(c), float(c % 2)) }
   keep(s, p) -> bool { true }
 };
 step go { output n = list.at(ivec3(1, 1, 0)) + 0; }
 DR
-ends 1 "134217728 faces, too many for a 'raster' with 'listed'" listed.dr --step go
+on lavapipe ends 1 "134217728 faces, too many for a 'raster' with 'listed'" listed.dr --step go
 ends 0 'go.n = 16' listed.dr --step go -D F=40
+ends 0 'go.n = 16' listed.dr --step go -D F=40 -D L=20
 
 # ---- Dispatches: 65,535 workgroups of 64 fill a row, and more go on in the next one; as many rows and layers ----
 cat > elements.dr << 'DR'

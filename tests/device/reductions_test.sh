@@ -16,6 +16,7 @@ step look {
 END
 # Where subgroups are a GPU's, eight invocations share what one folds on a processor.
 sed 's/"subgroup_size": [0-9]*/"subgroup_size": 32/; s/"lanes_in_turn": true/"lanes_in_turn": false/' "$profiles/lavapipe.json" > teams.json
+grep -q '"subgroup_size": 32' teams.json && grep -q '"lanes_in_turn": false' teams.json
 drun=$drun python3 - << 'END'
 import os, random, struct, subprocess
 from array import array

@@ -20,7 +20,12 @@ let soft = hardsoftras.rasterize(clip, mesh.globe_face(6, 8), 40, 40);
 let alpha = hardsoftras.silhouette(soft);
 let disk = if distance(vec2(coord(40, 40).xy), vec2(18.0, 21.0)) < 9.0 { 1.0 } else { 0.0 };
 let error = loss.l2(alpha, disk);
-step fit { moved <- moved - 2.0 * grad(error, moved); output error, alpha; }
+let seen = raster(3, 8, 8, 1, listed = 2) {
+  setup(f) -> vec2 { vec2(float(f)) }
+  corner(s, c) -> vec2 { s + vec2(float(3 * c), float(c % 2 * 4)) }
+  keep(s, p) -> bool { true }
+};
+step fit { moved <- moved - 2.0 * grad(error, moved); output error, alpha, listed = seen + 0; }
 step tone { later <- later * 0.5; output mean = mean(photo) + mean(later); }
 END
 

@@ -142,5 +142,5 @@ def test_meshes_of_as_many_faces_need_not_hang_together_alike():
 def test_too_many_outlines_are_told():
     pos, tri, _ = disk(7)
     rast, color = drawn("reference", pos, tri)
-    with pytest.raises(dressi.Error, match="outlines: expected 1 to 26 in a tile, found 0"):
+    with pytest.raises(dressi.Error, match="outlines: expected 1 to 64 faces in a tile, found 0"):
         dr.antialias(color, rast, pos, tri, exact=True, outlines=0)

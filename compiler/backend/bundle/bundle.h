@@ -25,6 +25,8 @@ inline constexpr int kListEnd = 3, kListHead = 4;
 inline constexpr int64_t kLeastInvocations = 8192;
 // Invocations of a Reduce with a `group` that share the inputs of one of others.
 inline constexpr int64_t kReducingTeam = 8;
+// Faces whose numbers an int holds beside a tag.
+inline constexpr int64_t kMostListed = (int64_t{1} << 27) - 1;
 
 // Whether a resource is words of 32 bits that only shaders know the meaning of.
 inline bool is_words(const ResourceT& r) { return r.role == Role::Scratch || r.role == Role::Zeros; }

@@ -54,7 +54,7 @@ bool Checker::only_own_fields(const CommandT& c, const std::string& where) {
       {"finite", c.finite != -1, kDispatch},
       {"group", c.group != 0, kDispatch | kReduce},
       {"each", c.each != 0, kDispatch},
-      {"most", !c.most.empty(), kDispatch},
+      {"faces", !c.faces.empty(), kDispatch},
       {"colors", !c.colors.empty(), kDraw},
       {"clear", !c.clear.empty(), kDraw},
       {"joins", c.joins, kDraw},
@@ -127,7 +127,7 @@ bool Checker::watched(const CommandT& c, int word, const std::string& where) {
 bool Checker::dispatch(const CommandT& c, const std::string& where) {
   if (!shader(c.compute, Stage::Compute, where) || !expression(c.elements, where) || !trips(c, where)) return false;
   if (!c.count.empty() && !expression(c.count, where)) return false;
-  if (!c.most.empty() && !expression(c.most, where)) return false;
+  if (!c.faces.empty() && !expression(c.faces, where)) return false;
   for (const auto& binding : c.bindings)
     if (b_.resources[binding->resource]->storage == Storage::Tile) return kept(binding->resource, where);
   if (c.group != 0 && c.indirect != -1) return fail(where + " is as large as a resource says, which counts in 64");

@@ -22,7 +22,7 @@ enum StorageClass : uint32_t {
   kOutput = 3,
   kWorkgroup = 4,
   kPrivate = 6,
-  kFunction = 7,
+  kOfFunction = 7,
   kPushConstant = 9,
   kStorageBuffer = 12,
 };
@@ -214,7 +214,7 @@ class Reflector {
       case kPushConstant: push(pointee); break;
       case kWorkgroup: out_.shared_bytes = bounded(out_.shared_bytes + bytes_of(pointee), 1); break;
       case kPrivate:
-      case kFunction:
+      case kOfFunction:
         // Driver's compilers keep these in registers and on stacks.
         private_bytes_ = bounded(private_bytes_ + bytes_of(pointee), 1);
         if (private_bytes_ > (uint64_t{1} << 22)) throw Unfit{"has local variables of more than 4 MiB"};
@@ -320,7 +320,7 @@ class Reflector {
     const auto base = variable_of_.find(word(chain, 3));
     if (base == variable_of_.end()) return;
     const uint32_t storage = word(base->second, 3);
-    if (storage != kFunction && storage != kPrivate && storage != kWorkgroup) return;
+    if (storage != kOfFunction && storage != kPrivate && storage != kWorkgroup) return;
     uint32_t at = word(type(word(base->second, 1)), 3);
     for (size_t k = 4; k < chain.size(); ++k) {
       const Words& t = type(at);

@@ -39,7 +39,7 @@ std::string members(const std::string& list) { return "members_of_" + list; }
 
 std::string append(Shader& s, const std::string& list, const std::string& element, bool together) {
   const std::string end = list + ".d[" + std::to_string(kListEnd) + "]";
-  s.declare("uint append_to_" + list + "(int element) {\n" +
+  s.prelude("uint append_to_" + list + "(int element) {\n" +
             (together ? "  uvec4 lanes = subgroupBallot(true);\n  uint place = 0u;\n"
                         "  if (subgroupElect()) place = atomicAdd(" +
                             end +

@@ -29,11 +29,8 @@ std::string Generator::keep_for_group(Shader& s, const Target& t) {
   for (size_t k = 0; k < t.sum.terms.size(); ++k) none += (k > 0 ? ", -1" : "-1");
   s.declare("int kept_element_" + id + "[" + sites + "] = int[" + sites + "](" + none + ");\n" + type.str() + " kept_" +
             id + "[" + sites + "];\n");
-  std::string any;
-  for (int c = 0; c < type.components(); ++c)
-    any += (c > 0 ? " | " : "") + ("floatBitsToUint(" + component(type, "value", c) + ")");
-  return "    if (((" + any + ") & 0x7fffffffu) != 0u) {\n      kept_element_" + id + "[site] = element;\n      kept_" +
-         id + "[site] = value;\n    }\n";
+  return "    if ((" + any_bits(type, "value") + ") != 0u) {\n      kept_element_" + id +
+         "[site] = element;\n      kept_" + id + "[site] = value;\n    }\n";
 }
 
 void Generator::join_in_group(Shader& s, const std::vector<Target>& targets) {

@@ -17,9 +17,6 @@ using ir::ValueId;
 
 namespace {
 
-// Faces of a layer whose numbers an int holds beside a tag.
-constexpr int64_t kMostListed = (int64_t{1} << 27) - 1;
-
 struct Walk {
   const ir::Graph& graph;
   const Pass& pass;
@@ -236,7 +233,7 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
     first_run.push_back(out_->commands.size() - 1);
   };
   run(false, "_faces", faces);
-  if (parts.listed) out_->commands.back()->most = (Dim(kMostListed) * parts.l).str();
+  if (parts.listed) out_->commands.back()->faces = parts.faces.str();
   if (lists.used()) run(true, "_listed_faces", lists.invocations());
   if (!at_once)
     for (int rank_run = 1; rank_run < 2 * static_cast<int>(parts.count); ++rank_run)

@@ -12,8 +12,8 @@ using ir::ValueId;
 
 namespace {
 
-// A GPU adds to sums that its caches hold where they are computed, and to larger ones where workgroups join what they
-// add; else it adds to those faster in a run of its own, whose lanes all add. So do processors to all.
+// A GPU adds to sums that its caches hold where they are computed; to larger ones it adds faster in a run of its own,
+// whose lanes all add. So do processors to all.
 constexpr int64_t kMostCached = 1 << 23;  // words
 
 bool is_cached(const ir::Graph& graph, const ScatterPass& scatter) {
@@ -47,7 +47,6 @@ void guess_exponents(const ir::Graph& graph, const target::Profile& profile, Sch
       if (scatter == nullptr || !pass.steady || !may_guess(graph, schedule.resources, step, pass)) continue;
       ExactScatter& exact = *scatter->exact();
       auto* joined = std::get_if<JoinedFirstRun>(&exact.first_run);
-      const bool joins_groups = joined != nullptr && joined->keeps_terms && groups_may_join(graph, profile, *scatter);
       if (!is_cached(graph, *scatter)) continue;
       // A map that lists elements has room for a guess where it has room for terms.
       if (joined != nullptr && !joined->keeps_terms) continue;
@@ -56,7 +55,7 @@ void guess_exponents(const ir::Graph& graph, const target::Profile& profile, Sch
         exact.guesses = false;
       } else if (joined != nullptr) {
         joined->keeps_terms = false;
-        exact.joins_groups = joins_groups;
+        exact.joins_groups = groups_may_join(graph, profile, *scatter);
       } else {
         std::get<OwnFirstRun>(exact.first_run).relists = false;
       }

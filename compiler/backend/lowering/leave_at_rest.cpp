@@ -26,12 +26,20 @@ std::vector<ValueId> memory_of(const ir::Graph& graph, const StepSchedule& step,
   return out;
 }
 
-// Shaders that list, sum and step bind the list, too, and the one that lists where the rows start.
+// Shaders that list, sum and step bind the list, too, and the one that lists where the rows start. One that sums for
+// several updates binds a list and marks for each: `others` rest already.
 bool fits_with_lists(const Schedule& schedule, const StepSchedule& step, const Pass& pass,
-                     const target::Profile& profile) {
+                     const target::Profile& profile, size_t others = 0) {
   Bindings all = bindings_of(schedule.resources, resources_of(step, pass.reads), pass.writes.size());
-  all.more += 3;
+  all.more += 3 + 2 * static_cast<uint32_t>(others);
   return fits(profile, all);
+}
+
+size_t resting_on(const StepSchedule& step, PassId gradient) {
+  return static_cast<size_t>(std::ranges::count_if(step.passes, [&](const Pass& pass) {
+    const auto* map = pass.as<MapPass>();
+    return map != nullptr && map->rest && map->rest->gradient == gradient;
+  }));
 }
 
 }  // namespace
@@ -49,7 +57,8 @@ void leave_at_rest(const ir::Graph& graph, const target::Profile& profile, Sched
         if (!reads) continue;
         const AtRest rest{pass_id(g), memory_of(graph, step, update), profile.lanes_in_turn};
         if (!may_rest(graph, schedule, step, pass_id(u), rest)) continue;
-        if (!fits_with_lists(schedule, step, update, profile) || !fits_with_lists(schedule, step, gradient, profile))
+        if (!fits_with_lists(schedule, step, update, profile) ||
+            !fits_with_lists(schedule, step, gradient, profile, resting_on(step, pass_id(g))))
           continue;
         // A GPU reads sums of all elements as fast as it looks for those on a list, and lists, as vertices are, have
         // few.

@@ -84,6 +84,7 @@ class StepChecker {
     check_setup();
     check_ops();
     check_joined_loops();
+    check_teams();
     check_guesses();
     check_emptied();
     check_rows();
@@ -149,12 +150,21 @@ class StepChecker {
     if (needs_cut(trips, profile_)) unsound("joins loops that may stop and go on later");
   }
 
+  void check_teams() {
+    const auto* reduce = pass().as<ReducePass>();
+    if (reduce == nullptr || !reduce->in_teams) return;
+    if (!graph_.value(graph_.op(pass().ops[0]).results[0]).extent.is_unit()) unsound("shares inputs of many results");
+    if (profile_.max_compute_work_group_invocations < static_cast<uint32_t>(kReducingGroup))
+      report(Violation::Kind::Limit, "has workgroups of " + std::to_string(kReducingGroup) + " invocations");
+  }
+
   void check_guesses() {
     const auto* scatter = pass().as<ScatterPass>();
     if (scatter == nullptr || !scatter->guesses()) return;
     if (schedule_.code.native || scatter->keeps_terms() || scatter->relists() ||
         !may_guess(graph_, schedule_.resources, step_, pass()))
       unsound("guesses exponents of sums that need two runs");
+    if (scatter->joins_groups() && scatter->joined_run() == nullptr) unsound("joins what workgroups of no map add");
   }
 
   void check_emptied() {

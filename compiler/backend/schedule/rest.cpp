@@ -123,6 +123,8 @@ bool may_rest(const Graph& graph, const Schedule& schedule, const StepSchedule& 
   if (!(rest.gradient < update) || !is_plain_update(graph, schedule, step, update) ||
       !is_gradient(graph, schedule, step, pass, rest.gradient))
     return false;
+  // The reader of the first element leaves the exponent that the next run guesses, and may rest.
+  if (step.pass(rest.gradient).get<ScatterPass>().guesses()) return false;
   const std::vector<ValueId> sums = taken(step.pass(rest.gradient), pass);
   for (const OpId id : pass.ops) {
     const Uses uses = uses_of(graph, graph.op(id));

@@ -54,7 +54,8 @@ Result<Decisions> load_decisions(const std::string& dir, const std::string& step
     Decisions decisions;
     for (size_t k = 0; fs::exists(folder / file_of(k, 0), error); ++k) {
       std::vector<Array>& raster = decisions.rasters.emplace_back();
-      for (size_t r = 0; r % 2 == 1 || fs::exists(folder / file_of(k, r), error); ++r)
+      // Faces and tags of each rank, or one array that lists faces with their tags.
+      for (size_t r = 0; (r % 2 == 1 && r > 1) || fs::exists(folder / file_of(k, r), error); ++r)
         raster.push_back(must_load(folder / file_of(k, r), 1));
     }
     for (const auto& [name, components] : pins) {

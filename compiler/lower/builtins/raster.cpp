@@ -28,6 +28,7 @@ bool Elaborator::raster_arguments(const Expr& expr, RasterCall& call) {
   call.span = expr.span;
   bool ok = true;
   size_t next = 0;
+  const dsl::Arg* keeps = nullptr;
   Dim* const extents[] = {&call.faces, &call.domain.w, &call.domain.h, &call.domain.l};
   static const std::vector<std::string> kNames = {"nearest", "listed", "corners"};
   for (const dsl::Arg& arg : expr.args) {
@@ -62,6 +63,11 @@ bool Elaborator::raster_arguments(const Expr& expr, RasterCall& call) {
                  std::to_string(*number));
       ok = false;
     }
+    if (nearest && keeps != nullptr) {
+      report(Code::E0705, arg.name->span, "expected 'nearest' or 'listed' for 'raster', found both");
+      ok = false;
+    }
+    if (nearest) keeps = &arg;
     (nearest ? call.nearest : call.corners) = *number;
     call.listed = call.listed || listed;
   }

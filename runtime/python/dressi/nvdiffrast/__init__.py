@@ -287,13 +287,13 @@ def antialias(
     pos_gradient_boost: float = 1.0,
     *,
     exact: bool = False,
-    outlines: int = 20,
+    outlines: int = 64,
 ) -> Any:
     """`color` [minibatch, height, width, channels] with soft edges, through which gradients reach `pos`.
 
     Of faces smaller than a pixel most outlines are not found, as in nvdiffrast. `exact=True` finds all: each pixel has the colours
-    of both sides by the area that they cover of it, and gradients are those of the area. Of at most so many `outlines` in 2 x 2 pixels
-    that is exact, in time and memory that grow with them. No part of the mesh may lie before the near plane.
+    of both sides by the area that they cover of it, and gradients are those of the area. Of at most so many faces with `outlines` in 4 x 4
+    pixels, 64 or less, that is exact, in time and memory that grow with them. No part of the mesh may lie before the near plane.
     """
     tri, rast = _array(tri), _array(rast)
 

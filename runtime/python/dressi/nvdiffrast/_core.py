@@ -242,12 +242,12 @@ def antialias(
 
 
 def antialias_exact(
-    device: str, color: Any, rast: Any, pos: Any, tri: Any, across: np.ndarray | None = None, outlines: int = 20, boost: float = 1.0
+    device: str, color: Any, rast: Any, pos: Any, tri: Any, across: np.ndarray | None = None, outlines: int = 64, boost: float = 1.0
 ) -> tuple[list[np.ndarray], Back]:
-    """As `antialias`, by the area that each face covers of a pixel; at most so many `outlines` may cross a tile of 2 x 2 pixels."""
+    """As `antialias`, by the area that each face covers of a pixel; a tile of 4 x 4 pixels lists at most so many faces with `outlines`."""
     color, rast, pos, tri = _blended(color, rast, pos, tri)
     outlines = _count("outlines", outlines)
-    _check(1 <= outlines <= 26, f"outlines: expected 1 to 26 in a tile, found {outlines}")
+    _check(1 <= outlines <= 64, f"outlines: expected 1 to 64 faces in a tile, found {outlines}")
     if across is None:
         across = neighbours(tri)
     _check(across.shape == tri.shape, "topology_hash: it was made of other triangles")
