@@ -14,11 +14,12 @@
 
 namespace dr::test {
 
-// A sum of finite floats as a magnitude and a sign, in whole numbers of 2^-149: bit by bit, slow and plain.
+// A sum of floats as a magnitude and a sign, in whole numbers of 2^-149: bit by bit, slow and plain. Inf and NaN are no
+// part of it: flags tell of them.
 class ExactSum {
  public:
   void add(float x) {
-    if (x == 0) return;
+    if (x == 0 || !std::isfinite(x)) return;
     int exponent = 0;
     auto mantissa = static_cast<uint32_t>(std::ldexp(std::frexp(std::fabs(x), &exponent), 24));
     int place = exponent - 24 + 149;

@@ -8,7 +8,6 @@
 
 namespace dr::backend {
 
-using glsl::component;
 using glsl::Shader;
 
 namespace {
