@@ -10,7 +10,7 @@ no_more
 photos=${DR_SHARED_DATA:-$root/../shared/data}/multiview/rendered_clock/rendered_clock.zip
 if [[ ! -f $photos ]]; then echo "clock: skipped, there is no $photos"; exit 0; fi
 sphere=$root/docs/examples/sphere.obj
-python3 "$here/clock.py" "$photos" "$sphere" 128 "$out"
+/usr/bin/python3 "$here/clock.py" "$photos" "$sphere" 128 "$out"
 bound=(--bind "face=$sphere:indices")
 for leaf in start view photo mask new_view new_photo new_mask; do bound+=(--bind "$leaf=$out/$leaf.npy"); done
 coarse=300 fine=150
