@@ -53,7 +53,8 @@ done
 file=$data/obj/spot/cow.obj picture=$data/obj/spot/cow_texture.png
 run "$root/docs/examples/studio.dr" -D N=2 --bind "position=$file:position" --bind "face=$file:indices" \
   --bind "uv=$file:uv" --bind "uv_face=$file:uv_indices" --bind "albedo=$picture" --step pictures --out "$out/target"
-mapfile -t from < <(bind "$out/target" pictures position face uv uv_face view mask image)
+mapfile -t from < <(bind "$out/target" pictures position face uv uv_face view mask)
+from+=(--bind "photo=$out/target/pictures.image.npy")
 run "$root/tests/bench/cases/pose.dr" -D steps=60 "${from[@]}" --bind "albedo=$picture" --step fit=60 --out "$out/fit"
 holds "pose of spot" fit degrees_off 'last < 0.2 && first > 0.99'
 holds "pose of spot" fit percent_off 'last < 0.1 && first > 0.99'
