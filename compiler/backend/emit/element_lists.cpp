@@ -17,17 +17,18 @@ constexpr int kRun = kListedRun;  // a bit each
 // Squares of 16 x 16, in bands over the whole width. Where they do not fit, what is left of a band at its right comes
 // behind its squares, and the rows below the last band at the end, one row after the other.
 constexpr const char* kInTiles = R"(
+ivec2 in_tile(int lane) { return ivec2((lane & 7) + ((lane >> 2) & 8), ((lane >> 3) & 3) + ((lane >> 4) & 12)); }
+
 int in_tiles(int index, int w, int rows) {
-  int across = w / 16, lane = index & 255;
-  ivec2 at = ivec2((lane & 7) + ((lane >> 2) & 8), ((lane >> 3) & 3) + ((lane >> 4) & 12));
+  int across = w / 16;
+  ivec2 at = in_tile(index & 255);
   if (w % 16 == 0 && rows % 16 == 0) {
     int tile = index / 256;
     return (tile / across * 16 + at.y) * w + tile % across * 16 + at.x;
   }
   int band = index / (16 * w), within = index - band * 16 * w, rest = within - across * 256, left = max(w - across * 16, 1);
   if (band >= rows / 16) return index;
-  lane = within & 255;
-  at = ivec2(within / 256 * 16 + (lane & 7) + ((lane >> 2) & 8), ((lane >> 3) & 3) + ((lane >> 4) & 12));
+  at = in_tile(within & 255) + ivec2(within / 256 * 16, 0);
   if (rest >= 0) at = ivec2(across * 16 + rest % left, rest / left);
   return (band * 16 + at.y) * w + at.x;
 }

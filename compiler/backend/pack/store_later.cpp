@@ -38,13 +38,15 @@ void StepPacker::store_later() {
 }
 
 void StepPacker::store_later(Pass& early, Pass& late, const std::vector<ValueId>& read_behind) {
-  std::vector<ValueId> left;
-  Pass more = late;
+  std::vector<ValueId> left, later;
   for (const ValueId v : early.writes) {
     const bool computed = std::ranges::find(late.ops, graph_.value(v).op) != late.ops.end();
-    (computed && std::ranges::find(read_behind, v) != read_behind.end() ? more.writes : left).push_back(v);
+    (computed && std::ranges::find(read_behind, v) != read_behind.end() ? later : left).push_back(v);
   }
-  if (left.size() == early.writes.size() || left.empty() || !within_limits(more)) return;
+  if (later.empty() || left.empty()) return;
+  Pass more = late;
+  more.writes.insert(more.writes.end(), later.begin(), later.end());
+  if (!within_limits(more)) return;
   std::sort(more.writes.begin(), more.writes.end());
   Pass less = early;
   set_group(early.ops);

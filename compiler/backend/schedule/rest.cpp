@@ -142,18 +142,10 @@ bool may_rest(const Graph& graph, const Schedule& schedule, const StepSchedule& 
   return true;
 }
 
-const Pass* update_of(const StepSchedule& step, PassId gradient) {
+const Pass* update_of(const StepSchedule& step, PassId gradient, std::optional<ValueId> sum) {
   const auto found = std::ranges::find_if(step.passes, [&](const Pass& pass) {
     const auto* map = pass.as<MapPass>();
-    return map != nullptr && map->rest && map->rest->gradient == gradient;
-  });
-  return found == step.passes.end() ? nullptr : &*found;
-}
-
-const Pass* update_of(const StepSchedule& step, PassId gradient, ValueId sum) {
-  const auto found = std::ranges::find_if(step.passes, [&](const Pass& pass) {
-    const auto* map = pass.as<MapPass>();
-    return map != nullptr && map->rest && map->rest->gradient == gradient && is_among(pass.reads, sum);
+    return map != nullptr && map->rest && map->rest->gradient == gradient && (!sum || is_among(pass.reads, *sum));
   });
   return found == step.passes.end() ? nullptr : &*found;
 }

@@ -21,7 +21,6 @@ std::vector<ir::OpId> ops_at_rest(const ir::Graph& graph, const Pass& update, co
 
 // The update whose elements at rest a scatter by rows leaves out, too, or that reads this sum of one by exact sums;
 // null: there is none.
-const Pass* update_of(const StepSchedule& step, PassId gradient);
-const Pass* update_of(const StepSchedule& step, PassId gradient, ir::ValueId sum);
+const Pass* update_of(const StepSchedule& step, PassId gradient, std::optional<ir::ValueId> sum = {});
 
 }  // namespace dr::backend
