@@ -36,16 +36,16 @@ constexpr int64_t kManyKept = 12;
 
 // Those of a GPU, which starts few workgroups faster than many, and has work for more in large pictures, whose boxes
 // are larger, too. Boxes of some twenty pixels are common, for which a whole subgroup is too many lanes. All of it is
-// measured by tests/bench/cases/table4.dr, 256² to 2048² pixels.
-Bins gpu_bins(const Dim& pixels) {
-  constexpr int64_t kUsual = 1 << 20, kPixelsOfLarge = 32;
+// measured by tests/bench/cases/table4.dr, 256² to 2048² pixels. A face on a pixel's list waits for those before it
+// there, so lanes share what is more than one pixel.
+Bins gpu_bins(const Dim& pixels, bool listed) {
+  constexpr int64_t kUsual = 1 << 20;
   constexpr uint64_t kPerSide = 128;
   const int64_t count = pixels.evaluate({}).value_or(kUsual);
   const auto side = static_cast<uint64_t>(std::sqrt(static_cast<double>(count)));
   const auto middle = std::bit_floor(std::clamp(kPerSide * side, uint64_t{1} << 15, uint64_t{1} << 18));
-  const auto large =
-      std::bit_floor(static_cast<uint64_t>(std::clamp(count / kPixelsOfLarge, int64_t{1} << 14, int64_t{1} << 17)));
-  return {8, 16384, static_cast<int>(middle), static_cast<int>(large), count <= kUsual ? 4u : 2u};
+  const bool usual = count <= kUsual;
+  return {listed ? 1 : 8, 16384, static_cast<int>(middle), usual ? 1 << 14 : 1 << 17, usual ? 4u : 2u};
 }
 
 // The trips of our own that a dispatch needs to come to where it goes on: each loop is entered and left once more for
@@ -206,7 +206,7 @@ class StepCode {
     const RasterParts parts = raster_parts(op);
     const Dim pixels = parts.w * parts.h;
     const int64_t limit = profile_.loop_trips;
-    const Bins bins = profile_.is_gpu() ? gpu_bins(pixels) : kCpu;
+    const Bins bins = profile_.is_gpu() ? gpu_bins(pixels, parts.listed) : kCpu;
     // Lanes that walk small boxes of different shapes take trips for the rows and columns of them all: for boxes of 64
     // pixels the sum over y of 64 / (y + 1).
     constexpr int64_t kSmallPixels = 320;
