@@ -128,8 +128,8 @@ bool StepPacker::within_limits(const Pass& pass) const {
   return fits_with_loops(all, pass.ops);
 }
 
-// Of a shader with these ops: one whose loops are cut also binds where they stopped, in two buffers, and what tells that
-// data made one too long.
+// Of a shader with these ops: one whose loops are cut also binds where they stopped, in two buffers, and what tells
+// that data made one too long.
 bool StepPacker::fits_with_loops(Bindings all, std::span<const OpId> ops) const {
   if (!fits(profile_, all)) return false;
   all.more += all.hardware ? 0 : kCutBuffers;
