@@ -120,7 +120,9 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
     const bundle::ResourceT& elements = *bundle.resources[*lists[k]];
     t.list = bundle::word(EnumNameListKind(elements.list));
     t.listed = int64_t{list_ends[list++]} - 1;
-    t.elements = command.indirect >= 0 ? sizes.evaluate(command.elements, "pass '" + command.label + "'")
+    // Of blocks that are marked, the head counts elements, too.
+    const bool steps = elements.list == bundle::ListKind::Stepped;
+    t.elements = command.indirect >= 0 || steps ? sizes.evaluate(command.elements, "pass '" + command.label + "'")
                                        : sizes.evaluate(elements.extent->w, elements.name) - bundle::kListHead;
   }
   return out;
