@@ -11,11 +11,23 @@ using glsl::dim_expression;
 using glsl::Shader;
 using ir::ValueId;
 
+namespace {
+
+// That a workgroup of an update takes.
+constexpr int kBlocksEach = 8;
+
+// Blocks of an update, in full groups of kBlocksEach.
+ir::Dim blocks_of(const Pass& update) {
+  constexpr int kAll = kRestingBlock * kBlocksEach;
+  return (element_count(update.domain) + ir::Dim(kAll - 1)).divided_by(kAll) * ir::Dim(kBlocksEach);
+}
+
+}  // namespace
+
 void Generator::list_stepped(const Pass& gradient, const Pass& update, uint32_t starts) {
   const AtRest& rest = *update.get<MapPass>().rest;
   const RestFacts facts = facts_at_rest(graph_, *step_, update, rest);
-  const uint32_t list =
-      rest.in_blocks ? add_marks(update) : add_list(update, "stepped", bundle::ListKind::Stepped);
+  const uint32_t list = rest.in_blocks ? add_marks(update) : add_list(update, "stepped", bundle::ListKind::Stepped);
   // Elements that are not listed stay as they are, and those that are stay on the list, whatever the step does.
   out_->commands.back()->foresees = true;
   stepped_lists_[&update] = list;
@@ -54,8 +66,11 @@ void Generator::list_stepped(const Pass& gradient, const Pass& update, uint32_t 
   if (rest.in_blocks) {
     const std::string marks = s.bind_words(list, "marked_blocks_" + std::to_string(list), bundle::Access::ReadWrite);
     s.body().line("if (moves) " + mark_block(s, update, element) + ";");
-    // The end of a list is one more than it has elements.
-    s.body().line("if (" + element + " == 0) atomicAdd(" + marks + ".d[" + std::to_string(kListEnd) + "], 1u);");
+    // The first word says how many elements there are, the end of a list is one more than it has elements.
+    s.body().line("if (" + element + " == 0) {");
+    s.body().line(marks + ".d[0] = uint(" + dim_expression(element_count(update.domain)) + ");");
+    s.body().line("atomicAdd(" + marks + ".d[" + std::to_string(kListEnd) + "], 1u);");
+    s.body().line("}");
     dispatch(gradient, "_stepped", s, loop.close()).foresees = true;
     return;
   }
@@ -73,8 +88,7 @@ void Generator::list_stepped(const Pass& gradient, const Pass& update, uint32_t 
 }
 
 uint32_t Generator::add_marks(const Pass& update) {
-  const ir::Dim blocks = (element_count(update.domain) + ir::Dim(kRestingBlock - 1)).divided_by(kRestingBlock);
-  const uint32_t marks = add_scratch(update.name + "_stepped", (blocks + ir::Dim(kListHead)).str());
+  const uint32_t marks = add_scratch(update.name + "_stepped", (blocks_of(update) + ir::Dim(kListHead)).str());
   bundle_->resources[marks]->list = bundle::ListKind::Stepped;
   fill("clear " + update.name + " stepped", marks, 0);
   return marks;
@@ -94,10 +108,10 @@ std::string Generator::mark_block(Shader& s, const Pass& update, const std::stri
 
 std::string Generator::wake(Shader& s, const Target& t, const std::string& added) {
   const std::string is_added = "  if ((" + added + ") != 0u";
-  if (t.update->get<MapPass>().rest->in_blocks)
-    return is_added + ") " + mark_block(s, *t.update, "element") + ";\n";
+  if (t.update->get<MapPass>().rest->in_blocks) return is_added + ") " + mark_block(s, *t.update, "element") + ";\n";
   const std::string id = t.accumulator.name;
-  const std::string list = s.bind_words(stepped_lists_.at(t.update), "stepped_elements_" + id, bundle::Access::ReadWrite);
+  const std::string list =
+      s.bind_words(stepped_lists_.at(t.update), "stepped_elements_" + id, bundle::Access::ReadWrite);
   const std::string marks = s.bind_words(woken_.at(t.update), "woken_elements_" + id, bundle::Access::ReadWrite);
   return is_added + " && " + marks + ".d[element] == 0u && atomicExchange(" + marks + ".d[element], 1u) == 0u) " +
          append(s, list, "element") + ";\n";
@@ -110,26 +124,41 @@ std::string Generator::stepped_index(Shader& s, uint32_t list) {
 }
 
 void Generator::stepped_map_pass(const Pass& pass) {
+  if (pass.get<MapPass>().rest->in_blocks) return marked_map_pass(pass);
   const uint32_t list = stepped_lists_.at(&pass);
   Shader s = shader();
-  if (pass.get<MapPass>().rest->in_blocks) {
-    const std::string count = dim_expression(element_count(pass.domain));
-    linear_index(s, count);
-    s.body().line("if (" + s.read_words(list, "marked_blocks") + "(" + std::to_string(kListHead) + " + index / " +
-                  std::to_string(kRestingBlock) + ") == 0u) return;");
-    place_from_index(s, pass.domain);
-    take_sums(s, pass);
-    s.element_ops(pass.ops);
-    store_results(s, pass);
-    dispatch(pass, "", s, element_count(pass.domain).str());
-    return;
-  }
   s.body().line("int element = " + stepped_index(s, list) + ";");
   place_from_index(s, pass.domain, "element");
   take_sums(s, pass);
   s.element_ops(pass.ops);
   store_results(s, pass);
   dispatch(pass, "", s, element_count(pass.domain).str()).indirect = static_cast<int>(list);
+}
+
+// Starting a workgroup takes a GPU longer than looking whether it has something to do: one takes several blocks, and
+// finds out about them all at once.
+void Generator::marked_map_pass(const Pass& pass) {
+  const std::string block = std::to_string(kRestingBlock), each = std::to_string(kBlocksEach);
+  Shader s = shader();
+  const std::string marks = s.read_words(stepped_lists_.at(&pass), "marked_blocks");
+  s.body().line("int first = int(gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x) * " + each + ";");
+  s.body().line("if (first >= " + dim_expression(blocks_of(pass)) + ") return;");
+  s.body().line("uint marked = 0u;");
+  for (int k = 0; k < kBlocksEach; ++k)
+    s.body().line("marked |= " + marks + "(" + std::to_string(kListHead + k) + " + first) << " + std::to_string(k) +
+                  ";");
+  s.body().line("for (; marked != 0u; marked &= marked - 1u) {");
+  s.push_scope();
+  s.body().line("int element = (first + findLSB(marked)) * " + block + " + int(gl_LocalInvocationID.x);");
+  s.body().line("if (element >= " + dim_expression(element_count(pass.domain)) + ") return;");
+  place_from_index(s, pass.domain, "element");
+  take_sums(s, pass);
+  s.element_ops(pass.ops);
+  store_results(s, pass);
+  s.pop_scope();
+  s.body().line("}");
+  dispatch(pass, "", s, (blocks_of(pass).divided_by(kBlocksEach) * ir::Dim(kRestingBlock)).str(), {0, 0, 0},
+           kRestingBlock);
 }
 
 }  // namespace dr::backend

@@ -311,10 +311,10 @@ std::string Generator::floats_reader(Shader& s, ValueId value, const std::string
     components += (c == 0 ? "" : ", ") + word;
     zeros += " " + word + " = 0.0;";
   }
-  return type + " " + taken + ";\nvoid take_" + function + "(ivec3 at) {\n  int base = " +
-         Shader::element_index(info.extent, "at") + " * " + std::to_string(n) + ";\n  " + taken + " = " + type + "(" +
-         components + ");\n  if ((" + any_bits(info.type, taken) + ") != 0u) {" + zeros + " }\n}\n" + type + " " +
-         function + "(ivec3 at) { return " + taken + "; }\n";
+  return type + " " + taken + ";\nvoid take_" + function +
+         "(ivec3 at) {\n  int base = " + Shader::element_index(info.extent, "at") + " * " + std::to_string(n) +
+         ";\n  " + taken + " = " + type + "(" + components + ");\n  if ((" + any_bits(info.type, taken) + ") != 0u) {" +
+         zeros + " }\n}\n" + type + " " + function + "(ivec3 at) { return " + taken + "; }\n";
 }
 
 }  // namespace dr::backend

@@ -48,6 +48,7 @@ class Generator {
   std::string mark_block(glsl::Shader& shader, const Pass& update, const std::string& element) const;
   std::string stepped_index(glsl::Shader& shader, uint32_t list);
   void stepped_map_pass(const Pass& pass);
+  void marked_map_pass(const Pass& pass);
   // Several elements an invocation: side by side (block.cpp), one after the other (strides.cpp).
   void block_map_pass(const Pass& pass, const Block& block);
   void strided_map_pass(const Pass& pass);
@@ -75,13 +76,13 @@ class Generator {
   struct Target {
     ScatterSum sum;
     glsl::Accumulator accumulator;
-    uint32_t words = 0;    // bundle resource
-    int most = 0;          // fixed: contributions from an element, negative: unknown
-    bool fixed = false;    // added as fixed point numbers
-    bool binned = false;   // added in bins; neither: as they are
-    uint32_t terms = 0;    // bundle resource: contributions kept, where the pass keeps them
-    uint32_t guess = 0;    // bundle resource: the shift of the run before, where the pass guesses
-    bool emptied = false;  // the pass that reads the words leaves zeros; of fixed point numbers
+    uint32_t words = 0;            // bundle resource
+    int most = 0;                  // fixed: contributions from an element, negative: unknown
+    bool fixed = false;            // added as fixed point numbers
+    bool binned = false;           // added in bins; neither: as they are
+    uint32_t terms = 0;            // bundle resource: contributions kept, where the pass keeps them
+    uint32_t guess = 0;            // bundle resource: the shift of the run before, where the pass guesses
+    bool emptied = false;          // the pass that reads the words leaves zeros; of fixed point numbers
     const Pass* update = nullptr;  // whose elements the sums wake
   };
   // Lists the element that a sum adds to, or marks its block, if `added`, an expression, is not 0 and it is not there.

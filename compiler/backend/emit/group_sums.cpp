@@ -66,8 +66,8 @@ void Generator::join_in_group(Shader& s, const std::vector<Target>& targets) {
               size +
               "u;\n  }\n"
               "  if (key == 0u || key == uint(element + 1)) {\n" +
-              here + "  } else {\n" + memory + (t.update == nullptr ? "" : wake(s, t, "1u")) + "  }\n" + set_flags(t, buffer) +
-              (t.update == nullptr ? "" : wake(s, t, "flags")) + "}\n");
+              here + "  } else {\n" + memory + (t.update == nullptr ? "" : wake(s, t, "1u")) + "  }\n" +
+              set_flags(t, buffer) + (t.update == nullptr ? "" : wake(s, t, "flags")) + "}\n");
     for (size_t k = 0; k < t.sum.terms.size(); ++k) {
       const std::string site = "[" + std::to_string(k) + "]", element = "kept_element_" + id + site;
       any += (any.empty() ? "" : " || ") + element + " >= 0";

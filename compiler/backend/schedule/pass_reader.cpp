@@ -161,7 +161,8 @@ bool PassReader::decides(MapPass& map, bool& ok) {
     if (ok && take(',')) {
       rest.in_blocks = take_word("marked");
       rest.lists_in_runs = !rest.in_blocks;
-      ok = (rest.in_blocks || expect_word("listed")) && expect_word("in") && expect_word(rest.in_blocks ? "blocks" : "runs");
+      ok = (rest.in_blocks || expect_word("listed")) && expect_word("in") &&
+           expect_word(rest.in_blocks ? "blocks" : "runs");
     }
   } else if (map.rest && take_word("memory")) {
     ok = values(map.rest->memory);

@@ -212,7 +212,10 @@ class Writer {
   void write_decisions(const DrawnRasterPass&) {}
 
   void write_rest(const AtRest& rest) {
-    out_ += "    rests without " + pass_at(rest.gradient) + (rest.lists_in_runs ? ", listed in runs\n" : rest.in_blocks ? ", marked in blocks\n" : "\n");
+    out_ += "    rests without " + pass_at(rest.gradient) +
+            (rest.lists_in_runs ? ", listed in runs\n"
+             : rest.in_blocks   ? ", marked in blocks\n"
+                                : "\n");
     write_values("    memory", rest.memory);
   }
 
