@@ -9,6 +9,7 @@
 #include "compiler/backend/analysis/uses.h"
 #include "compiler/backend/emit/generator.h"
 #include "compiler/backend/glsl/fixed_point.h"
+#include "compiler/backend/schedule/limits.h"
 #include "compiler/backend/schedule/rest.h"
 #include "compiler/ir/yields.h"
 
@@ -310,6 +311,9 @@ void Generator::scatter_pass(const Pass& pass) {
   const bool one_run = joined || scatter.binned() != nullptr;
   for (const Target& t : targets) finish += declare_target(s, pass, t, one_run ? Runs::Second : Runs::Both, lists);
   if (scatter.guesses()) s.body().line("if (" + guessed_right(targets) + ") return;");
+  if (listed)
+    for (const ValueId v : true_where_listed(graph_, pass))
+      if (std::ranges::find(ops, graph_.value(v).op) == ops.end()) s.define(v, "true");
   if (lists) {
     const std::string again = s.bind_words(adding, "adding_elements", bundle::Access::ReadWrite);
     const std::string first = listed ? s.read_words(list, "active_elements") : std::string();
