@@ -41,18 +41,25 @@ float dr_pow(float x, float y) {
   return r;
 }
 )"},
-    {glsl::kSinPart, ""},
+    {glsl::kSinPart, R"(
+// x less whole turns: GLSL's sine and cosine are bounded on [-pi, pi] alone, and 6.283185 is the last float below 2 pi. The angle is
+// off by (3 + |x|) 2^-23 at most, for |x| to 2000 less than the built-ins themselves.
+float dr_in_turn(float x) {
+  float t = x * 0.159154943;
+  return (t - roundEven(t)) * 6.283185;
+}
+)"},
     {glsl::kSin, R"(
-float dr_sin(float x) { return sin(x); }
+float dr_sin(float x) { return sin(dr_in_turn(x)); }
 )"},
     {glsl::kCos, R"(
-float dr_cos(float x) { return cos(x); }
+float dr_cos(float x) { return cos(dr_in_turn(x)); }
 )"},
     {glsl::kTan, R"(
 // GLSL's is a quotient of these, and may be one by 0.
 float dr_tan(float x) {
-  float c = cos(x);
-  return sin(x) / (abs(c) < 1e-8 ? 1e-8 : c);
+  float r = dr_in_turn(x), c = cos(r);
+  return sin(r) / (abs(c) < 1e-8 ? 1e-8 : c);
 }
 )"},
     {glsl::kAsinPart, ""},

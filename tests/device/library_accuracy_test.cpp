@@ -88,14 +88,9 @@ TEST_CASE("functions of the library are as accurate on devices as the table says
     const int batches = more != nullptr ? std::max(std::atoi(more), 1) : 1;
     library::Options options{.profile = name, .batches = batches, .rounds = batches / 2};
     auto rows = library::measure(device, mine, options);
-    // By drivers' built-ins a part of those of the modules whose bounds docs/results/accuracy_light_native.md has: of
-    // others, such as cameras that turn by more than pi, Vulkan does not bound the sines.
+    // By drivers' built-ins a part of them: docs/results/accuracy_light_native.md has more.
     constexpr size_t kNative = 3;
-    std::vector<library::Function> some;
-    for (const library::Function& f : mine)
-      if (const auto at = f.name.find('.'); f.name.substr(0, at) == "material" ||
-                                            f.name.substr(0, at) == "environment" || f.name.substr(0, at) == "shadow")
-        some.push_back(f);
+    std::vector<library::Function> some = mine;
     if (wanted == nullptr)
       std::erase_if(some, [&, n = size_t{0}](const library::Function&) mutable { return n++ % kNative != 0; });
     options.numbers = "native";

@@ -60,15 +60,18 @@ std::string append(Shader& s, const std::string& list, const std::string& elemen
   return "append_to_" + list + "(" + element + ")";
 }
 
+void index_in_tiles(Shader& s, const ir::Extent& extent) {
+  if (extent.h.is_one()) return;
+  s.prelude(kInTiles);
+  s.body().line("index = in_tiles(index, " + dim_expression(extent.w) + ", " + dim_expression(extent.h * extent.l) +
+                ");");
+}
+
 ListingLoop::ListingLoop(Shader& shader, const ir::Extent& extent, bool runs, bool tiles)
     : shader_(shader), count_(element_count(extent)), runs_(runs) {
   if (!runs_) {
     linear_index(shader_, dim_expression(count_));
-    if (tiles) {
-      shader_.prelude(kInTiles);
-      shader_.body().line("index = in_tiles(index, " + dim_expression(extent.w) + ", " +
-                          dim_expression(extent.h * extent.l) + ");");
-    }
+    if (tiles) index_in_tiles(shader_, extent);
     place_from_index(shader_, extent);
     return;
   }

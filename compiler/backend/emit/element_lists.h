@@ -15,10 +15,14 @@ using bundle::kListEnd, bundle::kListHead;
 // dispatches do. `together`: the lanes of a subgroup that are here take their places by one atomic.
 std::string append(glsl::Shader& s, const std::string& list, const std::string& element, bool together = false);
 
+// Changes `index` so that 32 invocations that follow each other have a rectangle of 8 x 4 elements, and 256 a square;
+// in one dimension it stays.
+void index_in_tiles(glsl::Shader& s, const ir::Extent& extent);
+
 // The main of a shader that computes the elements of an extent and lists some of them. With `runs` an invocation
 // computes 32 that follow each other, and lists them together: where lanes access memory in turn, an atomic costs a
-// subgroup that lists nothing as much as any other. With `tiles` 32 invocations have a rectangle of 8 x 4 elements, and
-// 256 a square.
+// subgroup that lists nothing as much as any other. With `tiles`: see
+// index_in_tiles().
 class ListingLoop {
  public:
   // Opens it: behind, `at` is an element's place.

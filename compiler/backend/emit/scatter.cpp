@@ -9,6 +9,7 @@
 #include "compiler/backend/analysis/uses.h"
 #include "compiler/backend/emit/generator.h"
 #include "compiler/backend/glsl/fixed_point.h"
+#include "compiler/backend/schedule/limits.h"
 #include "compiler/backend/schedule/rest.h"
 #include "compiler/ir/yields.h"
 
@@ -30,6 +31,17 @@ constexpr int kWorthJoining = 1 << 14;
 ir::Dim looking_for_guesses(const ir::Extent& domain) {
   constexpr int kAlways = 1024, kOneIn = 128;
   return element_count(domain).divided_by(kOneIn) + ir::Dim(kAlways);
+}
+
+// An element only grows: what a lane reads late is too small, and the atomic decides. Lanes that name one element send
+// the largest of theirs.
+std::string add_maximum(const std::string& to, const std::string& x, bool joins) {
+  if (!joins) return "  if (" + to + " < " + x + ") atomicMax(" + to + ", " + x + ");\n";
+  return "  if (" + to + " < " + x + ") {\n    int most = " + x +
+         ";\n    bool sends = true;\n    for (int round = 0; joins && round < " + std::to_string(kJoinRounds) +
+         "; ++round) {\n      if (subgroupBroadcastFirst(element) == element) {\n        most = subgroupMax(most);\n"
+         "        sends = subgroupElect();\n        break;\n      }\n    }\n    if (sends) atomicMax(" +
+         to + ", most);\n  }\n";
 }
 
 }  // namespace
@@ -211,15 +223,18 @@ Generator::Adding Generator::plain_adding(Shader& s, const Pass& pass, const Tar
   // Elements that add nothing may all name one element, such as the first, and would wait for each other there.
   const auto* atomic = std::get_if<AtomicScatter>(&pass.get<ScatterPass>().how);
   const bool tests = r.type.is_float() && atomic != nullptr && atomic->skips_zeros;
+  const bool joins = maximum && pass.get<ScatterPass>().joins_parts();
+  if (joins) subgroup_extensions(s);
   const int n = r.type.components();
   for (int c = 0; c < n; ++c) {
     const std::string x = component(r.type, "value", c);
     const std::string to = buffer + ".d[element * " + std::to_string(n) + " + " + std::to_string(c) + "]";
     if (stored)
       out.body += "  " + to + " = " + x + ";\n";
+    else if (maximum)
+      out.body += add_maximum(to, x, joins);
     else
-      out.body += "  " + (tests ? "if (" + x + " != 0.0) " : std::string()) + (maximum ? "atomicMax(" : "atomicAdd(") +
-                  to + ", " + x + ");\n";
+      out.body += "  " + (tests ? "if (" + x + " != 0.0) " : std::string()) + "atomicAdd(" + to + ", " + x + ");\n";
   }
   if (runs == Runs::Both) out.body += "  }\n";
   return out;
@@ -282,7 +297,11 @@ void Generator::scatter_pass(const Pass& pass) {
                                         : element_count(pass.domain);
   Shader s = shader();
   linear_index(s, dim_expression(invocations));
-  if (!lists && !listed) place_from_index(s, pass.domain);
+  if (!lists && !listed) {
+    // Pixels of a square share more elements than those of a row do.
+    if (joins_parts && !scatter.cut()) index_in_tiles(s, pass.domain);
+    place_from_index(s, pass.domain);
+  }
   std::string finish;
   const std::vector<ir::OpId> ops = element_ops(pass);
   const Cut cut = this->cut(s, pass, scatter.cut(), lists || listed ? "element" : "index");
@@ -292,6 +311,9 @@ void Generator::scatter_pass(const Pass& pass) {
   const bool one_run = joined || scatter.binned() != nullptr;
   for (const Target& t : targets) finish += declare_target(s, pass, t, one_run ? Runs::Second : Runs::Both, lists);
   if (scatter.guesses()) s.body().line("if (" + guessed_right(targets) + ") return;");
+  if (listed)
+    for (const ValueId v : true_where_listed(graph_, pass))
+      if (std::ranges::find(ops, graph_.value(v).op) == ops.end()) s.define(v, "true");
   if (lists) {
     const std::string again = s.bind_words(adding, "adding_elements", bundle::Access::ReadWrite);
     const std::string first = listed ? s.read_words(list, "active_elements") : std::string();

@@ -32,13 +32,14 @@ constexpr Bins kCpu{64, 4096, 1 << 11, 1 << 12};
 // that are left.
 constexpr int64_t kManyKept = 12;
 
-// Those of a GPU, which starts few workgroups faster than many, and has work for more in large pictures.
-Bins gpu_bins(const Dim& pixels) {
+// Those of a GPU, which starts few workgroups faster than many, and has work for more in large pictures. A face on a
+// pixel's list waits for those before it there, so lanes share what is more than one pixel.
+Bins gpu_bins(const Dim& pixels, bool listed) {
   constexpr int64_t kLeast = 1 << 15, kUnknown = 1 << 17, kMost = 1 << 19;
   const auto count = pixels.evaluate({});
   const int64_t invocations = count ? std::clamp(*count / 4, kLeast, kMost) : kUnknown;
   const auto middle = static_cast<int>(std::bit_floor(static_cast<uint64_t>(invocations)));
-  return {8, 16384, middle, middle / 4};
+  return {listed ? 1 : 8, 16384, middle, middle / 4};
 }
 
 // The trips of our own that a dispatch needs to come to where it goes on: each loop is entered and left once more for
@@ -199,7 +200,7 @@ class StepCode {
     const RasterParts parts = raster_parts(op);
     const Dim pixels = parts.w * parts.h;
     const int64_t limit = profile_.loop_trips;
-    const Bins bins = profile_.is_gpu() ? gpu_bins(pixels) : kCpu;
+    const Bins bins = profile_.is_gpu() ? gpu_bins(pixels, parts.listed) : kCpu;
     // Lanes that walk small boxes of different shapes take trips for the rows and columns of them all: for boxes of 64
     // pixels the sum over y of 64 / (y + 1).
     constexpr int64_t kSmallPixels = 320;

@@ -5,6 +5,7 @@
 
 #include "compiler/backend/lowering/scatter_costs.h"
 #include "compiler/backend/schedule/limits.h"
+#include "compiler/backend/schedule/trips.h"
 
 namespace dr::backend {
 
@@ -23,6 +24,14 @@ bool is_cached(const ir::Graph& graph, const ScatterPass& scatter) {
     words += 2 * info.type.components() * usual_count(info.extent).value_or(kMostCached);
   }
   return words <= kMostCached;
+}
+
+// Whether the map that lists what a scatter adds may add by a guess, and few invocations take the second run.
+bool may_guess_where_listed(const ir::Graph& graph, const target::Profile& profile, const Schedule& schedule,
+                            const StepSchedule& step, const Pass& scatter) {
+  Bindings bindings = joined_bindings(schedule.resources, step, scatter);
+  bindings.more += static_cast<uint32_t>(scatter.get<ScatterPass>().sums.size());
+  return !needs_cut(trips_of(graph, scatter.ops), profile, kElementsInTurn) && fits(profile, bindings);
 }
 
 // Whether the shaders that bind a guess may bind it beside sums and lists.
@@ -48,8 +57,7 @@ void guess_exponents(const ir::Graph& graph, const target::Profile& profile, Sch
       ExactScatter& exact = *scatter->exact();
       auto* joined = std::get_if<JoinedFirstRun>(&exact.first_run);
       if (!is_cached(graph, *scatter)) continue;
-      // A map that lists elements has room for a guess where it has room for terms.
-      if (joined != nullptr && !joined->keeps_terms) continue;
+      if (joined != nullptr && !may_guess_where_listed(graph, profile, schedule, step, pass)) continue;
       exact.guesses = true;
       if (!have_room(profile, schedule, step)) {
         exact.guesses = false;

@@ -35,16 +35,6 @@ std::optional<PassId> find_lister(const ir::Graph& graph, const StepSchedule& st
   return std::nullopt;
 }
 
-// What a shader binds that does both the lister's work and the scatter's, and lists.
-Bindings joined_bindings(const Schedule& schedule, const StepSchedule& step, const Pass& scatter) {
-  const Pass& pass = step.pass(*scatter.lister());
-  std::vector<uint32_t> reads = resources_of(step, pass.reads);
-  for (const uint32_t r : resources_of(step, scatter.reads)) reads.push_back(r);
-  constexpr size_t kLists = 1;
-  return bindings_of(schedule.resources, std::move(reads),
-                     pass.writes.size() + scatter.get<ScatterPass>().sums.size() + kLists);
-}
-
 // Whether the lister can do at an active element what the scatter's first run does: all that it needs is there by then,
 // nothing that the lister writes is read at other places, and one shader may bind it all. Where lanes run both branches
 // of every `if`, few elements would make all pay.
@@ -69,7 +59,7 @@ bool may_join(const ir::Graph& graph, const target::Profile& profile, const Sche
   if (std::ranges::any_of(step.pass(lister).writes, [&](ValueId v) { return elsewhere.count(v) != 0; })) return false;
   for (size_t k = lister.index + 1; &step.passes[k] != &scatter; ++k)
     if (std::ranges::any_of(step.passes[k].writes, [&](ValueId v) { return contains(scatter.reads, v); })) return false;
-  return fits(profile, joined_bindings(schedule, step, scatter));
+  return fits(profile, joined_bindings(schedule.resources, step, scatter));
 }
 
 // Whether what elements add may be kept: each term adds once at most, and shaders may bind one more buffer a sum.
@@ -83,17 +73,32 @@ bool may_keep_terms(const ir::Graph& graph, const target::Profile& profile, cons
       if (contributions(graph, term) != 1) return false;
       words += graph.value(term).type.components() + 1;
     }
-  // An invocation of the second run may compute so many elements for which there was no room.
-  constexpr int kElements = 32;
-  if (needs_cut(trips_of(graph, scatter.ops), profile, kElements)) return false;
-  Bindings bindings = joined_bindings(schedule, step, scatter);
+  // There may be no room for what some elements add.
+  if (needs_cut(trips_of(graph, scatter.ops), profile, kElementsInTurn)) return false;
+  Bindings bindings = joined_bindings(schedule.resources, step, scatter);
   bindings.writes += static_cast<uint32_t>(sums.size());
   return words <= kMostWords && fits(profile, bindings);
+}
+
+// Conditions that all listed elements fulfil are read by none of them, and need no memory.
+void forget_conditions(const ir::Graph& graph, StepSchedule& step, Pass& lister, Pass& scatter,
+                       std::set<uint32_t>& unused) {
+  for (const ValueId v : true_where_listed(graph, scatter)) {
+    // Something of the lister's must be left that the scatter waits for.
+    const auto waits = std::ranges::count_if(scatter.reads, [&](ValueId r) { return contains(lister.writes, r); });
+    if (!contains(lister.get<MapPass>().partial, v) || waits < 2) continue;
+    std::erase(lister.get<MapPass>().partial, v);
+    std::erase(lister.writes, v);
+    std::erase(scatter.reads, v);
+    unused.insert(step.stored.at(v).index);
+    step.stored.erase(v);
+  }
 }
 
 }  // namespace
 
 void list_where_computed(const ir::Graph& graph, const target::Profile& profile, Schedule& schedule) {
+  std::set<uint32_t> unused;
   for (StepSchedule& step : schedule.steps) {
     const std::set<ValueId> kept = read_afterwards(graph, step);
     std::set<PassId> taken;
@@ -122,6 +127,7 @@ void list_where_computed(const ir::Graph& graph, const target::Profile& profile,
             step.passes, [&](const Pass& other) { return &other != &scatter && contains(other.reads, v); });
         if (kept.count(v) == 0 && elsewhere.count(v) == 0 && !others) pass.get<MapPass>().partial.push_back(v);
       }
+      forget_conditions(graph, step, pass, scatter, unused);
       if (!may_join(graph, profile, schedule, step, scatter, elsewhere)) continue;
       sums->join_lister();
       if (ExactScatter* exact = sums->exact())
@@ -129,6 +135,9 @@ void list_where_computed(const ir::Graph& graph, const target::Profile& profile,
             may_keep_terms(graph, profile, schedule, step, scatter);
     }
   }
+  for (const StepSchedule& step : schedule.steps)
+    for (const auto& [value, id] : step.stored) unused.erase(id.index);
+  remove_resources(schedule, unused);
 }
 
 }  // namespace dr::backend

@@ -8,8 +8,8 @@ namespace dr::backend {
 
 // Where one map pass over a scatter's domain computes all that decides which elements are active, that pass lists them,
 // and no dispatch has to read it all again. What only the scatter reads of the pass's results, at its own element, is
-// then stored for listed elements alone. Requires: legalize_scatter(), and no pass added or moved later. Establishes:
-// `listed_by` and `partial` of passes.
+// then stored for listed elements alone, and a condition that all of these fulfil not at all. Requires:
+// legalize_scatter(), and no pass added or moved later. Establishes: `listed_by` and `partial` of passes.
 void list_where_computed(const ir::Graph& graph, const target::Profile& profile, Schedule& schedule);
 
 }  // namespace dr::backend

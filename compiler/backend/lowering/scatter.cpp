@@ -76,6 +76,9 @@ class StepLegalizer {
             scatter->sums.push_back({v, {v}});
             any = true;
           }
+    for (Pass& pass : step_.passes)
+      if (auto* scatter = pass.as<ScatterPass>(); scatter != nullptr && scatter->sums.empty())
+        join_maxima(pass, *scatter);
     if (!any) return false;
     index_passes();
     for (const ScatterSum& sum : find_sums()) joined = join(sum) || joined;
@@ -297,6 +300,11 @@ class StepLegalizer {
                           },
                           [](RowsScatter&) {}, [&](auto& by) { by.run = std::move(run); }},
                scatter.how);
+  }
+
+  void join_maxima(const Pass& pass, ScatterPass& scatter) const {
+    if (ExactScatter* exact = scatter.exact())
+      exact->joins_parts = lanes_join(profile_) && many_share(graph_, pass, scatter);
   }
 
   void choose_joining(const Pass& pass, ScatterPass& scatter) const {

@@ -14,6 +14,9 @@ namespace dr::backend {
 // count.
 std::optional<int64_t> usual_count(const ir::Extent& extent);
 
+// Whether lanes of a subgroup may join what they add: a device's shaders can, and its lanes do not run in turn.
+bool lanes_join(const target::Profile& profile);
+
 // Lanes beside each other often add to one element, and atomics of one element wait for each other. Where none do,
 // joining is in vain: it has to cost little beside the atomics. On a processor, where a thread has all lanes of a
 // subgroup, atomics do not wait, and sums over lanes go lane by lane. In a loop, each atomic that waits for the lanes

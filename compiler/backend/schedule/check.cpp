@@ -107,6 +107,7 @@ class StepChecker {
         unsound("reads '" + resource->name + "', which its stage has not written");
       here_.insert(v);
     }
+    for (ValueId v : true_where_listed(graph_, pass())) here_.insert(v);
   }
 
   // What sets the pass up runs no earlier than here.

@@ -46,6 +46,22 @@ bool may_guess(const ir::Graph& graph, const std::vector<Resource>& resources, c
   });
 }
 
+Bindings joined_bindings(const std::vector<Resource>& resources, const StepSchedule& step, const Pass& scatter) {
+  const Pass& pass = step.pass(*scatter.lister());
+  std::vector<uint32_t> reads = resources_of(step, pass.reads);
+  for (const uint32_t r : resources_of(step, scatter.reads)) reads.push_back(r);
+  constexpr size_t kLists = 1;
+  return bindings_of(resources, std::move(reads), pass.writes.size() + scatter.get<ScatterPass>().sums.size() + kLists);
+}
+
+std::vector<ir::ValueId> true_where_listed(const ir::Graph& graph, const Pass& pass) {
+  const auto* scatter = pass.as<ScatterPass>();
+  if (scatter == nullptr || scatter->clauses().size() != 1) return {};
+  std::vector<ir::ValueId> out = scatter->clauses()[0];
+  std::erase_if(out, [&](ir::ValueId v) { return graph.value(v).type != ir::kBool; });
+  return out;
+}
+
 size_t guesses_bound(const std::vector<Resource>& resources, const StepSchedule& step, const Pass& pass) {
   size_t out = 0;
   for (const Pass& other : step.passes) {

@@ -35,6 +35,12 @@ inline constexpr uint32_t kMapLists = 2;
 // and compute shaders alone read them as such, for those leave the guess.
 bool may_guess(const ir::Graph& graph, const std::vector<Resource>& resources, const StepSchedule& step,
                const Pass& pass);
+// What the shader of the map that lists what a scatter adds binds if it does the scatter's first run, too.
+Bindings joined_bindings(const std::vector<Resource>& resources, const StepSchedule& step, const Pass& scatter);
+// So many elements an invocation of such a scatter's second run may compute, one after the other.
+inline constexpr int kElementsInTurn = 32;
+// What is known to be true where a scatter runs for listed elements: conditions that all of them fulfil.
+std::vector<ir::ValueId> true_where_listed(const ir::Graph& graph, const Pass& pass);
 // The guesses that the shader of a pass binds beside what the pass reads and writes.
 size_t guesses_bound(const std::vector<Resource>& resources, const StepSchedule& step, const Pass& pass);
 

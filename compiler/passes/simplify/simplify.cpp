@@ -104,7 +104,7 @@ class Round {
   // A state is needed where a result that it becomes is, or where what is needed is made of it.
   void find_needed_of_fold(const Op& op) {
     const FoldUse use = fold_use(from_, op, [&](ValueId result) { return static_cast<bool>(needed_[result.index]); });
-    if (use.drops(op)) is_unfinished_ = true;
+    if (use.drops(op) || hands_on(op)) is_unfinished_ = true;
     need(op.operands[0]);
     need(op.operands[1]);
     for (size_t sweep = 0; sweep < fold_sweeps(op); ++sweep) {
@@ -228,9 +228,28 @@ class Round {
     finish(results, shared ? emitter_.share(now) : now);
   }
 
+  // Whether each result of a Fold that is needed is what it starts from, since no trip makes another value of it.
+  bool hands_on(const Op& op) const {
+    if (fold_sweeps(op) > 1) return false;
+    const std::span<const ValueId> params = fold_params(from_, op, 0, 0), next = fold_next(from_, op, 0),
+                                   starts = fold_starts(op, 0);
+    for (size_t k = 0; k < op.results.size(); ++k) {
+      if (!needed_[op.results[k].index]) continue;
+      if (k >= next.size() || next[k] != params[k] || target_[op.results[k].index]) return false;
+      const ValueInfo &start = from_.value(starts[k]), &result = from_.value(op.results[k]);
+      if (start.type != result.type || start.extent != result.extent) return false;
+    }
+    return true;
+  }
+
   // A Fold without the states and results that nobody needs. Sweeps that are left in one direction, where the one
   // between them carries nothing, become one: its region does at each trip what theirs do.
   void rebuild_fold(const Op& op) {
+    if (hands_on(op)) {
+      for (size_t k = 0; k < op.results.size(); ++k)
+        if (needed_[op.results[k].index]) enter(op.results[k], map_[fold_starts(op, 0)[k]], false);
+      return;
+    }
     const FoldUse use = fold_use(from_, op, [&](ValueId result) { return static_cast<bool>(needed_[result.index]); });
     Attrs attrs = op.attrs;
     attrs.ints.resize(2);

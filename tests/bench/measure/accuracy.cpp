@@ -2,13 +2,16 @@
 // The accuracy table measured on devices, and docs/results/accuracy.md from it.
 //
 //   bench_accuracy measure FILE NAME [DEVICE] [SAMPLES]   one device, as NAME; its figures replace those in FILE
-//   bench_accuracy again FILE NAME DEVICE FUNCTION        one function of the library, in place of its rows there
-//   bench_accuracy library FILE NAME DEVICE PROFILE MODULE...  modules of the library in a profile of floats, strict or
-//                                                              native, in place of their rows there
+//   bench_accuracy library FILE NAME DEVICE PROFILE MODULE... [K/N]
+//                                                         modules or functions of the library ("light", "tone.neutral")
+//                                                         in a profile of floats, strict or native, in place of their
+//                                                         rows there; with K/N every Nth of them from the Kth on
+//   bench_accuracy join FILE FROM...                      the rows of other files in place of theirs in FILE
 //   bench_accuracy document FILE > docs/results/accuracy.md       all devices of FILE
 //   bench_accuracy light FILE PROFILE > docs/results/accuracy_light.md    what lights a frame, of FILE's devices; of
 //                                                                         native: accuracy_light_native.md
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -72,46 +75,37 @@ std::string profile_of(const runtime::Device& device) {
   return known.empty() ? "lavapipe" : known;
 }
 
-// One library function again, in place of its rows in the file.
-int measure_again(const std::string& path, const std::string& name, const std::string& wanted,
-                  const std::string& function) {
-  auto device = runtime::Device::open({wanted, false});
-  if (!device) stop(device.error());
-  json data = read(path);
-  if (!data.contains("devices") || !data["devices"].contains(name)) stop("no device " + name + " in " + path);
-  std::vector<accuracy::library::Function> some = accuracy::library::functions();
-  std::erase_if(some, [&](const accuracy::library::Function& f) { return f.name != function; });
-  if (some.empty()) stop("no library function '" + function + "'");
-  const std::vector<accuracy::library::Row> rows =
-      accuracy::library::measure(*device, some, {.profile = profile_of(*device)});
-  json all = json::array(), fresh = accuracy::library::to_json(rows);
-  for (json& row : data["devices"][name]["library"]) {
-    if (row["function"] != function || row["profile"] != "strict") {
+// Rows of the library in place of those of the same function, direction and profile; others behind.
+void put(json& there, json rows) {
+  json all = std::move(there["library"]);
+  if (all.is_null()) all = json::array();
+  for (json& row : rows) {
+    const auto old = std::ranges::find_if(all, [&](const json& other) {
+      return std::ranges::all_of(std::array{"function", "part", "direction", "profile"},
+                                 [&](const char* field) { return other[field] == row[field]; });
+    });
+    if (old == all.end())
       all.push_back(std::move(row));
-    } else if (!fresh.empty()) {
-      for (json& other : fresh) all.push_back(std::move(other));
-      fresh = json::array();
-    }
+    else
+      *old = std::move(row);
   }
-  data["devices"][name]["library"] = std::move(all);
-  std::ofstream(path) << data.dump(1) << "\n";
-  for (const accuracy::library::Row& row : rows)
-    std::printf("%s %s: %g, %g allowed, at %s\n", row.function.c_str(), row.direction.c_str(), row.worst, row.bound,
-                row.worst_input.c_str());
-  return std::ranges::all_of(rows, [](const accuracy::library::Row& row) { return row.passes(); }) ? 0 : 1;
+  there["library"] = std::move(all);
 }
 
-// Functions of these modules, in place of all of theirs in the file.
+// Functions of these modules, or with "K/N" at the end every Nth from the Kth on.
 int measure_modules(const std::string& path, const std::string& name, const std::string& wanted,
                     const std::string& numbers, std::span<char* const> modules) {
   auto device = runtime::Device::open({wanted, false});
   if (!device) stop(device.error());
-  const auto meant = [&](const std::string& function) {
-    return std::ranges::any_of(modules,
-                               [&](const char* module) { return function.starts_with(module + std::string(".")); });
-  };
-  std::vector<accuracy::library::Function> some = accuracy::library::functions();
-  std::erase_if(some, [&](const accuracy::library::Function& f) { return !meant(f.name); });
+  size_t first = 0, step = 1;
+  if (std::sscanf(modules.back(), "%zu/%zu", &first, &step) == 2) modules = modules.first(modules.size() - 1);
+  if (step == 0) stop("every 0th function");
+  std::vector<accuracy::library::Function> some;
+  for (size_t k = 0; accuracy::library::Function & f : accuracy::library::functions()) {
+    const bool meant = std::ranges::any_of(
+        modules, [&](const char* module) { return f.name.starts_with(module + std::string(".")) || f.name == module; });
+    if (meant && k++ % step == first) some.push_back(std::move(f));
+  }
   if (some.empty()) stop("no function of the library in these modules");
   const std::vector<accuracy::library::Row> rows =
       accuracy::library::measure(*device, some, {.profile = profile_of(*device), .numbers = numbers});
@@ -119,11 +113,7 @@ int measure_modules(const std::string& path, const std::string& name, const std:
   json& there = data["devices"][name];
   there["device"] = device->info().name;
   there["driver"] = device->info().driver;
-  json all = json::array();
-  for (json& row : there["library"])
-    if (row["profile"] != numbers || !meant(row["function"].get<std::string>())) all.push_back(std::move(row));
-  for (json& row : accuracy::library::to_json(rows)) all.push_back(std::move(row));
-  there["library"] = std::move(all);
+  put(there, accuracy::library::to_json(rows));
   std::ofstream(path) << data.dump(1) << "\n";
   const auto beyond = std::ranges::count_if(rows, [](const accuracy::library::Row& row) { return !row.passes(); });
   for (const accuracy::library::Row& row : rows)
@@ -133,6 +123,19 @@ int measure_modules(const std::string& path, const std::string& name, const std:
   std::printf("%s, %s: %zu rows, %lld beyond their bound\n", name.c_str(), numbers.c_str(), rows.size(),
               static_cast<long long>(beyond));
   return beyond == 0 ? 0 : 1;
+}
+
+int join(const std::string& path, std::span<char* const> others) {
+  json data = read(path);
+  for (const char* other : others)
+    for (auto& [name, device] : read(other)["devices"].items()) {
+      json& there = data["devices"][name];
+      there["device"] = device["device"];
+      there["driver"] = device["driver"];
+      put(there, std::move(device["library"]));
+    }
+  std::ofstream(path) << data.dump(1) << "\n";
+  return 0;
 }
 
 // The rows of library functions; how many are beyond their bounds goes to `failed`.
@@ -339,8 +342,9 @@ int document_light(const std::string& path, const std::string& numbers) {
   const bool native = numbers == "native";
   std::printf(R"(# Accuracy of what lights a frame%s
 
-How far materials, environments and shadows are off on devices%s:
-`bench_accuracy library FILE NAME DEVICE %s material environment shadow` on each, then `bench_accuracy light FILE %s`.
+How far materials, lamps, environments, shadows, textures and tone mapping are off on devices%s:
+`bench_accuracy library FILE NAME DEVICE %s material light environment shadow texture tone` on each, then
+`bench_accuracy light FILE %s`.
 [Accuracy](accuracy.md) has the ops and the other modules, [another page](%s) the float profile `%s`.
 
 | device | name | driver |
@@ -363,13 +367,13 @@ int main(int argc, char** argv) {
   if (what == "document" && argc == 3) return document(argv[2]);
   if (what == "measure" && argc >= 4 && samples > 0)
     return measure(argv[2], argv[3], argc > 4 ? argv[4] : "", samples, argc > 6 ? argv[6] : "");
-  if (what == "again" && argc == 6) return measure_again(argv[2], argv[3], argv[4], argv[5]);
   if (what == "library" && argc >= 7)
     return measure_modules(argv[2], argv[3], argv[4], argv[5], std::span(argv + 6, static_cast<size_t>(argc - 6)));
+  if (what == "join" && argc >= 4) return join(argv[2], std::span(argv + 3, static_cast<size_t>(argc - 3)));
   if (what == "light" && argc == 4) return document_light(argv[2], argv[3]);
   std::fputs(
-      "usage: bench_accuracy measure FILE NAME [DEVICE] [SAMPLES] [DATE AND COMMIT] | again FILE NAME DEVICE FUNCTION "
-      "| library FILE NAME DEVICE PROFILE MODULE... | document FILE | light FILE PROFILE\n",
+      "usage: bench_accuracy measure FILE NAME [DEVICE] [SAMPLES] [DATE AND COMMIT] "
+      "| library FILE NAME DEVICE PROFILE MODULE... [K/N] | join FILE FROM... | document FILE | light FILE PROFILE\n",
       stderr);
   return 2;
 }

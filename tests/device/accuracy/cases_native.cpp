@@ -110,23 +110,20 @@ void promise_native(Case& c) {
       return;
     case OpKind::Sin:
     case OpKind::Cos:
-      if (far) {
-        c.native = nothing("no promise beyond pi");
-        return derivative(nothing("no promise beyond pi"));
-      }
-      c.native = at_most(4096, "promised: 2^-11 absolute on [-pi, pi]", kOne, "1");
-      return derivative(at_most(8193, "2^-11 of the adjoint; " + product, kAdjoint, "the adjoint"));
+      c.native = growing(4100, 1, "promised: 2^-11 absolute on [-pi, pi]; x less whole turns, 1 + \\|x\\|", kOne, "1");
+      return derivative(growing(8201, 2, "2^-11 of the adjoint; " + product, kAdjoint, "the adjoint"));
     case OpKind::Tan:
       if (far) {
-        c.native = nothing("no promise beyond pi");
+        c.native = nothing("sin / cos, where cos may be less than what it is off by");
         return;
       }
-      // |cos| and |sin| off by 2^-11: (|cos| + |sin|) / cos^2 of it, 1% more for the square of it near the ends.
+      // |cos| and |sin| off by 2^-11 and 4 last places: (|cos| + |sin|) / cos^2 of it, 1% more for the square of it
+      // near the ends.
       c.native = at_most(
-          11700, "promised: sin / cos, each within 2^-11",
+          11720, "promised: sin / cos, each within 2^-11",
           [](Builder& b, const Values& xs, ValueId) { return tan_square(b, xs[0]); }, "1 + tan^2");
       return derivative(at_most(
-          11720, "a square of the value",
+          11740, "a square of the value",
           [](Builder& b, const Values& xs, ValueId w) {
             const ValueId slope = abs_of(b, apply(b, OpKind::Tan, xs[0]));
             return times(b, times(b, abs_of(b, w), tan_square(b, xs[0])),

@@ -53,6 +53,8 @@ struct Direction {
   // In the profile of floats `native`, where more than the built-ins is further off there; 0: the same.
   double native = 0;
   std::string native_why = {};
+  // The scale in `native` where it is another: drivers' sines are off by parts of 1, however small they are.
+  std::string native_scale = {}, native_scale_text = {};
 };
 
 struct Function {

@@ -108,7 +108,12 @@ std::vector<Function> textures() {
         conditioned("level", 64 * u, "like the coordinates")},
        {floats("level", -1, 4, 1e-6)});
   Direction anisotropic = conditioned("value", 64 * u, "like trilinear, several times");
-  Direction to_places = conditioned("uv", 64 * u, "like trilinear");
+  // Each read's slope is a difference of texels, and the next one's takes the same texel off again: what is left is not
+  // what they are rounded to. Places are half of `along` from uv at most, 12 texels of the 24 that the scale counts
+  // beside it.
+  Direction to_places = slope(0);
+  to_places.except = "middle < 1e-5";
+  to_places.except_text = "middles of texels, where others begin to count";
   // Slopes of reads on both sides of the middle cancel; where the axis points is ill-conditioned for near circles.
   const auto to_axis = [&](const std::string& of) {
     return over(of, 16 * u,
@@ -119,8 +124,8 @@ std::vector<Function> textures() {
   };
   Direction to_dx = to_axis("dx"), to_dy = to_axis("dy");
   for (Direction* d : {&anisotropic, &to_places, &to_dx, &to_dy}) {
-    d->except = "abs(fract(ratio + 0.4999) - 0.5) < 1e-3";
-    d->except_text = "where the number of reads changes";
+    d->except += (d->except.empty() ? "" : " || ") + std::string("abs(fract(ratio + 0.4999) - 0.5) < 1e-3");
+    d->except_text += (d->except_text.empty() ? "" : ", and ") + std::string("where the number of reads changes");
   }
   const Operands axes = {vectors("dx", -12, 12, 1e-2, "vec2"), vectors("dy", -12, 12, 1e-2, "vec2")};
   all.push_back({.name = "texture.anisotropic",
@@ -133,7 +138,13 @@ std::vector<Function> textures() {
                            "  let ratio = clamp(max(length(along), 1.0) / max(wide, 1.0), 1.0, 8.0);\n"
                            "  let (r, s) = (vec2(dx.x, dy.x), vec2(dx.y, dy.y));\n"
                            "  let round = length(vec2(0.5 * (dot(r, r) - dot(s, s)), dot(r, s)));\n"
-                           "  let bent = 1.0 + dot(along, along) / max(round, 1e-12);\n"});
+                           "  let bent = 1.0 + dot(along, along) / max(round, 1e-12);\n"
+                           "  let reads = ceil(ratio - 1e-4);\n"
+                           "  let middle = reduce(min, k in 0..24) {\n"
+                           "    let place = uv + ((float(k % 8) + 0.5) / reads - 0.5) * along / vec2(16.0, 8.0);\n"
+                           "    let near = abs(fract(place * vec2(16.0, 8.0) / exp2(float(k / 8))) - 0.5);\n"
+                           "    min(near.x, near.y)\n"
+                           "  };\n"});
   all.push_back({.name = "texture.footprint",
                  .part = "axis",
                  .result = "vec2",

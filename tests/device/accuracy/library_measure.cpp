@@ -514,8 +514,14 @@ class Group {
 
 std::vector<Row> measure(const runtime::Device& device, std::span<const Function> functions, const Options& options) {
   std::vector<Row> rows;
-  for (size_t first = 0; first < functions.size(); first += kTogether) {
-    Group group(device, functions.subspan(first, std::min(kTogether, functions.size() - first)), options);
+  std::vector<Function> all(functions.begin(), functions.end());
+  if (options.numbers == "native")
+    for (Function& f : all)
+      for (Direction& d : f.directions)
+        if (!d.native_scale.empty())
+          d.metric = Metric::Scaled, d.scale = d.native_scale, d.scale_text = d.native_scale_text;
+  for (size_t first = 0; first < all.size(); first += kTogether) {
+    Group group(device, std::span(all).subspan(first, std::min(kTogether, all.size() - first)), options);
     for (Row& row : group.run_all()) rows.push_back(std::move(row));
   }
   return rows;

@@ -112,7 +112,7 @@ has one component of the result alone where elements are independent. Entries ar
     std::printf(
         R"(- Drivers' built-ins stand for our functions ([the profile `native`](accuracy.md#the-profile-native)). Errors add up, so where none of
   a function's ops is off by more than so many times what it may be in the profile `strict`, neither is the result: the bound is that of `strict`,
-  times the most by which a built-in's may be larger (of `sin` and `cos` 4096 / 1.7 last places of 1, `atan` 4100 / 8,
+  times the most by which a built-in's may be larger (of `sin` and `cos` 4300 / 1.7 last places of 1, with angles of 32 turns at most, `atan` 4100 / 8,
   `asin` and `acos` 4900 / 8, `log2` 4 / 3). Where there is no built-in, it is that of `strict`.
 )");
   std::printf("\n");

@@ -15,11 +15,11 @@ std::string lit(const std::string& depth) {
 }
 
 // 1, but 0 where a decision hangs on 1e-4 of depths of up to 8, or on 1e-5 of the way to the lamp: which axis is
-// longest.
+// longest, and whether the surface faces the lamp.
 const std::string kSure =
     "if " + lit("depth + 1e-4") + " == " + lit("depth - 1e-4") +
     " && max(way_.x, max(way_.y, way_.z)) - max(min(way_.x, way_.y), min(max(way_.x, way_.y), way_.z)) > "
-    "1e-5 * length(way_) { 1.0 } else { 0.0 }";
+    "1e-5 * length(way_) && abs(dot(normal, at - lamp)) > 1e-5 * length(way_) { 1.0 } else { 0.0 }";
 
 }  // namespace
 

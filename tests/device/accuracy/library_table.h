@@ -51,6 +51,12 @@ inline Direction over(std::string of, double bound, std::string scale, std::stri
 inline Direction conditioned(std::string of, double bound, std::string why = kFew) {
   return {.of = std::move(of), .bound = bound, .metric = Metric::Conditioned, .why = std::move(why)};
 }
+// With a scale of its own where drivers' built-ins stand for our functions.
+inline Direction by_built_ins(Direction d, std::string scale, std::string text) {
+  d.native_scale = std::move(scale);
+  d.native_scale_text = std::move(text);
+  return d;
+}
 inline Direction l2(std::string of, double bound, std::string why) {
   return {.of = std::move(of), .bound = bound, .metric = Metric::L2, .why = std::move(why)};
 }
