@@ -59,8 +59,8 @@ void Generator::join_in_group(Shader& s, const std::vector<Target>& targets) {
               "  uint at = uint(element % " + width + " + element / " + width + " * " + std::to_string(kRow) + ") % " +
               size + "u, key = 0u;\n  for (int tries = 0; tries < " + std::to_string(kTries) +
               "; ++tries) {\n"
-              "    key = atomicCompSwap(" +
-              keys +
+              "    key = " +
+              keys + "[at];\n    if (key == 0u) key = atomicCompSwap(" + keys +
               "[at], 0u, uint(element + 1));\n"
               "    if (key == 0u || key == uint(element + 1)) break;\n    at = (at + 1u) % " +
               size +

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <cmath>
 
 #include "compiler/backend/analysis/divisors.h"
 #include "compiler/backend/analysis/raster_parts.h"
@@ -25,21 +26,26 @@ struct Bins {
   int small_box, middle_box;
   // Invocations that share the faces of a list.
   int middle_invocations, large_invocations;
+  uint32_t teams;  // that share the lanes of a subgroup for the faces of the first list
 };
-constexpr Bins kCpu{64, 4096, 1 << 11, 1 << 12};
+constexpr Bins kCpu{64, 4096, 1 << 11, 1 << 12, 1};
 // A raster that keeps so many faces of a pixel lists what few faces have, as outlines are. On a CPU, whose lanes take
 // each other's branches, a lane that walks its box alone makes all lanes beside it go over that; a team walks the few
 // that are left.
 constexpr int64_t kManyKept = 12;
 
-// Those of a GPU, which starts few workgroups faster than many, and has work for more in large pictures. A face on a
-// pixel's list waits for those before it there, so lanes share what is more than one pixel.
+// Those of a GPU, which starts few workgroups faster than many, and has work for more in large pictures, whose boxes
+// are larger, too. Boxes of some twenty pixels are common, for which a whole subgroup is too many lanes. All of it is
+// measured by tests/bench/cases/table4.dr, 256² to 2048² pixels. A face on a pixel's list waits for those before it
+// there, so lanes share what is more than one pixel.
 Bins gpu_bins(const Dim& pixels, bool listed) {
-  constexpr int64_t kLeast = 1 << 15, kUnknown = 1 << 17, kMost = 1 << 19;
-  const auto count = pixels.evaluate({});
-  const int64_t invocations = count ? std::clamp(*count / 4, kLeast, kMost) : kUnknown;
-  const auto middle = static_cast<int>(std::bit_floor(static_cast<uint64_t>(invocations)));
-  return {listed ? 1 : 8, 16384, middle, middle / 4};
+  constexpr int64_t kUsual = 1 << 20;
+  constexpr uint64_t kPerSide = 128;
+  const int64_t count = pixels.evaluate({}).value_or(kUsual);
+  const auto side = static_cast<uint64_t>(std::sqrt(static_cast<double>(count)));
+  const auto middle = std::bit_floor(std::clamp(kPerSide * side, uint64_t{1} << 15, uint64_t{1} << 18));
+  const bool usual = count <= kUsual;
+  return {listed ? 1 : 8, 16384, static_cast<int>(middle), usual ? 1 << 14 : 1 << 17, usual ? 4u : 2u};
 }
 
 // The trips of our own that a dispatch needs to come to where it goes on: each loop is entered and left once more for
@@ -214,9 +220,7 @@ class StepCode {
     lists.small_box = !few_faces && (limit == 0 || short_ones) ? bins.small_box : 0;
     lists.middle_box = bins.middle_box;
     // A power of two, so that teams share the invocations evenly whatever the profile says.
-    // On a GPU boxes of some twenty pixels are common, for which a whole subgroup is too many lanes.
-    const uint32_t lanes = profile_.is_gpu() ? profile_.subgroup_size / 2 : profile_.subgroup_size;
-    lists.team = static_cast<int>(std::bit_floor(std::clamp(lanes, 1u, 128u)));
+    lists.team = static_cast<int>(std::bit_floor(std::clamp(profile_.subgroup_size / bins.teams, 1u, 128u)));
     lists.middle_invocations = bins.middle_invocations;
     lists.large_invocations = bins.large_invocations;
     return walk;

@@ -8,7 +8,6 @@
 
 #include "compiler/backend/pack/pass_order.h"
 #include "compiler/backend/pack/step_packer.h"
-#include "compiler/backend/schedule/limits.h"
 #include "compiler/backend/schedule/trips.h"
 
 namespace dr::backend {
@@ -126,7 +125,15 @@ bool StepPacker::within_limits(const Pass& pass) const {
   for (ValueId v : pass.reads) reads.push_back(resource_index(v));
   Bindings all = bindings_of(resources_, std::move(reads), written.size(), pass.is_drawn());
   all.more += more_buffers(profile_, pass);
-  return fits(profile_, all);
+  return fits_with_loops(all, pass.ops);
+}
+
+// Of a shader with these ops: one whose loops are cut also binds where they stopped, in two buffers, and what tells
+// that data made one too long.
+bool StepPacker::fits_with_loops(Bindings all, std::span<const OpId> ops) const {
+  if (!fits(profile_, all)) return false;
+  all.more += all.hardware ? 0 : kCutBuffers;
+  return fits(profile_, all) || !needs_cut(trips_of(graph_, ops), profile_);
 }
 
 // Parts of a pass that reads more than one shader may are stored by passes of their own before. Walks its ops: where
@@ -219,7 +226,7 @@ std::vector<ValueId> StepPacker::choose(std::span<const ValueId>& targets, int l
     if (written_[v.index]) continue;
     grow(v);
     const auto count = static_cast<uint32_t>(chosen.size()) + 1;
-    if (fits(profile_, {cone_.buffers, cone_.images, count, hardware, more}) &&
+    if (fits_with_loops({cone_.buffers, cone_.images, count, hardware, more}, cone_.ops) &&
         (count == 1 || cone_.size <= kMaxSize)) {
       chosen.push_back(v);
       continue;

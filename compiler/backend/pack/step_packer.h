@@ -14,6 +14,7 @@
 #include "compiler/backend/analysis/uses.h"
 #include "compiler/backend/cost/blocks.h"
 #include "compiler/backend/pack/pack.h"
+#include "compiler/backend/schedule/limits.h"
 
 namespace dr::backend {
 
@@ -107,6 +108,7 @@ class StepPacker {
   bool is_loaded(ValueId v, OpId user) const;
   void close_over(Pass& pass, const std::vector<ValueId>& targets, int level);
   bool within_limits(const Pass& pass) const;
+  bool fits_with_loops(Bindings all, std::span<const OpId> ops) const;
   void spill(const Pass& pass);
   void add_pass(Pass pass);
   std::string pass_name(const Pass& pass) const;

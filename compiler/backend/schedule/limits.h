@@ -30,6 +30,8 @@ std::vector<uint32_t> resources_of(const StepSchedule& step, std::span<const ir:
 inline constexpr uint32_t kScatterBuffers = 3;
 // Lists that a map's shader may write.
 inline constexpr uint32_t kMapLists = 2;
+// Words of a shader whose loops are cut.
+inline constexpr uint32_t kCutBuffers = 3;
 
 // Whether the first run of a scatter may add by a guessed exponent: all that the pass writes are sums of an exponent,
 // and compute shaders alone read them as such, for those leave the guess.
