@@ -17,11 +17,23 @@ std::vector<std::string> lines_of(const bundle::BundleT& bundle, const bundle::S
 
 namespace {
 
+constexpr vk::DeviceSize kListBytes = bundle::kListHead * sizeof(uint32_t);
+
+// Where blocks of elements are marked (compiler/backend/emit/at_rest.cpp), a workgroup of the update has as many
+// invocations as a block has elements, and word 0 is the number of all elements.
+bool goes_by_marks(const bundle::CommandT& command, const bundle::ResourceT& list) {
+  constexpr uint32_t kBlock = 64;
+  return list.list == bundle::ListKind::Stepped && command.group == kBlock;
+}
+
 // The list that a dispatch runs for, if it does. A dispatch that walks a list in a loop takes no size from it.
-std::optional<uint32_t> list_of(const bundle::BundleT& bundle, const Primitive& p) {
-  for (const Use use : {Use::IndirectRead, Use::ComputeRead})
-    for (const Access& a : p.accesses)
-      if (a.use == use && bundle.resources[a.resource]->list != bundle::ListKind::None) return a.resource;
+std::optional<uint32_t> list_of(const bundle::BundleT& bundle, const bundle::CommandT& command, const Primitive& p) {
+  for (const Use use : {Use::IndirectRead, Use::ComputeRead, Use::ComputeReadWrite})
+    for (const Access& a : p.accesses) {
+      const bundle::ResourceT& r = *bundle.resources[a.resource];
+      const bool listed = use == Use::ComputeReadWrite ? goes_by_marks(command, r) : r.list != bundle::ListKind::None;
+      if (a.use == use && listed) return a.resource;
+    }
   return std::nullopt;
 }
 
@@ -44,12 +56,12 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
   std::vector<std::optional<uint32_t>> lists, draws;
   uint32_t list_count = 0, draw_count = 0;
   for (const Primitive* p : chosen) {
-    lists.push_back(list_of(bundle, *p));
+    lists.push_back(list_of(bundle, *table.commands[p->first], *p));
     if (lists.back()) ++list_count;
     const bool counts = device->pipeline_statistics && table.commands[p->first]->kind == bundle::CommandKind::Draw;
     draws.push_back(counts ? std::optional(draw_count++) : std::nullopt);
   }
-  const vk::raii::Buffer& ends = on_device->transfer.readback(std::max(1u, list_count) * sizeof(uint32_t));
+  const vk::raii::Buffer& heads = on_device->transfer.readback(std::max(1u, list_count) * kListBytes);
   const vk::raii::QueryPool pool(device->device, vk::QueryPoolCreateInfo({}, vk::QueryType::eTimestamp, stamps));
   std::optional<vk::raii::QueryPool> fragments;
   if (draw_count > 0)
@@ -58,7 +70,7 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
                                               vk::QueryPipelineStatisticFlagBits::eFragmentShaderInvocations));
   step.begun = true;
   on_device->queue.once([&](const vk::raii::CommandBuffer& commands) {
-    vk::DeviceSize end_at = 0;
+    vk::DeviceSize head_at = 0;
     const auto stamp = [&](size_t k) {
       commands.writeTimestamp(vk::PipelineStageFlagBits::eBottomOfPipe, *pool, static_cast<uint32_t>(k));
     };
@@ -75,9 +87,9 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
       if (draws[k]) commands.endQuery(**fragments, *draws[k]);
       if (lists[k]) {
         Queue::everything_before(commands);
-        commands.copyBuffer(*on_device->memory.buffer(*lists[k]).buffer, *ends,
-                            vk::BufferCopy(bundle::kListEnd * sizeof(uint32_t), end_at, sizeof(uint32_t)));
-        end_at += sizeof(uint32_t);
+        commands.copyBuffer(*on_device->memory.buffer(*lists[k]).buffer, *heads,
+                            vk::BufferCopy(0, head_at, kListBytes));
+        head_at += kListBytes;
         Queue::everything_before(commands);
       }
       begin(k + 1);
@@ -104,8 +116,7 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
                 ->getResults<uint64_t>(0, draw_count, draw_count * sizeof(uint64_t), sizeof(uint64_t),
                                        vk::QueryResultFlagBits::e64 | vk::QueryResultFlagBits::eWait)
                 .second;
-  const std::span<const uint32_t> list_ends = on_device->transfer.words();
-  size_t list = 0;
+  std::span<const uint32_t> list_heads = on_device->transfer.words();
   std::vector<CommandTime> out;
   for (uint32_t k = 0; k < chosen.size(); ++k) {
     CommandTime& t = out.emplace_back();
@@ -119,9 +130,11 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
     const bundle::CommandT& command = *table.commands[chosen[k]->first];
     const bundle::ResourceT& elements = *bundle.resources[*lists[k]];
     t.list = bundle::word(EnumNameListKind(elements.list));
-    t.listed = int64_t{list_ends[list++]} - 1;
-    t.elements = command.indirect >= 0 ? sizes.evaluate(command.elements, "pass '" + command.label + "'")
-                                       : sizes.evaluate(elements.extent->w, elements.name) - bundle::kListHead;
+    t.listed = int64_t{list_heads[bundle::kListEnd]} - 1;
+    t.elements = goes_by_marks(command, elements) ? int64_t{list_heads[0]}
+                 : command.indirect >= 0          ? sizes.evaluate(command.elements, "pass '" + command.label + "'")
+                                         : sizes.evaluate(elements.extent->w, elements.name) - bundle::kListHead;
+    list_heads = list_heads.subspan(bundle::kListHead);
   }
   return out;
 }

@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <fstream>
 
+#include "compiler/target/profile.h"
 #include "runtime/jit/jit.h"
 #include "runtime/runtime.h"
 #include "tests/catch.h"
@@ -43,6 +44,7 @@ struct Case {
   Count with = {}, without = {}, woken = {};
   std::string raster = "auto", scatter = "auto";
   std::string only_on = {};  // a device
+  bool as_gpu = false;       // compiled as for a GPU
 };
 
 Array floats(std::vector<float> values, int64_t width, int64_t height = 1) {
@@ -101,6 +103,18 @@ Array sphere_faces(int around, int rings) {
 
 // 10 of 256 pixels read a texel; later 25 do.
 // Which pixels read a texel cannot be computed from it, so that its gradient is a scatter.
+const char* const kStepsTexels = R"(
+import std.optim;
+param texel : float[64, 64] = 0.9;
+input place : ivec2[6];
+let color = texel.at(place);
+let error = sum((color - 0.3) * (color - 0.3));
+step go {
+  minimize error over texel with optim.adam(rate = 0.01);
+  texel <- optim.to_range(texel);
+  output error, color;
+})";
+
 const char* const kReadsTexels = R"(
 param texel : float[T];
 input seen : float[16, 16];
@@ -248,17 +262,7 @@ step go {
       // By exact sums, which wake the texels that they add to for the first time: then nothing is listed anew. Few
       // texels would be summed in bins.
       {.id = "stepped",
-       .text = R"(
-import std.optim;
-param texel : float[64, 64] = 0.9;
-input place : ivec2[6];
-let color = texel.at(place);
-let error = sum((color - 0.3) * (color - 0.3));
-step go {
-  minimize error over texel with optim.adam(rate = 0.01);
-  texel <- optim.to_range(texel);
-  output error, color;
-})",
+       .text = kStepsTexels,
        .bound = {{"place", places(0)}},
        .leaf = "place",
        .data = places(3),
@@ -267,6 +271,29 @@ step go {
        .woken = {9, 4087},
        .scatter = "exact",
        .only_on = "lavapipe"},
+      // A GPU marks blocks of 64: the first, which leaves what the next run guesses, and those of one row, later of
+      // two.
+      {.id = "stepped",
+       .text = kStepsTexels,
+       .bound = {{"place", places(0)}},
+       .leaf = "place",
+       .data = places(3),
+       .with = {128, 3968},
+       .without = {0, 0},
+       .woken = {192, 3904},
+       .scatter = "exact",
+       .as_gpu = true},
+      {.id = "stepped",
+       .text = kStepsTexels,
+       .bound = {{"place", places(0)}},
+       .leaf = "place",
+       .data = places(3),
+       .with = {64, 4032},
+       .without = {0, 0},
+       .woken = {128, 3968},
+       .scatter = "atomic",
+       .only_on = "lavapipe",
+       .as_gpu = true},
       {.id = "branches",
        .text = R"(
 param tone : float = 1.0;
@@ -389,6 +416,16 @@ step go { output y = sum(cos(x)) * factor * x; })",
   };
 }
 
+// A built-in profile as of a GPU.
+std::string gpu(const std::string& profile, const std::string& folder) {
+  auto p = std::get<target::Profile>(target::load_profile(profile));
+  p.subgroup_size = 32;
+  p.lanes_in_turn = false;
+  const auto path = (fs::path(folder) / "gpu.json").string();
+  std::ofstream(path) << target::write_profile(p);
+  return path;
+}
+
 // One side of a case: the program compiled and loaded, with what compiling left out.
 struct Side {
   std::vector<jit::Skip> compiled;
@@ -400,7 +437,7 @@ Side side_of(const Case& c, const test::NamedDevice& device, bool off, const std
   const fs::path path = fs::path(folder) / "skip.dr";
   std::ofstream(path) << "edition 1;\n" << c.text;
   jit::Options options;
-  options.profile = device.name;
+  options.profile = c.as_gpu ? gpu(device.name, folder) : device.name;
   options.raster = c.raster;
   options.scatter = c.scatter;
   if (!define.empty()) options.defines[define.substr(0, define.find('='))] = define.substr(define.find('=') + 1);

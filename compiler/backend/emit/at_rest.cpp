@@ -1,18 +1,33 @@
 // SPDX-License-Identifier: Apache-2.0
 // Updates that leave elements at rest out (lowering/leave_at_rest.h): what lists the others, in the prologue, and the
-// update itself, which runs for the list. So does what sums their gradients (rows.cpp).
+// update itself, which runs for the list. So does what sums their gradients (rows.cpp). Or blocks that hold others are
+// marked, a word each behind the head of a list without elements: an invocation of the update ends where there is none.
 #include "compiler/backend/emit/generator.h"
 #include "compiler/backend/schedule/rest.h"
 
 namespace dr::backend {
 
+using glsl::dim_expression;
 using glsl::Shader;
 using ir::ValueId;
+
+namespace {
+
+// That a workgroup of an update takes.
+constexpr int kBlocksEach = 8;
+
+// Blocks of an update, in full groups of kBlocksEach.
+ir::Dim blocks_of(const Pass& update) {
+  constexpr int kAll = kRestingBlock * kBlocksEach;
+  return (element_count(update.domain) + ir::Dim(kAll - 1)).divided_by(kAll) * ir::Dim(kBlocksEach);
+}
+
+}  // namespace
 
 void Generator::list_stepped(const Pass& gradient, const Pass& update, uint32_t starts) {
   const AtRest& rest = *update.get<MapPass>().rest;
   const RestFacts facts = facts_at_rest(graph_, *step_, update, rest);
-  const uint32_t list = add_list(update, "stepped", bundle::ListKind::Stepped);
+  const uint32_t list = rest.in_blocks ? add_marks(update) : add_list(update, "stepped", bundle::ListKind::Stepped);
   // Elements that are not listed stay as they are, and those that are stay on the list, whatever the step does.
   out_->commands.back()->foresees = true;
   stepped_lists_[&update] = list;
@@ -45,8 +60,21 @@ void Generator::list_stepped(const Pass& gradient, const Pass& update, uint32_t 
       moves += " || " + (graph_.value(v).type.is_scalar() ? a + " != " + b : "any(notEqual(" + a + ", " + b + "))");
     }
   }
-  const std::string words = s.bind_words(list, "stepped_elements", bundle::Access::ReadWrite);
+  // The reader of the first element leaves what the next run guesses.
+  if (gradient.get<ScatterPass>().guesses()) moves += " || " + element + " == 0";
   s.body().line("bool moves = " + moves + ";");
+  if (rest.in_blocks) {
+    const std::string marks = s.bind_words(list, "marked_blocks_" + std::to_string(list), bundle::Access::ReadWrite);
+    s.body().line("if (moves) " + mark_block(s, update, element) + ";");
+    // The first word says how many elements there are, the end of a list is one more than it has elements.
+    s.body().line("if (" + element + " == 0) {");
+    s.body().line(marks + ".d[0] = uint(" + dim_expression(element_count(update.domain)) + ");");
+    s.body().line("atomicAdd(" + marks + ".d[" + std::to_string(kListEnd) + "], 1u);");
+    s.body().line("}");
+    dispatch(gradient, "_stepped", s, loop.close()).foresees = true;
+    return;
+  }
+  const std::string words = s.bind_words(list, "stepped_elements", bundle::Access::ReadWrite);
   if (starts == 0) {
     const uint32_t woken = woken_[&update] = add_scratch(update.name + "_woken", element_count(update.domain).str());
     const std::string marks = s.bind_words(woken, "woken_elements", bundle::Access::Write);
@@ -59,12 +87,34 @@ void Generator::list_stepped(const Pass& gradient, const Pass& update, uint32_t 
   dispatch(gradient, "_stepped", s, invocations).foresees = true;
 }
 
+uint32_t Generator::add_marks(const Pass& update) {
+  const uint32_t marks = add_scratch(update.name + "_stepped", (blocks_of(update) + ir::Dim(kListHead)).str());
+  bundle_->resources[marks]->list = bundle::ListKind::Stepped;
+  fill("clear " + update.name + " stepped", marks, 0);
+  return marks;
+}
+
+// The head counts the elements of marked blocks.
+std::string Generator::mark_block(Shader& s, const Pass& update, const std::string& element) const {
+  const std::string block = std::to_string(kRestingBlock), id = std::to_string(stepped_lists_.at(&update)),
+                    marks = s.bind_words(stepped_lists_.at(&update), "marked_blocks_" + id, bundle::Access::ReadWrite);
+  s.prelude("void mark_block_" + id + "(int element) {\n  int at = " + std::to_string(kListHead) + " + element / " +
+            block + ";\n  if (" + marks + ".d[at] == 0u && atomicExchange(" + marks +
+            ".d[at], 1u) == 0u)\n    atomicAdd(" + marks + ".d[" + std::to_string(kListEnd) + "], uint(min(" + block +
+            ", " + dim_expression(element_count(update.domain)) + " - element / " + block + " * " + block +
+            ")));\n}\n");
+  return "mark_block_" + id + "(" + element + ")";
+}
+
 std::string Generator::wake(Shader& s, const Target& t, const std::string& added) {
+  const std::string is_added = "  if ((" + added + ") != 0u";
+  if (t.update->get<MapPass>().rest->in_blocks) return is_added + ") " + mark_block(s, *t.update, "element") + ";\n";
   const std::string id = t.accumulator.name;
-  const std::string list = s.bind_words(t.list, "stepped_elements_" + id, bundle::Access::ReadWrite);
-  const std::string marks = s.bind_words(t.woken, "woken_elements_" + id, bundle::Access::ReadWrite);
-  return "  if ((" + added + ") != 0u && " + marks + ".d[element] == 0u && atomicExchange(" + marks +
-         ".d[element], 1u) == 0u) " + append(s, list, "element") + ";\n";
+  const std::string list =
+      s.bind_words(stepped_lists_.at(t.update), "stepped_elements_" + id, bundle::Access::ReadWrite);
+  const std::string marks = s.bind_words(woken_.at(t.update), "woken_elements_" + id, bundle::Access::ReadWrite);
+  return is_added + " && " + marks + ".d[element] == 0u && atomicExchange(" + marks + ".d[element], 1u) == 0u) " +
+         append(s, list, "element") + ";\n";
 }
 
 std::string Generator::stepped_index(Shader& s, uint32_t list) {
@@ -74,6 +124,7 @@ std::string Generator::stepped_index(Shader& s, uint32_t list) {
 }
 
 void Generator::stepped_map_pass(const Pass& pass) {
+  if (pass.get<MapPass>().rest->in_blocks) return marked_map_pass(pass);
   const uint32_t list = stepped_lists_.at(&pass);
   Shader s = shader();
   s.body().line("int element = " + stepped_index(s, list) + ";");
@@ -82,6 +133,32 @@ void Generator::stepped_map_pass(const Pass& pass) {
   s.element_ops(pass.ops);
   store_results(s, pass);
   dispatch(pass, "", s, element_count(pass.domain).str()).indirect = static_cast<int>(list);
+}
+
+// Starting a workgroup takes a GPU longer than looking whether it has something to do: one takes several blocks, and
+// finds out about them all at once.
+void Generator::marked_map_pass(const Pass& pass) {
+  const std::string block = std::to_string(kRestingBlock), each = std::to_string(kBlocksEach);
+  Shader s = shader();
+  const std::string marks = s.read_words(stepped_lists_.at(&pass), "marked_blocks");
+  s.body().line("int first = int(gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x) * " + each + ";");
+  s.body().line("if (first >= " + dim_expression(blocks_of(pass)) + ") return;");
+  s.body().line("uint marked = 0u;");
+  for (int k = 0; k < kBlocksEach; ++k)
+    s.body().line("marked |= " + marks + "(" + std::to_string(kListHead + k) + " + first) << " + std::to_string(k) +
+                  ";");
+  s.body().line("for (; marked != 0u; marked &= marked - 1u) {");
+  s.push_scope();
+  s.body().line("int element = (first + findLSB(marked)) * " + block + " + int(gl_LocalInvocationID.x);");
+  s.body().line("if (element >= " + dim_expression(element_count(pass.domain)) + ") return;");
+  place_from_index(s, pass.domain, "element");
+  take_sums(s, pass);
+  s.element_ops(pass.ops);
+  store_results(s, pass);
+  s.pop_scope();
+  s.body().line("}");
+  dispatch(pass, "", s, (blocks_of(pass).divided_by(kBlocksEach) * ir::Dim(kRestingBlock)).str(), {0, 0, 0},
+           kRestingBlock);
 }
 
 }  // namespace dr::backend

@@ -202,7 +202,7 @@ std::string Generator::add_fixed(Shader& s, const Target& t, Runs runs, bool joi
   if (joins_lanes) out += join_lanes(n, part) + "  if (adds_here) {\n";
   for (int c = 0; c < n; ++c) out += add_to_memory(t, c, part(c), "element", buffer);
   out += set_flags(t, buffer);
-  if (t.woken != 0) {
+  if (t.update != nullptr) {
     std::string added = "flags";
     for (int c = 0; c < n; ++c) added += " | " + part(c) + ".x | " + part(c) + ".y";
     out += wake(s, t, added);
@@ -268,6 +268,7 @@ Generator::FloatSums Generator::float_sums(Shader& s, const ir::Type& type, cons
 
 std::string Generator::sums_reader(Shader& s, ValueId value, const std::string& function) const {
   const ir::ValueInfo& info = graph_.value(value);
+  if (resource(value).is(Resource::Storage::Emptied)) return floats_reader(s, value, function);
   const bool empties = resource(value).is(Resource::Storage::EmptiedSums);
   const auto sum_of = [&](const Pass& pass) -> const ScatterSum* {
     const auto* scatter = pass.as<ScatterPass>();
@@ -295,7 +296,25 @@ std::string Generator::sums_reader(Shader& s, ValueId value, const std::string& 
 
 void Generator::take_sums(Shader& s, const Pass& pass) const {
   for (const ValueId v : pass.reads)
-    if (resource(v).is(Resource::Storage::EmptiedSums)) s.body().line("take_" + s.load(v, "at") + ";");
+    if (resource(v).is_emptied()) s.body().line("take_" + s.load(v, "at") + ";");
+}
+
+std::string Generator::floats_reader(Shader& s, ValueId value, const std::string& function) const {
+  const ir::ValueInfo& info = graph_.value(value);
+  const int n = info.type.components();
+  const std::string sums = s.bind_words(resource_index(value), "floats_" + std::to_string(resource_index(value)),
+                                        bundle::Access::ReadWrite, "float"),
+                    type = info.type.str(), taken = "taken_" + function;
+  std::string components, zeros;
+  for (int c = 0; c < n; ++c) {
+    const std::string word = sums + ".d[base + " + std::to_string(c) + "]";
+    components += (c == 0 ? "" : ", ") + word;
+    zeros += " " + word + " = 0.0;";
+  }
+  return type + " " + taken + ";\nvoid take_" + function +
+         "(ivec3 at) {\n  int base = " + Shader::element_index(info.extent, "at") + " * " + std::to_string(n) +
+         ";\n  " + taken + " = " + type + "(" + components + ");\n  if ((" + any_bits(info.type, taken) + ") != 0u) {" +
+         zeros + " }\n}\n" + type + " " + function + "(ivec3 at) { return " + taken + "; }\n";
 }
 
 }  // namespace dr::backend

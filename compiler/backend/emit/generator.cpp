@@ -80,6 +80,11 @@ void Generator::process(bundle::BundleT& bundle, std::vector<GlslShader>& shader
         out->type = bundle_type(ir::kUint);
         out->extent = bundle_extent({words_of_sums(r.type, r.extent, wide_atomics()), 1, 1});
         break;
+      case Resource::Storage::Emptied:
+        out->role = bundle::Role::Zeros;
+        out->type = bundle_type(ir::kUint);
+        out->extent = bundle_extent({element_count(r.extent) * Dim(r.words()), 1, 1});
+        break;
       case Resource::Storage::Image: out->storage = bundle::Storage::Image; break;
       case Resource::Storage::Tile: out->storage = bundle::Storage::Tile; break;
     }

@@ -41,12 +41,14 @@ class Generator {
   void set_lines(const Pass& pass, const Pass* setup);
   void map_pass(const Pass& pass);
   void listed_map_pass(const Pass& pass, const HeavyBranches& heavy);
-  // Elements that do not rest (at_rest.cpp): lists those of an update, given where the rows of its gradient start;
-  // opens a shader that runs for the list, and gives the number of its element; the update itself.
+  // Elements that do not rest (at_rest.cpp): lists those of an update, given where the rows of its gradient start, or
+  // marks their blocks; opens a shader that runs for the list, and gives the number of its element; the update itself.
   // `starts`: of rows; 0: sums that wake elements.
   void list_stepped(const Pass& gradient, const Pass& update, uint32_t starts);
+  std::string mark_block(glsl::Shader& shader, const Pass& update, const std::string& element) const;
   std::string stepped_index(glsl::Shader& shader, uint32_t list);
   void stepped_map_pass(const Pass& pass);
+  void marked_map_pass(const Pass& pass);
   // Several elements an invocation: side by side (block.cpp), one after the other (strides.cpp).
   void block_map_pass(const Pass& pass, const Block& block);
   void strided_map_pass(const Pass& pass);
@@ -74,17 +76,16 @@ class Generator {
   struct Target {
     ScatterSum sum;
     glsl::Accumulator accumulator;
-    uint32_t words = 0;    // bundle resource
-    int most = 0;          // fixed: contributions from an element, negative: unknown
-    bool fixed = false;    // added as fixed point numbers
-    bool binned = false;   // added in bins; neither: as they are
-    uint32_t terms = 0;    // bundle resource: contributions kept, where the pass keeps them
-    uint32_t guess = 0;    // bundle resource: the shift of the run before, where the pass guesses
-    bool emptied = false;  // the pass that reads the words leaves zeros
-    uint32_t list = 0;     // bundle resource: elements that an update steps, where the sums wake others,
-    uint32_t woken = 0;    // and a word for each element, not 0 for those on the list
+    uint32_t words = 0;            // bundle resource
+    int most = 0;                  // fixed: contributions from an element, negative: unknown
+    bool fixed = false;            // added as fixed point numbers
+    bool binned = false;           // added in bins; neither: as they are
+    uint32_t terms = 0;            // bundle resource: contributions kept, where the pass keeps them
+    uint32_t guess = 0;            // bundle resource: the shift of the run before, where the pass guesses
+    bool emptied = false;          // the pass that reads the words leaves zeros; of fixed point numbers
+    const Pass* update = nullptr;  // whose elements the sums wake
   };
-  // Lists the element that a sum adds to, if `added`, an expression, is not 0 and it is not listed.
+  // Lists the element that a sum adds to, or marks its block, if `added`, an expression, is not 0 and it is not there.
   std::string wake(glsl::Shader& shader, const Target& target, const std::string& added);
   // Makes the resources, and clears them.
   std::vector<Target> scatter_targets(const Pass& pass);
@@ -141,6 +142,8 @@ class Generator {
   FloatSums floats_of_bins(glsl::Shader& shader, const ir::Type& type, const ir::Extent& extent, uint32_t words) const;
   // See glsl::Shader::SumsReader.
   std::string sums_reader(glsl::Shader& shader, ir::ValueId value, const std::string& function) const;
+  // Of sums by float atomics that their reader leaves zeros.
+  std::string floats_reader(glsl::Shader& shader, ir::ValueId value, const std::string& function) const;
   // Takes the sums that the pass reads and leaves zeros, once an element.
   void take_sums(glsl::Shader& shader, const Pass& pass) const;
   // How often an element of the domain adds to a sum at most; negative where a loop decides.
@@ -159,6 +162,8 @@ class Generator {
   void tell_not_finite(glsl::Shader& shader, const Pass& pass, const std::string& largest);
   // An empty list of elements of the pass, a scratch buffer; a dispatch can be as large as it is long.
   uint32_t add_list(const Pass& pass, const std::string& name, bundle::ListKind kind);
+  // No marked block of elements of an update.
+  uint32_t add_marks(const Pass& update);
   uint32_t list_active(const Pass& pass);
   void rows_pass(const Pass& pass);
   // A table of rows in two resources of the bundle: where each row starts, and its items, each with its row.
@@ -252,7 +257,7 @@ class Generator {
   std::map<uint32_t, uint32_t> guesses_;                // by the resource of sums, where their scatter guesses
   std::map<const Pass*, uint32_t> active_lists_;        // by scatter, of those that a map pass makes
   std::map<const Pass*, uint32_t> stepped_lists_;       // by update
-  std::map<const Pass*, uint32_t> woken_;               // by update whose gradient is of exact sums
+  std::map<const Pass*, uint32_t> woken_;               // by update whose sums wake elements, a word for each
   std::map<const Pass*, std::vector<Target>> targets_;  // of scatters that join the pass before
   struct TableOfLeaves {
     uint32_t leaf = 0;  // the first of two, of the bundle

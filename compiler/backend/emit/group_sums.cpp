@@ -66,7 +66,8 @@ void Generator::join_in_group(Shader& s, const std::vector<Target>& targets) {
               size +
               "u;\n  }\n"
               "  if (key == 0u || key == uint(element + 1)) {\n" +
-              here + "  } else {\n" + memory + "  }\n" + set_flags(t, buffer) + "}\n");
+              here + "  } else {\n" + memory + (t.update == nullptr ? "" : wake(s, t, "1u")) + "  }\n" +
+              set_flags(t, buffer) + (t.update == nullptr ? "" : wake(s, t, "flags")) + "}\n");
     for (size_t k = 0; k < t.sum.terms.size(); ++k) {
       const std::string site = "[" + std::to_string(k) + "]", element = "kept_element_" + id + site;
       any += (any.empty() ? "" : " || ") + element + " >= 0";
@@ -77,9 +78,13 @@ void Generator::join_in_group(Shader& s, const std::vector<Target>& targets) {
              sums + "[at] = 0u;\n";
     flush += "  for (uint at = lane; at < " + size + "u; at += " + group + "u) {\n    int element = int(" + keys +
              "[at]) - 1;\n    if (element < 0) continue;\n";
-    for (int c = 0; c < n; ++c)
+    std::string added = "0u";
+    for (int c = 0; c < n; ++c) {
+      added += " | part_" + std::to_string(c) + ".x | part_" + std::to_string(c) + ".y";
       flush += "    uvec2 part_" + std::to_string(c) + " = uvec2(" + word("at", 2 * c) + ", " + word("at", 2 * c + 1) +
                ");\n  " + add_to_memory(t, c, "part_" + std::to_string(c), "element", buffer);
+    }
+    if (t.update != nullptr) flush += wake(s, t, added);
     flush += "  }\n";
   }
   // Most workgroups of a picture add nothing.

@@ -138,7 +138,7 @@ void Generator::store_results(Shader& s, const Pass& pass, ListingLoop* loop, bo
 
 // Where few elements of a sum got anything, few of a leaf change, and the others are not written.
 void Generator::store_changed(Shader& s, const Pass& pass, ValueId v) {
-  const auto empties = [&](ValueId read) { return resource(read).is(Resource::Storage::EmptiedSums); };
+  const auto empties = [&](ValueId read) { return resource(read).is_emptied(); };
   const auto is_old = [&](ValueId read) { return resource_index(read) == resource_index(v); };
   const auto old = std::ranges::find_if(pass.reads, is_old);
   const bool may_skip =
@@ -167,8 +167,8 @@ std::vector<Generator::Target> Generator::scatter_targets(const Pass& pass) {
   const PassId id = pass_id(static_cast<size_t>(&pass - step_->passes.data()));
   for (const ScatterSum& sum : sums) {
     const Resource& r = resource(sum.value);
-    const Pass* const update = scatter.exact() != nullptr ? update_of(*step_, id, sum.value) : nullptr;
-    if (update != nullptr && woken_.count(update) == 0) list_stepped(pass, *update, 0);
+    const Pass* const update = r.is_emptied() ? update_of(*step_, id, sum.value) : nullptr;
+    if (update != nullptr && stepped_lists_.count(update) == 0) list_stepped(pass, *update, 0);
     const bool maximum = graph_.op(graph_.value(sum.value).op).kind == OpKind::ScatterMax;
     Target t{sum, {std::to_string(targets.size()), r.type, r.extent}, resource_index(sum.value), 0};
     t.fixed = r.type.is_float() && scatter.lowering() != ScatterLowering::Atomic && !named_once(graph_, sum.terms);
@@ -185,9 +185,10 @@ std::vector<Generator::Target> Generator::scatter_targets(const Pass& pass) {
     }
     // The pass that reads emptied sums leaves zeros in all but the head.
     t.emptied = r.is(Resource::Storage::EmptiedSums);
-    if (update != nullptr) t.list = stepped_lists_.at(update), t.woken = woken_.at(update);
-    fill("clear " + r.name, t.words, maximum ? 0x80000000u : 0u,
-         t.emptied ? words_of_head(wide_atomics()).str() : std::string());
+    t.update = update;
+    if (!r.is(Resource::Storage::Emptied))
+      fill("clear " + r.name, t.words, maximum ? 0x80000000u : 0u,
+           t.emptied ? words_of_head(wide_atomics()).str() : std::string());
     targets.push_back(std::move(t));
   }
   return targets;
@@ -236,6 +237,7 @@ Generator::Adding Generator::plain_adding(Shader& s, const Pass& pass, const Tar
     else
       out.body += "  " + (tests ? "if (" + x + " != 0.0) " : std::string()) + "atomicAdd(" + to + ", " + x + ");\n";
   }
+  if (t.update != nullptr) out.body += wake(s, t, any_bits(r.type, "value"));
   if (runs == Runs::Both) out.body += "  }\n";
   return out;
 }

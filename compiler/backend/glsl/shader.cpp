@@ -174,7 +174,7 @@ std::string Shader::load(ValueId value, const std::string& place) {
   const std::string function = "load_" + part_name(value);
   std::string call = function + "(" + place + ")";
   if (!functions_.insert(function).second) return call;
-  if (r.is_sums()) {
+  if (r.is_sums() || r.is_emptied()) {
     const std::string text = sums_reader_(*this, value, function);
     declarations_ += text;
     return call;

@@ -17,6 +17,8 @@ void empty_sums(const ir::Graph& graph, const target::Profile& profile, Schedule
         Resource& r = schedule.resources[step.stored.at(sum.value).index];
         if (r.is(Resource::Storage::Sums) && may_empty(graph, step, pass, sum))
           r.storage = Resource::Storage::EmptiedSums;
+        else if (may_empty_floats(graph, schedule.resources, step, pass, sum))
+          r.storage = Resource::Storage::Emptied;
       }
     }
 }

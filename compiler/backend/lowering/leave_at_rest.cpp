@@ -55,20 +55,23 @@ void leave_at_rest(const ir::Graph& graph, const target::Profile& profile, Sched
                              return std::ranges::find(update.reads, v) != update.reads.end();
                            });
         if (!reads) continue;
-        const AtRest rest{pass_id(g), memory_of(graph, step, update), profile.lanes_in_turn};
+        const ScatterLowering how = gradient.get<ScatterPass>().lowering();
+        // Lists, as vertices are, have few elements: looking for those that rest takes longer than stepping them.
+        if (how != ScatterLowering::Rows && update.domain.h.is_one()) continue;
+        AtRest rest{pass_id(g), memory_of(graph, step, update), profile.lanes_in_turn};
+        // Lanes of a GPU that have nothing to do end together, which takes less than going by a list.
+        rest.in_blocks = how != ScatterLowering::Rows && profile.is_gpu();
+        if (how == ScatterLowering::Exact && !rest.in_blocks && !profile.lanes_in_turn) continue;
         if (!may_rest(graph, schedule, step, pass_id(u), rest)) continue;
         if (!fits_with_lists(schedule, step, update, profile) ||
             !fits_with_lists(schedule, step, gradient, profile, resting_on(step, pass_id(g))))
           continue;
-        // A GPU reads sums of all elements as fast as it looks for those on a list, and lists, as vertices are, have
-        // few.
-        const bool exact = gradient.get<ScatterPass>().exact() != nullptr;
-        if (exact && (!profile.lanes_in_turn || update.domain.h.is_one())) continue;
-        update.get<MapPass>().rest = rest;
-        if (!exact) break;
+        update.get<MapPass>().rest = std::move(rest);
+        if (how == ScatterLowering::Rows) break;
         for (const ScatterSum& sum : gradient.get<ScatterPass>().sums)
           if (std::ranges::find(update.reads, sum.value) != update.reads.end())
-            schedule.resources[step.stored.at(sum.value).index].storage = Resource::Storage::EmptiedSums;
+            schedule.resources[step.stored.at(sum.value).index].storage =
+                how == ScatterLowering::Exact ? Resource::Storage::EmptiedSums : Resource::Storage::Emptied;
         break;
       }
     }

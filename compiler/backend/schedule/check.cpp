@@ -172,9 +172,11 @@ class StepChecker {
     const auto* scatter = pass().as<ScatterPass>();
     for (ValueId v : pass().writes) {
       const Resource* r = resource_of(v);
-      if (!r || !r->is(Resource::Storage::EmptiedSums)) continue;
+      if (!r || !r->is_emptied()) continue;
+      const bool floats = r->is(Resource::Storage::Emptied);
       const auto is_sum = [&](const ScatterSum& sum) {
-        return sum.value == v && may_empty(graph_, step_, pass(), sum);
+        return sum.value == v && (floats ? may_empty_floats(graph_, schedule_.resources, step_, pass(), sum)
+                                         : may_empty(graph_, step_, pass(), sum));
       };
       if (scatter == nullptr || std::ranges::none_of(scatter->sums, is_sum))
         unsound("adds to sums that their reader may not leave empty");

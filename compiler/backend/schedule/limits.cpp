@@ -6,6 +6,7 @@
 #include "compiler/backend/analysis/bins.h"
 #include "compiler/backend/analysis/named_once.h"
 #include "compiler/backend/analysis/scatter_leaves.h"
+#include "compiler/backend/analysis/uses.h"
 
 namespace dr::backend {
 
@@ -91,6 +92,29 @@ bool may_empty(const ir::Graph& graph, const StepSchedule& step, const Pass& pas
       return false;
   }
   return true;
+}
+
+bool may_empty_floats(const ir::Graph& graph, const std::vector<Resource>& resources, const StepSchedule& step,
+                      const Pass& pass, const ScatterSum& sum) {
+  const Resource& r = resources[step.stored.at(sum.value).index];
+  return pass.get<ScatterPass>().lowering() == ScatterLowering::Atomic && graph.value(sum.value).type.is_float() &&
+         !named_once(graph, sum.terms) && (r.is(Resource::Storage::Buffer) || r.is(Resource::Storage::Emptied)) &&
+         is_read_in_place(graph, step, sum.value) && may_empty(graph, step, pass, sum);
+}
+
+bool is_read_in_place(const ir::Graph& graph, const StepSchedule& step, ir::ValueId value) {
+  if (read_afterwards(graph, step).count(value) != 0) return false;
+  const Pass* reader = nullptr;
+  for (const Pass& pass : step.passes) {
+    if (std::ranges::find(pass.reads, value) == pass.reads.end()) continue;
+    if (reader != nullptr) return false;
+    reader = &pass;
+  }
+  return reader != nullptr && reader->kind() == PassKind::Map && reader->domain == graph.value(value).extent &&
+         std::ranges::none_of(reader->ops, [&](ir::OpId id) {
+           const Uses uses = uses_of(graph, graph.op(id));
+           return std::ranges::find(uses.elsewhere, value) != uses.elsewhere.end();
+         });
 }
 
 bool fits(const target::Profile& profile, const Bindings& b) {

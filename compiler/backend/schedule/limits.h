@@ -50,6 +50,13 @@ size_t guesses_bound(const std::vector<Resource>& resources, const StepSchedule&
 // reader's one dispatch takes each element once.
 bool may_empty(const ir::Graph& graph, const StepSchedule& step, const Pass& pass, const ScatterSum& sum);
 
+// Whether a sum by float atomics may be left zeros: one map alone reads it, in place, likewise.
+bool may_empty_floats(const ir::Graph& graph, const std::vector<Resource>& resources, const StepSchedule& step,
+                      const Pass& pass, const ScatterSum& sum);
+
+// Whether one map alone reads a value of its own extent, at its own element, and nothing does afterwards.
+bool is_read_in_place(const ir::Graph& graph, const StepSchedule& step, ir::ValueId value);
+
 bool fits(const target::Profile& profile, const Bindings& bindings);
 
 }  // namespace dr::backend

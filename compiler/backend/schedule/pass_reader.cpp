@@ -158,7 +158,12 @@ bool PassReader::decides(MapPass& map, bool& ok) {
   } else if (take_word("rests")) {
     AtRest& rest = map.rest.emplace();
     ok = expect_word("without") && pass_name(rest.gradient);
-    if (ok && take(',')) ok = rest.lists_in_runs = expect_word("listed") && expect_word("in") && expect_word("runs");
+    if (ok && take(',')) {
+      rest.in_blocks = take_word("marked");
+      rest.lists_in_runs = !rest.in_blocks;
+      ok = (rest.in_blocks || expect_word("listed")) && expect_word("in") &&
+           expect_word(rest.in_blocks ? "blocks" : "runs");
+    }
   } else if (map.rest && take_word("memory")) {
     ok = values(map.rest->memory);
   } else if (take_word("block")) {

@@ -23,6 +23,7 @@ std::string_view storage_words(Resource::Storage storage) {
     case Resource::Storage::Entries: return "entries buffer";
     case Resource::Storage::Sums: return "sums buffer";
     case Resource::Storage::EmptiedSums: return "emptied sums buffer";
+    case Resource::Storage::Emptied: return "emptied buffer";
     case Resource::Storage::Image: return "image";
     case Resource::Storage::Tile: return "tile";
   }
@@ -211,7 +212,10 @@ class Writer {
   void write_decisions(const DrawnRasterPass&) {}
 
   void write_rest(const AtRest& rest) {
-    out_ += "    rests without " + pass_at(rest.gradient) + (rest.lists_in_runs ? ", listed in runs\n" : "\n");
+    out_ += "    rests without " + pass_at(rest.gradient) +
+            (rest.lists_in_runs ? ", listed in runs\n"
+             : rest.in_blocks   ? ", marked in blocks\n"
+                                : "\n");
     write_values("    memory", rest.memory);
   }
 

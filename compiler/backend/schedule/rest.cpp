@@ -46,10 +46,24 @@ bool is_exact_gradient(const Graph& graph, const Schedule& schedule, const StepS
          });
 }
 
+// Sums by float atomics that it leaves empty likewise.
+bool is_atomic_gradient(const Graph& graph, const Schedule& schedule, const StepSchedule& step, const Pass& update,
+                        const Pass& pass) {
+  const std::vector<ValueId> sums = taken(pass, update);
+  return !sums.empty() && std::ranges::all_of(sums, [&](ValueId v) {
+    const auto& all = pass.get<ScatterPass>().sums;
+    const auto sum = std::ranges::find(all, v, &ScatterSum::value);
+    return sum != all.end() && graph.value(v).extent == update.domain &&
+           may_empty_floats(graph, schedule.resources, step, pass, *sum);
+  });
+}
+
 bool is_gradient(const Graph& graph, const Schedule& schedule, const StepSchedule& step, const Pass& update,
-                 PassId id) {
-  const Pass& pass = step.pass(id);
+                 const AtRest& rest) {
+  const Pass& pass = step.pass(rest.gradient);
   const auto* scatter = pass.as<ScatterPass>();
+  if (scatter != nullptr && scatter->lowering() == ScatterLowering::Atomic)
+    return rest.in_blocks && is_atomic_gradient(graph, schedule, step, update, pass);
   if (scatter != nullptr && scatter->exact() != nullptr) return is_exact_gradient(graph, schedule, step, update, pass);
   const auto* rows = scatter == nullptr ? nullptr : std::get_if<RowsScatter>(&scatter->how);
   if (rows == nullptr || rows->sorted() == nullptr || !pass.steady) return false;
@@ -121,10 +135,10 @@ bool may_rest(const Graph& graph, const Schedule& schedule, const StepSchedule& 
               const AtRest& rest) {
   const Pass& pass = step.pass(update);
   if (!(rest.gradient < update) || !is_plain_update(graph, schedule, step, update) ||
-      !is_gradient(graph, schedule, step, pass, rest.gradient))
+      !is_gradient(graph, schedule, step, pass, rest))
     return false;
-  // The reader of the first element leaves the exponent that the next run guesses, and may rest.
-  if (step.pass(rest.gradient).get<ScatterPass>().guesses()) return false;
+  // The reader of the first element leaves the exponent that the next run guesses, and may rest where it has no mark.
+  if (step.pass(rest.gradient).get<ScatterPass>().guesses() && !rest.in_blocks) return false;
   const std::vector<ValueId> sums = taken(step.pass(rest.gradient), pass);
   for (const OpId id : pass.ops) {
     const Uses uses = uses_of(graph, graph.op(id));

@@ -24,7 +24,7 @@
 //
 //   partial clip pixel                          // stored for listed elements only
 //   block 4 4 1                                 // elements that an invocation computes side by side
-//   rests without grad, listed in runs          // for elements that grad does not reach,
+//   rests without grad, listed in runs          // or: marked in blocks; for elements that grad does not reach,
 //   memory m%4 s%5                              // and whose memory is zero
 //   read together gather %9, gather %11 by 16 16 1 for 16 of reduce %14
 //   sum grad of %31 %33                         // what a scatter sums up
@@ -65,10 +65,11 @@
 namespace dr::backend {
 
 // Every storage, and the words of it: "half buffer".
-inline constexpr std::array kStorages = {
-    Resource::Storage::Leaf,        Resource::Storage::StepIndex, Resource::Storage::Buffer,
-    Resource::Storage::Halves,      Resource::Storage::Entries,   Resource::Storage::Sums,
-    Resource::Storage::EmptiedSums, Resource::Storage::Image,     Resource::Storage::Tile};
+inline constexpr std::array kStorages = {Resource::Storage::Leaf,        Resource::Storage::StepIndex,
+                                         Resource::Storage::Buffer,      Resource::Storage::Halves,
+                                         Resource::Storage::Entries,     Resource::Storage::Sums,
+                                         Resource::Storage::EmptiedSums, Resource::Storage::Emptied,
+                                         Resource::Storage::Image,       Resource::Storage::Tile};
 std::string_view storage_words(Resource::Storage storage);
 
 // The graph's text and the schedule's.
