@@ -77,6 +77,13 @@ Array places(int first) {
   return Array::from_ints(out, 2, 6);
 }
 
+// Places near a corner of a picture.
+Array corners(float x) {
+  std::vector<float> out;
+  for (int k = 0; k < 4; ++k) out.insert(out.end(), {x + 0.02f * static_cast<float>(k), 0.1f});
+  return Array::from_floats(out, 2, 4);
+}
+
 // A sphere: `around` vertices on each of `rings` rings, and two poles.
 Array sphere(int around, int rings, float radius) {
   std::vector<float> out{0, radius, 0, 0, -radius, 0};
@@ -112,6 +119,18 @@ let error = sum((color - 0.3) * (color - 0.3));
 step go {
   minimize error over texel with optim.adam(rate = 0.01);
   texel <- optim.to_range(texel);
+  output error, color;
+})";
+
+const char* const kStepsPyramid = R"(
+import std.optim;
+import std.texture;
+param texel : float[64, 64] = 0.9;
+input place : vec2[4];
+let color = texture.trilinear(texture.pyramid(texel, 3), place, 0.5);
+let error = sum((color - 0.3) * (color - 0.3));
+step go {
+  minimize error over texel with optim.adam(rate = 0.01);
   output error, color;
 })";
 
@@ -293,6 +312,17 @@ step go {
        .woken = {128, 3968},
        .scatter = "atomic",
        .only_on = "lavapipe",
+       .as_gpu = true},
+      // A pyramid: its levels hand down what they get.
+      {.id = "stepped",
+       .text = kStepsPyramid,
+       .bound = {{"place", corners(0.1f)}},
+       .leaf = "place",
+       .data = corners(0.6f),
+       .with = {0, 0},
+       .without = {0, 0},
+       .woken = {0, 0},
+       .scatter = "exact",
        .as_gpu = true},
       {.id = "branches",
        .text = R"(
