@@ -172,7 +172,7 @@ def shape_from_photos():
 
 
 def normal_map():
-    example("normal_map", ["--step", "fit=150"], ("photo", "coarse", "drawn"))
+    example("normal_map", ["--step", "fit=80"], ("photo", "coarse", "drawn"))
 
 
 def shape_and_texture():

@@ -117,7 +117,7 @@ def page(figures):
              "- [Fuzzing](fuzzing.md): how much random input there was, what it reached, and what faults, steps and loads in numbers leave behind.",
              "- [Frames beside Mitsuba 3](frames.md): glTF assets under a lamp and under skies, a term each, and where differences come from.",
              "- [Accuracy](accuracy.md): the error of each op and each function of the library on each device.",
-             "- Accuracy of what lights a frame: the same of materials, environments and shadows, [by our own functions](accuracy_light.md) and",
+             "- Accuracy of what lights a frame: the same of materials, lamps, environments, shadows, textures and tone mapping, [by our own functions](accuracy_light.md) and",
              "  [by drivers' built-ins](accuracy_light_native.md).",
              "- `./dr bench` lists the benchmarks; `./dr bench results` takes what they left into this page.", ""]
     return "\n".join(text), plots

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # spot.sh BUILD_FOLDER [MESH.obj] [--device NAME] [--quick]: a sphere of 2,562 vertices becomes Spot, or another mesh, from the silhouettes of eight
-# views of 128², by the program and settings of the pear, in 150 steps (--quick: 40). Overlap with the eight and with four other views, on 512² points
+# views of 128², by the program of the pear, in 250 steps (--quick: 40), with more smoothness, as its mesh is finer. Overlap with the eight and with four other views, on 512² points
 # each, and distances as parts of the mesh's radius. Also as bench-out/spot/figures.json. Without a mesh it wants Spot in
 # $DR_SHARED_DATA, or shared/data beside the sources.
 set -euo pipefail
@@ -9,7 +9,7 @@ source "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/suite.bash"
 suite spot "$@"
 mesh=${rest[0]:-${DR_SHARED_DATA:-$root/../shared/data}/obj/spot/cow.obj}
 if [[ ! -e $mesh ]]; then echo "spot: skipped, there is no $mesh"; exit 0; fi
-steps=${quick:+40} steps=${steps:-150}
+steps=${quick:+40} steps=${steps:-250}
 run() { "$bin/drun" "$@" --device "$device" > "$out/run.txt" || { cat "$out/run.txt"; exit 1; }; }
 pear=$root/docs/examples/pear
 obj=(--bind "position=$mesh:position" --bind "face=$mesh:indices")
@@ -19,7 +19,7 @@ run "$root/docs/examples/studio.dr" "${obj[@]}" -D N=4 -D turn=22.5 -D elevation
 run "$pear/target.dr" -D coarse=16 --step meshes --out "$out/sphere"
 
 run "$pear/fit.dr" --bind "position=$out/sphere/meshes.position.npy" --bind "face=$out/sphere/meshes.face.npy" \
-  --bind "view=$out/train/silhouettes.view.npy" --bind "mask=$out/train/silhouettes.mask.npy" -D "steps=$steps" --step "fit_shape=$steps" --step finish \
+  --bind "view=$out/train/silhouettes.view.npy" --bind "mask=$out/train/silhouettes.mask.npy" -D "steps=$steps" -D smoothness=100.0 --step "fit_shape=$steps" --step finish \
   --out "$out/fit" --mesh "$out/fit.glb=finish.drawn:face"
 
 judge() {  # judge VIEWS: against the mesh itself

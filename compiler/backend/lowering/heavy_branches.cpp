@@ -27,9 +27,11 @@ int region_cost(const ir::Graph& graph, ir::RegionId region) {
 }
 
 // Whether there surely are more elements than a GPU runs at once. A heavy branch needs registers, so that fewer run at
-// once, whether they take it or not; a dispatch more costs as much as some hundred thousand elements.
-bool is_large(const ir::Extent& domain) {
-  constexpr int64_t kLarge = 1 << 20;
+// once, whether they take it or not; a dispatch more costs as much as some hundred thousand elements. Loops within
+// loops need them all.
+bool is_large(const ir::Extent& domain, int saved) {
+  constexpr int kManyRegisters = 1 << 16;
+  const int64_t kLarge = saved < kManyRegisters ? 1 << 20 : 1 << 18;
   const auto elements = (domain.w * domain.h * domain.l).evaluate({});
   return elements && *elements >= kLarge;
 }
@@ -40,7 +42,6 @@ std::vector<ir::OpId> heavy_branches(const ir::Graph& graph, const Pass& pass, c
                                      const target::Profile& profile) {
   std::vector<ir::OpId> heavy;
   if (may_pass_limit(trips, profile)) return heavy;
-  if (!profile.lanes_in_turn && !is_large(pass.domain)) return heavy;
   int saved = 0;
   for (const ir::OpId id : pass.ops) {
     const ir::Op& op = graph.op(id);
@@ -50,6 +51,7 @@ std::vector<ir::OpId> heavy_branches(const ir::Graph& graph, const Pass& pass, c
     heavy.push_back(id);
     saved += then;
   }
+  if (!profile.lanes_in_turn && !is_large(pass.domain, saved)) return {};
   return saved < kWorthListing ? std::vector<ir::OpId>() : heavy;
 }
 

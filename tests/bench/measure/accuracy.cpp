@@ -127,13 +127,15 @@ int measure_modules(const std::string& path, const std::string& name, const std:
 
 int join(const std::string& path, std::span<char* const> others) {
   json data = read(path);
-  for (const char* other : others)
-    for (auto& [name, device] : read(other)["devices"].items()) {
+  for (const char* other : others) {
+    json from = read(other);
+    for (auto& [name, device] : from["devices"].items()) {
       json& there = data["devices"][name];
       there["device"] = device["device"];
       there["driver"] = device["driver"];
       put(there, std::move(device["library"]));
     }
+  }
   std::ofstream(path) << data.dump(1) << "\n";
   return 0;
 }

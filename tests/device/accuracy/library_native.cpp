@@ -16,6 +16,7 @@ double times_of(OpKind kind) {
     case OpKind::Exp: return (3 + 2 * 104) / 2.0;
     case OpKind::Exp2: return (3 + 2 * 150) / 2.0;
     case OpKind::Expm1: return (4 + 2 * 104) / 4.0;
+    case OpKind::Sigmoid: return (12 + 4 * 104) / 5.0;
     case OpKind::Log:
     case OpKind::Log2: return 4 / 3.0;
     case OpKind::Sin:

@@ -228,6 +228,16 @@ std::vector<Function> pictures() {
                                 l2("image", 1e-6, "the bound set beforehand for dot products")},
                  .whole = true});
   all.push_back(
+      {.name = "coverage.l2",
+       .part = {},
+       .result = "float[1]",
+       .operands = {floats("a", 0, 1, 1e-3), floats("b", 0, 1, 1e-3), whole(floats("far", 0, 3, 1e-3), "[1]")},
+       .value = "coverage.l2(a, b, far)",
+       .directions = {over("value", 32 * u, "1.0 + 0.0 * y", "1", "sums of 14 terms, twice"),
+                      l2("a", 1e-6, "the bound set beforehand for dot products"),
+                      l2("b", 1e-6, "the bound set beforehand for dot products")},
+       .whole = true});
+  all.push_back(
       {.name = "nvdiffrast.texture",
        .part = {},
        .result = "vec3",
