@@ -77,10 +77,10 @@ Array places(int first) {
   return Array::from_ints(out, 2, 6);
 }
 
-// Places near a corner of a picture.
-Array corners(float x) {
+// Places at a height of a picture.
+Array row_at(float y) {
   std::vector<float> out;
-  for (int k = 0; k < 4; ++k) out.insert(out.end(), {x + 0.02f * static_cast<float>(k), 0.1f});
+  for (int k = 0; k < 4; ++k) out.insert(out.end(), {0.1f + 0.02f * static_cast<float>(k), y});
   return Array::from_floats(out, 2, 4);
 }
 
@@ -313,17 +313,28 @@ step go {
        .scatter = "atomic",
        .only_on = "lavapipe",
        .as_gpu = true},
-      // A pyramid: its levels hand down what they get.
+      // A pyramid, whose levels hand down what they get: four rows, later eight, and one beside each four that looks at
+      // what is not its own; a GPU marks the first, too.
       {.id = "stepped",
        .text = kStepsPyramid,
-       .bound = {{"place", corners(0.1f)}},
+       .bound = {{"place", row_at(0.1f)}},
        .leaf = "place",
-       .data = corners(0.6f),
-       .with = {0, 0},
+       .data = row_at(0.6f),
+       .with = {384, 3712},
        .without = {0, 0},
-       .woken = {0, 0},
+       .woken = {704, 3392},
        .scatter = "exact",
        .as_gpu = true},
+      {.id = "stepped",
+       .text = kStepsPyramid,
+       .bound = {{"place", row_at(0.1f)}},
+       .leaf = "place",
+       .data = row_at(0.6f),
+       .with = {320, 3776},
+       .without = {0, 0},
+       .woken = {640, 3456},
+       .scatter = "exact",
+       .only_on = "lavapipe"},
       {.id = "branches",
        .text = R"(
 param tone : float = 1.0;
