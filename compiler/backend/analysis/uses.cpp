@@ -58,6 +58,21 @@ Uses uses_of(const Graph& graph, const Op& op) {
   return uses;
 }
 
+std::vector<OpId> ops_of(const Graph& graph, std::span<const OpId> ops, std::span<const ValueId> values) {
+  std::set<ValueId> needed(values.begin(), values.end());
+  std::vector<OpId> out;
+  for (size_t k = ops.size(); k-- > 0;) {
+    const Op& op = graph.op(ops[k]);
+    if (std::ranges::none_of(op.results, [&](ValueId v) { return needed.count(v) != 0; })) continue;
+    out.push_back(ops[k]);
+    const Uses uses = uses_of(graph, op);
+    needed.insert(uses.at_element.begin(), uses.at_element.end());
+    needed.insert(uses.elsewhere.begin(), uses.elsewhere.end());
+  }
+  std::ranges::reverse(out);
+  return out;
+}
+
 std::vector<bool> steady_ops(const Graph& graph, const ir::Step& step, std::span<const OpId> order,
                              std::span<const Uses> uses, std::set<std::string> moving) {
   std::vector<bool> is_steady(graph.op_count(), false);

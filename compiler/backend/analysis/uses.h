@@ -23,6 +23,10 @@ struct Uses {
 };
 Uses uses_of(const ir::Graph& graph, const ir::Op& op);
 
+// Those of `ops`, of the root region and in order, that values are made of.
+std::vector<ir::OpId> ops_of(const ir::Graph& graph, std::span<const ir::OpId> ops,
+                             std::span<const ir::ValueId> values);
+
 // Which ops depend on a leaf that the step updates or that is among the `moving` ones, or on its counter, by OpId
 // index; the others are its prologue. `order`: root ops, operands before users; `uses` by OpId index.
 std::vector<bool> steady_ops(const ir::Graph& graph, const ir::Step& step, std::span<const ir::OpId> order,

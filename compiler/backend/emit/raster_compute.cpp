@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <functional>
 
+#include "compiler/backend/analysis/uses.h"
 #include "compiler/backend/emit/face_lists.h"
 #include "compiler/backend/emit/raster_closures.h"
 
@@ -30,13 +31,14 @@ struct Walk {
   // The loops of closures are watched; see Generator::Cut.
   bool watched;
 
-  std::string box(Shader& s, RasterClosures& closures, bool guarded) const {
+  // `leave`: a statement for faces that have none, where there may be such.
+  std::string box(Shader& s, RasterClosures& closures, const std::string& leave) const {
     std::string area = "int across = last.x - first.x, area = across * (last.y - first.y);";
-    if (guarded) s.body().line("if (" + closures.record(parts.cull, "at") + ") return;");
+    if (!leave.empty()) s.body().line("if (" + closures.record(parts.cull, "at") + ") " + leave);
     s.body().line("vec2 low = vec2(uintBitsToFloat(0x7f800000u)), high = -low, corner;");
     for (const ValueId value : parts.corners) {
       s.body().line("corner = " + closures.record(value, "at") + ";");
-      if (guarded) s.body().line("if (dr_no_number(corner)) return;");
+      if (!leave.empty()) s.body().line("if (dr_no_number(corner)) " + leave);
       s.body().line("low = min(low, corner);");
       s.body().line("high = max(high, corner);");
     }
@@ -96,13 +98,46 @@ struct Walk {
   // Each invocation a face and layer; where its box is not small, it goes on a list.
   // `set_up` computes what the face takes, if that is not stored yet, and `store` stores it for those who walk lists.
   void faces(Shader& s, const std::function<void()>& set_up, const std::function<void()>& store) const {
+    face(s, set_up, store, "return;");
+  }
+
+  // Each invocation several, those for which `shown` gives true: it computes that for the element at `at`.
+  void faces_in_turn(Shader& s, const std::function<void()>& set_up, const std::function<void()>& store,
+                     const std::function<std::string()>& shown) const {
+    const std::string count = dim_expression(parts.faces), all = dim_expression(parts.faces * parts.l);
+    s.body().line("int group = int(gl_WorkGroupSize.x), groups = int(gl_NumWorkGroups.x * gl_NumWorkGroups.y);");
+    s.body().line("int part = ((" + all + " - 1) / (group * groups) + 1) * group, chunk = index / group * part;");
+    s.body().line("int begin = chunk + index % group, end = min(chunk + part, " + all + ");");
+    s.body().line("uint left = begin < end ? 1u : 0u;");
+    // So few have an invocation each, which need not look twice.
+    s.body().line("if (" + all + " >= " + std::to_string(2 * bundle::kLeastInvocations) + ") {");
+    s.body().line("left = 0u;");
+    s.body().line("for (int k = 0; begin + k * group < end; ++k) {");
+    s.push_scope();
+    s.body().line("index = begin + k * group;");
+    s.body().line("ivec3 at = ivec3(index % " + count + ", 0, index / " + count + ");");
+    s.body().line("if (" + shown() + ") left |= 1u << uint(k);");
+    s.pop_scope();
+    s.body().line("}");
+    s.body().line("}");
+    s.body().line("for (; left != 0u; left &= left - 1u) {");
+    s.push_scope();
+    s.body().line("index = begin + findLSB(left) * group;");
+    face(s, set_up, store, "continue;");
+    s.pop_scope();
+    s.body().line("}");
+  }
+
+  // The one at `index`; `leave` goes on behind it.
+  void face(Shader& s, const std::function<void()>& set_up, const std::function<void()>& store,
+            const std::string& leave) const {
     const std::string count = dim_expression(parts.faces);
     RasterClosures closures(s, graph, pass, op);
     s.body().line("int face = index % " + count + ";");
     s.body().line("ivec3 at = ivec3(face, 0, index / " + count + ");");
     set_up();
     closures.set_up();
-    const std::string area = box(s, closures, true);
+    const std::string area = box(s, closures, leave);
     if (lists.used()) {
       s.body().line(area);
       s.body().line("if (area > " + std::to_string(lists.small_box()) + ") {");
@@ -110,7 +145,7 @@ struct Walk {
       store();
       s.body().line(lists.append(s, s.bind_words(list_words, "lists", bundle::Access::ReadWrite)));
       s.body().line("}");
-      if (lists.small_box() > 0) s.body().line("return;");
+      if (lists.small_box() > 0) s.body().line(leave);
       s.body().line("}");
       if (lists.small_box() == 0) return;
     }
@@ -133,7 +168,7 @@ struct Walk {
     s.body().line("ivec3 at = ivec3(face, 0, entry_index / " + count + ");");
     set_up();
     closures.set_up();
-    s.body().line(box(s, closures, false));
+    s.body().line(box(s, closures, ""));
     closures.load_fields("at");
     closures.begin_candidates(hidden_stores);
     s.body().line("int down = quotient(stride, across), right = stride - down * across;");
@@ -214,8 +249,8 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
     Shader s = strict_shader();
     if (wide) wide_extensions(s);
     s.prelude(kIsNan);
-    const bool in_rows = listed && lists.bounded();
-    linear_index(s, in_rows ? std::string() : dim_expression(elements));
+    const bool in_rows = listed && lists.bounded(), in_turn = !listed && raster.walk.in_turn;
+    linear_index(s, in_rows || in_turn ? std::string() : dim_expression(elements));
     if (watched) s.cut_loops();
     std::optional<uint32_t> watch;
     if (watched) watch = add_watch(pass.name + "_unfinished_" + std::to_string(bundle_->resources.size()));
@@ -223,11 +258,22 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
       walk.listed(s, [&] {
         if (sets_up_again) set_up(s, watch);
       });
+    else if (in_turn)
+      walk.faces_in_turn(
+          s, [&] { compute(s, watch); }, [&] { store_listed(s); },
+          [&] {
+            const std::vector<ValueId>& shown = raster.walk.in_turn->shown;
+            s.element_ops(ops_of(graph_, setup->ops, shown));
+            std::string all;
+            for (const ValueId v : shown) all += (all.empty() ? "" : " && ") + s.use(v);
+            return all;
+          });
     else
       walk.faces(
           s, [&] { compute(s, watch); }, [&] { store_listed(s); });
     if (watch) tell_unfinished(s, *watch);
     bundle::CommandT& c = dispatch(pass, suffix, s, elements.str());
+    if (in_turn) c.each = static_cast<uint32_t>(raster.walk.in_turn->each);
     if (in_rows) c.indirect = static_cast<int>(list_words);
     set_walk_trips(c, trips, watch);
     first_run.push_back(out_->commands.size() - 1);

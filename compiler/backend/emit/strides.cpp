@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Map passes whose invocations compute several elements, one after the other. Where a shader's lanes access memory in
 // turn, as on a processor, what an invocation does before its elements and after them costs as much as an element:
-// constants of the pass are computed once, and one store tells of NaN in all elements. The elements of an invocation
-// lie apart, so that lanes that follow each other still work side by side.
+// constants of the pass are computed once, and one store tells of NaN in all elements. A workgroup has
+// elements that follow each other, and so have its lanes: memory is read once, in order.
 #include <algorithm>
 #include <set>
 
@@ -50,13 +50,17 @@ void Generator::strided_map_pass(const Pass& pass) {
   const Shares shares = share(graph_, pass);
   Shader s = shader();
   linear_index(s, "");
-  s.body().line("int apart = int(gl_NumWorkGroups.x * gl_NumWorkGroups.y * gl_WorkGroupSize.x);");
+  const std::string count_text = glsl::dim_expression(count);
+  s.body().line("int group = int(gl_WorkGroupSize.x), local = int(gl_LocalInvocationID.x);");
+  s.body().line("int groups = int(gl_NumWorkGroups.x * gl_NumWorkGroups.y);");
+  s.body().line("int part = ((" + count_text + " - 1) / (group * groups) + 1) * group, begin = index / group * part;");
+  s.body().line("int end = min(begin + part, " + count_text + ");");
   s.body().line("const ivec3 at = ivec3(0);");
   s.element_ops(shares.once);
   for (const ValueId v : shares.read_once) s.use(v);
   const bool tells = !code.told.empty();
   if (tells) s.body().line("uint largest = 0u;");
-  s.body().line("for (int element = index; element < " + glsl::dim_expression(count) + "; element += apart) {");
+  s.body().line("for (int element = begin + local; element < end; element += group) {");
   s.push_scope();
   place_from_index(s, pass.domain, "element");
   take_sums(s, pass);

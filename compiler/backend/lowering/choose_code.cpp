@@ -7,6 +7,7 @@
 
 #include "compiler/backend/analysis/divisors.h"
 #include "compiler/backend/analysis/raster_parts.h"
+#include "compiler/backend/analysis/uses.h"
 #include "compiler/backend/bundle/bundle.h"
 #include "compiler/backend/lowering/heavy_branches.h"
 #include "compiler/backend/schedule/limits.h"
@@ -223,7 +224,53 @@ class StepCode {
     lists.team = static_cast<int>(std::bit_floor(std::clamp(profile_.subgroup_size / bins.teams, 1u, 128u)));
     lists.middle_invocations = bins.middle_invocations;
     lists.large_invocations = bins.large_invocations;
+    walk.in_turn = in_turn(raster, walk, parts.cull, trips.pixel * Dim(lists.small_box > 0 ? kSmallPixels : 0));
     return walk;
+  }
+
+  // Conditions without each of which a face is culled, where `cull` is `!(a && b)`.
+  void shown_by(ValueId v, bool culled, std::vector<ValueId>& out) const {
+    const ir::Op& op = graph_.op(graph_.value(v).op);
+    if (culled && op.kind == OpKind::LogicalNot) return shown_by(op.operands[0], false, out);
+    if (culled) return;
+    if (op.kind == OpKind::LogicalAnd)
+      for (const ValueId both : op.operands) shown_by(both, false, out);
+    else
+      out.push_back(v);
+  }
+
+  // Lanes take each other's branches: faces that are culled early are worth another look where most of the work comes
+  // behind. `walked`: trips of small boxes.
+  std::optional<FacesInTurn> in_turn(const RasterPass& raster, const FaceWalk& walk, ValueId cull,
+                                     const Dim& walked) const {
+    if (!profile_.lanes_in_turn || !raster.setup || walk.watched) return std::nullopt;
+    const Pass& setup = step_.pass(raster.setup->pass);
+    // What is stored of a face is stored of all.
+    if (setup.get<MapPass>().partial.size() != setup.writes.size()) return std::nullopt;
+    std::vector<ValueId> conditions;
+    shown_by(cull, true, conditions);
+    FacesInTurn turn{{}, kMostInTurn};
+    const size_t most = ops_in(setup.ops) / 2;
+    for (const ValueId v : conditions) {
+      std::vector<ValueId> more = turn.shown;
+      more.push_back(v);
+      const std::vector<ir::OpId> first = ops_of(graph_, setup.ops, more);
+      const bool here = std::ranges::find(setup.ops, graph_.value(v).op) != setup.ops.end();
+      if (here && ops_in(first) <= most && trips_of(graph_, first).loops == 0) turn.shown = std::move(more);
+    }
+    if (turn.shown.empty()) return std::nullopt;
+    const Dim trips = trips_of(graph_, setup.ops).most + walked + Dim(4);
+    if (profile_.loop_trips == 0) return turn;
+    if (!trips.is_constant()) return std::nullopt;
+    while (turn.each > 1 && 2 * turn.each * trips.constant() > int64_t{profile_.loop_trips}) turn.each /= 2;
+    return turn.each > 1 ? std::optional(turn) : std::nullopt;
+  }
+
+  size_t ops_in(std::span<const ir::OpId> ops) const {
+    size_t count = ops.size();
+    for (const ir::OpId id : ops)
+      for (const ir::RegionId region : graph_.op(id).regions) count += ops_in(graph_.region(region).ops);
+    return count;
   }
 
   const Resource& resource(ValueId v) const { return schedule_.resources[step_.stored.at(v).index]; }

@@ -42,7 +42,8 @@ bool one_shader(const StepSchedule& step, const Schedule& schedule, const target
 
 // Whether to load what a face is set up from takes no more components than to store the partial results for listed
 // faces and to load those again. What it computes is cheap beside either, a few hundred operations, but for loops on a
-// processor, which takes them again for one lane of a face's team after the other.
+// processor, which takes them again for one lane of a face's team after the other. There each team also loads for all
+// its lanes, and a store is for the face alone.
 bool cheap_again(const ir::Graph& graph, const target::Profile& profile, const Pass& setup) {
   if (profile.lanes_in_turn && trips_of(graph, setup.ops).loops > 0) return false;
   std::set<ValueId> here;
@@ -57,7 +58,7 @@ bool cheap_again(const ir::Graph& graph, const target::Profile& profile, const P
         loaded += graph.value(v).type.components();
   }
   for (ValueId v : setup.get<MapPass>().partial) kept += graph.value(v).type.components();
-  return loaded <= 2 * kept;
+  return loaded <= (profile.lanes_in_turn ? kept : 2 * kept);
 }
 
 // Takes the partial results of a pass out of memory.

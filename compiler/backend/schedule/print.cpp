@@ -199,6 +199,10 @@ class Writer {
   void write_decisions(const RasterPass& raster) {
     if (raster.setup)
       out_ += "    set up by " + pass_at(raster.setup->pass) + (raster.setup->again ? ", twice where listed\n" : "\n");
+    if (const auto& turn = raster.walk.in_turn) {
+      out_ += "    up to " + std::to_string(turn->each) + " faces in turn";
+      write_values(" where", turn->shown);
+    }
     const std::string watched = raster.walk.watched ? ", watched\n" : "\n";
     if (const auto& bins = raster.walk.lists)
       out_ += "    walks faces of " + std::to_string(bins->small_box) + " alone, of " +

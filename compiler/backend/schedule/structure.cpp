@@ -119,7 +119,7 @@ class StructureChecker {
     if (!check_ops()) return;
     std::visit(Overloaded{[&](const MapPass& map) { check_map(map, place); }, [](const FragmentPass&) {},
                           [](const ReducePass&) {}, [&](const ScatterPass& scatter) { check_scatter(scatter); },
-                          [&](const RasterPass& raster) { check_walk(raster.walk); }, [](const DrawnRasterPass&) {}},
+                          [&](const RasterPass& raster) { check_walk(raster); }, [](const DrawnRasterPass&) {}},
                pass_->of_kind);
     if (const auto lister = pass_->lister()) check_helper(*lister, place, "listed by");
     if (const FaceSetup* setup = pass_->setup()) check_helper(setup->pass, place, "set up by");
@@ -155,7 +155,16 @@ class StructureChecker {
     if (cut && (cut->part == 0 || schedule_.code.loop_trips == 0)) bad("cuts loops that no device ends");
   }
 
-  void check_walk(const FaceWalk& walk) {
+  void check_walk(const RasterPass& raster) {
+    const FaceWalk& walk = raster.walk;
+    if (walk.in_turn) {
+      const Pass* setup = raster.setup ? &step_->pass(raster.setup->pass) : nullptr;
+      if (setup == nullptr || walk.in_turn->each < 2 || walk.in_turn->each > kMostInTurn ||
+          std::ranges::any_of(walk.in_turn->shown, [&](ValueId v) {
+            return std::ranges::find(setup->ops, graph_.value(v).op) == setup->ops.end();
+          }))
+        bad("takes faces in turn by what does not set them up");
+    }
     if (!walk.lists) return;
     const FaceBins& bins = *walk.lists;
     if (bins.team < 1 || bins.middle_box < 1 || bins.middle_invocations < bins.team ||

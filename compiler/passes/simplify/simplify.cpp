@@ -29,11 +29,16 @@ using namespace ir;
 
 namespace {
 
+bool has_gradients(const Graph& graph) {
+  return std::ranges::any_of(graph.region(graph.root()).ops,
+                             [&](OpId id) { return graph.op(id).kind == OpKind::Grad; });
+}
+
 class Round {
  public:
   Round(const Graph& from, const Skips& skips)
       : from_(from),
-        emitter_(to_, skips),
+        emitter_(to_, skips, !has_gradients(from)),
         map_(from.value_count()),
         needed_(from.value_count(), !skips.dead),
         target_(from.value_count()) {
@@ -403,18 +408,23 @@ class Round {
 
   bool selects(const Op& op) const {
     if (op.kind != OpKind::If) return false;
-    for (size_t k = 0; k < op.results.size(); ++k)
-      if (op.attrs.yields[k] != Yield::Element || target_[op.results[k].index] ||
-          from_.value(op.results[k]).type.is_matrix())
-        return false;
+    bool integers = true;
+    for (size_t k = 0; k < op.results.size(); ++k) {
+      const Type& type = from_.value(op.results[k]).type;
+      integers = integers && !type.is_float();
+      if (op.attrs.yields[k] != Yield::Element || target_[op.results[k].index] || type.is_matrix()) return false;
+    }
+    // Gradients flow through what moves floats.
     for (RegionId region : op.regions)
       for (OpId inner : from_.region(region).ops)
-        if (from_.op(inner).kind != OpKind::Const) return false;
+        if (const OpKind kind = from_.op(inner).kind;
+            kind != OpKind::Const && !(integers && ops::info(kind).moves && from_.op(inner).regions.empty()))
+          return false;
     return true;
   }
 
-  // if (c) {a} {b} => select(c, a, b), where neither branch computes anything: no branch in the shader, and
-  // element-wise ops are free to share passes.
+  // if (c) {a} {b} => select(c, a, b), where neither branch computes anything, but for integers that it moves: no
+  // branch in the shader, and element-wise ops are free to share passes.
   bool select_if(const Op& op) {
     if (!selects(op)) return false;
     for (RegionId region : op.regions)
@@ -465,15 +475,6 @@ class Round {
   bool is_unfinished_ = false;            // an op or a result that nobody needs
   std::map<ValueId, ScatterPair> pairs_;  // accumulations of inlined Ifs, by old value
 };
-
-}  // namespace
-
-namespace {
-
-bool has_gradients(const Graph& graph) {
-  return std::ranges::any_of(graph.region(graph.root()).ops,
-                             [&](OpId id) { return graph.op(id).kind == OpKind::Grad; });
-}
 
 }  // namespace
 

@@ -49,7 +49,9 @@ class OpTable {
 
 class Emitter {
  public:
-  Emitter(ir::Builder& to, const Skips& skips) : to_(to), skips_(skips), scopes_(1) {}
+  // `differentiated`: no gradient is taken of what is emitted.
+  Emitter(ir::Builder& to, const Skips& skips, bool differentiated)
+      : to_(to), skips_(skips), differentiated_(differentiated), scopes_(1) {}
 
   ir::Builder& builder() { return to_; }
   // Whether ops of this kind are left out; counts one more that is.
@@ -60,9 +62,12 @@ class Emitter {
   const ir::Graph& graph() const { return to_.graph(); }
   const ir::ValueInfo& value(ir::ValueId id) const { return to_.value(id); }
   bool in_root() const { return to_.current_region() == graph().root(); }
+  bool differentiated() const { return differentiated_; }
 
   // The value that the candidate computes: of its type and, in the root region, of its extent.
   ir::ValueId emit(Candidate candidate);
+  // What computes the same already and can be seen from here.
+  std::optional<ir::ValueId> existing(const Candidate& candidate) const;
   // Appends it as it is; later ops are neither shared with it nor look through it.
   ir::ValueId emit_opaque(Candidate candidate);
   void set_opaque(ir::ValueId id);
@@ -85,12 +90,14 @@ class Emitter {
 
  private:
   ir::ValueId append(Candidate candidate);
+  std::optional<ir::ValueId> existing(const Candidate& candidate, uint64_t hash) const;
   // Looks for an equal op in the open scopes.
   template <class IsEqual>
   ir::OpId find(uint64_t hash, const IsEqual& is_equal) const;
 
   ir::Builder& to_;
   const Skips& skips_;
+  const bool differentiated_;
   std::vector<OpTable> scopes_;
   std::vector<bool> opaque_;  // by value; shorter than that, the others are not
 };

@@ -177,7 +177,41 @@ class Identities {
       const auto index = static_cast<size_t>(c_.attrs.ints[0]);
       if (index < whole->operands.size()) return in_place(whole->operands[index]);
     }
-    return std::nullopt;
+    return extract_of_select();
+  }
+
+  // select(c, u, v).x -> select(c, u.x, v.x), of integers that are there: which vertex of two a corner of a face is,
+  // say. They may be one.
+  std::optional<ValueId> extract_of_select() {
+    const Op* found = e_.definition(operand(0), OpKind::Select);
+    if (!found || c_.type.is_float() || e_.value(found->operands[0]).type != kBool) return std::nullopt;
+    std::vector<ValueId> operands = found->operands;
+    for (size_t k = 1; k < operands.size(); ++k) {
+      const Op* whole = e_.definition(operands[k], OpKind::Compose);
+      const auto index = static_cast<size_t>(c_.attrs.ints[0]);
+      const auto part =
+          whole && index < whole->operands.size()
+              ? std::optional(whole->operands[index])
+              : e_.existing({OpKind::Extract, {operands[k]}, c_.attrs, c_.type, e_.value(operands[k]).extent, c_.span});
+      if (!part || e_.value(*part).type != c_.type) return std::nullopt;
+      operands[k] = *part;
+    }
+    return instead(OpKind::Select, std::move(operands));
+  }
+
+  // x.at(select(c, i, j)) -> select(c, x.at(i), x.at(j)), where both are read anyway. A gradient is taken of the one
+  // read as it is written.
+  std::optional<ValueId> gather_of_select() {
+    const Op* found = e_.definition(operand(1), OpKind::Select);
+    if (!found || !e_.differentiated() || c_.type.is_matrix() || e_.value(found->operands[0]).type != kBool)
+      return std::nullopt;
+    std::vector<ValueId> operands = found->operands;
+    for (size_t k = 1; k < operands.size(); ++k) {
+      const auto read = e_.existing({c_.kind, {operand(0), operands[k]}, c_.attrs, c_.type, c_.extent, c_.span});
+      if (!read) return std::nullopt;
+      operands[k] = *read;
+    }
+    return instead(OpKind::Select, std::move(operands));
   }
 
   // compose(v.x, v.y, v.z) -> v
@@ -204,8 +238,13 @@ class Identities {
     return still ? same(0) : std::nullopt;
   }
 
-  // What an element reads at its own place is itself.
   std::optional<ValueId> gather() {
+    if (auto simpler = gather_of_select()) return simpler;
+    return own_place();
+  }
+
+  // What an element reads at its own place is itself.
+  std::optional<ValueId> own_place() {
     if (!e_.in_root() || e_.value(operand(0)).extent != c_.extent) return pull_gather(e_, c_);
     std::vector<ValueId> axes{operand(1)};
     if (const Op* place = e_.definition(operand(1), OpKind::Compose)) axes = place->operands;

@@ -169,6 +169,20 @@ ValueId Emitter::emit(Candidate candidate) {
   }
   if (!leaves_out(&Skips::share)) return append(std::move(candidate));
   const uint64_t hash = hash_candidate(candidate);
+  if (const auto equal = existing(candidate, hash)) {
+    if (candidate.kind != OpKind::Const) count(&Skips::LeftOut::share);
+    return *equal;
+  }
+  const ValueId result = append(std::move(candidate));
+  scopes_.back().insert(hash, value(result).op);
+  return result;
+}
+
+std::optional<ValueId> Emitter::existing(const Candidate& candidate) const {
+  return leaves_out(&Skips::share) ? existing(candidate, hash_candidate(candidate)) : std::nullopt;
+}
+
+std::optional<ValueId> Emitter::existing(const Candidate& candidate, uint64_t hash) const {
   const OpId equal = find(hash, [&](OpId id) {
     const Op& op = graph().op(id);
     if (op.kind != candidate.kind || !op.regions.empty()) return false;
@@ -176,13 +190,7 @@ ValueId Emitter::emit(Candidate candidate) {
     return same_operands(op.kind, op.operands, candidate.operands) && same_attrs(op.attrs, candidate.attrs) &&
            info.type == candidate.type && info.extent == candidate.extent;
   });
-  if (equal.valid()) {
-    if (candidate.kind != OpKind::Const) count(&Skips::LeftOut::share);
-    return graph().op(equal).results[0];
-  }
-  const ValueId result = append(std::move(candidate));
-  scopes_.back().insert(hash, value(result).op);
-  return result;
+  return equal.valid() ? std::optional(graph().op(equal).results[0]) : std::nullopt;
 }
 
 ValueId Emitter::emit_opaque(Candidate candidate) {

@@ -56,6 +56,30 @@ void check_becomes(std::string_view before, const std::string& result) {
 
 TEST_CASE("dead ops go, leaves stay declared") { check("%4 : float[W, H] = neg %0\n", {}, "", {}); }
 
+TEST_CASE("integers that an if moves are selected") {
+  check(
+      "%6 : ivec2 = if %2 dims [1, 1, 1] yields [element] {\n  %4 : ivec2 = compose %3, %3 ints [2, 1]\n  yield %4\n} "
+      "{\n"
+      "  %5 : ivec2 = const floats [1, 2]\n  yield %5\n}\n",
+      {"%6"},
+      "%4 : ivec2 = compose %n.3, %n.3 ints [2, 1]\n%5 : ivec2 = const floats [1, 2]\n"
+      "%6 : ivec2 = select %c.2, %4, %5\n",
+      {"%6"});
+  check(
+      "%4 : int = const floats [1]\n%5 : ivec2 = compose %4, %3 ints [2, 1]\n%6 : ivec2 = compose %3, %4 ints [2, 1]\n"
+      "%7 : ivec2 = select %2, %5, %6\n%8 : int = extract %7 ints [0]\n",
+      {"%8"}, "%4 : int = const floats [1]\n%5 : int = select %c.2, %4, %n.3\n", {"%5"});
+}
+
+TEST_CASE("a read at one of two places is one of two reads that are there") {
+  const std::string reads =
+      "%4 : ivec2 = compose %n.3, %n.3 ints [2, 1]\n%5 : float = gather %x.0, %4\n%6 : ivec2 = const floats [1, 2]\n";
+  const std::string both = reads + "%7 : float = gather %x.0, %6\n";
+  check(both + "%8 : ivec2 = select %2, %4, %6\n%9 : float = gather %0, %8\n", {"%5", "%7", "%9"},
+        both + "%8 : float = select %c.2, %5, %7\n", {"%5", "%7", "%8"});
+  check_kept(reads + "%7 : ivec2 = select %c.2, %4, %6\n%8 : float = gather %x.0, %7\n", {"%5", "%8"});
+}
+
 TEST_CASE("equal ops become one") {
   check("%4 : float[W, H] = sin %0\n%5 : float[W, H] = sin %0\n%6 : float[W, H] = add %4, %5\n", {"%6", "%5"},
         "%4 : float[W, H] = sin %x.0\n%5 : float[W, H] = add %4, %4\n", {"%5", "%4"});
