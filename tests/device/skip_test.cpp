@@ -77,6 +77,13 @@ Array places(int first) {
   return Array::from_ints(out, 2, 6);
 }
 
+// Places at a height of a picture.
+Array row_at(float y) {
+  std::vector<float> out;
+  for (int k = 0; k < 4; ++k) out.insert(out.end(), {0.1f + 0.02f * static_cast<float>(k), y});
+  return Array::from_floats(out, 2, 4);
+}
+
 // A sphere: `around` vertices on each of `rings` rings, and two poles.
 Array sphere(int around, int rings, float radius) {
   std::vector<float> out{0, radius, 0, 0, -radius, 0};
@@ -112,6 +119,18 @@ let error = sum((color - 0.3) * (color - 0.3));
 step go {
   minimize error over texel with optim.adam(rate = 0.01);
   texel <- optim.to_range(texel);
+  output error, color;
+})";
+
+const char* const kStepsPyramid = R"(
+import std.optim;
+import std.texture;
+param texel : float[64, 64] = 0.9;
+input place : vec2[4];
+let color = texture.trilinear(texture.pyramid(texel, 3), place, 0.5);
+let error = sum((color - 0.3) * (color - 0.3));
+step go {
+  minimize error over texel with optim.adam(rate = 0.01);
   output error, color;
 })";
 
@@ -294,6 +313,28 @@ step go {
        .scatter = "atomic",
        .only_on = "lavapipe",
        .as_gpu = true},
+      // A pyramid, whose levels hand down what they get: four rows, later eight, and one beside each four that looks at
+      // what is not its own; a GPU marks the first, too.
+      {.id = "stepped",
+       .text = kStepsPyramid,
+       .bound = {{"place", row_at(0.1f)}},
+       .leaf = "place",
+       .data = row_at(0.6f),
+       .with = {384, 3712},
+       .without = {0, 0},
+       .woken = {704, 3392},
+       .scatter = "exact",
+       .as_gpu = true},
+      {.id = "stepped",
+       .text = kStepsPyramid,
+       .bound = {{"place", row_at(0.1f)}},
+       .leaf = "place",
+       .data = row_at(0.6f),
+       .with = {320, 3776},
+       .without = {0, 0},
+       .woken = {640, 3456},
+       .scatter = "exact",
+       .only_on = "lavapipe"},
       {.id = "branches",
        .text = R"(
 param tone : float = 1.0;

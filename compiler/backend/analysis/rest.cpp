@@ -138,7 +138,6 @@ const std::map<OpKind, Rule>& rules() {
        [](const Known& k) {
          return MaybeRange({1 - k.of[0].high, 1 - k.of[0].low});
        }},
-      {OpKind::Select, [](const Known& k) { return hull(k.of[1], k.of[2]); }},
       {OpKind::Convert, [](const Known& k) { return converted(k.graph, k.op, k.of[0]); }},
       {OpKind::Length,
        [](const Known& k) { return k.all_zero() ? Range{} : rounded(0, 2 * magnitude(k.of[0])->high, true); }},
@@ -179,6 +178,7 @@ class Facts {
     if (op.operands.empty()) return std::nullopt;
     if (op.kind == OpKind::Broadcast) return range(op.operands[0]);
     if (op.kind == OpKind::SMul && is_zero(op.operands[0])) return Range{};
+    if (op.kind == OpKind::Select) return hull(range(op.operands[1]), range(op.operands[2]));
     if (ops::info(op.kind).moves) {
       MaybeRange all = range(op.operands[0]);
       for (const ValueId v : op.operands) all = hull(all, range(v));

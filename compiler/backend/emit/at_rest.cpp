@@ -135,9 +135,40 @@ void Generator::stepped_map_pass(const Pass& pass) {
   dispatch(pass, "", s, element_count(pass.domain).str()).indirect = static_cast<int>(list);
 }
 
+// Elements without a mark look whether what they gather moves them, and mark their blocks.
+void Generator::looking_map_pass(const Pass& pass) {
+  const AtRest& rest = *pass.get<MapPass>().rest;
+  const uint32_t list = stepped_lists_.at(&pass);
+  Clauses moving;
+  std::vector<ValueId> gathered;
+  for (const ir::OpId id : rest.gathers) {
+    moving.push_back({graph_.op(id).results[0]});
+    gathered.push_back(graph_.op(id).results[0]);
+  }
+  Shader s = shader();
+  linear_index(s, dim_expression(element_count(pass.domain)));
+  place_from_index(s, pass.domain);
+  const std::string marks = s.bind_words(list, "marked_blocks_" + std::to_string(list), bundle::Access::ReadWrite);
+  s.body().line("bool moves = " + marks + ".d[" + std::to_string(kListHead) + " + index / " +
+                std::to_string(kRestingBlock) + "] != 0u;");
+  s.body().line("if (!moves) {");
+  s.push_scope();
+  s.element_ops(ops_at(graph_, {}, pass.ops, gathered));
+  s.body().line("moves = " + active_condition(s, moving) + ";");
+  s.body().line("if (moves) " + mark_block(s, pass, "index") + ";");
+  s.pop_scope();
+  s.body().line("}");
+  s.body().line("if (!moves) return;");
+  take_sums(s, pass);
+  s.element_ops(pass.ops);
+  store_results(s, pass);
+  dispatch(pass, "", s, element_count(pass.domain).str(), {0, 0, 0}, kRestingBlock);
+}
+
 // Starting a workgroup takes a GPU longer than looking whether it has something to do: one takes several blocks, and
 // finds out about them all at once.
 void Generator::marked_map_pass(const Pass& pass) {
+  if (!pass.get<MapPass>().rest->gathers.empty()) return looking_map_pass(pass);
   const std::string block = std::to_string(kRestingBlock), each = std::to_string(kBlocksEach);
   Shader s = shader();
   const std::string marks = s.read_words(stepped_lists_.at(&pass), "marked_blocks");

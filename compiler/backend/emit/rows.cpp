@@ -328,8 +328,9 @@ void Generator::rows_pass(const Pass& pass) {
   for (const ScatterSum& sum : all) words += words_of(graph_.value(sum.value).type);
   const std::string block = "block", per_block = std::to_string(words);
   const uint32_t sums = add_scratch(pass.name + "_blocks", (blocks * layers * Dim(words)).str());
-  const Pass* const update = update_of(*step_, pass_id(static_cast<size_t>(&pass - step_->passes.data())));
+  const Pass* update = update_of(*step_, pass_id(static_cast<size_t>(&pass - step_->passes.data())));
   if (update != nullptr) list_stepped(pass, *update, table.starts);
+  if (update != nullptr && update->get<MapPass>().rest->in_blocks) update = nullptr;  // no list says which rows run
 
   sum_blocks(pass, table, ops, blocks, layers, sums, words);
 

@@ -169,7 +169,7 @@ class StepCode {
     const std::optional<LoopCut>& cut = code.heavy && code.heavy->cut ? code.heavy->cut : code.cut;
     Bindings all = bindings_of(schedule_.resources, resources_of(step_, pass.reads), writes);
     all.more = 1 + (cut ? 2 : 0) + (cut && cut->watched ? 1 : 0) + (code.heavy ? 1 : 0) +
-               (listed_for(step_, id) != nullptr ? kMapLists : 0) +
+               (listed_for(step_, id) != nullptr ? kMapLists : 0) + (map.rest ? 1 : 0) +
                static_cast<uint32_t>(guesses_bound(schedule_.resources, step_, pass));
     if (!fits(profile_, all)) out.clear();
     return out;

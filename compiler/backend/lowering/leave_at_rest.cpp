@@ -42,6 +42,23 @@ size_t resting_on(const StepSchedule& step, PassId gradient) {
   }));
 }
 
+// How elements of an update rest without a gradient, if they may.
+std::optional<AtRest> at_rest(const ir::Graph& graph, const target::Profile& profile, const Schedule& schedule,
+                              const StepSchedule& step, PassId update, PassId gradient) {
+  const ScatterLowering how = step.pass(gradient).get<ScatterPass>().lowering();
+  const bool exact = how == ScatterLowering::Exact, rows = how == ScatterLowering::Rows;
+  AtRest rest{gradient, memory_of(graph, step, step.pass(update)), profile.lanes_in_turn, false, {}};
+  // Lanes of a GPU that have nothing to do end together, which takes less than going by a list.
+  rest.in_blocks = !rows && profile.is_gpu();
+  if ((rest.in_blocks || profile.lanes_in_turn || !exact) && may_rest(graph, schedule, step, update, rest)) return rest;
+  // What is gathered is looked at for all elements: they are marked.
+  rest.gathers = stirring_gathers(graph, step, step.pass(update));
+  rest.lists_in_runs = false;
+  rest.in_blocks = rows || profile.is_gpu() || profile.lanes_in_turn;
+  if (!rest.gathers.empty() && rest.in_blocks && may_rest(graph, schedule, step, update, rest)) return rest;
+  return std::nullopt;
+}
+
 }  // namespace
 
 void leave_at_rest(const ir::Graph& graph, const target::Profile& profile, Schedule& schedule) {
@@ -58,15 +75,12 @@ void leave_at_rest(const ir::Graph& graph, const target::Profile& profile, Sched
         const ScatterLowering how = gradient.get<ScatterPass>().lowering();
         // Lists, as vertices are, have few elements: looking for those that rest takes longer than stepping them.
         if (how != ScatterLowering::Rows && update.domain.h.is_one()) continue;
-        AtRest rest{pass_id(g), memory_of(graph, step, update), profile.lanes_in_turn};
-        // Lanes of a GPU that have nothing to do end together, which takes less than going by a list.
-        rest.in_blocks = how != ScatterLowering::Rows && profile.is_gpu();
-        if (how == ScatterLowering::Exact && !rest.in_blocks && !profile.lanes_in_turn) continue;
-        if (!may_rest(graph, schedule, step, pass_id(u), rest)) continue;
+        std::optional<AtRest> rest = at_rest(graph, profile, schedule, step, pass_id(u), pass_id(g));
+        if (!rest) continue;
         if (!fits_with_lists(schedule, step, update, profile) ||
             !fits_with_lists(schedule, step, gradient, profile, resting_on(step, pass_id(g))))
           continue;
-        update.get<MapPass>().rest = std::move(rest);
+        update.get<MapPass>().rest = std::move(*rest);
         if (how == ScatterLowering::Rows) break;
         for (const ScatterSum& sum : gradient.get<ScatterPass>().sums)
           if (std::ranges::find(update.reads, sum.value) != update.reads.end())

@@ -98,6 +98,9 @@ struct AtRest {
   std::vector<ir::ValueId> memory;  // values of states, old ones
   bool lists_in_runs = false;       // as of MapCode, of what lists the others
   bool in_blocks = false;           // they are marked
+  // Marked ones only: gathers whose results are zero, too, at an element that rests, as what a level of a pyramid adds
+  // is. The update looks at them in each run.
+  std::vector<ir::OpId> gathers;
 };
 
 // By a compute shader.

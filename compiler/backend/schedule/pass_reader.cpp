@@ -166,6 +166,8 @@ bool PassReader::decides(MapPass& map, bool& ok) {
     }
   } else if (map.rest && take_word("memory")) {
     ok = values(map.rest->memory);
+  } else if (map.rest && take_word("looks")) {
+    ok = expect_word("at") && comma_list([&] { return op(map.rest->gathers.emplace_back()); });
   } else if (take_word("block")) {
     ok = numbers("how many elements", map.block.emplace().each);
   } else if (map.block && take_word("read")) {

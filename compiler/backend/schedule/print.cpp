@@ -221,6 +221,8 @@ class Writer {
              : rest.in_blocks   ? ", marked in blocks\n"
                                 : "\n");
     write_values("    memory", rest.memory);
+    for (const OpId& id : rest.gathers) out_ += (&id == rest.gathers.data() ? "    looks at " : ", ") + op(id);
+    if (!rest.gathers.empty()) out_ += "\n";
   }
 
   void write_heavy(const HeavyBranches& heavy) {

@@ -98,6 +98,7 @@ RestFacts facts_at_rest(const Graph& graph, const StepSchedule& step, const Pass
   for (const ValueId v : rest.memory) memory.insert(step.stored.at(v).index);
   RestFacts known;
   for (const ValueId v : taken(step.pass(rest.gradient), update)) known.zero.insert(v);
+  for (const OpId id : rest.gathers) known.zero.insert(graph.op(id).results[0]);
   for (const OpId id : graph.region(graph.root()).ops) {
     const Op& op = graph.op(id);
     if (op.kind == OpKind::Leaf) {
@@ -134,6 +135,7 @@ std::vector<OpId> ops_at_rest(const Graph& graph, const Pass& update, const Rest
 bool may_rest(const Graph& graph, const Schedule& schedule, const StepSchedule& step, PassId update,
               const AtRest& rest) {
   const Pass& pass = step.pass(update);
+  if (!rest.gathers.empty() && !rest.in_blocks) return false;
   if (!(rest.gradient < update) || !is_plain_update(graph, schedule, step, update) ||
       !is_gradient(graph, schedule, step, pass, rest))
     return false;
@@ -154,6 +156,17 @@ bool may_rest(const Graph& graph, const Schedule& schedule, const StepSchedule& 
     for (const ValueId v : graph.op(id).operands)
       if (is_among(pass.reads, v) && later.count(v) != 0 && facts.zero.count(v) == 0) return false;
   return true;
+}
+
+std::vector<OpId> stirring_gathers(const Graph& graph, const StepSchedule& step, const Pass& update) {
+  std::vector<OpId> out;
+  for (const OpId id : update.ops) {
+    const Op& op = graph.op(id);
+    if (op.kind != OpKind::Gather || !graph.value(op.results[0]).type.is_float()) continue;
+    const auto made = [&](const Pass& pass) { return pass.steady && is_among(pass.writes, op.operands[0]); };
+    if (std::ranges::any_of(step.passes, made)) out.push_back(id);
+  }
+  return out;
 }
 
 const Pass* update_of(const StepSchedule& step, PassId gradient, std::optional<ValueId> sum) {

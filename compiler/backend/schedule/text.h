@@ -26,6 +26,7 @@
 //   block 4 4 1                                 // elements that an invocation computes side by side
 //   rests without grad, listed in runs          // or: marked in blocks; for elements that grad does not reach,
 //   memory m%4 s%5                              // and whose memory is zero
+//   looks at gather %12, gather %15             // and where these give zeros
 //   read together gather %9, gather %11 by 16 16 1 for 16 of reduce %14
 //   sum grad of %31 %33                         // what a scatter sums up
 //   active hit and %12, or weight               // elements that may add something
