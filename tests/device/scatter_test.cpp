@@ -501,7 +501,7 @@ let read = tone.at(p) * factor * x.x + tone.at(q);
 let apart = shade.at(p.yx).x * shade.at(q.yx).y * x.y * factor;
 step run {
   minimize sum(dot(read, read)) over tone with optim.adam(rate = 0.01);
-  shade <- shade - 0.01 * grad(sum(apart), shade);
+  shade <- shade + 0.01 * grad(sum(apart), shade);
 }
 )";
   const Data data = data_sets()[1];
@@ -509,7 +509,7 @@ step run {
   std::vector<float> tone, shade;
   for (int k = 0; k < width * height; ++k) {
     for (int c = 0; c < 3; ++c) tone.push_back(k % 500 == 499 ? NAN : 0.25F * static_cast<float>(k % 7 + c) - 0.5F);
-    for (int c = 0; c < 2; ++c) shade.push_back(0.5F);
+    for (int c = 0; c < 2; ++c) shade.push_back((k + c) % 5 == 0 ? -0.0F : 0.5F);  // -0 and 0 is 0
   }
   const auto once = [&](auto& program, float factor, int way) {
     must(program.bind("index", Array::from_ints(data.index, 2)));

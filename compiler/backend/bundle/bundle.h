@@ -17,7 +17,7 @@ namespace dr::bundle {
 inline constexpr uint32_t kVersion = 18;
 
 // Words of a list (ListKind): 0 to 2 the workgroups of 64 that take one element each, then one more than there are,
-// then the elements.
+// then the elements, or marks of blocks.
 inline constexpr int kListEnd = 3, kListHead = 4;
 
 // Where invocations may take several elements (Command.each), so many are started at least: they keep the threads of a

@@ -22,7 +22,21 @@ ir::Dim blocks_of(const Pass& update) {
   return (element_count(update.domain) + ir::Dim(kAll - 1)).divided_by(kAll) * ir::Dim(kBlocksEach);
 }
 
+// Whether the bits of some component compare so with a word.
+std::string with_bits(const std::string& value, const ir::Type& type, const char* function, const char* sign,
+                      const std::string& word) {
+  const std::string bits = "floatBitsToUint(" + value + ")";
+  if (type.is_scalar()) return bits + " " + sign + " " + word;
+  return "any(" + std::string(function) + "(" + bits + ", uvec" + std::to_string(type.components()) + "(" + word +
+         ")))";
+}
+
 }  // namespace
+
+// Whether a float has bits that +0 has not.
+std::string Generator::has_bits(Shader& s, ValueId v) const {
+  return with_bits(s.use(v), graph_.value(v).type, "notEqual", "!=", "0u");
+}
 
 void Generator::list_stepped(const Pass& gradient, const Pass& update, uint32_t starts) {
   const AtRest& rest = *update.get<MapPass>().rest;
@@ -39,9 +53,7 @@ void Generator::list_stepped(const Pass& gradient, const Pass& update, uint32_t 
     const std::string start = s.read_words(starts, "starts", "int");
     moves = start + "(" + element + ") != " + start + "(" + element + " + 1)";
   }
-  Clauses memory;
-  for (const ValueId v : rest.memory) memory.push_back({v});
-  if (!memory.empty()) moves += " || " + active_condition(s, memory);
+  for (const ValueId v : rest.memory) moves += " || " + has_bits(s, v);
   for (const ValueId v : facts.zero) s.define(v, glsl::zero(graph_.value(v).type));
   for (const ir::OpId id : ops_at_rest(graph_, update, facts)) {
     const ValueId result = graph_.op(id).results[0];
@@ -50,14 +62,17 @@ void Generator::list_stepped(const Pass& gradient, const Pass& update, uint32_t 
     else
       s.element_ops({id});
   }
-  // A NaN is another number than itself: it does not rest, so that the update still tells of it.
+  // A NaN is another number than itself: it does not rest, so that the update still tells of it. Nor does -0, which is
+  // 0 once 0 is added, whatever a driver makes of a constant 0 here.
   for (const ValueId v : update.writes) {
     const ResourceId id = step_->stored.at(v);
     if (facts.zero.count(v) != 0) continue;
+    const bool scalar = graph_.value(v).type.is_scalar();
     for (const ValueId old : update.reads) {
       if (step_->stored.at(old) != id) continue;
       const std::string a = s.use(v), b = s.load(old, s.at());
-      moves += " || " + (graph_.value(v).type.is_scalar() ? a + " != " + b : "any(notEqual(" + a + ", " + b + "))");
+      moves += " || " + (scalar ? a + " != " + b : "any(notEqual(" + a + ", " + b + "))");
+      moves += " || " + with_bits(b, graph_.value(v).type, "equal", "==", "0x80000000u");
     }
   }
   // The reader of the first element leaves what the next run guesses.
@@ -139,12 +154,8 @@ void Generator::stepped_map_pass(const Pass& pass) {
 void Generator::looking_map_pass(const Pass& pass) {
   const AtRest& rest = *pass.get<MapPass>().rest;
   const uint32_t list = stepped_lists_.at(&pass);
-  Clauses moving;
   std::vector<ValueId> gathered;
-  for (const ir::OpId id : rest.gathers) {
-    moving.push_back({graph_.op(id).results[0]});
-    gathered.push_back(graph_.op(id).results[0]);
-  }
+  for (const ir::OpId id : rest.gathers) gathered.push_back(graph_.op(id).results[0]);
   Shader s = shader();
   linear_index(s, dim_expression(element_count(pass.domain)));
   place_from_index(s, pass.domain);
@@ -154,7 +165,9 @@ void Generator::looking_map_pass(const Pass& pass) {
   s.body().line("if (!moves) {");
   s.push_scope();
   s.element_ops(ops_at(graph_, {}, pass.ops, gathered));
-  s.body().line("moves = " + active_condition(s, moving) + ";");
+  std::string moving = "false";
+  for (const ValueId v : gathered) moving += " || " + has_bits(s, v);
+  s.body().line("moves = " + moving + ";");
   s.body().line("if (moves) " + mark_block(s, pass, "index") + ";");
   s.pop_scope();
   s.body().line("}");

@@ -46,6 +46,7 @@ class Generator {
   // `starts`: of rows; 0: sums that wake elements.
   void list_stepped(const Pass& gradient, const Pass& update, uint32_t starts);
   std::string mark_block(glsl::Shader& shader, const Pass& update, const std::string& element) const;
+  std::string has_bits(glsl::Shader& shader, ir::ValueId v) const;
   std::string stepped_index(glsl::Shader& shader, uint32_t list);
   void stepped_map_pass(const Pass& pass);
   void marked_map_pass(const Pass& pass);

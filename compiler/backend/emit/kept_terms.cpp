@@ -3,6 +3,7 @@
 // elements that it adds to plus 1, then its components one after the other; each of these has a word for every place in
 // the list that has room.
 #include "compiler/backend/emit/generator.h"
+#include "compiler/backend/schedule/limits.h"
 
 namespace dr::backend {
 
@@ -11,8 +12,8 @@ using glsl::dim_expression;
 using glsl::Shader;
 
 ir::Dim room_for_terms(const ir::Extent& domain) {
-  constexpr int kAlways = 1024, kOneIn = 32;  // at 64 words an element no more than eight bytes of the domain's
-  return element_count(domain).divided_by(kOneIn) + ir::Dim(kAlways);
+  constexpr int kAlways = 1024;  // at 64 words an element no more than eight bytes of the domain's
+  return element_count(domain).divided_by(kElementsInTurn) + ir::Dim(kAlways);
 }
 
 namespace {

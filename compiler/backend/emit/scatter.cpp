@@ -29,8 +29,8 @@ constexpr int kWorthJoining = 1 << 14;
 
 // Invocations that look whether the first run guessed right: starting more takes longer than the look.
 ir::Dim looking_for_guesses(const ir::Extent& domain) {
-  constexpr int kAlways = 1024, kOneIn = 128;
-  return element_count(domain).divided_by(kOneIn) + ir::Dim(kAlways);
+  constexpr int kAlways = 1024;
+  return element_count(domain).divided_by(kElementsOfGuess) + ir::Dim(kAlways);
 }
 
 // An element only grows: what a lane reads late is too small, and the atomic decides. Lanes that name one element send

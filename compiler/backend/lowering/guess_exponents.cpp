@@ -31,7 +31,7 @@ bool may_guess_where_listed(const ir::Graph& graph, const target::Profile& profi
                             const StepSchedule& step, const Pass& scatter) {
   Bindings bindings = joined_bindings(schedule.resources, step, scatter);
   bindings.more += static_cast<uint32_t>(scatter.get<ScatterPass>().sums.size());
-  return !needs_cut(trips_of(graph, scatter.ops), profile, kElementsInTurn) && fits(profile, bindings);
+  return !needs_cut(trips_of(graph, scatter.ops), profile, kElementsOfGuess) && fits(profile, bindings);
 }
 
 // Whether the shaders that bind a guess may bind it beside sums and lists.

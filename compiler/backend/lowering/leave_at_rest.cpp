@@ -47,9 +47,10 @@ std::optional<AtRest> at_rest(const ir::Graph& graph, const target::Profile& pro
                               const StepSchedule& step, PassId update, PassId gradient) {
   const ScatterLowering how = step.pass(gradient).get<ScatterPass>().lowering();
   const bool exact = how == ScatterLowering::Exact, rows = how == ScatterLowering::Rows;
-  AtRest rest{gradient, memory_of(graph, step, step.pass(update)), profile.lanes_in_turn, false, {}};
+  AtRest rest{gradient, memory_of(graph, step, step.pass(update)), false, false, {}};
   // Lanes of a GPU that have nothing to do end together, which takes less than going by a list.
   rest.in_blocks = !rows && profile.is_gpu();
+  rest.lists_in_runs = profile.lanes_in_turn && !rest.in_blocks;
   if ((rest.in_blocks || profile.lanes_in_turn || !exact) && may_rest(graph, schedule, step, update, rest)) return rest;
   // What is gathered is looked at for all elements: they are marked.
   rest.gathers = stirring_gathers(graph, step, step.pass(update));

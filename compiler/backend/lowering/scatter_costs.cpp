@@ -64,6 +64,7 @@ bool groups_may_join(const ir::Graph& graph, const target::Profile& profile, con
   uint32_t bytes = sizeof(uint32_t);
   for (const ScatterSum& sum : scatter.sums) {
     if (graph.value(sum.value).extent.h.is_one()) return false;
+    if (std::ranges::any_of(sum.terms, [&](ir::ValueId term) { return contributions(graph, term) != 1; })) return false;
     bytes += static_cast<uint32_t>(joined_elements(sum) * (1 + 2 * graph.value(sum.value).type.components())) *
              static_cast<uint32_t>(sizeof(uint32_t));
   }

@@ -27,7 +27,8 @@ bool joining_pays(const ir::Graph& graph, const target::Profile& profile, const 
 bool many_share(const ir::Graph& graph, const Pass& pass, const ScatterPass& scatter);
 
 // Whether the invocations of a workgroup join what they add: pixels of a square add to texels of one, of which its
-// memory has room for some hundred. What they add to vertices, which lie anywhere, they add to memory.
+// memory has room for some hundred. What they add to vertices, which lie anywhere, they add to memory. An invocation
+// keeps one contribution of each term, so that none adds in a loop.
 bool groups_may_join(const ir::Graph& graph, const target::Profile& profile, const ScatterPass& scatter);
 
 // A contribution costs a row its number and two loads, and an exact sum three words of atomics and their clearing.

@@ -166,6 +166,10 @@ class StepChecker {
         !may_guess(graph_, schedule_.resources, step_, pass()))
       unsound("guesses exponents of sums that need two runs");
     if (scatter->joins_groups() && scatter->joined_run() == nullptr) unsound("joins what workgroups of no map add");
+    for (const ScatterSum& sum : scatter->sums)
+      if (scatter->joins_groups() &&
+          std::ranges::any_of(sum.terms, [&](ValueId term) { return contributions(graph_, term) != 1; }))
+        unsound("joins in workgroups what an element adds several times");
   }
 
   void check_emptied() {

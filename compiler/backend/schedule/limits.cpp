@@ -57,7 +57,7 @@ Bindings joined_bindings(const std::vector<Resource>& resources, const StepSched
 
 std::vector<ir::ValueId> true_where_listed(const ir::Graph& graph, const Pass& pass) {
   const auto* scatter = pass.as<ScatterPass>();
-  if (scatter == nullptr || scatter->clauses().size() != 1) return {};
+  if (scatter == nullptr || !scatter->lister() || scatter->clauses().size() != 1) return {};
   std::vector<ir::ValueId> out = scatter->clauses()[0];
   std::erase_if(out, [&](ir::ValueId v) { return graph.value(v).type != ir::kBool; });
   return out;

@@ -39,9 +39,10 @@ bool may_guess(const ir::Graph& graph, const std::vector<Resource>& resources, c
                const Pass& pass);
 // What the shader of the map that lists what a scatter adds binds if it does the scatter's first run, too.
 Bindings joined_bindings(const std::vector<Resource>& resources, const StepSchedule& step, const Pass& scatter);
-// So many elements an invocation of such a scatter's second run may compute, one after the other.
-inline constexpr int kElementsInTurn = 32;
-// What is known to be true where a scatter runs for listed elements: conditions that all of them fulfil.
+// So many elements an invocation of such a scatter's second run may compute, one after the other: where terms are kept,
+// and where exponents are guessed.
+inline constexpr int kElementsInTurn = 32, kElementsOfGuess = 128;
+// What is known to be true where a scatter runs for elements that a map lists: conditions that all of them fulfil.
 std::vector<ir::ValueId> true_where_listed(const ir::Graph& graph, const Pass& pass);
 // The guesses that the shader of a pass binds beside what the pass reads and writes.
 size_t guesses_bound(const std::vector<Resource>& resources, const StepSchedule& step, const Pass& pass);

@@ -88,6 +88,17 @@ bool is_plain_update(const Graph& graph, const Schedule& schedule, const StepSch
   });
 }
 
+// Whether ops of the update that an op needs use one of these.
+bool needs(const Graph& graph, const Pass& update, OpId op, const std::vector<ValueId>& values) {
+  for (const ValueId v : graph.op(op).operands) {
+    if (is_among(values, v)) return true;
+    const ir::ValueInfo& info = graph.value(v);
+    const bool here = info.op.valid() && std::ranges::find(update.ops, info.op) != update.ops.end();
+    if (here && needs(graph, update, info.op, values)) return true;
+  }
+  return false;
+}
+
 }  // namespace
 
 RestFacts facts_at_rest(const Graph& graph, const StepSchedule& step, const Pass& update, const AtRest& rest) {
@@ -142,15 +153,18 @@ bool may_rest(const Graph& graph, const Schedule& schedule, const StepSchedule& 
   // The reader of the first element leaves the exponent that the next run guesses, and may rest where it has no mark.
   if (step.pass(rest.gradient).get<ScatterPass>().guesses() && !rest.in_blocks) return false;
   const std::vector<ValueId> sums = taken(step.pass(rest.gradient), pass);
+  // Places to look at are known before sums are taken.
+  if (std::ranges::any_of(rest.gathers, [&](OpId id) { return needs(graph, pass, id, sums); })) return false;
   for (const OpId id : pass.ops) {
     const Uses uses = uses_of(graph, graph.op(id));
     if (std::ranges::any_of(sums, [&](ValueId v) { return is_among(uses.elsewhere, v); })) return false;
   }
   const RestFacts facts = facts_at_rest(graph, step, pass, rest);
   if (!std::ranges::all_of(pass.writes, [&](ValueId v) { return facts.fixed.count(v) != 0; })) return false;
-  // What is read to tell is there before the sums.
+  // What is read to tell is there before the sums, and before the map that adds to them.
+  const JoinedRun* joined = step.pass(rest.gradient).get<ScatterPass>().joined_run();
   std::set<ValueId> later;
-  for (size_t k = rest.gradient.index; k < step.passes.size(); ++k)
+  for (size_t k = joined != nullptr ? joined->lister.index : rest.gradient.index; k < step.passes.size(); ++k)
     later.insert(step.passes[k].writes.begin(), step.passes[k].writes.end());
   for (const OpId id : ops_at_rest(graph, pass, facts))
     for (const ValueId v : graph.op(id).operands)

@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: Apache-2.0
+// What an element adds to exact sums in a loop: pixels that read several texels of a moving texture, one after the
+// other. The run that guesses exponents adds what the run without guesses does, on a GPU and elsewhere.
+#include <filesystem>
+#include <fstream>
+#include <random>
+
+#include "compiler/target/profile.h"
+#include "runtime/jit/jit.h"
+#include "runtime/runtime.h"
+#include "tests/catch.h"
+#include "tests/device/compile.h"
+#include "tests/device/devices.h"
+
+using namespace dr;
+using io::Array;
+using test::compile;
+using test::must;
+
+namespace {
+
+const char* const kText = R"(edition 1;
+param a : float[W, H] = 0.5;
+input seen : float[96, 80];
+input place : ivec2[96, 80];
+let x = if seen > 0.5 { fold(k in 0..5, s = 0.0) { s + a.at(place + ivec2(k, 0)) * float(k + 1) } } else { 0.0 };
+step go { a <- a - 0.01 * grad(sum((x - 0.3) * (x - 0.3)), a); }
+)";
+
+std::string in_build(const std::string& name) { return (std::filesystem::path(DR_BUILD_DIR) / name).string(); }
+
+// A GPU as its compiler sees it, with what any device has.
+std::string gpu() {
+  auto profile = std::get<target::Profile>(target::load_profile("swiftshader"));
+  profile.loop_trips = std::get<target::Profile>(target::load_profile("lavapipe")).loop_trips;
+  profile.subgroup_size = 32;
+  profile.lanes_in_turn = false;
+  std::ofstream(in_build("looped_sums_gpu.json")) << target::write_profile(profile);
+  return in_build("looped_sums_gpu.json");
+}
+
+}  // namespace
+
+TEST_CASE("sums of what loops add are the same by guesses") {
+  const std::string path = in_build("looped_sums_test.dr");
+  std::ofstream(path) << kText;
+  constexpr int kWidth = 96, kHeight = 80, kTexels = 64;
+  std::mt19937 random(5);
+  std::vector<float> seen, start;
+  std::vector<int32_t> place;
+  for (int k = 0; k < kWidth * kHeight; ++k) {
+    seen.push_back(static_cast<float>(random() % 1000) / 1000.0F);
+    for (int c = 0; c < 2; ++c) place.push_back(static_cast<int32_t>(random() % (kTexels + 4)) - 2);
+  }
+  for (int k = 0; k < kTexels * kTexels; ++k) start.push_back(static_cast<float>(random() % 1000) / 500.0F - 1.0F);
+  const auto twice = [&](runtime::Program program) {
+    must(program.bind("seen", Array::from_floats(seen, 1, kWidth, kHeight)));
+    must(program.bind("place", Array::from_ints(place, 2, kWidth, kHeight)));
+    must(program.bind("a", Array::from_floats(start, 1, kTexels, kTexels)));
+    must(program.run("go", 2));
+    return must(program.leaf("a")).bytes;
+  };
+  for (const auto& [name, device] : test::devices())
+    for (const std::string& profile : {gpu(), std::string(name)}) {
+      INFO(name << ", profile " << profile);
+      jit::Options options;
+      options.profile = profile, options.scatter = "exact";
+      const auto guessed = twice(must(runtime::Program::load(device, compile(path, options))));
+      options.ablate = {"guesses"};
+      CHECK(guessed == twice(must(runtime::Program::load(device, compile(path, options)))));
+    }
+}
