@@ -166,7 +166,7 @@ def shape_from_photos():
         files = {"start": "seen/meshes.position", "face": "seen/meshes.face", "view": "seen/render.view", "photo": "seen/render.image",
                  "mask": "seen/render.mask", "new_view": "new/render.view", "new_photo": "new/render.image", "new_mask": "new/render.mask"}
         bound = [word for leaf, file in files.items() for word in ("--bind", f"{leaf}={folder}/{file}.npy")]
-        run(docs / "examples/shape_from_photos.dr", f"{folder}/found", *bound, "--step", "coarse=300", "--step", "fit=150", "--step", "look")
+        run(docs / "examples/shape_from_photos.dr", f"{folder}/found", *bound, "--step", "coarse=220", "--step", "fit=120", "--step", "look")
         images = [np.load(f"{folder}/found/look.{name}.npy") for name in ("photo", "drawn", "shape")]
     save(docs / "examples/shape_from_photos.png", side_by_side([large(srgb(image), 2) for image in images]))
 

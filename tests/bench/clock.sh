@@ -13,7 +13,7 @@ sphere=$root/docs/examples/sphere.obj
 /usr/bin/python3 "$here/clock.py" "$photos" "$sphere" 128 "$out"
 bound=(--bind "face=$sphere:indices")
 for leaf in start view photo mask new_view new_photo new_mask; do bound+=(--bind "$leaf=$out/$leaf.npy"); done
-coarse=300 fine=150
+coarse=220 fine=120
 if [[ -n $quick ]]; then coarse=30 fine=15; fi
 for way in fit paint; do
   began=$(date +%s%N)

@@ -76,9 +76,10 @@ std::vector<Data> data_sets() {
   make(
       "sums that cancel", 4 * 280, [&](size_t k) { return static_cast<int>(k / 8); },
       [&](size_t k) {
-        return k / 2 % 4 == 0   ? 1.0 + static_cast<double>(k % 2)
-               : k / 2 % 4 == 1 ? -1.0 - static_cast<double>(k % 2)
-                                : 1e-4 * std::sin(static_cast<double>(k / 8));
+        const size_t group = k / 8, pair = k / 2 % 4;
+        return pair == 0   ? 1.0 + static_cast<double>(k % 2)
+               : pair == 1 ? -1.0 - static_cast<double>(k % 2)
+                           : 1e-4 * std::sin(static_cast<double>(group));
       });
   make(
       "out of range and empty", 3000, [&](size_t) { return 7 * target(-20, 80); },
@@ -130,7 +131,7 @@ bool same_bits(const std::vector<Array>& a, const std::vector<Array>& b) {
 
 // A file with a profile.
 std::string written(const target::Profile& profile, const std::string& name) {
-  const auto path = (std::filesystem::path(DR_BUILD_DIR) / (name + "_" + profile.name + ".json")).string();
+  auto path = (std::filesystem::path(DR_BUILD_DIR) / (name + "_" + profile.name + ".json")).string();
   std::ofstream(path) << target::write_profile(profile);
   return path;
 }
