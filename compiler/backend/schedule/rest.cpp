@@ -88,17 +88,6 @@ bool is_plain_update(const Graph& graph, const Schedule& schedule, const StepSch
   });
 }
 
-// Whether ops of the update that an op needs use one of these.
-bool needs(const Graph& graph, const Pass& update, OpId op, const std::vector<ValueId>& values) {
-  for (const ValueId v : graph.op(op).operands) {
-    if (is_among(values, v)) return true;
-    const ir::ValueInfo& info = graph.value(v);
-    const bool here = info.op.valid() && std::ranges::find(update.ops, info.op) != update.ops.end();
-    if (here && needs(graph, update, info.op, values)) return true;
-  }
-  return false;
-}
-
 }  // namespace
 
 RestFacts facts_at_rest(const Graph& graph, const StepSchedule& step, const Pass& update, const AtRest& rest) {
@@ -154,7 +143,10 @@ bool may_rest(const Graph& graph, const Schedule& schedule, const StepSchedule& 
   if (step.pass(rest.gradient).get<ScatterPass>().guesses() && !rest.in_blocks) return false;
   const std::vector<ValueId> sums = taken(step.pass(rest.gradient), pass);
   // Places to look at are known before sums are taken.
-  if (std::ranges::any_of(rest.gathers, [&](OpId id) { return needs(graph, pass, id, sums); })) return false;
+  std::vector<ValueId> gathered;
+  for (const OpId id : rest.gathers) gathered.push_back(graph.op(id).results[0]);
+  for (const OpId id : ops_of(graph, pass.ops, gathered))
+    if (std::ranges::any_of(graph.op(id).operands, [&](ValueId v) { return is_among(sums, v); })) return false;
   for (const OpId id : pass.ops) {
     const Uses uses = uses_of(graph, graph.op(id));
     if (std::ranges::any_of(sums, [&](ValueId v) { return is_among(uses.elsewhere, v); })) return false;
