@@ -118,6 +118,8 @@ void Generator::step(const StepSchedule& schedule) {
   out_->name = schedule.name;
   for (const auto& [value, id] : schedule.stored)
     if (schedule_.resources[id.index].is(Resource::Storage::StepIndex)) out_->step_index = static_cast<int>(id.index);
+  kept_.clear();
+  if (out_->step_index >= 0) count_on();
   for (size_t k = 0; k < schedule.passes.size(); ++k) {
     const Pass& pass = schedule.passes[k];
     const bool joins = k > 0 && schedule.passes[k - 1].stage == pass.stage;
@@ -152,27 +154,16 @@ void Generator::step(const StepSchedule& schedule) {
     out_->pins.push_back(std::move(pin));
   }
   list_needs(schedule);
-  // Leaves and the counter change when the step ends: what else reads an old one then gets a copy of it first.
-  // An output stays what its step saw, also when another step changes the leaf before it is read.
+  // Leaves change when the step ends: what else reads an old one then gets a copy of it first. An output stays what its
+  // step saw, also when another step changes the leaf before it is read.
   std::set<uint32_t> changing;
   for (const StepSchedule& any : schedule_.steps)
     for (const auto& [leaf, value] : any.updates) changing.insert(leaf);
-  std::map<uint32_t, uint32_t> snapshots;
   auto source = [&](ValueId value) {
     const uint32_t index = resource_index(value);
-    const bool changes = schedule_.resources[index].is(Resource::Storage::StepIndex) || changing.count(index) != 0;
-    if (!changes) return index;
-    if (auto it = snapshots.find(index); it != snapshots.end()) return it->second;
-    auto copy = std::make_unique<bundle::ResourceT>(*bundle_->resources[index]);
-    copy->name += "_before";
-    copy->role = bundle::Role::Value;
-    bundle_->resources.push_back(std::move(copy));
-    const auto to = static_cast<uint32_t>(bundle_->resources.size() - 1);
-    auto& c = command(bundle::CommandKind::Copy, "keep " + schedule_.resources[index].name);
-    c.source = static_cast<int>(index);
-    c.target = static_cast<int>(to);
-    snapshots[index] = to;
-    return to;
+    if (changing.count(index) != 0) keep(index);
+    const auto kept = kept_.find(index);
+    return kept == kept_.end() ? index : kept->second;
   };
   for (const auto& [name, value] : schedule.outputs) {
     auto output = std::make_unique<bundle::OutputT>();
@@ -188,10 +179,26 @@ void Generator::step(const StepSchedule& schedule) {
     c.source = static_cast<int>(from);
     c.target = static_cast<int>(to);
   }
-  if (out_->step_index >= 0) count_on();
 }
 
+void Generator::keep(uint32_t resource) {
+  if (kept_.count(resource) != 0) return;
+  auto copy = std::make_unique<bundle::ResourceT>(*bundle_->resources[resource]);
+  copy->name += "_before";
+  copy->role = bundle::Role::Value;
+  bundle_->resources.push_back(std::move(copy));
+  kept_[resource] = static_cast<uint32_t>(bundle_->resources.size() - 1);
+  auto& c = command(bundle::CommandKind::Copy, "keep " + schedule_.resources[resource].name);
+  c.source = static_cast<int>(resource);
+  c.target = static_cast<int>(kept_[resource]);
+}
+
+// The step counts on before its passes, beside the first of them, where one that changes the leaves would have to be
+// waited for: they read a number that is one too large.
 void Generator::count_on() {
+  const auto index = static_cast<uint32_t>(out_->step_index);
+  const auto counts = [&](const auto& named) { return resource_index(named.second) == index; };
+  if (std::ranges::any_of(step_->outputs, counts) || std::ranges::any_of(step_->updates, counts)) keep(index);
   Shader s = shader();
   const std::string counter =
       s.bind_words(static_cast<uint32_t>(out_->step_index), "counter", bundle::Access::ReadWrite, "int");

@@ -35,6 +35,8 @@ class Generator {
   void list_needs(const StepSchedule& schedule);
   // `fills`: places of commands of the step; the dispatch takes that of the first.
   void clear_by_dispatch(const std::vector<size_t>& fills);
+  // A copy of what a resource holds here, for results of the step that its passes change or count on.
+  void keep(uint32_t resource);
   // The step's counter goes on, on the device.
   void count_on();
   // Source lines behind the ops of a pass, and of what sets it up; they go into the commands made next.
@@ -266,7 +268,8 @@ class Generator {
     Table table;
   };
   std::map<std::string, TableOfLeaves> tables_;
-  std::set<uint32_t> step_tables_;  // leaves
+  std::set<uint32_t> step_tables_;     // leaves
+  std::map<uint32_t, uint32_t> kept_;  // of the step: resources and their copies
 };
 
 // How many elements of a list have room for what they add (JoinedFirstRun): few add something to a sum whose

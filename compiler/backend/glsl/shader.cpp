@@ -225,7 +225,7 @@ std::string Shader::load_function(const Resource& r, const Bound& bound) const {
     const Type words = halves ? ir::vec(r.words(), ir::Scalar::Uint) : r.type;
     const std::string found = from_buffer(words, name, texel);
     text += halves ? "  " + words.str() + " words = " + found + ";\n  return " + from_halves(r.type) + ";\n"
-                   : "  return " + found + ";\n";
+                   : "  return " + found + (r.is(Resource::Storage::StepIndex) ? " - 1" : "") + ";\n";
   }
   return text + "}\n";
 }
