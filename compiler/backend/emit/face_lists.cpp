@@ -16,7 +16,8 @@ constexpr int kIndirectGroup = 64;  // invocations of a workgroup whose number a
 
 const char* const kListNames[] = {"middle", "large"};
 
-// A step through `groups` places that reaches all of them, and of which any few in a row lie evenly: by the golden ratio.
+// A step through `groups` places that reaches all of them, and of which any few in a row lie evenly: by the golden
+// ratio.
 int even_step(int groups) {
   int step = static_cast<int>(std::lround(0.618 * groups));
   while (std::gcd(step, groups) != 1) ++step;
@@ -87,8 +88,7 @@ std::string FaceLists::small_box() const {
   const std::string box = std::to_string(bins_.small_box);
   if (bins_.few_box == 0) return box;
   return "(" + dim_expression(parts_.w * parts_.h) + " / " + std::to_string(kPixelsOfFew) + " > " +
-         dim_expression(parts_.faces) + " ? " +
-         std::to_string(bins_.few_box) + " : " + box + ")";
+         dim_expression(parts_.faces) + " ? " + std::to_string(bins_.few_box) + " : " + box + ")";
 }
 
 std::string FaceLists::quotient(const std::string& a, const std::string& b) { return "quotient(" + a + ", " + b + ")"; }

@@ -30,8 +30,9 @@ struct Bins {
   uint32_t teams;  // that share the lanes of a subgroup for the faces of the first list
 };
 constexpr Bins kCpu{64, 0, 4096, 1 << 11, 1 << 12, 1};
-// Where lanes take turns, each invocation costs what a dozen pixels do, and a lane that walks its box alone holds up those
-// beside it, whose faces are on a list: so there are few invocations, and few boxes are small where faces are large.
+// Where lanes take turns, each invocation costs what a dozen pixels do, and a lane that walks its box alone holds up
+// those beside it, whose faces are on a list: so there are few invocations, and few boxes are small where faces are
+// large.
 constexpr Bins kInTurn{64, 8, 16384, 1 << 9, 1 << 10, 1};
 // A raster that keeps so many faces of a pixel lists what few faces have, as outlines are. On a CPU, whose lanes take
 // each other's branches, a lane that walks its box alone makes all lanes beside it go over that; a team walks the few
