@@ -34,8 +34,8 @@ bool presence_alone(const Graph& graph, ValueId face, ir::RegionId region) {
     const Op& op = graph.op(id);
     const auto uses = std::ranges::count(op.operands, face);
     // What moves faces gives those that are asked for, or 0 where there is no element.
-    const bool moves = op.kind == OpKind::Gather ? op.operands[0] == face
-                                                 : op.kind == OpKind::Select && op.operands[0] != face;
+    const bool moves =
+        op.kind == OpKind::Gather ? op.operands[0] == face : op.kind == OpKind::Select && op.operands[0] != face;
     if (uses > 0 && !tells_presence(graph, op, face) &&
         !(uses == 1 && moves && presence_alone(graph, op.results[0], graph.root())))
       return false;
@@ -46,11 +46,14 @@ bool presence_alone(const Graph& graph, ValueId face, ir::RegionId region) {
 }
 
 bool is_used(const Graph& graph, ValueId v, ir::RegionId region) {
-  return std::ranges::any_of(graph.region(region).ops, [&](ir::OpId id) {
-    const Op& op = graph.op(id);
-    return std::ranges::count(op.operands, v) > 0 ||
-           std::ranges::any_of(op.regions, [&](ir::RegionId inner) { return is_used(graph, v, inner); });
-  }) || std::ranges::count(graph.region(region).yields, v) > 0;
+  return std::ranges::any_of(graph.region(region).ops,
+                             [&](ir::OpId id) {
+                               const Op& op = graph.op(id);
+                               return std::ranges::count(op.operands, v) > 0 ||
+                                      std::ranges::any_of(op.regions,
+                                                          [&](ir::RegionId inner) { return is_used(graph, v, inner); });
+                             }) ||
+         std::ranges::count(graph.region(region).yields, v) > 0;
 }
 
 }  // namespace

@@ -236,7 +236,9 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
   const uint32_t list_words = lists.used() ? add_scratch(pass.name + "_lists", lists.words().str()) : keys;
   if (lists.used())
     fill("clear " + pass.name + " lists", list_words, lists.clear_value(), std::to_string(lists.cleared()));
-  const Walk walk{graph_, pass, op, parts, wide, keys, ids, lists, list_words, raster.presence, schedule_.code.hidden_stores, watched};
+  const Walk walk{
+      graph_, pass, op, parts, wide, keys, ids, lists, list_words, raster.presence, schedule_.code.hidden_stores,
+      watched};
   // Without wide words a rank of entries takes two runs; see Walk::pixel.
   std::vector<size_t> first_run;
   // A face whose loops the device ends may look empty and leave the shader at once.

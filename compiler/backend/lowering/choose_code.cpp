@@ -72,7 +72,8 @@ class StepCode {
                             [&](RasterPass& own) {
                               own.walk = walk(pass, own);
                               own.presence = presence(pass);
-                            }, [](DrawnRasterPass&) {}},
+                            },
+                            [](DrawnRasterPass&) {}},
                  pass.of_kind);
     }
   }
