@@ -2,6 +2,7 @@
 // One program on every road: the evaluator, and on each device fragment passes with hardware raster, and compute passes
 // with compute raster, fused and naive, and as many subpasses as ops. Lowerings on one device must agree bit for bit;
 // the device must agree with the evaluator that is given the device's faces and tags.
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <cstring>
