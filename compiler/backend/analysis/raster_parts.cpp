@@ -21,12 +21,9 @@ bool tells_presence(const Graph& graph, const Op& op, ValueId face) {
     return by.kind == OpKind::Const && by.attrs.floats.size() == 1 && by.attrs.floats[0] == number;
   };
   const bool first = op.operands[0] == face;
-  switch (op.kind) {
-    case OpKind::Less: return first ? is_constant(1, 0) : is_constant(0, -1);
-    case OpKind::LessEqual: return first ? is_constant(1, -1) : is_constant(0, 0);
-    case OpKind::Equal: return is_constant(first ? 1 : 0, -1);
-    default: return false;
-  }
+  if (op.kind == OpKind::Less) return first ? is_constant(1, 0) : is_constant(0, -1);
+  if (op.kind == OpKind::LessEqual) return first ? is_constant(1, -1) : is_constant(0, 0);
+  return op.kind == OpKind::Equal && is_constant(first ? 1 : 0, -1);
 }
 
 bool presence_alone(const Graph& graph, ValueId face, ir::RegionId region) {
