@@ -54,7 +54,8 @@ FoldUse fold_use(const Graph& graph, const Op& op, const std::function<bool(Valu
   const size_t sweeps = fold_sweeps(op), last = sweeps - 1;
   FoldUse use;
   for (size_t sweep = 0; sweep < sweeps; ++sweep)
-    for (std::vector<bool>& states = use.states.emplace_back(); const ValueId param : fold_params(graph, op, sweep, sweep))
+    for (std::vector<bool>& states = use.states.emplace_back();
+         const ValueId param : fold_params(graph, op, sweep, sweep))
       states.push_back(is_needed(param));
   for (const ValueId result : op.results) use.results.push_back(is_needed(result));
   for (bool grows = true; grows;) {
