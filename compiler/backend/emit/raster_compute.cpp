@@ -140,14 +140,14 @@ struct Walk {
     const std::string area = box(s, closures, leave);
     if (lists.used()) {
       s.body().line(area);
-      s.body().line("if (area > " + std::to_string(lists.small_box()) + ") {");
+      s.body().line("if (area > " + lists.small_box() + ") {");
       s.body().line("if (pc.a == 0 && pc.b == 0) {");
       store();
       s.body().line(lists.append(s, s.bind_words(list_words, "lists", bundle::Access::ReadWrite)));
       s.body().line("}");
-      if (lists.small_box() > 0) s.body().line(leave);
+      if (lists.walks_alone()) s.body().line(leave);
       s.body().line("}");
-      if (lists.small_box() == 0) return;
+      if (!lists.walks_alone()) return;
     }
     closures.load_fields("at");
     closures.begin_candidates(false);
@@ -223,7 +223,7 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
   const Pass* const setup = raster.setup ? &step_->pass(raster.setup->pass) : nullptr;
   const bool sets_up_again = raster.setup && raster.setup->again;
   const WalkTrips trips = walk_trips(graph_, pass, op, sets_up_again ? setup : nullptr, wide);
-  const FaceLists lists(raster.walk.lists, schedule_.code.loop_trips, faces, parts.w * parts.h, trips);
+  const FaceLists lists(raster.walk.lists, schedule_.code.loop_trips, parts, trips);
   const bool watched = raster.walk.watched;
   const uint32_t list_words = lists.used() ? add_scratch(pass.name + "_lists", lists.words().str()) : keys;
   if (lists.used())

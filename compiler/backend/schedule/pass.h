@@ -266,9 +266,13 @@ struct FaceSetup {
 // Invocations that share a face of the list of large ones at least.
 inline constexpr int kLargeTeam = 1024;
 
+// A mesh has few faces where its picture has more pixels for each: most of its boxes are then not small.
+inline constexpr int kPixelsOfFew = 32;
+
 // Lists of faces whose boxes are not small.
 struct FaceBins {
   int small_box = 0;   // boxes of up to so many pixels are walked by the invocation that finds them; 0: none are
+  int few_box = 0;     // the same where the picture has more than `kPixelsOfFew` pixels a face; 0: small_box
   int middle_box = 0;  // and of up to so many by teams of `team` invocations
   int team = 0;
   int middle_invocations = 0, large_invocations = 0;  // that share the faces of a list
