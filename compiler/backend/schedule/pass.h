@@ -90,9 +90,7 @@ struct MapCode {
 // An update whose elements stay as they are where no gradient comes (schedule/rest.h): it does not run for elements
 // that `gradient` adds nothing to, whose memory is zero, and that it would leave as they are. Of a scatter by sorted
 // rows, which does not run for them either, these have no row. One by atomics wakes those that it adds to: they are
-// stepped from then on. Those that do not rest are listed, or blocks of kRestingBlock elements that hold such are
-// marked.
-inline constexpr int kRestingBlock = 64;
+// stepped from then on. Those that do not rest are listed, or blocks (bundle::kRestingBlock) that hold such are marked.
 struct AtRest {
   PassId gradient;
   std::vector<ir::ValueId> memory;  // values of states, old ones
