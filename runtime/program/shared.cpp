@@ -66,7 +66,7 @@ Mirror& Program::State::mirror_of(uint32_t resource) {
   mirror.buffer.bindMemory(*mirror.block.memory(), 0);
   mirror.copy = on_device->queue.command_buffer();
   mirror.copy.begin(vk::CommandBufferBeginInfo(vk::CommandBufferUsageFlagBits::eSimultaneousUse));
-  Queue::everything_before(mirror.copy);
+  on_device->queue.everything_before(mirror.copy);
   if (r.storage == bundle::Storage::Image)
     copy_image(mirror.copy, on_device->memory.image(resource), *mirror.buffer);
   else

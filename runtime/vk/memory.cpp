@@ -293,6 +293,10 @@ vk::DeviceSize Memory::bytes(bool of_host) const {
   return bytes;
 }
 
+bool Memory::has_host() const {
+  return std::ranges::any_of(blocks_, [](const Block& block) { return block.host() != nullptr; });
+}
+
 void Tally::add(int64_t bytes) {
   const int64_t sum = now += bytes;
   for (int64_t most = peak; most < sum && !peak.compare_exchange_weak(most, sum);) {

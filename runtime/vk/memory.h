@@ -92,6 +92,8 @@ class Memory {
   std::optional<CudaPlace> in_cuda(size_t resource);
   // What was allocated, on the device or of the host.
   vk::DeviceSize bytes(bool of_host) const;
+  // Whether the host sees some of it without a copy.
+  bool has_host() const;
   // Leaves in memory of the host, by resource.
   const std::vector<uint32_t>& on_host() const { return on_host_; }
   const std::shared_ptr<Tally>& tally() const { return tally_; }
