@@ -43,7 +43,7 @@ void Program::State::leave_zeros(const bundle::StepT& table) {
   std::vector<vk::Buffer> buffers;
   for (const uint32_t r : resources_of(table))
     if (const bundle::Role role = bundle.resources[r]->role; role == bundle::Role::Guess || role == bundle::Role::Zeros)
-      buffers.push_back(*on_device->memory.buffer(r).buffer);
+      for (const BufferObject::Piece& piece : on_device->memory.buffer(r).pieces()) buffers.push_back(piece.buffer);
   if (buffers.empty()) return;
   on_device->queue.once([&](const vk::raii::CommandBuffer& commands) {
     for (const vk::Buffer buffer : buffers) commands.fillBuffer(buffer, 0, VK_WHOLE_SIZE, 0);

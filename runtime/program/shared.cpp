@@ -70,7 +70,7 @@ Mirror& Program::State::mirror_of(uint32_t resource) {
   if (r.storage == bundle::Storage::Image)
     copy_image(mirror.copy, on_device->memory.image(resource), *mirror.buffer);
   else
-    mirror.copy.copyBuffer(*on_device->memory.buffer(resource).buffer, *mirror.buffer, vk::BufferCopy(0, 0, info.size));
+    copy_content(mirror.copy, on_device->memory.buffer(resource).pieces(), {{*mirror.buffer, 0, info.size}});
   mirror.copy.end();
   on_device->queue.submit(mirror.copy);
   return on_device->mirrors.emplace(resource, std::move(mirror)).first->second;

@@ -86,7 +86,7 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
       if (draws[k]) commands.endQuery(**fragments, *draws[k]);
       if (lists[k]) {
         on_device->queue.everything_before(commands);
-        commands.copyBuffer(*on_device->memory.buffer(*lists[k]).buffer, *heads,
+        commands.copyBuffer(on_device->memory.buffer(*lists[k]).first(), *heads,
                             vk::BufferCopy(0, head_at, kListBytes));
         head_at += kListBytes;
         on_device->queue.everything_before(commands);
