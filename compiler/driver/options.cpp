@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "compiler/driver/options.h"
 
+#include <algorithm>
+
 namespace dr::driver {
 
 const std::vector<Choice>& choices() {
@@ -29,7 +31,8 @@ std::string command_line(const Options& options) {
   std::string out;
   for (const Choice& choice : choices())
     if (options.*choice.value != plain.*choice.value) out += " --" + choice.name + "=" + options.*choice.value;
-  for (const std::string& part : options.ablate) out += " --ablate=" + part;
+  for (const std::string& part : options.ablate)
+    out += (std::ranges::find(ablations(), part) != ablations().end() ? " --ablate=" : " --no-skip=") + part;
   return out;
 }
 

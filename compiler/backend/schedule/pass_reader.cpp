@@ -212,6 +212,8 @@ bool PassReader::decides(RasterPass& raster, bool& ok) {
     FacesInTurn& turn = raster.walk.in_turn.emplace();
     ok = expect_word("to") && number("how many faces", turn.each) && expect_word("faces") && expect_word("in") &&
          expect_word("turn") && expect_word("where") && values(turn.shown);
+  } else if (take_word("presence")) {
+    ok = raster.presence = expect_word("alone");
   } else if (take_word("walks")) {
     ok = expect_word("faces") && walk(raster.walk) && watched(raster.walk.watched);
   } else {
@@ -328,8 +330,11 @@ bool PassReader::walk(FaceWalk& out) {
   if (take_word("alone")) return true;
   FaceBins& bins = out.lists.emplace();
   const auto count = [&](int& n) { return number("a number", n) && (n >= 0 || fail("this number is negative")); };
-  return expect_word("of") && count(bins.small_box) && expect_word("alone") && expect(',') && expect_word("of") &&
-         count(bins.middle_box) && expect_word("by") && count(bins.team) && expect_word("in") &&
+  if (!expect_word("of") || !count(bins.small_box) || !expect_word("alone") || !expect(',')) return false;
+  if (take_word("or") &&
+      !(expect_word("of") && count(bins.few_box) && expect_word("if") && expect_word("few") && expect(',')))
+    return false;
+  return expect_word("of") && count(bins.middle_box) && expect_word("by") && count(bins.team) && expect_word("in") &&
          count(bins.middle_invocations) && expect(',') && expect_word("others") && expect_word("in") &&
          count(bins.large_invocations);
 }

@@ -203,9 +203,11 @@ class Writer {
       out_ += "    up to " + std::to_string(turn->each) + " faces in turn";
       write_values(" where", turn->shown);
     }
+    if (raster.presence) out_ += "    presence alone\n";
     const std::string watched = raster.walk.watched ? ", watched\n" : "\n";
     if (const auto& bins = raster.walk.lists)
-      out_ += "    walks faces of " + std::to_string(bins->small_box) + " alone, of " +
+      out_ += "    walks faces of " + std::to_string(bins->small_box) + " alone, " +
+              (bins->few_box > 0 ? "or of " + std::to_string(bins->few_box) + " if few, of " : "of ") +
               std::to_string(bins->middle_box) + " by " + std::to_string(bins->team) + " in " +
               std::to_string(bins->middle_invocations) + ", others in " + std::to_string(bins->large_invocations) +
               watched;
