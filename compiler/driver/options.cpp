@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "compiler/driver/options.h"
 
+#include <charconv>
+#include <cmath>
+#include <cstdio>
+
 namespace dr::driver {
 
 const std::vector<Choice>& choices() {
@@ -24,12 +28,31 @@ const std::vector<std::string>& ablations() {
   return kParts;
 }
 
+std::optional<std::vector<double>> known_value(const std::string& text) {
+  std::vector<double> numbers;
+  for (const char *at = text.data(), *const end = at + text.size();;) {
+    const auto [next, error] = std::from_chars(at, end, numbers.emplace_back());
+    if (error != std::errc{} || !std::isfinite(numbers.back())) return std::nullopt;
+    if (next == end) return numbers;
+    if (*next != ',') return std::nullopt;
+    at = next + 1;
+  }
+}
+
 std::string command_line(const Options& options) {
   const Options plain;
   std::string out;
   for (const Choice& choice : choices())
     if (options.*choice.value != plain.*choice.value) out += " --" + choice.name + "=" + options.*choice.value;
   for (const std::string& part : options.ablate) out += " --ablate=" + part;
+  for (const auto& [name, numbers] : options.known) {
+    out += " --known=" + name;
+    for (size_t k = 0; k < numbers.size(); ++k) {
+      char text[32];
+      std::snprintf(text, sizeof text, "%c%.17g", k == 0 ? '=' : ',', numbers[k]);
+      out += text;
+    }
+  }
   return out;
 }
 
