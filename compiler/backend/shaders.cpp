@@ -26,9 +26,10 @@ std::optional<Limit> bindings_over_limit(const bundle::BundleT& bundle, const ta
       if (buffers > profile.max_per_stage_descriptor_storage_buffers)
         return Limit{"pass '" + c->label + "' binds " + std::to_string(buffers) + " storage buffers, profile '" +
                      profile.name + "' allows " + std::to_string(profile.max_per_stage_descriptor_storage_buffers)};
-      const bool fragment = c->fragment >= 0;
-      if (fragment && buffers + c->colors.size() > profile.max_fragment_combined_output_resources)
-        return Limit{"pass '" + c->label + "' binds " + std::to_string(buffers) + " storage buffers and " +
+      const auto written = static_cast<uint32_t>(
+          std::ranges::count_if(c->bindings, [](const auto& b) { return b->access != bundle::Access::Read; }));
+      if (c->fragment >= 0 && written + c->colors.size() > profile.max_fragment_combined_output_resources)
+        return Limit{"pass '" + c->label + "' writes " + std::to_string(written) + " storage buffers and " +
                      std::to_string(c->colors.size()) + " colour attachments in a fragment shader, profile '" +
                      profile.name + "' allows " + std::to_string(profile.max_fragment_combined_output_resources) +
                      " together"};

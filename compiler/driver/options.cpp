@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "compiler/driver/options.h"
 
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <cstdio>
@@ -44,7 +45,8 @@ std::string command_line(const Options& options) {
   std::string out;
   for (const Choice& choice : choices())
     if (options.*choice.value != plain.*choice.value) out += " --" + choice.name + "=" + options.*choice.value;
-  for (const std::string& part : options.ablate) out += " --ablate=" + part;
+  for (const std::string& part : options.ablate)
+    out += (std::ranges::find(ablations(), part) != ablations().end() ? " --ablate=" : " --no-skip=") + part;
   for (const auto& [name, numbers] : options.known) {
     out += " --known=" + name;
     for (size_t k = 0; k < numbers.size(); ++k) {

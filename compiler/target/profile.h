@@ -47,7 +47,7 @@ struct Profile {
   uint32_t max_per_stage_descriptor_sampled_images = 16;
   uint32_t max_per_stage_descriptor_input_attachments = 4;
   uint32_t max_per_stage_resources = 128;
-  uint32_t max_fragment_combined_output_resources = 4;
+  uint32_t max_fragment_combined_output_resources = 4;  // storage buffers and attachments that it writes
   uint32_t max_push_constants_size = 128;
   uint32_t max_image_dimension_2d = 4096;
   uint32_t max_compute_work_group_invocations = 128;

@@ -22,8 +22,7 @@ constexpr vk::DeviceSize kListBytes = bundle::kListHead * sizeof(uint32_t);
 // Where blocks of elements are marked (compiler/backend/emit/at_rest.cpp), a workgroup of the update has as many
 // invocations as a block has elements, and word 0 is the number of all elements.
 bool goes_by_marks(const bundle::CommandT& command, const bundle::ResourceT& list) {
-  constexpr uint32_t kBlock = 64;
-  return list.list == bundle::ListKind::Stepped && command.group == kBlock;
+  return list.list == bundle::ListKind::Stepped && command.group == bundle::kRestingBlock;
 }
 
 // The list that a dispatch runs for, if it does. A dispatch that walks a list in a loop takes no size from it.

@@ -19,6 +19,8 @@ inline constexpr uint32_t kVersion = 19;
 // Words of a list (ListKind): 0 to 2 the workgroups of 64 that take one element each, then one more than there are,
 // then the elements, or marks of blocks.
 inline constexpr int kListEnd = 3, kListHead = 4;
+// Elements of a block that is marked, and invocations of a workgroup that runs for one.
+inline constexpr int kRestingBlock = 64;
 
 // Where invocations may take several elements (Command.each), so many are started at least: they keep the threads of a
 // large processor busy.

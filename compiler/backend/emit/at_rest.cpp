@@ -2,6 +2,7 @@
 // Updates that leave elements at rest out (lowering/leave_at_rest.h): what lists the others, in the prologue, and the
 // update itself, which runs for the list. So does what sums their gradients (rows.cpp). Or blocks that hold others are
 // marked, a word each behind the head of a list without elements: an invocation of the update ends where there is none.
+#include "compiler/backend/analysis/uses.h"
 #include "compiler/backend/emit/generator.h"
 #include "compiler/backend/schedule/rest.h"
 
@@ -163,7 +164,7 @@ void Generator::looking_map_pass(const Pass& pass) {
                 std::to_string(kRestingBlock) + "] != 0u;");
   s.body().line("if (!moves) {");
   s.push_scope();
-  s.element_ops(ops_at(graph_, {}, pass.ops, gathered));
+  s.element_ops(ops_of(graph_, pass.ops, gathered));
   std::string moving = "false";
   for (const ValueId v : gathered) moving += " || " + has_bits(s, v);
   s.body().line("moves = " + moving + ";");

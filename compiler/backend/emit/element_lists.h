@@ -9,7 +9,7 @@
 
 namespace dr::backend {
 
-using bundle::kListEnd, bundle::kListHead;
+using bundle::kListEnd, bundle::kListHead, bundle::kRestingBlock;
 
 // A call that adds an element to a list and gives its place there. Workgroups go on in the next row as those of other
 // dispatches do. `together`: the lanes of a subgroup that are here take their places by one atomic.

@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "compiler/backend/emit/face_lists.h"
 
+#include <cmath>
+#include <numeric>
+
 namespace dr::backend {
 
 using glsl::dim_expression;
@@ -13,17 +16,26 @@ constexpr int kIndirectGroup = 64;  // invocations of a workgroup whose number a
 
 const char* const kListNames[] = {"middle", "large"};
 
+// A step through `groups` places that reaches all of them, and of which any few in a row lie evenly: by the golden
+// ratio.
+int even_step(int groups) {
+  int step = static_cast<int>(std::lround(0.618 * groups));
+  while (std::gcd(step, groups) != 1) ++step;
+  return step;
+}
+
 }  // namespace
 
-FaceLists::FaceLists(const std::optional<FaceBins>& bins, uint32_t loop_trips, const Dim& faces, const Dim& pixels,
+FaceLists::FaceLists(const std::optional<FaceBins>& bins, uint32_t loop_trips, const RasterParts& parts,
                      const WalkTrips& trips)
-    : faces_(faces),
+    : parts_(parts),
+      faces_(parts.faces * parts.l),
       trips_(trips),
       limit_(loop_trips),
       used_(bins.has_value()),
       bins_(bins.value_or(FaceBins{})),
       lists_{List{bins_.team, bins_.middle_invocations, Dim(bins_.middle_box)},
-             List{kLargeTeam, bins_.large_invocations, pixels}} {}
+             List{kLargeTeam, bins_.large_invocations, parts.w * parts.h}} {}
 
 // Of each list: teams that share a face, faces or parts of them that a team may walk, and the rows of workgroups that
 // so many faces need beyond the first.
@@ -72,6 +84,13 @@ std::string FaceLists::append(Shader& s, const std::string& list) const {
   return "list_face(area > " + std::to_string(bins_.middle_box) + ", index);";
 }
 
+std::string FaceLists::small_box() const {
+  const std::string box = std::to_string(bins_.small_box);
+  if (bins_.few_box == 0) return box;
+  return "(" + dim_expression(parts_.w * parts_.h) + " / " + std::to_string(kPixelsOfFew) + " > " +
+         dim_expression(parts_.faces) + " ? " + std::to_string(bins_.few_box) + " : " + box + ")";
+}
+
 std::string FaceLists::quotient(const std::string& a, const std::string& b) { return "quotient(" + a + ", " + b + ")"; }
 
 void FaceLists::open_items(Shader& s, const std::string& list) const {
@@ -88,6 +107,12 @@ void FaceLists::open_items(Shader& s, const std::string& list) const {
     s.body().line("int invocations = large ? " + first[1] + " : " + first[0] + ";");
   } else {
     declare_teams(s);
+    // A processor's cores each take workgroups that follow each other, so that those of the first row with much to do
+    // are dealt out evenly.
+    const std::string group = std::to_string(kIndirectGroup), groups = std::to_string(this->row() / kIndirectGroup);
+    s.body().line("if (index < " + row + ") index = index / " + group + " * " +
+                  std::to_string(even_step(this->row() / kIndirectGroup)) + " % " + groups + " * " + group +
+                  " + index % " + group + ";");
     s.declare("int quotient(int a, int b) { return middle_shares * large_shares > 1 ? a / b : " + by_float + "; }\n");
     // Rows behind the first are those of the middle list, then those of the large one.
     s.body().line("int faces_of[2] = int[2](int(" + list + "(" + count(0) + ")) - 1, int(" + list + "(" + count(1) +

@@ -6,6 +6,7 @@
 #include <array>
 #include <string>
 
+#include "compiler/backend/analysis/raster_parts.h"
 #include "compiler/backend/emit/generator.h"
 
 namespace dr::backend {
@@ -16,12 +17,12 @@ namespace dr::backend {
 // one could not walk it: usual pictures need one row, and one team.
 class FaceLists {
  public:
-  FaceLists(const std::optional<FaceBins>& bins, uint32_t loop_trips, const ir::Dim& faces, const ir::Dim& pixels,
-            const WalkTrips& trips);
+  FaceLists(const std::optional<FaceBins>& bins, uint32_t loop_trips, const RasterParts& parts, const WalkTrips& trips);
 
   bool used() const { return used_; }
-  // Boxes of up to so many pixels are walked by the invocation that finds them; 0: none are.
-  int small_box() const { return bins_.small_box; }
+  // Whether boxes of up to `small_box` pixels are walked by the invocation that finds them.
+  bool walks_alone() const { return bins_.small_box > 0; }
+  std::string small_box() const;
   // Whether the numbers of workgroups stand in the first words.
   bool bounded() const { return limit_ > 0; }
   ir::Dim words() const { return faces_ * ir::Dim(2) + ir::Dim(head()); }
@@ -48,7 +49,8 @@ class FaceLists {
   std::string count(size_t k) const { return std::to_string(head() - 2 + static_cast<int>(k)); }
   void declare_teams(glsl::Shader& s) const;
 
-  ir::Dim faces_;
+  const RasterParts& parts_;
+  ir::Dim faces_;  // of all layers
   WalkTrips trips_;
   int64_t limit_ = 0;
   bool used_ = false;

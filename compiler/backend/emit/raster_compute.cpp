@@ -140,14 +140,14 @@ struct Walk {
     const std::string area = box(s, closures, leave);
     if (lists.used()) {
       s.body().line(area);
-      s.body().line("if (area > " + std::to_string(lists.small_box()) + ") {");
+      s.body().line("if (area > " + lists.small_box() + ") {");
       s.body().line("if (pc.a == 0 && pc.b == 0) {");
       store();
       s.body().line(lists.append(s, s.bind_words(list_words, "lists", bundle::Access::ReadWrite)));
       s.body().line("}");
-      if (lists.small_box() > 0) s.body().line(leave);
+      if (lists.walks_alone()) s.body().line(leave);
       s.body().line("}");
-      if (lists.small_box() == 0) return;
+      if (!lists.walks_alone()) return;
     }
     closures.load_fields("at");
     closures.begin_candidates(false);
@@ -223,7 +223,7 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
   const Pass* const setup = raster.setup ? &step_->pass(raster.setup->pass) : nullptr;
   const bool sets_up_again = raster.setup && raster.setup->again;
   const WalkTrips trips = walk_trips(graph_, pass, op, sets_up_again ? setup : nullptr, wide);
-  const FaceLists lists(raster.walk.lists, schedule_.code.loop_trips, faces, parts.w * parts.h, trips);
+  const FaceLists lists(raster.walk.lists, schedule_.code.loop_trips, parts, trips);
   const bool watched = raster.walk.watched;
   const uint32_t list_words = lists.used() ? add_scratch(pass.name + "_lists", lists.words().str()) : keys;
   if (lists.used())
@@ -335,9 +335,9 @@ void Generator::resolve(const Pass& pass, const ir::Op& op, uint32_t ids, bool s
   // A tag that is the same for all faces is computed of nothing.
   const ir::ValueInfo& info = graph_.value(graph_.region(op.regions[kTag]).yields[0]);
   const bool constant = info.op.valid() && graph_.op(info.op).kind == ir::OpKind::Const;
-  const auto find = [&](Shader& r, const std::string& read, const std::string& rank, const std::string& face,
+  const auto find = [&](Shader& r, const std::string& read, const std::string& at, const std::string& face,
                         const std::string& tag) {
-    r.body().line("int " + face + " = int(" + read + "(" + rank + " * " + n + " + index));");
+    r.body().line("int " + face + " = int(" + read + "(" + at + "));");
     r.body().line("int " + tag + " = 0;");
     r.body().line("if (" + face + " >= 0) {");
     r.push_scope();
@@ -351,29 +351,32 @@ void Generator::resolve(const Pass& pass, const ir::Op& op, uint32_t ids, bool s
     r.pop_scope();
     r.body().line("}");
   };
-  for (size_t begin = 0; begin < (stay ? 1 : parts.count); begin += kRanks) {
+  if (stay) {
+    // An invocation has one pixel of one rank: SwiftShader takes many times as long over branches inside a loop.
+    const Dim all = pixels * Dim(static_cast<int64_t>(parts.count));
+    Shader r = strict_shader();
+    linear_index(r, dim_expression(all));
+    r.body().line("int rank = index / (" + n + "), pixel = index - rank * (" + n + ");");
+    place_from_index(r, parts.extent(), "pixel");
+    r.body().line("vec2 p = vec2(at.xy) + 0.5;");
+    find(r, r.read_words(ids, "faces"), "index", "face", "tag");
+    const std::string entries = r.bind_words(resource_index(op.results[0]), "entries", bundle::Access::Write, "uvec2");
+    r.body().line(entries + ".d[index] = face < 0 ? uvec2(0xffffffffu) : " +
+                  "uvec2((uint(face) << 4) | uint(tag), uint(face) >> 28);");
+    dispatch(pass, "_resolve", r, all.str());
+    return;
+  }
+  for (size_t begin = 0; begin < parts.count; begin += kRanks) {
     Shader r = strict_shader();
     linear_index(r, n);
     place_from_index(r, parts.extent());
     const std::string read = r.read_words(ids, "faces");
     r.body().line("vec2 p = vec2(at.xy) + 0.5;");
-    if (stay) {
-      const std::string entries =
-          r.bind_words(resource_index(op.results[0]), "entries", bundle::Access::Write, "uvec2");
-      r.body().line("for (int rank = 0; rank < " + std::to_string(parts.count) + "; ++rank) {");
-      r.push_scope();
-      find(r, read, "rank", "face", "tag");
-      r.body().line(entries + ".d[rank * " + n + " + index] = face < 0 ? uvec2(0xffffffffu) : " +
-                    "uvec2((uint(face) << 4) | uint(tag), uint(face) >> 28);");
-      r.pop_scope();
-      r.body().line("}");
-    } else {
-      for (size_t k = begin; k < std::min(begin + kRanks, parts.count); ++k) {
-        const std::string rank = std::to_string(k), face = "face_" + rank, tag = "tag_" + rank;
-        find(r, read, rank, face, tag);
-        r.store(op.results[2 * k], "at", face);
-        r.store(op.results[2 * k + 1], "at", tag);
-      }
+    for (size_t k = begin; k < std::min(begin + kRanks, parts.count); ++k) {
+      const std::string rank = std::to_string(k), face = "face_" + rank, tag = "tag_" + rank;
+      find(r, read, rank + " * " + n + " + index", face, tag);
+      r.store(op.results[2 * k], "at", face);
+      r.store(op.results[2 * k + 1], "at", tag);
     }
     dispatch(pass, "_resolve", r, pixels.str());
   }

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <set>
 
+#include "compiler/backend/analysis/uses.h"
 #include "compiler/backend/emit/generator.h"
 #include "compiler/backend/glsl/fixed_point.h"
 #include "compiler/backend/schedule/rest.h"
@@ -166,7 +167,7 @@ class RowsWriter {
         for (const ValueId term : sums_[k].terms) {
           const ir::Op& op = graph_.op(graph_.value(term).op);
           if (column_of(op.operands[0]) != columns[static_cast<size_t>(name)]) continue;
-          s_.element_ops(ops_at(graph_, {}, ops_, std::span(&op.operands[1], 1)));
+          s_.element_ops(ops_of(graph_, ops_, std::span(&op.operands[1], 1)));
           line(added[k][slot++] + " = " + s_.use(op.operands[1]) + ";");
         }
       }

@@ -86,7 +86,7 @@ uint32_t Generator::list_active(const Pass& pass) {
   ListingLoop loop(s, pass.domain, std::get<OwnList>(elements.listed_by).in_runs);
   std::vector<ValueId> needed;
   for (const auto& clause : elements.clauses) needed.insert(needed.end(), clause.begin(), clause.end());
-  s.element_ops(ops_at(graph_, {}, pass.ops, needed));
+  s.element_ops(ops_of(graph_, pass.ops, needed));
   const std::string active = active_condition(s, elements.clauses);
   const std::string words = s.bind_words(list, "active_elements", bundle::Access::ReadWrite);
   s.body().line("if (" + active + ") {");

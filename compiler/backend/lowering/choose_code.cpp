@@ -24,12 +24,16 @@ namespace {
 
 struct Bins {
   // Faces by the pixels of their boxes: up to the first for one invocation, up to the second for subgroups.
-  int small_box, middle_box;
+  int small_box, few_box, middle_box;
   // Invocations that share the faces of a list.
   int middle_invocations, large_invocations;
   uint32_t teams;  // that share the lanes of a subgroup for the faces of the first list
 };
-constexpr Bins kCpu{64, 4096, 1 << 11, 1 << 12, 1};
+constexpr Bins kCpu{64, 0, 4096, 1 << 11, 1 << 12, 1};
+// Where lanes take turns, each invocation costs what a dozen pixels do, and a lane that walks its box alone holds up
+// those beside it, whose faces are on a list: so there are few invocations, and few boxes are small where faces are
+// large.
+constexpr Bins kInTurn{64, 8, 16384, 1 << 9, 1 << 10, 1};
 // A raster that keeps so many faces of a pixel lists what few faces have, as outlines are. On a CPU, whose lanes take
 // each other's branches, a lane that walks its box alone makes all lanes beside it go over that; a team walks the few
 // that are left.
@@ -46,7 +50,7 @@ Bins gpu_bins(const Dim& pixels, bool listed) {
   const auto side = static_cast<uint64_t>(std::sqrt(static_cast<double>(count)));
   const auto middle = std::bit_floor(std::clamp(kPerSide * side, uint64_t{1} << 15, uint64_t{1} << 18));
   const bool usual = count <= kUsual;
-  return {listed ? 1 : 8, 16384, static_cast<int>(middle), usual ? 1 << 14 : 1 << 17, usual ? 4u : 2u};
+  return {listed ? 1 : 8, 0, 16384, static_cast<int>(middle), usual ? 1 << 14 : 1 << 17, usual ? 4u : 2u};
 }
 
 // The trips of our own that a dispatch needs to come to where it goes on: each loop is entered and left once more for
@@ -207,7 +211,7 @@ class StepCode {
     const RasterParts parts = raster_parts(op);
     const Dim pixels = parts.w * parts.h;
     const int64_t limit = profile_.loop_trips;
-    const Bins bins = profile_.is_gpu() ? gpu_bins(pixels, parts.listed) : kCpu;
+    const Bins bins = profile_.is_gpu() ? gpu_bins(pixels, parts.listed) : profile_.lanes_in_turn ? kInTurn : kCpu;
     // Lanes that walk small boxes of different shapes take trips for the rows and columns of them all: for boxes of 64
     // pixels the sum over y of 64 / (y + 1).
     constexpr int64_t kSmallPixels = 320;
@@ -219,6 +223,7 @@ class StepCode {
     const bool few_faces = bins.small_box == kCpu.small_box && static_cast<int64_t>(parts.count) >= kManyKept;
     FaceBins& lists = walk.lists.emplace();
     lists.small_box = !few_faces && (limit == 0 || short_ones) ? bins.small_box : 0;
+    lists.few_box = lists.small_box > 0 ? bins.few_box : 0;
     lists.middle_box = bins.middle_box;
     // A power of two, so that teams share the invocations evenly whatever the profile says.
     lists.team = static_cast<int>(std::bit_floor(std::clamp(profile_.subgroup_size / bins.teams, 1u, 128u)));

@@ -259,14 +259,16 @@ class StepChecker {
         (!buffer ? images : profile_.lanes_in_turn ? texels : buffers).insert(it->second.index);
       }
     const size_t sampled = images.size() + texels.size();
+    std::set<uint32_t> written;
     size_t colors = 0;
     for (ValueId v : pass().writes)
       if (const auto it = step_.stored.find(v); it != step_.stored.end()) {
         if (schedule_.resources[it->second.index].is_buffer())
-          buffers.insert(it->second.index);
+          written.insert(it->second.index);
         else
           ++colors;
       }
+    buffers.insert(written.begin(), written.end());
     over(buffers.size(), "storage buffers", profile_.max_per_stage_descriptor_storage_buffers);
     over(sampled, "sampled images", profile_.max_per_stage_descriptor_sampled_images);
     over(colors, "colour attachments", profile_.max_color_attachments);
@@ -276,7 +278,7 @@ class StepChecker {
       report(Violation::Kind::Limit, "loops of a fragment shader that may take more trips than the " +
                                          std::to_string(profile_.loop_trips) + " that the device allows");
     if (pass().is_drawn())
-      over(buffers.size() + colors, "storage buffers and colour attachments",
+      over(written.size() + colors, "storage buffers and colour attachments to write",
            profile_.max_fragment_combined_output_resources, " in a fragment shader");
   }
 

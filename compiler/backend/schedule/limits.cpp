@@ -127,7 +127,7 @@ bool fits(const target::Profile& profile, const Bindings& b) {
     return false;
   if (!b.hardware) return true;
   return b.writes <= profile.max_color_attachments &&
-         bound + b.writes <= profile.max_fragment_combined_output_resources;
+         b.more + b.writes <= profile.max_fragment_combined_output_resources;
 }
 
 }  // namespace dr::backend

@@ -90,9 +90,7 @@ struct MapCode {
 // An update whose elements stay as they are where no gradient comes (schedule/rest.h): it does not run for elements
 // that `gradient` adds nothing to, whose memory is zero, and that it would leave as they are. Of a scatter by sorted
 // rows, which does not run for them either, these have no row. One by atomics wakes those that it adds to: they are
-// stepped from then on. Those that do not rest are listed, or blocks of kRestingBlock elements that hold such are
-// marked.
-inline constexpr int kRestingBlock = 64;
+// stepped from then on. Those that do not rest are listed, or blocks (bundle::kRestingBlock) that hold such are marked.
 struct AtRest {
   PassId gradient;
   std::vector<ir::ValueId> memory;  // values of states, old ones
@@ -268,9 +266,13 @@ struct FaceSetup {
 // Invocations that share a face of the list of large ones at least.
 inline constexpr int kLargeTeam = 1024;
 
+// A mesh has few faces where its picture has more pixels for each: most of its boxes are then not small.
+inline constexpr int kPixelsOfFew = 32;
+
 // Lists of faces whose boxes are not small.
 struct FaceBins {
   int small_box = 0;   // boxes of up to so many pixels are walked by the invocation that finds them; 0: none are
+  int few_box = 0;     // the same where the picture has more than `kPixelsOfFew` pixels a face; 0: small_box
   int middle_box = 0;  // and of up to so many by teams of `team` invocations
   int team = 0;
   int middle_invocations = 0, large_invocations = 0;  // that share the faces of a list

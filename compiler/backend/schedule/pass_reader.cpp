@@ -328,8 +328,11 @@ bool PassReader::walk(FaceWalk& out) {
   if (take_word("alone")) return true;
   FaceBins& bins = out.lists.emplace();
   const auto count = [&](int& n) { return number("a number", n) && (n >= 0 || fail("this number is negative")); };
-  return expect_word("of") && count(bins.small_box) && expect_word("alone") && expect(',') && expect_word("of") &&
-         count(bins.middle_box) && expect_word("by") && count(bins.team) && expect_word("in") &&
+  if (!expect_word("of") || !count(bins.small_box) || !expect_word("alone") || !expect(',')) return false;
+  if (take_word("or") &&
+      !(expect_word("of") && count(bins.few_box) && expect_word("if") && expect_word("few") && expect(',')))
+    return false;
+  return expect_word("of") && count(bins.middle_box) && expect_word("by") && count(bins.team) && expect_word("in") &&
          count(bins.middle_invocations) && expect(',') && expect_word("others") && expect_word("in") &&
          count(bins.large_invocations);
 }

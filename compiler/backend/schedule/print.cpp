@@ -205,7 +205,8 @@ class Writer {
     }
     const std::string watched = raster.walk.watched ? ", watched\n" : "\n";
     if (const auto& bins = raster.walk.lists)
-      out_ += "    walks faces of " + std::to_string(bins->small_box) + " alone, of " +
+      out_ += "    walks faces of " + std::to_string(bins->small_box) + " alone, " +
+              (bins->few_box > 0 ? "or of " + std::to_string(bins->few_box) + " if few, of " : "of ") +
               std::to_string(bins->middle_box) + " by " + std::to_string(bins->team) + " in " +
               std::to_string(bins->middle_invocations) + ", others in " + std::to_string(bins->large_invocations) +
               watched;

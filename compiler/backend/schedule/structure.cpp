@@ -171,6 +171,7 @@ class StructureChecker {
     if (bins.team < 1 || bins.middle_box < 1 || bins.middle_invocations < bins.team ||
         bins.large_invocations < kLargeTeam)
       bad("has too few invocations for the faces on its lists");
+    if (bins.few_box > bins.small_box) bad("walks larger boxes alone where there are few");
   }
 
   bool check_ops() {

@@ -43,6 +43,12 @@ std::vector<Edge> edges_of(const Graph& graph, ValueId id) {
   const auto add = [&](ValueId from, bool may_flow) {
     edges.push_back({from, may_flow && differentiable && graph.value(from).type.is_float()});
   };
+  if (op.kind == OpKind::Vjp) {  // its value, the cotangent, arguments and their adjoints
+    const size_t targets = (op.operands.size() - 2) / 2;
+    for (size_t k = 2; k < 2 + targets; ++k) add(op.operands[k], !is_zero(graph, op.operands[k + targets]));
+    add(op.operands[0], false);
+    return edges;
+  }
   for (const ValueId operand : op.operands) add(operand, op.regions.empty());
   if (op.kind == OpKind::Raster) {
     for (const ir::RegionId region : op.regions) {
@@ -82,6 +88,7 @@ std::vector<uint32_t> distances(const std::vector<std::vector<Edge>>& edges, std
 }
 
 std::string reason_of(const Graph& graph, const Op& op) {
+  if (op.kind == OpKind::Vjp) return "the function's '@vjp' gives it no gradient";
   const std::string name = "'" + std::string(ir::op_name(op.kind)) + "'";
   if (std::string reason(ops::info(op.kind).no_gradient); !reason.empty()) {
     if (const size_t at = reason.find('$'); at != std::string::npos) reason.replace(at, 1, name);
@@ -129,12 +136,19 @@ class Explainer {
       for (const Edge& edge : edges_[k]) {
         if (edge.flows) {
           reached[edge.from.index] = true;
-        } else if (any_[edge.from.index] != kFar) {
+        } else if (any_[edge.from.index] != kFar && !is_told(edges_[k], edge)) {
           const OpId cause = cause_of(ValueId{static_cast<uint32_t>(k)}, edge.from);
           if (seen.insert(cause).second) out.cuts.push_back({cause, reason_of(graph_, graph_.op(cause))});
         }
       }
     }
+  }
+
+  // Whether a value of a function with a '@vjp' is reached by an argument, whose own edge tells what becomes of it.
+  bool is_told(const std::vector<Edge>& edges, const Edge& edge) const {
+    const ir::OpId op = graph_.value(ValueId{static_cast<uint32_t>(&edges - edges_.data())}).op;
+    return op.valid() && graph_.op(op).kind == OpKind::Vjp && &edge == &edges.back() &&
+           std::any_of(edges.begin(), edges.end() - 1, [&](const Edge& e) { return any_[e.from.index] != kFar; });
   }
 
   // Of the ops on the shortest way from a target to the cut edge, the first that ends the gradient: what follows it

@@ -50,10 +50,13 @@ bool FoldUse::drops(const Op& op) const {
   return std::ranges::any_of(states, lacks) || lacks(results) || groups.size() < fold_sweeps(op);
 }
 
-FoldUse fold_use(const Graph& graph, const Op& op, const std::function<bool(ValueId result)>& is_needed) {
+FoldUse fold_use(const Graph& graph, const Op& op, const std::function<bool(ValueId)>& is_needed) {
   const size_t sweeps = fold_sweeps(op), last = sweeps - 1;
   FoldUse use;
-  for (size_t sweep = 0; sweep < sweeps; ++sweep) use.states.emplace_back(fold_states(op, sweep));
+  for (size_t sweep = 0; sweep < sweeps; ++sweep)
+    for (std::vector<bool>& states = use.states.emplace_back();
+         const ValueId param : fold_params(graph, op, sweep, sweep))
+      states.push_back(is_needed(param));
   for (const ValueId result : op.results) use.results.push_back(is_needed(result));
   for (bool grows = true; grows;) {
     grows = false;

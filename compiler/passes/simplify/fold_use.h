@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which states, results and yields of a Fold are needed, given which results are: a state may be needed by another one
-// only, by what ends the loop, or by a later sweep.
+// Which states, results and yields of a Fold are needed, given which results are, and which states whatever becomes of
+// them: a state may be needed by another one only, by what ends the loop, or by a later sweep.
 #pragma once
 
 #include <functional>
@@ -18,6 +18,7 @@ struct FoldUse {
   bool drops(const ir::Op& op) const;            // whether something is not needed
 };
 
-FoldUse fold_use(const ir::Graph& graph, const ir::Op& op, const std::function<bool(ir::ValueId result)>& is_needed);
+// `is_needed` is asked of results, and of the parameters by which a sweep's own region has its states.
+FoldUse fold_use(const ir::Graph& graph, const ir::Op& op, const std::function<bool(ir::ValueId)>& is_needed);
 
 }  // namespace dr::passes

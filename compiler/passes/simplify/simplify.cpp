@@ -108,7 +108,7 @@ class Round {
 
   // A state is needed where a result that it becomes is, or where what is needed is made of it.
   void find_needed_of_fold(const Op& op) {
-    const FoldUse use = fold_use(from_, op, [&](ValueId result) { return static_cast<bool>(needed_[result.index]); });
+    const FoldUse use = fold_use(from_, op, [&](ValueId id) { return static_cast<bool>(needed_[id.index]); });
     if (use.drops(op) || hands_on(op)) is_unfinished_ = true;
     need(op.operands[0]);
     need(op.operands[1]);
@@ -255,7 +255,7 @@ class Round {
         if (needed_[op.results[k].index]) enter(op.results[k], map_[fold_starts(op, 0)[k]], false);
       return;
     }
-    const FoldUse use = fold_use(from_, op, [&](ValueId result) { return static_cast<bool>(needed_[result.index]); });
+    const FoldUse use = fold_use(from_, op, [&](ValueId id) { return static_cast<bool>(needed_[id.index]); });
     Attrs attrs = op.attrs;
     attrs.ints.resize(2);
     std::vector<ValueId> operands{map_[op.operands[0]], map_[op.operands[1]]};
