@@ -14,8 +14,8 @@
 namespace dr::backend {
 
 // `dead` to `layers` are of the graph, the others of its schedule, `soft` of the library.
-inline constexpr std::string_view kSkips[] = {"dead",   "zero",   "fold",    "share",    "layers", "slots",
-                                              "active", "stepped", "branches", "soft", "cache"};
+inline constexpr std::string_view kSkips[] = {"dead",   "zero",    "fold",     "share", "layers", "slots",
+                                              "active", "stepped", "branches", "soft",  "cache"};
 
 // The passes' part of what is switched off.
 passes::Skips pass_skips(std::span<const std::string> off);

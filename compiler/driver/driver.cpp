@@ -156,9 +156,10 @@ std::optional<Error> Compilation::wrong_known() const {
     const auto components = leaf == nullptr ? size_t{0} : static_cast<size_t>(leaf->type.components());
     if (leaf == nullptr || leaf->kind != ir::Leaf::Kind::Input || !leaf->extent.is_unit() || !leaf->type.is_float() ||
         (numbers.size() != 1 && numbers.size() != components))
-      return Error{Error::Kind::User, "expected an input of one element of floats, and one number or one for each of its "
-                                      "components, for --known, found '" +
-                                          name + "' and " + std::to_string(numbers.size())};
+      return Error{Error::Kind::User,
+                   "expected an input of one element of floats, and one number or one for each of its "
+                   "components, for --known, found '" +
+                       name + "' and " + std::to_string(numbers.size())};
   }
   return std::nullopt;
 }

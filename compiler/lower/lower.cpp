@@ -437,7 +437,7 @@ void Elaborator::fix_input(uint32_t index) {
 
 void Elaborator::begin_leaf(ModuleInfo& module, const dsl::LeafDecl& decl) {
   const ModuleItem& item = module.items.find(decl.name.text)->second;
-  if (!item.leaf || item.span != decl.name.span) return;  // it was wrong
+  if (!item.leaf || item.span != decl.name.span) return;                    // it was wrong
   if (options_.known.contains(b_.graph().leaves[*item.leaf].name)) return;  // that value stands instead
   bool ok = true;
   Value computed;

@@ -70,8 +70,9 @@ void Program::State::bind(const std::string& name, const io::Array& data) {
   if (leaf.is_fixed && !holds_initial(leaf, data)) {
     std::ostringstream value;
     for (const double x : leaf.initial) value << (&x == leaf.initial.data() ? "" : ", ") << x;
-    throw Failure{"leaf '" + name + "' was given as " + value.str() +
-                  " when the program was compiled, which left out what that makes zero; compile it without for other values"};
+    throw Failure{
+        "leaf '" + name + "' was given as " + value.str() +
+        " when the program was compiled, which left out what that makes zero; compile it without for other values"};
   }
   assign(index, data);
 }

@@ -43,8 +43,8 @@ struct Case {
   Array data = {};
   Count with = {}, without = {}, woken = {};
   std::string raster = "auto", scatter = "auto";
-  std::string only_on = {};  // a device
-  bool as_gpu = false;       // compiled as for a GPU
+  std::string only_on = {};                                            // a device
+  bool as_gpu = false;                                                 // compiled as for a GPU
   std::map<std::string, std::vector<double>, std::less<>> known = {};  // inputs, when the program is compiled
 };
 
@@ -253,7 +253,8 @@ step go { a <- a - 0.1 * grad(sum(y), a); output y; })",
        .without = {1, 0},
        .woken = {1, 0},
        .known = {{"strength", {0}}}},
-      // A dark lamp, and a material that mirrors nothing, under another lamp. A gradient reaches texels, normals and roughness.
+      // A dark lamp, and a material that mirrors nothing, under another lamp. A gradient reaches texels, normals and
+      // roughness.
       {.id = "layers",
        .text = R"(
 import std.light;
@@ -703,17 +704,18 @@ step go { a <- a - 0.1 * grad(layered(strength, a), a); output y = layered(stren
     must(known.bind("strength", floats({-0.0f}, 1)));
     const auto refused = known.bind("strength", floats({1}, 1));
     REQUIRE(!refused);
-    CHECK(refused.error() ==
-          "leaf 'strength' was given as 0 when the program was compiled, which left out what that makes zero; compile it "
-          "without for other values");
+    CHECK(
+        refused.error() ==
+        "leaf 'strength' was given as 0 when the program was compiled, which left out what that makes zero; compile it "
+        "without for other values");
     CHECK(!must(known.leaf_view("strength")));
 
     // Where it is sought, or what is made of it, it may have any.
     Program sought = program_of("step look { output slope = grad(layered(2.0 * strength, a), strength); }");
     CHECK(y_of(sought) == 0.5f);
     must(sought.run("look"));
-    CHECK(std::abs(must(sought.output("look", "slope")).as<float>()[0] - 2 * std::exp(must(sought.leaf("a")).as<float>()[0])) <
-          1e-5f);
+    CHECK(std::abs(must(sought.output("look", "slope")).as<float>()[0] -
+                   2 * std::exp(must(sought.leaf("a")).as<float>()[0])) < 1e-5f);
     must(sought.bind("strength", floats({1}, 1)));
     CHECK(y_of(sought) > 1.5f);
     Program adjoint = program_of("", {.adjoints = {"go:strength:y"}});

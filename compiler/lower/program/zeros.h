@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which values are zero whatever a host binds: what `known_zero(x)` asks, of constants and of inputs that keep their value.
+// Which values are zero whatever a host binds: what `known_zero(x)` asks, of constants and of inputs that keep their
+// value.
 #pragma once
 
 #include <optional>
