@@ -281,7 +281,7 @@ step go {
 })",
        .bound = {{"metallic", floats({0}, 1)},
                  {"specular", floats({0}, 1)},
-                 {"lamp", Array::from_floats({0, 0, 0}, 3, 1)}},
+                 {"lamp", Array::from_floats(std::vector<float>{0, 0, 0}, 3, 1)}},
        .define = "more=1.0",
        .with = {2, 2},
        .without = {4, 0},
@@ -718,7 +718,9 @@ step go { a <- a - 0.1 * grad(layered(strength, a), a); output y = layered(stren
                    2 * std::exp(must(sought.leaf("a")).as<float>()[0])) < 1e-5f);
     must(sought.bind("strength", floats({1}, 1)));
     CHECK(y_of(sought) > 1.5f);
-    Program adjoint = program_of("", {.adjoints = {"go:strength:y"}});
+    jit::Options seeking;
+    seeking.adjoints = {"go:strength:y"};
+    Program adjoint = program_of("", seeking);
     must(adjoint.bind("strength", floats({1}, 1)));
     CHECK(y_of(adjoint) > 1.5f);
 
