@@ -69,7 +69,7 @@ void Program::State::bind(const std::string& name, const io::Array& data) {
                   "'; bind that instead"};
   if (leaf.is_fixed && !holds_initial(leaf, data)) {
     std::ostringstream value;
-    for (const double x : leaf.initial) value << (&x == leaf.initial.data() ? "" : ", ") << x;
+    for (size_t k = 0; k < leaf.initial.size(); ++k) value << (k == 0 ? "" : ", ") << leaf.initial[k];
     throw Failure{
         "leaf '" + name + "' was given as " + value.str() +
         " when the program was compiled, which left out what that makes zero; compile it without for other values"};

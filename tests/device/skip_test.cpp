@@ -135,19 +135,6 @@ step go {
   output error, color;
 })";
 
-// As kStepsPyramid, of a texture whose size data says: loops find what a texel gathers.
-const char* const kStepsPyramidOfData = R"(
-import std.optim;
-import std.texture;
-param texel : float[W, H];
-input place : vec2[4];
-let color = texture.trilinear(texture.pyramid(texel, 3), place, 0.5);
-let error = sum((color - 0.3) * (color - 0.3));
-step go {
-  minimize error over texel with optim.adam(rate = 0.01);
-  output error, color;
-})";
-
 const char* const kReadsTexels = R"(
 param texel : float[T];
 input seen : float[16, 16];
@@ -284,7 +271,7 @@ step go {
                  {"lamp", Array::from_floats(std::vector<float>{0, 0, 0}, 3, 1)}},
        .define = "more=1.0",
        .with = {2, 2},
-       .without = {4, 0},
+       .without = {6, 0},
        .woken = {4, 2},
        .known = {{"metallic", {0}}, {"specular", {0}}, {"lamp", {0}}}},
       {.id = "slots",
@@ -391,26 +378,6 @@ step go {
       {.id = "stepped",
        .text = kStepsPyramid,
        .bound = {{"place", row_at(0.1f)}},
-       .leaf = "place",
-       .data = row_at(0.6f),
-       .with = {320, 3776},
-       .without = {0, 0},
-       .woken = {640, 3456},
-       .scatter = "exact",
-       .only_on = "lavapipe"},
-      {.id = "stepped",
-       .text = kStepsPyramidOfData,
-       .bound = {{"place", row_at(0.1f)}, {"texel", ones(64, 64, 4096)}},
-       .leaf = "place",
-       .data = row_at(0.6f),
-       .with = {384, 3712},
-       .without = {0, 0},
-       .woken = {704, 3392},
-       .scatter = "exact",
-       .as_gpu = true},
-      {.id = "stepped",
-       .text = kStepsPyramidOfData,
-       .bound = {{"place", row_at(0.1f)}, {"texel", ones(64, 64, 4096)}},
        .leaf = "place",
        .data = row_at(0.6f),
        .with = {320, 3776},
