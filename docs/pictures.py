@@ -4,8 +4,9 @@
 program, those of docs/examples/, and the README's pear, of what `./dr demo` left.
 
 usage: pictures.py DRUN [DEMO_OUT_FOLDER]     DR_DEVICE chooses the device; lavapipe without it
-       pictures.py DRUN --only NAME ...       those of some programs of docs/examples/ alone
+       pictures.py DRUN --only NAME ...       those of some pages of the tutorial and programs of docs/examples/ alone
 """
+import functools
 import os
 import re
 import struct
@@ -180,13 +181,12 @@ def shape_and_texture():
     example("shape_and_texture", ["--bind", f"start={ball}:position", "--bind", f"face={ball}:indices", "--step", "together=200"])
 
 
-PROGRAMS = {f.__name__: f for f in (normal_map, shape_and_texture, material_from_views, sky_from_ball, lamp_from_shadow, shape_from_photos)}
+PROGRAMS = {page[0]: functools.partial(tutorial, *page) for page in PAGES}
+PROGRAMS |= {f.__name__: f for f in (normal_map, shape_and_texture, material_from_views, sky_from_ball, lamp_from_shadow, shape_from_photos)}
 if sys.argv[2:3] == ["--only"]:
     for name in sys.argv[3:]:
         PROGRAMS[name]()
     sys.exit()
-for page in PAGES:
-    tutorial(*page)
 for name, options in GALLERY.items():
     example(f"gallery/{name}", options)
 for program in PROGRAMS.values():

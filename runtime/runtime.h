@@ -106,8 +106,9 @@ struct LoadOptions {
   // which the device reads directly, inputs with layers first; that is decided when a step that needs them first runs.
   // With a limit no program is built anew, since two would stand side by side.
   int64_t memory_limit = 0;
-  // Bytes that one binding of a shader takes; 0: as many as the device allows. Buffers that hold more are bound in
-  // parts, and shaders look which one an element is in; results have the same bits. For tests.
+  // Bytes that one binding of a shader takes, and a third of what one buffer has; 0: as many as the device allows.
+  // Values that hold more are bound in parts, in several buffers where one is too small, and shaders look which one an
+  // element is in; results have the same bits. For tests.
   int64_t buffer_limit = 0;
   // Stores the values, too, that only their render pass needs, so that checked_run() sees them.
   bool store_all = false;

@@ -140,10 +140,8 @@ void Program::State::take_over(State& old) {
   order = old.order;
   on_device->queue.set_order(order.get());
   on_device->queue.once([&](const vk::raii::CommandBuffer& commands) {
-    for (const auto& [from, to] : copies) {
-      const BufferObject& source = old.on_device->memory.buffer(from);
-      commands.copyBuffer(*source.buffer, *on_device->memory.buffer(to).buffer, vk::BufferCopy(0, 0, source.bytes));
-    }
+    for (const auto& [from, to] : copies)
+      copy_content(commands, old.on_device->memory.buffer(from).pieces(), on_device->memory.buffer(to).pieces());
   });
   // Steps by name; what their last runs gave stays readable until they run again.
   for (size_t k = 0; k < bundle.steps.size(); ++k) {

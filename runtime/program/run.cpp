@@ -43,7 +43,7 @@ void Program::State::leave_zeros(const bundle::StepT& table) {
   std::vector<vk::Buffer> buffers;
   for (const uint32_t r : resources_of(table))
     if (const bundle::Role role = bundle.resources[r]->role; role == bundle::Role::Guess || role == bundle::Role::Zeros)
-      buffers.push_back(*on_device->memory.buffer(r).buffer);
+      for (const BufferObject::Piece& piece : on_device->memory.buffer(r).pieces()) buffers.push_back(piece.buffer);
   if (buffers.empty()) return;
   on_device->queue.once([&](const vk::raii::CommandBuffer& commands) {
     for (const vk::Buffer buffer : buffers) commands.fillBuffer(buffer, 0, VK_WHOLE_SIZE, 0);
@@ -82,12 +82,13 @@ void Program::State::make_ready(size_t index) {
 vk::raii::CommandBuffer Program::State::record(const StepState& step, const std::vector<bool>& dirty, int times) {
   auto commands = on_device->queue.command_buffer();
   commands.begin(vk::CommandBufferBeginInfo(vk::CommandBufferUsageFlagBits::eSimultaneousUse));
-  Queue::everything_before(commands);
+  on_device->queue.everything_before(commands);
   const std::vector<const Primitive*> once = step.chosen(dirty);
   std::vector<const Primitive*> all;
   for (int k = 0; k < times; ++k) all.insert(all.end(), once.begin(), once.end());
   on_device->commands.record(commands, all);
-  Queue::before_the_host(commands);
+  // What only copies read is made visible by them.
+  if (on_device->memory.has_host()) on_device->queue.before_the_host(commands);
   commands.end();
   return commands;
 }

@@ -66,11 +66,11 @@ Mirror& Program::State::mirror_of(uint32_t resource) {
   mirror.buffer.bindMemory(*mirror.block.memory(), 0);
   mirror.copy = on_device->queue.command_buffer();
   mirror.copy.begin(vk::CommandBufferBeginInfo(vk::CommandBufferUsageFlagBits::eSimultaneousUse));
-  Queue::everything_before(mirror.copy);
+  on_device->queue.everything_before(mirror.copy);
   if (r.storage == bundle::Storage::Image)
     copy_image(mirror.copy, on_device->memory.image(resource), *mirror.buffer);
   else
-    mirror.copy.copyBuffer(*on_device->memory.buffer(resource).buffer, *mirror.buffer, vk::BufferCopy(0, 0, info.size));
+    copy_content(mirror.copy, on_device->memory.buffer(resource).pieces(), {{*mirror.buffer, 0, info.size}});
   mirror.copy.end();
   on_device->queue.submit(mirror.copy);
   return on_device->mirrors.emplace(resource, std::move(mirror)).first->second;

@@ -2,6 +2,7 @@
 // What a Program holds. Private to the runtime. Functions throw Failure; program.cpp turns it into Results.
 #pragma once
 
+#include <algorithm>
 #include <map>
 #include <optional>
 #include <set>
@@ -54,8 +55,13 @@ struct Mirror {
 struct OnDevice {
   OnDevice(const std::shared_ptr<DeviceState>& device, const bundle::BundleT& bundle, const Sizes& sizes,
            const LoadOptions& options, const std::shared_ptr<Tally>& tally)
-      : memory(device, bundle, sizes, options.memory_limit, tally, options.share),
-        queue(device),
+      : memory(device, bundle, sizes, options.memory_limit, tally, options.share, options.buffer_limit),
+        queue(device, std::ranges::any_of(bundle.steps,
+                                          [](const auto& step) {
+                                            return std::ranges::any_of(step->commands, [](const auto& c) {
+                                              return c->kind == bundle::CommandKind::Draw;
+                                            });
+                                          })),
         transfer(device, bundle, sizes, memory, queue),
         pipelines(device, bundle, memory, options.pipeline_folder, options.buffer_limit),
         commands(device, bundle, sizes, memory, pipelines, options.trusted),

@@ -85,11 +85,11 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
       stamp(2 * k + 1);
       if (draws[k]) commands.endQuery(**fragments, *draws[k]);
       if (lists[k]) {
-        Queue::everything_before(commands);
-        commands.copyBuffer(*on_device->memory.buffer(*lists[k]).buffer, *heads,
+        on_device->queue.everything_before(commands);
+        commands.copyBuffer(on_device->memory.buffer(*lists[k]).first(), *heads,
                             vk::BufferCopy(0, head_at, kListBytes));
         head_at += kListBytes;
-        Queue::everything_before(commands);
+        on_device->queue.everything_before(commands);
       }
       begin(k + 1);
     });

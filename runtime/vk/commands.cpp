@@ -110,7 +110,7 @@ void Commands::dispatch(const bundle::CommandT& c, std::vector<Primitive>& out) 
     const BufferObject& sizes = memory_.buffer(static_cast<size_t>(c.indirect));
     if (sizes.bytes < sizeof(vk::DispatchIndirectCommand))
       throw Failure{"pass '" + c.label + "' is as large as a buffer says that is too small for it"};
-    indirect = *sizes.buffer;
+    indirect = sizes.first();
     p.accesses.push_back({static_cast<uint32_t>(c.indirect), Use::IndirectRead});
   }
   const int64_t invocations = invocations_for(elements, c.each);
@@ -123,7 +123,7 @@ void Commands::dispatch(const bundle::CommandT& c, std::vector<Primitive>& out) 
     push[0] = static_cast<int32_t>(parts == 1 ? 0 : part == parts ? -part : part);
     if (part == 2) {
       p.accesses.push_back({static_cast<uint32_t>(c.left), Use::IndirectRead});
-      indirect = *memory_.buffer(static_cast<size_t>(c.left)).buffer;
+      indirect = memory_.buffer(static_cast<size_t>(c.left)).first();
     }
     const auto odd = static_cast<vk::DeviceSize>(part % 2);
     if (part > 1) offset = kLeftBytes * odd;
@@ -143,7 +143,7 @@ Primitive Commands::clear_left(const bundle::CommandT& c, vk::DeviceSize offset)
   p.label = c.label + " left";
   p.accesses = {{static_cast<uint32_t>(c.left), Use::TransferWrite}};
   p.bytes = kLeftBytes;
-  p.record = [offset, buffer = *left.buffer](const vk::raii::CommandBuffer& commands) {
+  p.record = [offset, buffer = left.first()](const vk::raii::CommandBuffer& commands) {
     commands.fillBuffer(buffer, offset, kLeftBytes, 0);
   };
   return p;
@@ -217,15 +217,19 @@ void Commands::fill(const bundle::CommandT& c, std::vector<Primitive>& out) {
   Primitive p;
   p.label = c.label;
   p.accesses = {{static_cast<uint32_t>(c.target), Use::TransferWrite}};
-  const vk::Buffer target = *memory_.buffer(static_cast<size_t>(c.target)).buffer;
+  const BufferObject& target = memory_.buffer(static_cast<size_t>(c.target));
   const vk::DeviceSize bytes =
       c.elements.empty()
           ? VK_WHOLE_SIZE
           : std::min(4 * static_cast<vk::DeviceSize>(sizes_.evaluate(c.elements, "pass '" + c.label + "'")),
-                     memory_.buffer(static_cast<size_t>(c.target)).bytes);
+                     target.bytes);
   if (!c.elements.empty()) p.bytes = static_cast<int64_t>(bytes);
-  p.record = [target, bytes, value = c.value](const vk::raii::CommandBuffer& commands) {
-    commands.fillBuffer(target, 0, bytes, value);
+  p.record = [pieces = target.pieces(), bytes, value = c.value](const vk::raii::CommandBuffer& commands) {
+    for (const BufferObject::Piece& piece : pieces)
+      if (bytes == VK_WHOLE_SIZE)
+        commands.fillBuffer(piece.buffer, 0, VK_WHOLE_SIZE, value);
+      else if (piece.first < bytes || piece.first == 0)
+        commands.fillBuffer(piece.buffer, 0, std::min(piece.bytes, bytes - piece.first), value);
   };
   out.push_back(std::move(p));
 }
@@ -235,20 +239,16 @@ void Commands::copy(const bundle::CommandT& c, std::vector<Primitive>& out) {
   Primitive p;
   p.label = c.label;
   p.accesses = {{from, Use::TransferRead}, {to, Use::TransferWrite}};
-  const vk::Buffer target = *memory_.buffer(to).buffer;
   if (bundle_.resources[from]->storage == Storage::Image) {
     if (bundle_.resources[from]->type->rows == 3)
       throw Failure{"command '" + c.label + "' copies an image of three components"};
-    p.record = [&image = memory_.image(from), target](const vk::raii::CommandBuffer& commands) {
-      copy_image(commands, image, target);
-    };
+    p.record = [&image = memory_.image(from), target = memory_.buffer(to).first()](
+                   const vk::raii::CommandBuffer& commands) { copy_image(commands, image, target); };
   } else {
     if (memory_.buffer(from).bytes != memory_.buffer(to).bytes)
       throw Failure{"command '" + c.label + "' copies between sizes that differ"};
-    const vk::Buffer source = *memory_.buffer(from).buffer;
-    p.record = [=, bytes = memory_.buffer(from).bytes](const vk::raii::CommandBuffer& commands) {
-      commands.copyBuffer(source, target, vk::BufferCopy(0, 0, bytes));
-    };
+    p.record = [source = memory_.buffer(from).pieces(), target = memory_.buffer(to).pieces()](
+                   const vk::raii::CommandBuffer& commands) { copy_content(commands, source, target); };
   }
   out.push_back(std::move(p));
 }

@@ -3,6 +3,7 @@
 #include "runtime/vk/memory.h"
 
 #include <algorithm>
+#include <bit>
 
 namespace dr::runtime {
 
@@ -17,8 +18,31 @@ vk::Format format_of(const bundle::TypeT& type) {
   return kFormats[scalar][std::min<int>(type.rows, 3) - 1];
 }
 
+namespace {
+
+// Of a buffer of several: bindings begin at places that every device allows.
+constexpr vk::DeviceSize kLeastEach = 3 * 256;
+
+}  // namespace
+
+std::vector<BufferObject::Piece> BufferObject::pieces() const {
+  std::vector<Piece> out;
+  for (size_t k = 0; k < buffers.size(); ++k) out.push_back(piece(k));
+  return out;
+}
+
+void copy_content(const vk::raii::CommandBuffer& commands, const std::vector<BufferObject::Piece>& from,
+                  const std::vector<BufferObject::Piece>& to) {
+  for (const BufferObject::Piece& a : from)
+    for (const BufferObject::Piece& b : to) {
+      const vk::DeviceSize begin = std::max(a.first, b.first), end = std::min(a.first + a.bytes, b.first + b.bytes);
+      if (begin < end)
+        commands.copyBuffer(a.buffer, b.buffer, vk::BufferCopy(begin - a.first, begin - b.first, end - begin));
+    }
+}
+
 Memory::Memory(std::shared_ptr<DeviceState> device, const bundle::BundleT& bundle, const Sizes& sizes, int64_t limit,
-               std::shared_ptr<Tally> tally, bool share)
+               std::shared_ptr<Tally> tally, bool share, int64_t buffer_limit)
     : device_(std::move(device)),
       bundle_(bundle),
       sizes_(sizes),
@@ -27,6 +51,19 @@ Memory::Memory(std::shared_ptr<DeviceState> device, const bundle::BundleT& bundl
       allocated_(bundle.resources.size()),
       buffers_(bundle.resources.size()),
       images_(bundle.resources.size()) {
+  // Drivers of processors count the bytes of an allocation in an int, and end in a crash beyond what they say that they
+  // allow; others are asked.
+  most_ = device_->properties.deviceType == vk::PhysicalDeviceType::eCpu ? device_->largest_block : VK_WHOLE_SIZE;
+  if (buffer_limit > 0) most_ = std::min(most_, 3 * std::bit_floor(static_cast<vk::DeviceSize>(buffer_limit)));
+  most_ = std::max(most_, kLeastEach);
+  for (const auto& step : bundle.steps)
+    for (const auto& c : step->commands) {
+      for (const int k : {c->indirect, c->left})
+        if (k >= 0) whole_.insert(static_cast<uint32_t>(k));
+      if (c->kind == bundle::CommandKind::Copy &&
+          bundle.resources[static_cast<size_t>(c->source)]->storage == Storage::Image)
+        whole_.insert(static_cast<uint32_t>(c->target));
+    }
   if (!share || !device_->shares_memory) return;
   for (const auto& leaf : bundle.leaves) shared_.insert(bundle.resources[leaf->resource]->slot);
   for (const auto& step : bundle.steps)
@@ -48,11 +85,10 @@ vk::DeviceSize Memory::buffer_bytes(uint32_t k) const {
   const Size s = has_room(r) ? sizes_.size_of(*r.extent, "'" + r.name + "'") : Size{};
   const vk::DeviceSize bytes = static_cast<vk::DeviceSize>(s.count()) *
                                static_cast<vk::DeviceSize>(is_words(r) ? 1 : components_of(*r.type)) * 4;
-  // Shaders count words in an int. Drivers of processors count the bytes of an allocation so, and end in a crash beyond
-  // what they say that they allow; others are asked.
+  // Shaders count words in an int.
   constexpr vk::DeviceSize kMostBytes = vk::DeviceSize{kMaxElements} * 4;
-  const bool cpu = device_->properties.deviceType == vk::PhysicalDeviceType::eCpu;
-  const vk::DeviceSize most = cpu ? std::min(kMostBytes, device_->largest_block) : kMostBytes;
+  const vk::DeviceSize most =
+      whole_.contains(k) ? std::min(kMostBytes, std::max(most_, device_->largest_block)) : kMostBytes;
   if (bytes > most)
     throw Failure{"'" + r.name + "' takes " + std::to_string(bytes) + " bytes, the device allows " +
                   std::to_string(most) + " for one value"};
@@ -64,25 +100,33 @@ void Memory::check_sizes(const std::vector<uint32_t>& resources) const {
     if (bundle_.resources[k]->storage == Storage::Buffer) buffer_bytes(k);
 }
 
-vk::MemoryRequirements Memory::create_buffer(uint32_t k) {
+std::vector<vk::MemoryRequirements> Memory::create_buffer(uint32_t k) {
   const auto& d = device_->device;
   const bundle::ResourceT& r = *bundle_.resources[k];
-  const vk::DeviceSize bytes = buffer_bytes(k);
+  BufferObject& object = buffers_[k];
+  object.bytes = object.each = buffer_bytes(k);
+  // Bindings of texels of one to four words have each a power of two of them: so many fit in the buffers.
+  if (object.bytes > most_ && !whole_.contains(k)) object.each = 3 * std::bit_floor(most_ / 3);
+  std::vector<vk::MemoryRequirements> needs;
   vk::BufferCreateInfo info;
-  info.size = bytes;
   info.usage = vk::BufferUsageFlagBits::eStorageBuffer | vk::BufferUsageFlagBits::eUniformTexelBuffer |
                vk::BufferUsageFlagBits::eTransferSrc | vk::BufferUsageFlagBits::eTransferDst |
                vk::BufferUsageFlagBits::eIndirectBuffer;
   const vk::ExternalMemoryBufferCreateInfo outside(vk::ExternalMemoryHandleTypeFlagBits::eOpaqueFd);
   if (shared_.contains(r.slot)) info.pNext = &outside;
-  try {
-    buffers_[k].buffer = vk::raii::Buffer(d, info);
-  } catch (const vk::SystemError&) {
-    throw Failure{"'" + r.name + "' takes " + std::to_string(bytes) + " bytes, more than the device has in one buffer"};
+  for (vk::DeviceSize first = 0; first == 0 || first < object.bytes; first += object.each) {
+    info.size = std::min(object.each, object.bytes - first);
+    try {
+      object.buffers.emplace_back(d, info);
+    } catch (const vk::SystemError&) {
+      throw Failure{"'" + r.name + "' takes " + std::to_string(info.size) +
+                    " bytes, more than the device has in one buffer"};
+    }
+    device_->name(object.buffers.back(), r.name);
+    needs.push_back(object.buffers.back().getMemoryRequirements());
+    if (object.each == 0) break;
   }
-  buffers_[k].bytes = bytes;
-  device_->name(buffers_[k].buffer, r.name);
-  return buffers_[k].buffer.getMemoryRequirements();
+  return needs;
 }
 
 vk::MemoryRequirements Memory::create_image(uint32_t k) {
@@ -117,28 +161,31 @@ void Memory::allocate(const std::vector<uint32_t>& wanted) {
     if (!allocated_[r]) resources.push_back(r);
   if (resources.empty()) return;
   // Sizes of the slots first, then their offsets, then one allocation a memory type.
-  std::map<uint32_t, Slot> slots;
+  std::map<SlotId, Slot> slots;
   for (const uint32_t k : resources) {
     const bundle::ResourceT& r = *bundle_.resources[k];
-    const vk::MemoryRequirements need = r.storage == Storage::Buffer ? create_buffer(k) : create_image(k);
-    Slot& slot = slots[r.slot];
-    slot.bytes = std::max(slot.bytes, need.size);
-    // Buffers and images in one block must not share a page of this granularity.
-    slot.alignment = std::max({slot.alignment, need.alignment, device_->properties.limits.bufferImageGranularity});
-    slot.allowed &= need.memoryTypeBits;
-    slot.of_tiles = r.storage == Storage::Tile;
-    slot.shared = shared_.contains(r.slot);
+    const auto needs = r.storage == Storage::Buffer ? create_buffer(k) : std::vector{create_image(k)};
+    for (size_t part = 0; part < needs.size(); ++part) {
+      const vk::MemoryRequirements& need = needs[part];
+      Slot& slot = slots[{r.slot, part}];
+      slot.bytes = std::max(slot.bytes, need.size);
+      // Buffers and images in one block must not share a page of this granularity.
+      slot.alignment = std::max({slot.alignment, need.alignment, device_->properties.limits.bufferImageGranularity});
+      slot.allowed &= need.memoryTypeBits;
+      slot.of_tiles = r.storage == Storage::Tile;
+      slot.shared = shared_.contains(r.slot);
+    }
   }
   place(slots, resources);
   for (const uint32_t k : resources) {
-    bind(k, slots.at(bundle_.resources[k]->slot));
+    bind(k, slots);
     allocated_[k] = true;
   }
 }
 
 // Gives each slot an offset in a block: those that are there already, or new ones.
-void Memory::place(std::map<uint32_t, Slot>& slots, const std::vector<uint32_t>& resources) {
-  std::vector<uint32_t> added;
+void Memory::place(std::map<SlotId, Slot>& slots, const std::vector<uint32_t>& resources) {
+  std::vector<SlotId> added;
   for (auto& [index, slot] : slots) {
     // What another step's values have may do for this step's too.
     if (const auto it = placed_.find(index); it != placed_.end()) {
@@ -159,7 +206,7 @@ void Memory::place(std::map<uint32_t, Slot>& slots, const std::vector<uint32_t>&
   // Those of one kind stand side by side, in as few blocks as the device makes that large.
   std::vector<std::pair<decltype(Slot().kind()), vk::DeviceSize>> planned;  // kinds and bytes
   std::map<decltype(Slot().kind()), size_t> last;                           // of a kind, in `planned`
-  for (const uint32_t index : added) {
+  for (const SlotId& index : added) {
     Slot& slot = slots.at(index);
     auto it = last.find(slot.kind());
     const auto offset = [&] {
@@ -183,7 +230,7 @@ void Memory::place(std::map<uint32_t, Slot>& slots, const std::vector<uint32_t>&
     }
     of_host_.push_back(of_host);
   }
-  for (const uint32_t index : added) placed_[index] = slots.at(index);
+  for (const SlotId& index : added) placed_[index] = slots.at(index);
 }
 
 int64_t Memory::room(uint32_t type) const {
@@ -199,10 +246,10 @@ int64_t Memory::room(uint32_t type) const {
   return static_cast<int64_t>(device_->memory.memoryHeaps[heap].size) - static_cast<int64_t>(bytes(false));
 }
 
-void Memory::make_room(std::map<uint32_t, Slot>& slots, std::vector<uint32_t>& added,
+void Memory::make_room(std::map<SlotId, Slot>& slots, std::vector<SlotId>& added,
                        const std::vector<uint32_t>& resources) {
   int64_t missing = 0;
-  for (const uint32_t index : added)
+  for (const SlotId& index : added)
     missing += static_cast<int64_t>(slots.at(index).bytes + slots.at(index).alignment - 1);
   if (added.empty()) return;
   missing -= room(slots.at(added.front()).type);
@@ -215,44 +262,57 @@ void Memory::make_room(std::map<uint32_t, Slot>& slots, std::vector<uint32_t>& a
   };
   std::vector<Candidate> candidates;
   for (const auto& leaf : bundle_.leaves) {
-    const uint32_t index = bundle_.resources[leaf->resource]->slot;
-    if (std::find(added.begin(), added.end(), index) == added.end()) continue;
+    double bytes = 0;
+    for (const SlotId& index : added)
+      if (index.first == bundle_.resources[leaf->resource]->slot) bytes += static_cast<double>(slots.at(index).bytes);
+    if (bytes == 0) continue;
     int uses = 1;
     for (const auto& step : bundle_.steps)
       for (const auto& c : step->commands)
         uses += static_cast<int>(
             std::ranges::count_if(c->bindings, [&](const auto& b) { return b->resource == leaf->resource; }));
     candidates.push_back({leaf->kind != bundle::LeafKind::Input, sizes_.evaluate(leaf->extent->l, leaf->name) == 1,
-                          static_cast<double>(slots.at(index).bytes) / uses, leaf->resource});
+                          bytes / uses, leaf->resource});
   }
   std::ranges::sort(candidates, {}, &Candidate::order);
   for (const Candidate& c : candidates) {
     if (missing <= 0) break;
-    Slot& slot = slots.at(bundle_.resources[c.resource]->slot);
-    const auto type = device_->host_memory_type(slot.allowed);
-    if (!type) continue;
-    slot.type = *type;
-    slot.of_host = true;
-    slot.shared = false;
-    on_host_.push_back(c.resource);
-    missing -= static_cast<int64_t>(slot.bytes + slot.alignment - 1);
+    bool moves = false;
+    for (const SlotId& index : added) {
+      Slot& slot = slots.at(index);
+      if (index.first != bundle_.resources[c.resource]->slot) continue;
+      const auto type = device_->host_memory_type(slot.allowed);
+      if (!type) continue;
+      slot.type = *type;
+      slot.of_host = true;
+      slot.shared = false;
+      moves = true;
+      missing -= static_cast<int64_t>(slot.bytes + slot.alignment - 1);
+    }
+    if (moves) on_host_.push_back(c.resource);
   }
   if (missing > 0 && limit_ > 0)
     throw Failure{"the program needs " + std::to_string(missing) + " bytes of device memory more than the limit of " +
                   std::to_string(limit_) + "; the largest values are " + largest(resources)};
 }
 
-void Memory::bind(uint32_t k, const Slot& slot) {
+void Memory::bind(uint32_t k, const std::map<SlotId, Slot>& slots) {
   const auto& d = device_->device;
   const bundle::ResourceT& r = *bundle_.resources[k];
-  const vk::DeviceMemory memory = *blocks_[slot.block].memory();
   if (r.storage == Storage::Buffer) {
-    buffers_[k].buffer.bindMemory(memory, slot.offset);
-    if (std::byte* host = blocks_[slot.block].host()) buffers_[k].host = host + slot.offset;
-    if (slot.shared) buffers_[k].shared = std::pair(slot.block, slot.offset);
+    BufferObject& object = buffers_[k];
+    for (size_t part = 0; part < object.buffers.size(); ++part) {
+      const Slot& slot = slots.at({r.slot, part});
+      object.buffers[part].bindMemory(*blocks_[slot.block].memory(), slot.offset);
+    }
+    if (object.in_pieces()) return;
+    const Slot& slot = slots.at({r.slot, 0});
+    if (std::byte* host = blocks_[slot.block].host()) object.host = host + slot.offset;
+    if (slot.shared) object.shared = std::pair(slot.block, slot.offset);
     return;
   }
-  images_[k].image.bindMemory(memory, slot.offset);
+  const Slot& slot = slots.at({r.slot, 0});
+  images_[k].image.bindMemory(*blocks_[slot.block].memory(), slot.offset);
   vk::ImageViewCreateInfo view;
   view.image = *images_[k].image;
   const bool depth = r.storage == Storage::Depth;
@@ -291,6 +351,10 @@ vk::DeviceSize Memory::bytes(bool of_host) const {
   for (size_t k = 0; k < blocks_.size(); ++k)
     if (of_host_[k] == of_host) bytes += blocks_[k].bytes();
   return bytes;
+}
+
+bool Memory::has_host() const {
+  return std::ranges::any_of(blocks_, [](const Block& block) { return block.host() != nullptr; });
 }
 
 void Tally::add(int64_t bytes) {

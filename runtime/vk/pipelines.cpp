@@ -100,11 +100,15 @@ std::vector<bundle::Split> Pipelines::splits_of(const std::vector<Descriptor>& d
   for (uint32_t k = 0; k < descriptors.size(); ++k) {
     const auto [resource, texel] = descriptors[k];
     if (bundle_.resources[resource]->storage != Storage::Buffer) continue;
+    const BufferObject& buffer = memory_.buffer(resource);
     // A part begins where a binding may.
     const vk::DeviceSize least = texel == 0 ? std::max<vk::DeviceSize>(l.minStorageBufferOffsetAlignment, 16)
                                             : std::max<vk::DeviceSize>(l.minTexelBufferOffsetAlignment / 4, 4),
-                         most = std::max(most_of(descriptors[k]), least),
-                         has = memory_.buffer(resource).bytes / (texel == 0 ? 1 : texel * 4);
+                         has = buffer.bytes / (texel == 0 ? 1 : texel * 4);
+    vk::DeviceSize most = std::max(most_of(descriptors[k]), least);
+    // None is in two buffers.
+    if (buffer.in_pieces())
+      most = std::min(most, texel == 3 ? buffer.each / 12 : buffer.each / 3 / std::max(1u, texel * 4));
     if (has <= most) continue;
     const auto log_size = static_cast<uint32_t>(std::bit_width(most) - 1);
     const vk::DeviceSize parts = (has + (vk::DeviceSize{1} << log_size) - 1) >> log_size;
@@ -114,11 +118,21 @@ std::vector<bundle::Split> Pipelines::splits_of(const std::vector<Descriptor>& d
   return out;
 }
 
+namespace {
+
+// The piece that has this byte.
+BufferObject::Piece piece_of(const BufferObject& buffer, vk::DeviceSize byte) {
+  return buffer.piece(buffer.in_pieces() ? byte / buffer.each : 0);
+}
+
+}  // namespace
+
 vk::BufferView Pipelines::texels(const Descriptor& descriptor, vk::DeviceSize first, vk::DeviceSize count) {
   const bundle::ResourceT& r = *bundle_.resources[descriptor.resource];
   const vk::DeviceSize size = descriptor.texel * 4;
-  const vk::BufferViewCreateInfo info({}, *memory_.buffer(descriptor.resource).buffer,
-                                      texel_format(r, descriptor.texel), first * size, count * size);
+  const BufferObject::Piece piece = piece_of(memory_.buffer(descriptor.resource), first * size);
+  const vk::BufferViewCreateInfo info({}, piece.buffer, texel_format(r, descriptor.texel), first * size - piece.first,
+                                      count * size);
   views_.emplace_back(device_->device, info);
   device_->name(views_.back(), r.name);
   return *views_.back();
@@ -151,7 +165,11 @@ Bound Pipelines::bind(const std::vector<Descriptor>& descriptors, vk::ShaderStag
   const auto write = [&](uint32_t binding, uint32_t k, vk::DeviceSize first, vk::DeviceSize count) {
     const auto [resource, texel] = descriptors[k];
     vk::WriteDescriptorSet one(bound.set, binding, 0, 1, bindings[k].descriptorType);
-    const vk::DescriptorBufferInfo buffer(*memory_.buffer(resource).buffer, first, count);
+    vk::DescriptorBufferInfo buffer;
+    if (bindings[k].descriptorType == vk::DescriptorType::eStorageBuffer) {
+      const BufferObject::Piece piece = piece_of(memory_.buffer(resource), first);
+      buffer = vk::DescriptorBufferInfo(piece.buffer, first - piece.first, count);
+    }
     const bool input = bindings[k].descriptorType == vk::DescriptorType::eInputAttachment;
     const vk::DescriptorImageInfo image({}, input ? inputs.at(resource) : *memory_.image(resource).all,
                                         vk::ImageLayout::eShaderReadOnlyOptimal);

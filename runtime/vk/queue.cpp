@@ -12,7 +12,10 @@ using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 using std::chrono::nanoseconds;
 
-Queue::Queue(std::shared_ptr<DeviceState> device) : device_(std::move(device)) {
+Queue::Queue(std::shared_ptr<DeviceState> device, bool draws)
+    : device_(std::move(device)),
+      stages_(vk::PipelineStageFlagBits::eComputeShader | vk::PipelineStageFlagBits::eTransfer |
+              (draws ? vk::PipelineStageFlagBits::eAllGraphics : vk::PipelineStageFlagBits::eDrawIndirect)) {
   pool_ = vk::raii::CommandPool(
       device_->device, vk::CommandPoolCreateInfo(vk::CommandPoolCreateFlagBits::eResetCommandBuffer, device_->family));
   for (Flight& f : flights_) f.fence = vk::raii::Fence(device_->device, vk::FenceCreateInfo());
@@ -102,15 +105,19 @@ void Queue::wait(Flight& flight, bool soon) {
   if (flight.pace != nullptr) flight.pace->run = (end_ - begin) / flight.runs;
 }
 
+nanoseconds Queue::worth_asking(const Pace& pace, int runs) {
+  // From a submission to its first run, and from its last to the fence, some twenty microseconds pass, of which a pace
+  // that runs one behind the other have is free.
+  constexpr nanoseconds kShort = milliseconds(1), kAround = std::chrono::microseconds(100);
+  return pace.run < kShort ? 2 * runs * pace.run + kAround : nanoseconds(0);
+}
+
 bool Queue::is_over(const Flight& flight, bool soon) const {
-  constexpr nanoseconds kLong = std::chrono::minutes(10), kShort = milliseconds(1);
+  constexpr nanoseconds kLong = std::chrono::minutes(10);
   const vk::Device& device = *device_->device;
-  // To be woken up takes longer than a short run does.
-  if (soon && is_gpu() && flight.pace != nullptr && flight.pace->run < kShort) {
-    const auto end = flight.begin + 2 * flight.runs * flight.pace->run;
-    while (Clock::now() < end)
+  if (soon && is_gpu() && flight.pace != nullptr)
+    for (const auto end = flight.begin + worth_asking(*flight.pace, flight.runs); Clock::now() < end;)
       if (device.getFenceStatus(*flight.fence) == vk::Result::eSuccess) return true;
-  }
   return device_->device.waitForFences(*flight.fence, VK_TRUE, static_cast<uint64_t>(kLong.count())) ==
          vk::Result::eSuccess;
 }
@@ -126,20 +133,16 @@ void Queue::once(const std::function<void(const vk::raii::CommandBuffer&)>& reco
   finish();
 }
 
-void Queue::everything_before(const vk::raii::CommandBuffer& commands) {
-  const auto stages = vk::PipelineStageFlagBits::eComputeShader | vk::PipelineStageFlagBits::eAllGraphics |
-                      vk::PipelineStageFlagBits::eTransfer;
+void Queue::everything_before(const vk::raii::CommandBuffer& commands) const {
   const vk::MemoryBarrier barrier(vk::AccessFlagBits::eMemoryWrite,
                                   vk::AccessFlagBits::eMemoryRead | vk::AccessFlagBits::eMemoryWrite);
-  commands.pipelineBarrier(stages, stages, {}, barrier, {}, {});
+  commands.pipelineBarrier(stages_, stages_, {}, barrier, {}, {});
 }
 
-void Queue::before_the_host(const vk::raii::CommandBuffer& commands) {
-  const auto stages = vk::PipelineStageFlagBits::eComputeShader | vk::PipelineStageFlagBits::eAllGraphics |
-                      vk::PipelineStageFlagBits::eTransfer;
+void Queue::before_the_host(const vk::raii::CommandBuffer& commands) const {
   const vk::MemoryBarrier barrier(vk::AccessFlagBits::eMemoryWrite,
                                   vk::AccessFlagBits::eHostRead | vk::AccessFlagBits::eHostWrite);
-  commands.pipelineBarrier(stages, vk::PipelineStageFlagBits::eHost, {}, barrier, {}, {});
+  commands.pipelineBarrier(stages_, vk::PipelineStageFlagBits::eHost, {}, barrier, {}, {});
 }
 
 }  // namespace dr::runtime

@@ -19,7 +19,8 @@ struct Pace {
 
 class Queue {
  public:
-  explicit Queue(std::shared_ptr<DeviceState> device);
+  // `draws`: some of what is submitted draws. What never does waits for no stage of graphics.
+  explicit Queue(std::shared_ptr<DeviceState> device, bool draws = true);
   vk::raii::CommandBuffer command_buffer() const;
   // Submissions and the stream of this order wait for each other from now on. It must outlive the queue's use.
   void set_order(CudaOrder* order);
@@ -32,18 +33,22 @@ class Queue {
   // How many runs of this pace are worth submitting at once. A GPU does nothing for some seven microseconds
   // between submissions. Long runs go alone, so that no submission takes long.
   static int worth_together(const Pace& pace);
+  // How long from their submission on it is worth asking for so many runs again and again, before sleeping until a GPU
+  // is done: to be woken up takes longer than a short run does.
+  static std::chrono::nanoseconds worth_asking(const Pace& pace, int runs);
   // Returns when all that was submitted is done. Fails after ten minutes without an end.
   void finish();
   // Records and runs.
   void once(const std::function<void(const vk::raii::CommandBuffer&)>& record);
   // Makes what earlier submissions and the host wrote visible to what follows.
-  static void everything_before(const vk::raii::CommandBuffer& commands);
+  void everything_before(const vk::raii::CommandBuffer& commands) const;
   // Makes what these commands wrote visible to the host.
-  static void before_the_host(const vk::raii::CommandBuffer& commands);
+  void before_the_host(const vk::raii::CommandBuffer& commands) const;
 
  private:
   void give(const std::vector<vk::CommandBuffer>& commands, vk::Fence fence);
   std::shared_ptr<DeviceState> device_;
+  vk::PipelineStageFlags stages_;  // of all that is submitted
   CudaOrder* order_ = nullptr;
   vk::raii::CommandPool pool_{nullptr};
   struct Flight {

@@ -9,53 +9,57 @@ namespace dr::runtime {
 using bundle::Storage;
 
 void Transfer::need_staging(vk::DeviceSize bytes) {
-  if (staging_.bytes >= bytes) return;
+  if (staging_bytes_ >= bytes) return;
   const auto& d = device_->device;
   staging_data_ = nullptr;
-  staging_.buffer = vk::raii::Buffer(nullptr);
+  staging_ = vk::raii::Buffer(nullptr);
   staging_memory_ = {};
-  staging_.bytes = 0;
+  staging_bytes_ = 0;
   vk::BufferCreateInfo info;
   info.size = bytes;
   info.usage = vk::BufferUsageFlagBits::eTransferSrc | vk::BufferUsageFlagBits::eTransferDst;
-  staging_.buffer = vk::raii::Buffer(d, info);
-  const auto need = staging_.buffer.getMemoryRequirements();
+  staging_ = vk::raii::Buffer(d, info);
+  const auto need = staging_.getMemoryRequirements();
   const auto visible = vk::MemoryPropertyFlagBits::eHostVisible | vk::MemoryPropertyFlagBits::eHostCoherent;
   // Reading back from uncached memory is slow.
   const uint32_t type = device_->memory_type(need.memoryTypeBits, visible, vk::MemoryPropertyFlagBits::eHostCached);
   staging_memory_ = Block(*device_, need.size, type, memory_.tally());
-  staging_.buffer.bindMemory(*staging_memory_.memory(), 0);
+  staging_.bindMemory(*staging_memory_.memory(), 0);
   staging_data_ = staging_memory_.host();
   if (staging_data_ == nullptr) staging_data_ = staging_memory_.memory().mapMemory(0, VK_WHOLE_SIZE);
-  staging_.bytes = bytes;
+  staging_bytes_ = bytes;
 }
 
 const vk::raii::Buffer& Transfer::readback(vk::DeviceSize bytes) {
   need_staging(bytes);
-  return staging_.buffer;
+  return staging_;
 }
 
 void Transfer::upload(uint32_t resource, const io::Array& array) {
   const vk::DeviceSize bytes = memory_.buffer(resource).bytes;
   if (static_cast<vk::DeviceSize>(array.scalar_count()) * 4 != bytes)
     throw Failure{"the data of '" + bundle_.resources[resource]->name + "' has another size than its buffer"};
-  std::byte* to = memory_.buffer(resource).host;
-  if (to == nullptr) {
-    need_staging(bytes);
-    to = static_cast<std::byte*>(staging_data_);
-  } else {
+  const BufferObject& buffer = memory_.buffer(resource);
+  // Words from the first on, to where the host sees them.
+  const auto put = [&](std::byte* to, vk::DeviceSize first, vk::DeviceSize count) {
+    if (array.kind == io::ElementKind::Bool) {
+      auto* words = reinterpret_cast<uint32_t*>(to);
+      for (size_t i = 0; i < count; ++i) words[i] = array.bytes[first + i] != std::byte{0} ? 1 : 0;
+    } else {
+      std::memcpy(to, array.bytes.data() + 4 * first, 4 * count);
+    }
+  };
+  if (buffer.host != nullptr) {
     queue_.finish();
+    return put(buffer.host, 0, bytes / 4);
   }
-  if (array.kind == io::ElementKind::Bool) {
-    auto* words = reinterpret_cast<uint32_t*>(to);
-    for (size_t i = 0; i < array.bytes.size(); ++i) words[i] = array.bytes[i] != std::byte{0} ? 1 : 0;
-  } else {
-    std::memcpy(to, array.bytes.data(), array.bytes.size());
+  for (const BufferObject::Piece& piece : buffer.pieces()) {
+    need_staging(piece.bytes);
+    put(static_cast<std::byte*>(staging_data_), piece.first / 4, piece.bytes / 4);
+    queue_.once([&](const vk::raii::CommandBuffer& c) {
+      c.copyBuffer(*staging_, piece.buffer, vk::BufferCopy(0, 0, piece.bytes));
+    });
   }
-  if (memory_.buffer(resource).host != nullptr) return;
-  queue_.once([&](const vk::raii::CommandBuffer& c) {
-    c.copyBuffer(*staging_.buffer, *memory_.buffer(resource).buffer, vk::BufferCopy(0, 0, bytes));
-  });
 }
 
 void copy_image(const vk::raii::CommandBuffer& c, const ImageObject& image, vk::Buffer to) {
@@ -78,14 +82,12 @@ void copy_image(const vk::raii::CommandBuffer& c, const ImageObject& image, vk::
   c.pipelineBarrier(vk::PipelineStageFlagBits::eTransfer, shaders_stages, {}, {}, {}, barrier);
 }
 
-void Transfer::copy_to_staging(uint32_t resource, vk::DeviceSize bytes) {
-  need_staging(bytes);
+const std::byte* Transfer::staged(const BufferObject::Piece& piece) {
+  need_staging(piece.bytes);
   queue_.once([&](const vk::raii::CommandBuffer& c) {
-    if (bundle_.resources[resource]->storage == Storage::Image)
-      copy_image(c, memory_.image(resource), *staging_.buffer);
-    else
-      c.copyBuffer(*memory_.buffer(resource).buffer, *staging_.buffer, vk::BufferCopy(0, 0, bytes));
+    c.copyBuffer(piece.buffer, *staging_, vk::BufferCopy(0, 0, piece.bytes));
   });
+  return static_cast<const std::byte*>(staging_data_);
 }
 
 io::Array Transfer::download(uint32_t resource) {
@@ -94,31 +96,36 @@ io::Array Transfer::download(uint32_t resource) {
   if (r.storage == Storage::Tile) throw Failure{"'" + r.name + "' is not kept: make it an output to read it"};
   const int n = is_words(r) ? 1 : components_of(*r.type);
   const Size size = sizes_.size_of(*r.extent, r.name);
-  const bool image = r.storage == Storage::Image;
-  const int stored = image && n == 3 ? 4 : n;
-  const auto bytes = static_cast<vk::DeviceSize>(size.count() * stored * 4);
-  const std::byte* host = image ? nullptr : memory_.buffer(resource).host;
-  if (host == nullptr)
-    copy_to_staging(resource, bytes);
-  else
-    queue_.finish();
   io::Array out = io::Array::zeros(kind_of(*r.type), n, size.w, size.h, size.l);
-  const auto* words =
-      reinterpret_cast<const uint32_t*>(host != nullptr ? host : static_cast<std::byte*>(staging_data_));
-  const size_t width = io::scalar_size(out.kind);
-  if (width == 4 && stored == n) {
-    std::memcpy(out.bytes.data(), words, bytes);
+  // Words from the first on.
+  const auto take = [&](const std::byte* from, vk::DeviceSize first, vk::DeviceSize count) {
+    if (io::scalar_size(out.kind) == 4) {
+      std::memcpy(out.bytes.data() + 4 * first, from, 4 * count);
+      return;
+    }
+    const auto* words = reinterpret_cast<const uint32_t*>(from);
+    for (size_t i = 0; i < count; ++i) out.bytes[first + i] = std::byte{words[i] != 0};
+  };
+  if (r.storage == Storage::Buffer) {
+    const BufferObject& buffer = memory_.buffer(resource);
+    if (buffer.host != nullptr) {
+      queue_.finish();
+      take(buffer.host, 0, buffer.bytes / 4);
+    } else {
+      for (const BufferObject::Piece& piece : buffer.pieces()) take(staged(piece), piece.first / 4, piece.bytes / 4);
+    }
+    return out;
+  }
+  const int stored = n == 3 ? 4 : n;
+  need_staging(static_cast<vk::DeviceSize>(size.count() * stored * 4));
+  queue_.once([&](const vk::raii::CommandBuffer& c) { copy_image(c, memory_.image(resource), *staging_); });
+  const auto* words = static_cast<const std::byte*>(staging_data_);
+  if (stored == n) {
+    take(words, 0, static_cast<vk::DeviceSize>(size.count() * n));
     return out;
   }
   for (int64_t e = 0; e < size.count(); ++e)
-    for (int c = 0; c < n; ++c) {
-      const uint32_t word = words[e * stored + c];
-      std::byte* to = out.bytes.data() + static_cast<size_t>(e * n + c) * width;
-      if (width == 1)
-        *to = std::byte{word != 0};
-      else
-        std::memcpy(to, &word, 4);
-    }
+    take(words + e * stored * 4, static_cast<vk::DeviceSize>(e * n), static_cast<vk::DeviceSize>(n));
   return out;
 }
 

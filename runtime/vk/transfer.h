@@ -20,14 +20,15 @@ class Transfer {
   // A buffer of the host that commands may copy so many bytes to, until the next call of anything here; words() are
   // those, when the device is done.
   const vk::raii::Buffer& readback(vk::DeviceSize bytes);
-  std::span<const uint32_t> words() const { return {static_cast<const uint32_t*>(staging_data_), staging_.bytes / 4}; }
+  std::span<const uint32_t> words() const { return {static_cast<const uint32_t*>(staging_data_), staging_bytes_ / 4}; }
   // Bytes of host-visible memory held.
   vk::DeviceSize bytes() const { return staging_memory_.bytes(); }
 
  private:
   // Host-visible memory of at least that size, mapped.
   void need_staging(vk::DeviceSize bytes);
-  void copy_to_staging(uint32_t resource, vk::DeviceSize bytes);
+  // In memory that the host sees.
+  const std::byte* staged(const BufferObject::Piece& piece);
 
   std::shared_ptr<DeviceState> device_;
   const bundle::BundleT& bundle_;
@@ -35,7 +36,8 @@ class Transfer {
   const Memory& memory_;
   Queue& queue_;
   Block staging_memory_;
-  BufferObject staging_;
+  vk::raii::Buffer staging_{nullptr};
+  vk::DeviceSize staging_bytes_ = 0;
   void* staging_data_ = nullptr;
 };
 

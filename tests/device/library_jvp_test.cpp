@@ -58,6 +58,7 @@ const std::vector<Without>& without_derivative() {
         "mesh.icosphere_face",
         "mesh.icosphere_uv_face",
         "mesh.neighbours",
+        "mesh.neighbours_of",
         "mesh.rhomb_vertex",
         "mesh.ring_corner",
         "points.nearest",

@@ -10,10 +10,11 @@ finds() {
   "$drc" eval "$folder/$1.dr" --step "fit=$2" > "$folder/$1.txt" || { failed=1; return; }
   lies_between "$4" "$5" "fit.$3" "$folder/$1.txt"
 }
-finds shape 60 width 0.94 0.98
+finds shape 60 width 0.95 0.97
+finds shape 60 error 0 3e-5
 finds texture 60 error 0 1e-5
-finds pose 150 degrees_off 0 0.05
-finds pose 150 off 0 0.001
+finds pose 150 degrees_off 0 0.01
+finds pose 150 off 0 0.0002
 finds shading 80 error 0 2e-5
 # The fit of materials.md takes the evaluator a minute: its program is checked, not run.
 awk '/^```dr$/ { inside = 1; next } /^```$/ { inside = 0 } inside' "$pages/materials.md" > "$folder/materials.dr"

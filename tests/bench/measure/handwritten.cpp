@@ -59,7 +59,7 @@ class Machine {
  public:
   Machine(const runtime::Device& device, std::filesystem::path folder)
       : state_(device.state()),
-        queue_(state_),
+        queue_(state_, false),
         lanes_in_turn_(device.profile_name() == "lavapipe"),
         folder_(std::move(folder)) {}
   bool lanes_in_turn() const { return lanes_in_turn_; }
@@ -159,12 +159,12 @@ class Machine {
     commands.end();
     return commands;
   }
-  static void record(const vk::raii::CommandBuffer& commands, const std::vector<Pass>& passes) {
+  void record(const vk::raii::CommandBuffer& commands, const std::vector<Pass>& passes) {
     using Stage = vk::PipelineStageFlagBits;
     const vk::MemoryBarrier written(
         vk::AccessFlagBits::eShaderWrite | vk::AccessFlagBits::eTransferWrite,
         vk::AccessFlagBits::eShaderRead | vk::AccessFlagBits::eShaderWrite | vk::AccessFlagBits::eIndirectCommandRead);
-    runtime::Queue::everything_before(commands);
+    queue_.everything_before(commands);
     // What is cleared is used by later passes only, so that nothing waits for it.
     for (const Pass& p : passes)
       for (size_t k = 0; k < p.cleared.size(); ++k)

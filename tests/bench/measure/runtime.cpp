@@ -87,7 +87,7 @@ class Unattended {
     commands_.begin(vk::CommandBufferBeginInfo(vk::CommandBufferUsageFlagBits::eSimultaneousUse));
     const std::vector<const runtime::Primitive*> chosen = step.chosen(step.list->everything());
     for (int k = 0; k < steps; ++k) {
-      runtime::Queue::everything_before(commands_);
+      on_device_.queue.everything_before(commands_);
       on_device_.commands.record(commands_, chosen);
     }
     commands_.end();

@@ -20,6 +20,7 @@ std::vector<Elsewhere> elsewhere() {
       {"strands.strand_of", "integers"},
       {"strands.interpolate", "the row of strands.blend draws with it"},
       {"mesh.neighbours", "integers of `topology`"},
+      {"mesh.neighbours_of", "integers; a golden test holds them to those of `topology`"},
       {"mesh.beyond", "integers of `topology`"},
       {"mesh.icosphere_cell", "a part of icosphere_face"},
       {"mesh.rhomb_vertex", "a part of icosphere_face"},
