@@ -66,26 +66,18 @@ Zeros::Fact Zeros::fact_of(ValueId id) const {
     fact.is_zero = std::ranges::all_of(operands, [&](ValueId x) { return facts_[x.index].is_zero; });
     if (fact.is_zero) fact.from.assign(operands.begin(), operands.end());
   };
+  static constexpr OpKind kProducts[] = {OpKind::Mul, OpKind::SMul, OpKind::Dot};
+  static constexpr OpKind kOfAll[] = {OpKind::Add, OpKind::Sub,   OpKind::Min,     OpKind::Max,     OpKind::Neg,
+                                      OpKind::Abs, OpKind::Splat, OpKind::Compose, OpKind::Extract, OpKind::Broadcast};
   const std::span<const ValueId> all = op.operands;
-  switch (op.kind) {
-    case OpKind::Mul:
-    case OpKind::SMul:
-    case OpKind::Dot:
-      for (size_t k = 0; k < 2 && !fact.is_zero; ++k) rests_on(all.subspan(k, 1));
-      break;
-    case OpKind::Div: rests_on(all.first(1)); break;
-    case OpKind::Select: rests_on(all.subspan(1)); break;
-    case OpKind::Add:
-    case OpKind::Sub:
-    case OpKind::Min:
-    case OpKind::Max:
-    case OpKind::Neg:
-    case OpKind::Abs:
-    case OpKind::Splat:
-    case OpKind::Compose:
-    case OpKind::Extract:
-    case OpKind::Broadcast: rests_on(all); break;
-    default: break;
+  if (std::ranges::find(kProducts, op.kind) != std::end(kProducts)) {
+    for (size_t k = 0; k < 2 && !fact.is_zero; ++k) rests_on(all.subspan(k, 1));
+  } else if (op.kind == OpKind::Div) {
+    rests_on(all.first(1));
+  } else if (op.kind == OpKind::Select) {
+    rests_on(all.subspan(1));
+  } else if (std::ranges::find(kOfAll, op.kind) != std::end(kOfAll)) {
+    rests_on(all);
   }
   return fact;
 }
