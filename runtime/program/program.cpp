@@ -4,6 +4,7 @@
 #include <cstdio>
 
 #include "compiler/backend/bundle/check_shaders.h"
+#include "compiler/backend/bundle/entries.h"
 #include "compiler/ir/initial_step.h"
 #include "runtime/program/check_trips.h"
 #include "runtime/program/state.h"
@@ -67,7 +68,7 @@ std::vector<io::Array> parts_of_entries(const io::Array& entries, size_t ranks) 
       const uint32_t low = words[static_cast<size_t>(2 * i)], high = words[static_cast<size_t>(2 * i + 1)];
       const bool none = high == 0xffffffffu;
       face.push_back(none ? -1 : static_cast<int32_t>(low >> 4 | high << 28));
-      tag.push_back(none ? 0 : static_cast<int32_t>(low & 15));
+      tag.push_back(none || face.back() == bundle::kSomeFace ? 0 : static_cast<int32_t>(low & 15));
     }
     for (const std::vector<int32_t>& part : {face, tag})
       out.push_back(io::Array::from<int32_t>(part, 1, entries.width, entries.height, entries.layers / count));

@@ -6,8 +6,10 @@
 #include <fstream>
 
 #include "compiler/backend/bundle/bundle.h"
+#include "compiler/backend/bundle/entries.h"
 #include "compiler/target/profile.h"
 #include "runtime/jit/jit.h"
+#include "runtime/jit/reference_check.h"
 #include "runtime/runtime.h"
 #include "tests/catch.h"
 #include "tests/device/compile.h"
@@ -62,5 +64,60 @@ step show { output id = hit.face, depth; position <- position + 0.01 * vec3(floa
     // A vertex that is not there is 0 in clip space, where no face of it shows; at the leaf's 0 one would.
     for (const double id : {0, 1}) CHECK(std::ranges::find(ids, id) != ids.end());
     for (size_t k = 0; k < 2; ++k) CHECK(found[0][k].bytes == found[1][k].bytes);
+  }
+}
+
+TEST_CASE("a raster that is asked for presence alone does not say which face, and pictures are the same") {
+  const std::filesystem::path folder = DR_BUILD_DIR;
+  auto others = std::get<target::Profile>(target::load_profile("lavapipe"));
+  others.lanes_in_turn = false;
+  const auto profile = (folder / "presence_test.json").string();
+  std::ofstream(profile) << target::write_profile(others);
+  const auto path = (folder / "presence_test.dr").string();
+  std::ofstream(path) << R"(edition 1;
+input corner : vec3[F, 3];
+struct Corners { a: vec3; b: vec3; c: vec3; }
+// A depth that is no number is that of no face.
+let seen = raster(F, 80, 60, 1) {
+  setup(f) -> Corners { Corners(corner.at(ivec2(f, 0)), corner.at(ivec2(f, 1)), corner.at(ivec2(f, 2))) }
+  corner(s, c) -> vec2 { [s.a.xy, s.b.xy, s.c.xy][c] }
+  keep(s, p) -> bool { p.x + p.y < s.c.z }
+  depth(s, p) -> float { sqrt(s.a.z) }
+}[0].face;
+let here = if seen >= 0 { 1.0 } else { 0.0 };
+let beside = if seen.at(coord(80, 60).xy + ivec2(1, 0)) < 0 { 2.0 } else { 3.0 };
+step presence { output here, beside; }
+step which { output seen, again = here; }
+)";
+  std::vector<float> corners;  // of faces of all sizes: rows are corners
+  for (int corner = 0; corner < 3; ++corner)
+    for (int f = 0; f < 40; ++f) {
+      const auto at = static_cast<float>(f), size = at * at / 20;
+      const float places[3][3] = {
+          {at * 1.5F, at, f % 7 == 3 ? -1.0F : 0.5F}, {at * 1.5F + size, at, 0}, {at * 1.5F, at + size, 90}};
+      for (const float number : places[corner]) corners.push_back(number);
+    }
+  for (const auto& [name, device] : test::devices()) {
+    if (name != "lavapipe") continue;  // entries of 64-bit atomics on a device whose lanes take turns
+    std::vector<std::vector<Array>> found;
+    for (const std::string& compiled_for : {std::string("lavapipe"), profile}) {
+      jit::Options options;
+      options.profile = compiled_for;
+      const auto bytes = test::compile(path, options);
+      auto program = must(runtime::Program::load(device, bytes));
+      must(program.bind("corner", Array::from_floats(corners, 3, 40, 3)));
+      auto check = must(jit::ReferenceCheck::load(bytes));
+      must(check.bind_symbol("F", 40));
+      CHECK(must(check.run(program, "presence", 1)).differ.empty());
+      const auto faces = must(program.rasters("presence"))[0][0].to_doubles();
+      const auto some = std::ranges::count(faces, bundle::kSomeFace), none = std::ranges::count(faces, -1);
+      CHECK(none > 0);
+      CHECK(some == (found.empty() ? std::ssize(faces) - none : 0));
+      must(program.run("which", 1));
+      found.push_back({must(program.output("presence", "here")), must(program.output("presence", "beside")),
+                       must(program.output("which", "seen")), must(program.output("which", "again"))});
+    }
+    for (size_t k = 0; k < 4; ++k) CHECK(found[0][k].bytes == found[1][k].bytes);
+    CHECK(found[0][0].bytes == found[0][3].bytes);
   }
 }

@@ -1,9 +1,64 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "compiler/backend/analysis/raster_parts.h"
 
+#include <algorithm>
+
 #include "compiler/ir/raster.h"
 
 namespace dr::backend {
+
+using ir::Graph;
+using ir::Op;
+using ir::OpKind;
+using ir::ValueId;
+
+namespace {
+
+// Whether a comparison of a face with a constant tells -1 from the others and no more.
+bool tells_presence(const Graph& graph, const Op& op, ValueId face) {
+  const auto is_constant = [&](size_t k, double number) {
+    const Op& by = graph.op(graph.value(op.operands[k]).op);
+    return by.kind == OpKind::Const && by.attrs.floats.size() == 1 && by.attrs.floats[0] == number;
+  };
+  const bool first = op.operands[0] == face;
+  if (op.kind == OpKind::Less) return first ? is_constant(1, 0) : is_constant(0, -1);
+  if (op.kind == OpKind::LessEqual) return first ? is_constant(1, -1) : is_constant(0, 0);
+  return op.kind == OpKind::Equal && is_constant(first ? 1 : 0, -1);
+}
+
+bool presence_alone(const Graph& graph, ValueId face, ir::RegionId region) {
+  for (const ir::OpId id : graph.region(region).ops) {
+    const Op& op = graph.op(id);
+    const auto uses = std::ranges::count(op.operands, face);
+    // What moves faces gives those that are asked for, or 0 where there is no element.
+    const bool moves =
+        op.kind == OpKind::Gather ? op.operands[0] == face : op.kind == OpKind::Select && op.operands[0] != face;
+    if (uses > 0 && !tells_presence(graph, op, face) &&
+        !(uses == 1 && moves && presence_alone(graph, op.results[0], graph.root())))
+      return false;
+    for (const ir::RegionId inner : op.regions)
+      if (!presence_alone(graph, face, inner)) return false;
+  }
+  return std::ranges::count(graph.region(region).yields, face) == 0;
+}
+
+bool is_used(const Graph& graph, ValueId v, ir::RegionId region) {
+  return std::ranges::any_of(graph.region(region).ops,
+                             [&](ir::OpId id) {
+                               const Op& op = graph.op(id);
+                               return std::ranges::count(op.operands, v) > 0 ||
+                                      std::ranges::any_of(op.regions,
+                                                          [&](ir::RegionId inner) { return is_used(graph, v, inner); });
+                             }) ||
+         std::ranges::count(graph.region(region).yields, v) > 0;
+}
+
+}  // namespace
+
+bool is_asked_for_presence(const Graph& graph, const Op& op) {
+  return op.results.size() == 2 && !is_used(graph, op.results[1], graph.root()) &&
+         presence_alone(graph, op.results[0], graph.root());
+}
 
 RasterParts raster_parts(const ir::Op& op) {
   RasterParts p;

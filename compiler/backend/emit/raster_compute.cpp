@@ -27,6 +27,7 @@ struct Walk {
   uint32_t keys, ids;  // of entries, or listed faces, both the slots
   const FaceLists& lists;
   uint32_t list_words;
+  bool presence;       // see RasterPass
   bool hidden_stores;  // and no driver that moves what is one value for a face out of loops
   // The loops of closures are watched; see Generator::Cut.
   bool watched;
@@ -63,6 +64,13 @@ struct Walk {
       s.body().line("if (no_depth) continue;");
     }
     s.body().line("int pixel = (at.z * " + h + " + at.y) * " + w + " + at.x;");
+    if (presence) {
+      // The upper word is 0 in no empty entry. All who write it write the same.
+      const std::string entries = s.bind_words(keys, "slots", bundle::Access::ReadWrite);
+      s.body().line(entries + ".d[2 * pixel + 1] = 0u;");
+      closures.end_of_candidates();
+      return;
+    }
     const bool words = parts.listed || !wide;
     const std::string type = words ? "uint" : "uint64_t", suffix = words ? "u" : "ul";
     const std::string key_words =
@@ -228,7 +236,9 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
   const uint32_t list_words = lists.used() ? add_scratch(pass.name + "_lists", lists.words().str()) : keys;
   if (lists.used())
     fill("clear " + pass.name + " lists", list_words, lists.clear_value(), std::to_string(lists.cleared()));
-  const Walk walk{graph_, pass, op, parts, wide, keys, ids, lists, list_words, schedule_.code.hidden_stores, watched};
+  const Walk walk{
+      graph_, pass, op, parts, wide, keys, ids, lists, list_words, raster.presence, schedule_.code.hidden_stores,
+      watched};
   // Without wide words a rank of entries takes two runs; see Walk::pixel.
   std::vector<size_t> first_run;
   // A face whose loops the device ends may look empty and leave the shader at once.

@@ -69,7 +69,11 @@ class StepCode {
       std::visit(Overloaded{[&](MapPass& own) { own.code = map(pass, own, pass_id(place)); }, [](FragmentPass&) {},
                             [&](ReducePass& own) { own.in_teams = in_teams(pass); },
                             [&](ScatterPass& own) { scatter(pass, own); },
-                            [&](RasterPass& own) { own.walk = walk(pass, own); }, [](DrawnRasterPass&) {}},
+                            [&](RasterPass& own) {
+                              own.walk = walk(pass, own);
+                              own.presence = presence(pass);
+                            },
+                            [](DrawnRasterPass&) {}},
                  pass.of_kind);
     }
   }
@@ -231,6 +235,13 @@ class StepCode {
     lists.large_invocations = bins.large_invocations;
     walk.in_turn = in_turn(raster, walk, parts.cull, trips.pixel * Dim(lists.small_box > 0 ? kSmallPixels : 0));
     return walk;
+  }
+
+  // Lanes take turns at atomics of 64 bits.
+  bool presence(const Pass& pass) const {
+    const ir::Op& op = graph_.op(pass.ops.back());
+    return profile_.lanes_in_turn && schedule_.code.wide_words &&
+           resource(op.results[0]).is(Resource::Storage::Entries) && is_asked_for_presence(graph_, op);
   }
 
   // Conditions without each of which a face is culled, where `cull` is `!(a && b)`.

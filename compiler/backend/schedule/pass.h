@@ -296,6 +296,8 @@ struct FaceWalk {
 struct RasterPass {
   std::optional<FaceSetup> setup;
   FaceWalk walk;
+  // An entry says that there is a face, not which one, so that none are compared: its face is bundle::kSomeFace.
+  bool presence = false;
 };
 
 // By draws.

@@ -203,6 +203,7 @@ class Writer {
       out_ += "    up to " + std::to_string(turn->each) + " faces in turn";
       write_values(" where", turn->shown);
     }
+    if (raster.presence) out_ += "    presence alone\n";
     const std::string watched = raster.walk.watched ? ", watched\n" : "\n";
     if (const auto& bins = raster.walk.lists)
       out_ += "    walks faces of " + std::to_string(bins->small_box) + " alone, " +

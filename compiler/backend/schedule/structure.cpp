@@ -157,6 +157,13 @@ class StructureChecker {
 
   void check_walk(const RasterPass& raster) {
     const FaceWalk& walk = raster.walk;
+    const Op& op = graph_.op(pass_->ops.back());
+    const auto keeps_entries = [&] {
+      const auto stored = step_->stored.find(op.results[0]);
+      return stored != step_->stored.end() && schedule_.resources[stored->second.index].is(Resource::Storage::Entries);
+    };
+    if (raster.presence && (!schedule_.code.wide_words || op.results.size() != 2 || !keeps_entries()))
+      bad("tells presence alone without entries of one rank and wide words");
     if (walk.in_turn) {
       const Pass* setup = raster.setup ? &step_->pass(raster.setup->pass) : nullptr;
       if (setup == nullptr || walk.in_turn->each < 2 || walk.in_turn->each > kMostInTurn ||

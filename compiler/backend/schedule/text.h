@@ -45,6 +45,7 @@
 //   cut loops 8000, watched                     // trips in a dispatch; `cut heavy loops` in the second one
 //   skips zeros
 //   tells loss                                  // whether it is NaN or Inf
+//   presence alone                              // of a raster: whether a pixel sees a face, not which one
 //   walks faces of 64 alone, or of 8 if few, of 4096 by 8 in 8192, others in 4096, watched
 //
 // Of all shaders, behind the first line:

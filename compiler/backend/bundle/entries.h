@@ -1,0 +1,12 @@
+// SPDX-License-Identifier: Apache-2.0
+// What hosts read of a raster's entries (lowering/raster_entries.h).
+#pragma once
+
+#include <cstdint>
+
+namespace dr::bundle {
+
+// The face of an entry that says no more than that there is one.
+inline constexpr int32_t kSomeFace = (1 << 28) - 1;
+
+}  // namespace dr::bundle
