@@ -27,8 +27,11 @@ std::vector<SkipCount> left_out_of_graph(const ir::Graph& graph, const passes::S
   const auto count = [&](const char* id, size_t avoided) {
     return SkipCount{id, "ops", ops, static_cast<int64_t>(avoided)};
   };
-  return {count("dead", left_out.dead), count("zero", left_out.zero), count("fold", left_out.fold),
-          count("share", left_out.share)};
+  return {count("dead", left_out.dead),
+          count("zero", left_out.zero),
+          count("fold", left_out.fold),
+          count("share", left_out.share),
+          {"layers", "layers", static_cast<int64_t>(left_out.layers_kept), static_cast<int64_t>(left_out.layers)}};
 }
 
 }  // namespace dr::backend

@@ -13,8 +13,8 @@
 
 namespace dr::backend {
 
-// `dead` to `share` are of the graph, the others of its schedule, `soft` of the library.
-inline constexpr std::string_view kSkips[] = {"dead",   "zero",    "fold",     "share", "slots",
+// `dead` to `layers` are of the graph, the others of its schedule, `soft` of the library.
+inline constexpr std::string_view kSkips[] = {"dead",   "zero",    "fold",     "share", "layers", "slots",
                                               "active", "stepped", "branches", "soft",  "cache"};
 
 // The passes' part of what is switched off.

@@ -76,6 +76,8 @@ BundleCache::BundleCache(const BuildOptions& options) {
     add(key_, part);
   add(key_, "defines");
   for (const std::string& part : input.defines) add(key_, part);
+  add(key_, "known");
+  for (const std::string& part : input.known) add(key_, part);
 }
 
 std::optional<std::string> BundleCache::find() const {

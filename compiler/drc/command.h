@@ -20,6 +20,7 @@ enum ExitCode : int { kOk = 0, kUserError = 1, kBadUsage = 2, kInternalError = 3
 struct InputOptions {
   std::string file;
   std::vector<std::string> defines;  // -D name=value
+  std::vector<std::string> known;    // --known name=value
   driver::Options compile;
 };
 

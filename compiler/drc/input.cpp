@@ -51,6 +51,14 @@ std::unique_ptr<driver::Compilation> open_program(const InputOptions& options, d
     if (!parts) return nullptr;
     compile.defines[parts->first] = parts->second;
   }
+  for (const std::string& known : options.known) {
+    const auto parts = split_assignment(known, "--known");
+    if (!parts) return nullptr;
+    const auto numbers = driver::known_value(parts->second);
+    if (!numbers)
+      return print_error("expected numbers with commas for --known, found '" + parts->second + "'"), nullptr;
+    compile.known[parts->first] = *numbers;
+  }
   return std::make_unique<driver::Compilation>(shown_name(options.file), *std::move(text), std::move(compile),
                                                std::move(hooks));
 }

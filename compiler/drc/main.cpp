@@ -157,6 +157,11 @@ class CommandLine {
     build_command_->add_option("-o", build_options_.output, "File or folder to write, - for stdout")
         ->capture_default_str()
         ->type_name("FILE");
+    build_command_
+        ->add_option("--known", build_options_.input.known,
+                     "An input's value, which nobody may change later: what it makes zero is left out")
+        ->allow_extra_args(false)
+        ->type_name("NAME=VALUE");
     add_choices(*build_command_, build_options_.input.compile);
     build_command_
         ->add_option("--ablate", build_options_.input.compile.ablate, "Parts of packing to switch off, with commas")

@@ -148,6 +148,22 @@ std::optional<Error> Compilation::wrong_schedule() {
   return Error{Error::Kind::User, lines(unsound)};
 }
 
+// Known values of what is no input of one element and so many components.
+std::optional<Error> Compilation::wrong_known() const {
+  for (const auto& [name, numbers] : options_.known) {
+    const auto index = lowered_->leaf_index(name);
+    const ir::Leaf* leaf = index ? &lowered_->leaves[*index] : nullptr;
+    const auto components = leaf == nullptr ? size_t{0} : static_cast<size_t>(leaf->type.components());
+    if (leaf == nullptr || leaf->kind != ir::Leaf::Kind::Input || !leaf->extent.is_unit() || !leaf->type.is_float() ||
+        (numbers.size() != 1 && numbers.size() != components))
+      return Error{Error::Kind::User,
+                   "expected an input of one element of floats, and one number or one for each of its "
+                   "components, for --known, found '" +
+                       name + "' and " + std::to_string(numbers.size())};
+  }
+  return std::nullopt;
+}
+
 const ir::Graph* Compilation::lowered() {
   if (lowered_) return &*lowered_;
   if (error_ || diagnostics_.has_errors()) return nullptr;
@@ -156,6 +172,13 @@ const ir::Graph* Compilation::lowered() {
   lowering.include_dirs = options_.include_dirs;
   lowering.plain_gradients = options_.plain_gradients;
   lowering.defines = options_.defines;
+  lowering.known = options_.known;
+  lowering.bound = options_.bound;
+  lowering.find_zeros = std::ranges::find(options_.ablate, "layers") == options_.ablate.end();
+  lower::Options::ZeroCount zeros;
+  lowering.zero_count = &zeros;
+  for (const std::string& words : options_.adjoints)
+    if (const auto adjoint = adjoint_of(words)) lowering.open.insert(adjoint->leaves.begin(), adjoint->leaves.end());
   lowering.parse_milliseconds = &parse_milliseconds_;
   if (!options_.profile.empty() || profile_) {
     if (!profile()) return nullptr;
@@ -163,6 +186,12 @@ const ir::Graph* Compilation::lowered() {
   }
   lowered_ = lower::lower(sources_, file_, lowering, diagnostics_);
   if (!lowered_) return nullptr;
+  left_out_.layers = zeros.zero;
+  left_out_.layers_kept = zeros.other;
+  if (auto wrong = wrong_known()) {
+    lowered_.reset();
+    return fail(*std::move(wrong));
+  }
   for (const std::string& words : options_.adjoints) {
     const auto adjoint = adjoint_of(words);
     if (!adjoint)

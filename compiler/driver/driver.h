@@ -74,6 +74,7 @@ class Compilation {
   std::nullptr_t fail(Error error);
   const ir::Graph* read_graph();
   std::optional<Error> wrong_schedule();
+  std::optional<Error> wrong_known() const;
   template <typename Make>
   auto keeping_reproducer(const ir::Graph& graph, const Make& make);
 

@@ -2,6 +2,9 @@
 #include "compiler/driver/options.h"
 
 #include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <cstdio>
 
 namespace dr::driver {
 
@@ -26,6 +29,17 @@ const std::vector<std::string>& ablations() {
   return kParts;
 }
 
+std::optional<std::vector<double>> known_value(const std::string& text) {
+  std::vector<double> numbers;
+  for (const char *at = text.data(), *const end = at + text.size();;) {
+    const auto [next, error] = std::from_chars(at, end, numbers.emplace_back());
+    if (error != std::errc{} || !std::isfinite(numbers.back())) return std::nullopt;
+    if (next == end) return numbers;
+    if (*next != ',') return std::nullopt;
+    at = next + 1;
+  }
+}
+
 std::string command_line(const Options& options) {
   const Options plain;
   std::string out;
@@ -33,6 +47,14 @@ std::string command_line(const Options& options) {
     if (options.*choice.value != plain.*choice.value) out += " --" + choice.name + "=" + options.*choice.value;
   for (const std::string& part : options.ablate)
     out += (std::ranges::find(ablations(), part) != ablations().end() ? " --ablate=" : " --no-skip=") + part;
+  for (const auto& [name, numbers] : options.known) {
+    out += " --known=" + name;
+    for (size_t k = 0; k < numbers.size(); ++k) {
+      char text[32];
+      std::snprintf(text, sizeof text, "%c%.17g", k == 0 ? '=' : ',', numbers[k]);
+      out += text;
+    }
+  }
   return out;
 }
 

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <map>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -16,6 +17,9 @@ struct Options {
   bool shader_cache = true;         // keep assembled shaders on disk
   std::vector<std::string> include_dirs;
   std::map<std::string, std::string, std::less<>> defines;
+  // As lower::Options has them: what inputs are known to be, and what the host binds.
+  std::map<std::string, std::vector<double>, std::less<>> known;
+  std::optional<std::map<std::string, bool, std::less<>>> bound;
   std::vector<std::string> adjoints;  // STEP:LEAF,...:OUTPUT,...: steps to be added (passes::add_adjoint)
   bool plain_gradients = false;       // differentiate functions that have a @vjp by their own text
   friend bool operator==(const Options&, const Options&) = default;
@@ -31,6 +35,9 @@ const std::vector<Choice>& choices();
 
 // What `--ablate` switches off; what `--no-skip` does is in compiler/backend/skips.h.
 const std::vector<std::string>& ablations();
+
+// `text` as the value of a known input: numbers with commas.
+std::optional<std::vector<double>> known_value(const std::string& text);
 
 // The options as words of a command line, those that are not the default ones.
 std::string command_line(const Options& options);

@@ -129,6 +129,7 @@ struct Leaf {
   // (compiler/topology/topology.h). Empty: the leaf has its data from elsewhere.
   std::string table = {};
   std::string table_of = {};
+  bool is_fixed = false;  // the graph is right for the initial value alone: a host may bind no other one
 };
 
 struct Output {

@@ -90,6 +90,7 @@ class Parser : private TextReader {
     }
     if (!known) return expected("'param', 'input' or 'state'");
     if (take('=') && !bracket_list([&] { return number("a number", leaf.initial.emplace_back()); })) return false;
+    leaf.is_fixed = take_word("fixed");
     if (take_word("topology") && (!name("a table's name", leaf.table) || !name("a leaf's name", leaf.table_of)))
       return false;
     builder_.graph().leaves.push_back(std::move(leaf));

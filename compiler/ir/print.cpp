@@ -120,6 +120,7 @@ class Writer {
     out_ += " : " + leaf.type.str() + leaf.extent.str() + ' ';
     out_ += leaf_kind_name(leaf.kind);
     write_attr("=", leaf.initial, [&](double number) { write_float(number); });
+    if (leaf.is_fixed) out_ += " fixed";
     if (!leaf.table.empty()) {
       out_ += " topology " + leaf.table + ' ';
       write_name(leaf.table_of);

@@ -21,6 +21,7 @@
 #include "compiler/ir/graph.h"
 #include "compiler/lower/lower.h"
 #include "compiler/lower/program/observation.h"
+#include "compiler/lower/program/zeros.h"
 #include "compiler/lower/value.h"
 #include "compiler/ops/op.h"
 #include "dsl/diagnostic/diagnostic.h"
@@ -111,6 +112,8 @@ class Elaborator {
   Elaborator(const Elaborator&) = delete;
   Elaborator& operator=(const Elaborator&) = delete;
   std::optional<ir::Graph> run(dsl::FileId root);
+  // Inputs that were held to be fixed, of which a gradient is asked for, as run() found.
+  const std::vector<std::string>& inputs_to_open() const { return inputs_to_open_; }
   static std::vector<std::string> builtin_names();
 
  private:
@@ -188,6 +191,7 @@ class Elaborator {
   void declare_leaves(ModuleInfo& module);
   void declare_leaf(ModuleInfo& module, const dsl::LeafDecl& decl);
   void begin_leaf(ModuleInfo& module, const dsl::LeafDecl& decl);
+  void fix_input(uint32_t leaf);
   // Components known at compile time, or, where `computed` takes one, an image that fills the leaf.
   std::vector<double> initial_value(const dsl::LeafDecl& decl, const Type& type, bool& ok, Value* computed = nullptr);
   void run_program(ModuleInfo& module);
@@ -513,6 +517,7 @@ class Elaborator {
   Value builtin_reduction(BuiltinCall& call);
   Value builtin_coord(BuiltinCall& call);
   Value builtin_known(BuiltinCall& call);
+  Value builtin_known_zero(BuiltinCall& call);
   Value builtin_barrier(BuiltinCall& call);
   Value builtin_grad(BuiltinCall& call);
   Value builtin_jvp(BuiltinCall& call);
@@ -538,6 +543,8 @@ class Elaborator {
   dsl::DiagnosticList& diagnostics_;
   Observation* observation_;
   ir::Builder b_;
+  Zeros zeros_{b_.graph()};
+  std::vector<std::string> inputs_to_open_;
   Span span_;
 
   std::deque<ModuleInfo> modules_;

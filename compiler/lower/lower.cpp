@@ -17,7 +17,18 @@ namespace dr::lower {
 
 std::optional<ir::Graph> lower(dsl::SourceManager& sources, dsl::FileId root, const Options& options,
                                dsl::DiagnosticList& diagnostics) {
-  return Elaborator(sources, options, diagnostics).run(root);
+  // Where a gradient is asked for of what is zero by an input, that input's value has to stay open.
+  Options chosen = options;
+  for (;;) {
+    const dsl::DiagnosticList before = diagnostics;
+    if (chosen.zero_count) *chosen.zero_count = {};
+    Elaborator elaborator(sources, chosen, diagnostics);
+    auto graph = elaborator.run(root);
+    const std::vector<std::string> open = elaborator.inputs_to_open();
+    if (!graph || open.empty()) return graph;
+    chosen.open.insert(open.begin(), open.end());
+    diagnostics = before;
+  }
 }
 
 std::vector<std::string> builtin_names() { return Elaborator::builtin_names(); }
@@ -196,6 +207,8 @@ std::optional<ir::Graph> Elaborator::run(dsl::FileId root) {
   }
   if (diagnostics_.has_errors()) return std::nullopt;
   warn_of_shared_counts();
+  for (const uint32_t leaf : zeros_.used()) b_.graph().leaves[leaf].is_fixed = true;
+  for (const uint32_t leaf : zeros_.sought()) inputs_to_open_.push_back(b_.graph().leaves[leaf].name);
   return std::move(b_).finish();
 }
 
@@ -398,18 +411,41 @@ void Elaborator::declare_leaf(ModuleInfo& module, const dsl::LeafDecl& decl) {
   item.leaf = static_cast<uint32_t>(b_.graph().leaves.size());
   item.value = Image{add_leaf(std::move(leaf))};
   leaf_values_[*item.leaf] = item.value;
+  fix_input(*item.leaf);
   observe(decl.name.span, item.value, decl.name.span);
+}
+
+// What is known of an input before the program runs.
+void Elaborator::fix_input(uint32_t index) {
+  ir::Leaf& leaf = b_.graph().leaves[index];
+  if (leaf.kind != ir::Leaf::Kind::Input || !leaf.extent.is_unit() || !leaf.type.is_float()) return;
+  const auto components = static_cast<size_t>(leaf.type.components());
+  if (const auto given = options_.known.find(leaf.name); given != options_.known.end()) {
+    if (given->second.size() != 1 && given->second.size() != components) return;
+    leaf.initial = given->second;
+    if (leaf.initial.size() < components) leaf.initial.assign(components, given->second[0]);
+  } else if (!options_.bound) {
+    return;
+  } else if (const auto bound = options_.bound->find(leaf.name); bound != options_.bound->end()) {
+    if (!bound->second) return;
+    leaf.initial.assign(components, 0.0);
+  } else if (leaf.initial.empty() || std::ranges::any_of(leaf.initial, [](double x) { return x != 0; })) {
+    return;
+  }
+  if (!options_.open.contains(leaf.name)) zeros_.fix(index);
 }
 
 void Elaborator::begin_leaf(ModuleInfo& module, const dsl::LeafDecl& decl) {
   const ModuleItem& item = module.items.find(decl.name.text)->second;
-  if (!item.leaf || item.span != decl.name.span) return;  // it was wrong
+  if (!item.leaf || item.span != decl.name.span) return;                    // it was wrong
+  if (options_.known.contains(b_.graph().leaves[*item.leaf].name)) return;  // that value stands instead
   bool ok = true;
   Value computed;
   const Type type = b_.graph().leaves[*item.leaf].type;
   std::vector<double> known = initial_value(decl, type, ok, &computed);
   ir::Leaf& leaf = b_.graph().leaves[*item.leaf];
   if (ok) leaf.initial = std::move(known);
+  if (ok && options_.bound && !options_.bound->contains(leaf.name)) fix_input(*item.leaf);
   if (!ok || !computed.is_numeric()) return;
   const SpanScope here(*this, decl.initial->span);
   if (const auto filling = computed_initial(decl, computed, leaf)) initials_.emplace_back(*item.leaf, *filling);

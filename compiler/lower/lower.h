@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <map>
 #include <optional>
+#include <set>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -25,6 +26,18 @@ struct Options {
   // -D name=value, overriding `const`s of the root file, or by std.loss.name those of a library module.
   std::map<std::string, std::string, std::less<>> defines;
   bool plain_gradients = false;  // differentiate functions that have a @vjp by their own text
+  // Inputs of one element, by name, that keep a value: what it makes zero, `known_zero(x)` says so. Nobody may bind
+  // another one.
+  std::map<std::string, std::vector<double>, std::less<>> known;
+  // The leaves that the host binds, where it says so: by name, whether to zeros. It binds no others then, and none
+  // anew.
+  std::optional<std::map<std::string, bool, std::less<>>> bound;
+  std::set<std::string, std::less<>> open;  // inputs that may get any value nevertheless
+  bool find_zeros = true;                   // else `known_zero(x)` is false
+  struct ZeroCount {
+    size_t zero = 0, other = 0;
+  };
+  ZeroCount* zero_count = nullptr;  // the answers of `known_zero(x)`, if anybody wants them
   // What a program may come to after unrolling; more is an error.
   size_t max_ops = 1'000'000;
   size_t max_expressions = 50'000'000;

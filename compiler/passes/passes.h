@@ -27,6 +27,7 @@ struct Skips {
   // Counts what each leaves out where it is not null: ops, and for `zero` terms.
   struct LeftOut {
     size_t dead = 0, zero = 0, fold = 0, share = 0;
+    size_t layers = 0, layers_kept = 0;  // of the program, by `known_zero(x)`
   };
   LeftOut* left_out = nullptr;
 };

@@ -146,6 +146,9 @@ std::optional<std::string> Session::bind(const std::string& name, Image data) {
   }
   const ir::Leaf& leaf = graph_.leaves[*index];
   if (!leaf.table.empty()) return describe(leaf) + " is made from '" + leaf.table_of + "'; bind that instead";
+  const auto is_known = [](double x, double initial) { return static_cast<float>(x) == static_cast<float>(initial); };
+  if (leaf.is_fixed && !std::ranges::equal(data.data, leaf.initial, is_known))
+    return describe(leaf) + " was given another value when the program was compiled";
   return assign(*index, std::move(data));
 }
 

@@ -93,7 +93,7 @@ std::string info_of(const dr::bundle::BundleT& bundle) {
 std::string known_options() {
   std::string out;
   for (const dr::driver::Choice& choice : dr::driver::choices()) out += choice.name + ", ";
-  return out + "ablate, adjoint, include and define:NAME";
+  return out + "ablate, adjoint, include, define:NAME and known:NAME";
 }
 
 dr::jit::Options compile_options(const char* const* options) {
@@ -110,7 +110,11 @@ dr::jit::Options compile_options(const char* const* options) {
       chosen.adjoints.push_back(value);
     else if (key.starts_with("define:"))
       chosen.defines[key.substr(7)] = value;
-    else
+    else if (key.starts_with("known:")) {
+      const auto numbers = dr::driver::known_value(value);
+      if (!numbers) fail("expected numbers with commas for '" + key + "', found '" + value + "'");
+      chosen.known[key.substr(6)] = *numbers;
+    } else
       fail("unknown option '" + key + "' of compiling; there are " + known_options());
   });
   return chosen;

@@ -74,9 +74,10 @@ DRESSI_API const char* dressi_device_info(dressi_device* device);
 
 /* Compiles the text of a program; `name` stands for its file in messages, and its folder is where imports are looked
  * for. `options` are pairs of words that end in NULL, as of drc's command line: "profile", "lower", "raster", "pack",
- * "scatter", "float", "ablate", "include", and "define:K" for a const K. Without "profile" the device's own is used.
- * "adjoint" with STEP:LEAF,...:OUTPUT,... adds a step STEP.adjoint: its outputs, named as the leaves, are the gradients
- * of the sum over the outputs, each times an input STEP.adjoint.OUTPUT of its type and extent. */
+ * "scatter", "float", "ablate", "include", "define:K" for a const K, and "known:X" for an input X. Without "profile"
+ * the device's own is used. "adjoint" with STEP:LEAF,...:OUTPUT,... adds a step STEP.adjoint: its outputs, named as the
+ * leaves, are the gradients of the sum over the outputs, each times an input STEP.adjoint.OUTPUT of its type and
+ * extent. */
 DRESSI_API dressi_bundle* dressi_compile(const char* name, const char* text, dressi_device* device,
                                          const char* const* options);
 /* Why the gradient of an output or `let` with respect to a leaf or `let` is what it is, of the program of this text, as

@@ -45,6 +45,18 @@ int measure(const Options& options) {
   return 0;
 }
 
+// The leaves that are bound, and whether to zeros that the command line has: no run changes an input.
+std::map<std::string, bool, std::less<>> zeros_bound(const Options& options) {
+  std::map<std::string, bool, std::less<>> out;
+  for (const auto& [name, source] : options.bindings) {
+    const size_t digits = source.starts_with('=') ? 1 : 0;
+    const bool zeros = source.find_first_not_of("[0., ]", digits) == std::string::npos &&
+                       source.find('0', digits) != std::string::npos;
+    out.emplace(name, zeros);
+  }
+  return out;
+}
+
 std::vector<uint8_t> load_or_compile(const Options& options, const std::string& device_profile,
                                      std::vector<jit::Skip>& skips) {
   if (options.file.size() > 4 && options.file.ends_with(".drb")) {
@@ -62,6 +74,7 @@ std::vector<uint8_t> load_or_compile(const Options& options, const std::string& 
   jit::Options compile = options.compile;
   if (compile.profile.empty()) compile.profile = device_profile;
   if (compile.profile.empty()) throw Mistake{"no built-in profile fits the device: give one with --profile"};
+  compile.bound = zeros_bound(options);
   jit::Told told;
   auto bundle = jit::compile_file(options.file, compile, &told);
   if (auto* messages = std::get_if<std::string>(&bundle)) {

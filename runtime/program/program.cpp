@@ -450,6 +450,7 @@ Result<std::optional<HostArray>> Program::leaf_view(const std::string& name) {
         State& s = state();
         const auto index = s.leaf_index(name);
         s.prepare_leaf(index);
+        if (s.bundle.leaves[index]->is_fixed) return std::nullopt;  // nobody may write there
         return s.seen(leaf_text(name), s.view(s.bundle.leaves[index]->resource, index));
       },
       breaks(state_));

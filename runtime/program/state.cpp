@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <sstream>
 #include <utility>
 
 #include "compiler/ir/initial_step.h"
@@ -49,12 +50,30 @@ size_t index_of(const Tables& tables, const std::string& name, const char* what)
 size_t Program::State::leaf_index(const std::string& name) const { return index_of(bundle.leaves, name, "leaf"); }
 size_t Program::State::step_index(const std::string& name) const { return index_of(bundle.steps, name, "step"); }
 
+namespace {
+
+// Whether it is what the compiler knew of the leaf.
+bool holds_initial(const bundle::LeafT& leaf, const io::Array& data) {
+  return data.kind == io::ElementKind::Float32 &&
+         std::ranges::equal(data.as<float>(), leaf.initial,
+                            [](float x, double initial) { return x == static_cast<float>(initial); });
+}
+
+}  // namespace
+
 void Program::State::bind(const std::string& name, const io::Array& data) {
   const auto index = leaf_index(name);
   const bundle::LeafT& leaf = *bundle.leaves[index];
   if (leaf.table_of >= 0)
     throw Failure{"leaf '" + name + "' is made from '" + bundle.leaves[static_cast<size_t>(leaf.table_of)]->name +
                   "'; bind that instead"};
+  if (leaf.is_fixed && !holds_initial(leaf, data)) {
+    std::ostringstream value;
+    for (size_t k = 0; k < leaf.initial.size(); ++k) value << (k == 0 ? "" : ", ") << leaf.initial[k];
+    throw Failure{
+        "leaf '" + name + "' was given as " + value.str() +
+        " when the program was compiled, which left out what that makes zero; compile it without for other values"};
+  }
   assign(index, data);
 }
 
@@ -125,7 +144,7 @@ void Program::State::assign(size_t index, const io::Array& data) {
 
 bool Program::State::write(size_t index, const HostArray& data) {
   const bundle::LeafT& leaf = *bundle.leaves[index];
-  if (!has_memory(leaf.resource) || leaf.table_of >= 0 || has_tables(index)) return false;
+  if (!has_memory(leaf.resource) || leaf.is_fixed || leaf.table_of >= 0 || has_tables(index)) return false;
   std::byte* to = on_device->memory.buffer(leaf.resource).host;
   if (to == nullptr || data.kind != kind_of(*leaf.type) || data.kind == io::ElementKind::Bool ||
       data.components != components_of(*leaf.type))

@@ -43,8 +43,9 @@ struct Case {
   Array data = {};
   Count with = {}, without = {}, woken = {};
   std::string raster = "auto", scatter = "auto";
-  std::string only_on = {};  // a device
-  bool as_gpu = false;       // compiled as for a GPU
+  std::string only_on = {};                                            // a device
+  bool as_gpu = false;                                                 // compiled as for a GPU
+  std::map<std::string, std::vector<double>, std::less<>> known = {};  // inputs, when the program is compiled
 };
 
 Array floats(std::vector<float> values, int64_t width, int64_t height = 1) {
@@ -224,6 +225,55 @@ step go { output y = a + b * b; })",
        .with = {6, 3},
        .without = {9, 0},
        .woken = {8, 1}},
+      {.id = "layers",
+       .text = R"(
+const more = 0.0;
+param a : float[W] = 0.5;
+input strength : float;
+input x : float[W];
+let factor = (strength + more) * x;
+let y = const if known_zero(factor) { a * x } else { factor * exp(a) + a * x };
+step go { a <- a - 0.1 * grad(sum(y), a); output y; })",
+       .bound = {{"strength", floats({0}, 1)}, {"x", ramp(8)}},
+       .define = "more=1.0",
+       .with = {0, 1},
+       .without = {1, 0},
+       .woken = {1, 0},
+       .known = {{"strength", {0}}}},
+      // A dark lamp, and a material that mirrors nothing, under another lamp. A gradient reaches texels, normals and
+      // roughness.
+      {.id = "layers",
+       .text = R"(
+import std.light;
+import std.material;
+const more = 0.0;
+param base : vec3[16] = 0.5;
+param bend : vec2[16] = 0.1;
+param rough : float[16] = 0.4;
+input metallic : float;
+input specular : float;
+input lamp : vec3;
+let normal = normalize(vec3(bend, 1.0));
+let m = material.Material(base = base, metallic = metallic, roughness = rough, specular = specular);
+let to_camera = vec3(0.0, 0.0, 1.0);
+let first = light.directional(vec3(0.3, 0.4, 1.0), vec3(3.0));
+let second = light.point(vec3(1.0, 2.0, 2.0), vec3(normal.xy, 0.0), lamp + more);
+let color = material.shade(m, normal, first, to_camera) + material.shade(m, normal, second, to_camera);
+let error = sum(dot(color - 0.2, color - 0.2));
+step go {
+  base <- base - 0.01 * grad(error, base);
+  bend <- bend - 0.01 * grad(error, bend);
+  rough <- rough - 0.01 * grad(error, rough);
+  output color, error;
+})",
+       .bound = {{"metallic", floats({0}, 1)},
+                 {"specular", floats({0}, 1)},
+                 {"lamp", Array::from_floats(std::vector<float>{0, 0, 0}, 3, 1)}},
+       .define = "more=1.0",
+       .with = {2, 2},
+       .without = {6, 0},
+       .woken = {4, 2},
+       .known = {{"metallic", {0}}, {"specular", {0}}, {"lamp", {0}}}},
       {.id = "slots",
        // Each blur is read beside its own place, so it is stored.
        .text = R"(
@@ -481,6 +531,7 @@ Side side_of(const Case& c, const test::NamedDevice& device, bool off, const std
   options.profile = c.as_gpu ? gpu(device.name, folder) : device.name;
   options.raster = c.raster;
   options.scatter = c.scatter;
+  options.known = c.known;
   if (!define.empty()) options.defines[define.substr(0, define.find('='))] = define.substr(define.find('=') + 1);
   runtime::LoadOptions load{.pipeline_folder = folder};
   const auto names = jit::skip_names();
@@ -581,5 +632,66 @@ TEST_CASE("what is left out is counted, changes no bit, and is done when it is n
       CHECK(woken != before);
       for (const std::string& message : device.device.validation_messages()) FAIL("validation: " << message);
     }
+  }
+}
+
+TEST_CASE("an input that is known keeps its value, but where its gradient is asked for") {
+  constexpr const char* kText = R"(edition 1;
+input strength : float = 1.0;
+param a : float = 0.5;
+fn layered(factor: float, a: float) -> float { const if known_zero(factor) { a } else { factor * exp(a) + a } }
+step go { a <- a - 0.1 * grad(layered(strength, a), a); output y = layered(strength, a); }
+)";
+  const fs::path root = fs::path(DR_BUILD_DIR) / "skip_test";
+  fs::create_directories(root);
+  const std::string path = (root / "known.dr").string();
+  for (const test::NamedDevice& device : test::devices()) {
+    INFO(device.name);
+    const auto compiled = [&](const std::string& more, const std::string& name, const jit::Options& with = {}) {
+      std::ofstream(path) << kText << more;
+      jit::Options options = with;
+      options.profile = device.name;
+      options.known[name] = {0};
+      return jit::compile_file(path, options);
+    };
+    const auto program_of = [&](const std::string& more, const jit::Options& with = {}) {
+      const auto bundle = compiled(more, "strength", with);
+      if (const auto* messages = std::get_if<std::string>(&bundle)) FAIL(*messages);
+      return must(Program::load(device.device, std::get<std::vector<uint8_t>>(bundle)));
+    };
+    const auto y_of = [&](Program& program) {
+      must(program.run("go"));
+      return must(program.output("go", "y")).as<float>()[0];
+    };
+
+    // Its value stands where nothing is bound, and nothing else can be.
+    Program known = program_of("");
+    CHECK(y_of(known) == 0.5f);
+    must(known.bind("strength", floats({0}, 1)));
+    must(known.bind("strength", floats({-0.0f}, 1)));
+    const auto refused = known.bind("strength", floats({1}, 1));
+    REQUIRE(!refused);
+    CHECK(
+        refused.error() ==
+        "leaf 'strength' was given as 0 when the program was compiled, which left out what that makes zero; compile it "
+        "without for other values");
+    CHECK(!must(known.leaf_view("strength")));
+
+    // Where it is sought, or what is made of it, it may have any.
+    Program sought = program_of("step look { output slope = grad(layered(2.0 * strength, a), strength); }");
+    CHECK(y_of(sought) == 0.5f);
+    must(sought.run("look"));
+    CHECK(std::abs(must(sought.output("look", "slope")).as<float>()[0] -
+                   2 * std::exp(must(sought.leaf("a")).as<float>()[0])) < 1e-5f);
+    must(sought.bind("strength", floats({1}, 1)));
+    CHECK(y_of(sought) > 1.5f);
+    jit::Options seeking;
+    seeking.adjoints = {"go:strength:y"};
+    Program adjoint = program_of("", seeking);
+    must(adjoint.bind("strength", floats({1}, 1)));
+    CHECK(y_of(adjoint) > 1.5f);
+
+    CHECK(std::holds_alternative<std::string>(compiled("", "a")));
+    CHECK(std::holds_alternative<std::string>(compiled("", "nothing")));
   }
 }

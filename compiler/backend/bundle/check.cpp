@@ -185,6 +185,8 @@ bool Checker::leaf(size_t index) {
   const size_t components = static_cast<size_t>(l.type->rows) * l.type->cols;
   if (!l.initial.empty() && l.initial.size() != components)
     return fail(where + " has an initial value of the wrong size");
+  if (l.is_fixed && (l.kind != LeafKind::Input || l.initial.empty()))
+    return fail(where + " keeps a value that it does not have");
   return true;
 }
 

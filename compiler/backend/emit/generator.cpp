@@ -98,6 +98,7 @@ void Generator::process(bundle::BundleT& bundle, std::vector<GlslShader>& shader
     out->type = bundle_type(leaf.type);
     out->extent = bundle_extent(leaf.extent);
     out->initial = leaf.initial;
+    out->is_fixed = leaf.is_fixed;
     out->resource = static_cast<uint32_t>(k);
     out->table = leaf.table;
     if (!leaf.table.empty()) out->table_of = static_cast<int>(*graph_.leaf_index(leaf.table_of));

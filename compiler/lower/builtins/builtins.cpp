@@ -109,6 +109,7 @@ struct BuiltinTable {
         {"detach", 1, 1, &E::builtin_barrier, OpKind::Detach},
         {"pin", 1, 1, &E::builtin_barrier, OpKind::Pin},
         {"known", 1, 1, &E::builtin_known},
+        {"known_zero", 1, 1, &E::builtin_known_zero},
         {"grad", 2, 2, &E::builtin_grad, OpKind::Grad, {"seed"}},
         {"jvp", 3, 3, &E::builtin_jvp, OpKind::Grad},
         {"array", 2, 2, &E::builtin_array},

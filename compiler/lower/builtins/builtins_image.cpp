@@ -310,6 +310,21 @@ Value Elaborator::builtin_known(BuiltinCall& call) {
   return Constant{ir::kBool, {known ? 1.0 : 0.0}};
 }
 
+Value Elaborator::builtin_known_zero(BuiltinCall& call) {
+  bool numeric = false, zero = true;
+  for_each_leaf(call.args[0], [&](const Value& leaf) {
+    numeric = numeric || leaf.is_numeric();
+    const auto components = known_components(leaf);
+    const auto* image = leaf.get<Image>();
+    zero = zero && (components ? std::ranges::all_of(*components, [](double x) { return x == 0; })
+                               : image != nullptr && zeros_.is_zero(image->id));
+  });
+  if (!numeric) return wrong_type(call, 0, "numbers or images");
+  zero = zero && options_.find_zeros;
+  if (options_.zero_count) ++(zero ? options_.zero_count->zero : options_.zero_count->other);
+  return Constant{ir::kBool, {zero ? 1.0 : 0.0}};
+}
+
 Value Elaborator::builtin_grad(BuiltinCall& call) {
   if (refuse_in_region("'grad'", call.span)) return Error{};
   std::optional<Argument> seed;

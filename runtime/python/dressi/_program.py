@@ -498,6 +498,7 @@ def compile(
     *,
     device: Device | str | None = None,
     defines: Mapping[str, Any] | None = None,
+    known: Mapping[str, float | Sequence[float]] | None = None,
     include: Sequence[str | os.PathLike[str]] = (),
     profile: str | None = None,
     lower: str = "auto",
@@ -510,7 +511,8 @@ def compile(
     """Compiles a program: the file `fit.dr`, or text (a str with a line break or a semicolon).
 
     `device` is part of a device's name, its number, "reference" or a `Device`; the program is compiled for its profile, or
-    for `profile`. `defines` replaces consts of the program. A program that is wrong raises `CompileError`, whose text has
+    for `profile`. `defines` replaces consts of the program. `known` has values of inputs of one element that stay: what they make zero
+    is left out, and binding others is an error. A program that is wrong raises `CompileError`, whose text has
     line and caret.
     """
     name = "<program>"
@@ -534,6 +536,7 @@ def compile(
     options += [("ablate", part) for part in ablate]
     options += [("include", os.fspath(folder)) for folder in include]
     options += [(f"define:{key}", _define(value)) for key, value in (defines or {}).items()]
+    options += [(f"known:{key}", _numbers(value)) for key, value in (known or {}).items()]
     return _compiled(name, source, options, device if device is not None else where)
 
 
@@ -549,6 +552,10 @@ def _compiled(name: str, text: str, options: list[tuple[str, str]], device: Devi
 
 def _define(value: Any) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _numbers(value: float | Sequence[float]) -> str:
+    return ",".join(repr(float(number)) for number in (value if isinstance(value, Sequence) else [value]))
 
 
 def load(bundle: bytes | str | os.PathLike[str], *, device: Device | str | None = None) -> Program:
