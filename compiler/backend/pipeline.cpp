@@ -15,6 +15,7 @@
 #include "compiler/backend/lowering/leave_at_rest.h"
 #include "compiler/backend/lowering/list_where_computed.h"
 #include "compiler/backend/lowering/raster_entries.h"
+#include "compiler/backend/lowering/recompute_second_run.h"
 #include "compiler/backend/lowering/scatter.h"
 #include "compiler/backend/lowering/set_up_in_raster.h"
 #include "compiler/backend/lowering/update_in_place.h"
@@ -83,6 +84,11 @@ Outcome run_keep_sums(Compilation& c) {
 
 Outcome run_guess_exponents(Compilation& c) {
   if (c.options.guess_exponents && !c.options.native_floats) guess_exponents(c.graph(), c.profile, c.out.schedule);
+  return std::nullopt;
+}
+
+Outcome run_recompute_second_run(Compilation& c) {
+  recompute_second_run(c.graph(), c.profile, c.out.schedule);
   return std::nullopt;
 }
 
@@ -176,6 +182,7 @@ constexpr BackendPass kPasses[] = {
      only(Fact::Lowered)},
     {"keep-sums", run_keep_sums, Fact::Packed | Fact::SumsChosen, 0, only(Fact::Lowered)},
     {"guess-exponents", run_guess_exponents, Fact::Packed | Fact::SumsChosen, 0, only(Fact::Lowered)},
+    {"recompute-second-run", run_recompute_second_run, Fact::Packed | Fact::SumsChosen, 0, only(Fact::Lowered)},
     {"set-up-in-raster", run_set_up_in_raster, Fact::Packed | Fact::EntriesKept, only(Fact::PlacesFixed),
      only(Fact::Lowered)},
     {"block-loops", run_block_loops, Fact::Packed | Fact::SumsChosen | Fact::PlacesFixed, 0, only(Fact::Lowered)},

@@ -437,6 +437,84 @@ step run { texels <- texels - 0.01 * pull; }
     }
 }
 
+// A map that adds to texels and to vertices at all pixels, by workgroups, and to tones and glows at some, which it
+// lists apart.
+TEST_CASE("what one map adds for several scatters is what they add alone") {
+  const auto path = (std::filesystem::path(DR_BUILD_DIR) / "scatter_united_test.dr").string();
+  std::ofstream(path) << R"(edition 1;
+input size : vec2[W, H];
+input corner : ivec3[W, H];
+input factor : float;
+param texels : vec3[T, R] = vec3(0.7);
+param vertex : vec3[V] = vec3(0.2);
+param tone : float[K] = 0.4;
+param glow : float[K] = 0.4;
+let p = coord(W, H).xy;
+let normal = vertex.at(corner.x) * size.y + vertex.at(corner.y) * 0.5 + vertex.at(corner.z) * size.x;
+let lit = (texels.at(corner.xy) + 0.5 * texels.at(corner.zx / 4)) * normal;
+let shadow = if (p.x + p.y) % 7 > 4 { tone.at(corner.x) * lit.x * size.y } else { 0.0 };
+let shine = if (p.x + p.y) % 5 > 3 { glow.at(corner.y) * lit.y * factor } else { 0.0 };
+let error = sum(factor * size.y * lit * lit) + sum(shadow * shadow) + sum(shine);
+step run {
+  texels <- texels - 0.01 * grad(error, texels);
+  vertex <- vertex - 0.01 * grad(error, vertex);
+  tone <- tone - 0.01 * grad(error, tone);
+  glow <- glow - 0.01 * grad(error, glow);
+}
+)";
+  constexpr int kWidth = 40, kHeight = 33, kAcross = 20, kDown = 7, kVertices = 30;
+  std::mt19937 random(3);
+  const auto numbers = [&](size_t count) {
+    std::vector<float> out(count);
+    for (float& x : out) x = static_cast<float>(random() % 1000) / 1000.0F;
+    return out;
+  };
+  const auto size = numbers(size_t{2} * kWidth * kHeight), texels = numbers(size_t{3} * kAcross * kDown),
+             vertex = numbers(size_t{3} * kVertices), tone = numbers(kVertices);
+  std::vector<int32_t> corner(size_t{3} * kWidth * kHeight);
+  for (int32_t& v : corner) v = static_cast<int32_t>(random() % (kVertices + 2)) - 1;
+  const auto once = [&](auto& program, float factor) {
+    must(program.bind("size", Array::from_floats(size, 2, kWidth, kHeight)));
+    must(program.bind("corner", Array::from_ints(corner, 3, kWidth, kHeight)));
+    must(program.bind("factor", Array::from_floats(std::span(&factor, 1))));
+    must(program.bind("texels", Array::from_floats(texels, 3, kAcross, kDown)));
+    must(program.bind("vertex", Array::from_floats(vertex, 3)));
+    must(program.bind("tone", Array::from_floats(tone)));
+    must(program.bind("glow", Array::from_floats(tone)));
+    must(program.run("run"));
+    std::vector<Array> out;
+    for (const char* leaf : {"texels", "vertex", "tone", "glow"}) out.push_back(must(program.leaf(leaf)));
+    return out;
+  };
+  auto reference = must(jit::ReferenceProgram::load(compile(path, "lavapipe", "exact")));
+  const auto truth = once(reference, 1.0F);
+  auto gpu = std::get<target::Profile>(target::load_profile(narrow()));
+  gpu.costs = std::get<target::Profile>(target::load_profile("nvidia-h200")).costs;
+  gpu.subgroup_size = 32;
+  gpu.subgroup_arithmetic = true;
+  gpu.lanes_in_turn = false;
+  for (const auto& [name, device] : test::devices()) {
+    jit::Options options;
+    options.profile = written(gpu, "united"), options.scatter = "exact";
+    const auto united = compile(path, options);
+    const auto bundle = std::get<bundle::BundleT>(bundle::read(united));
+    CHECK(std::ranges::count(bundle.resources, bundle::Role::Guess, [](const auto& r) { return r->role; }) == 4);
+    const auto& commands = bundle.steps[0]->commands;
+    CHECK(std::ranges::count_if(commands, [](const auto& c) { return c->group == 256; }) == 1);
+    options.ablate = {"guesses"};
+    auto program = must(runtime::Program::load(device, united)),
+         apart = must(runtime::Program::load(device, compile(path, options))),
+         alone = must(runtime::Program::load(device, compile(path, narrow(), "exact")));
+    for (const float factor : {1.0F, 1.0F, 3e4F, INFINITY, 1e-30F, NAN, 0.0F, -2.5F, 1.0F}) {
+      INFO(name << ", factor " << factor);
+      const auto found = once(program, factor);
+      CHECK(same_bits(found, once(apart, factor)));
+      CHECK(same_bits(found, once(alone, factor)));
+      for (size_t k = 0; factor == 1.0F && k < found.size(); ++k) CHECK(distance(found[k], truth[k]) <= kTolerance);
+    }
+  }
+}
+
 // Sums that their reader leaves zeros: every run finds them so, whatever the one before added, Inf and NaN among it,
 // and whatever way it ran.
 TEST_CASE("sums that their reader empties are those of cleared memory") {

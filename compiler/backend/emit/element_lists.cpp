@@ -40,6 +40,8 @@ std::string members(const std::string& list) { return "members_of_" + list; }
 
 std::string append(Shader& s, const std::string& list, const std::string& element, bool together) {
   const std::string end = list + ".d[" + std::to_string(kListEnd) + "]";
+  // All atomics of a list wait for each other. Workgroups that find nothing to do end at once on a GPU.
+  const std::string step = together ? "1024u" : "64u", last = together ? "(place / 64u + 15u)" : "place / 64u";
   s.prelude("uint append_to_" + list + "(int element) {\n" +
             (together ? "  uvec4 lanes = subgroupBallot(true);\n  uint place = 0u;\n"
                         "  if (subgroupElect()) place = atomicAdd(" +
@@ -47,16 +49,9 @@ std::string append(Shader& s, const std::string& list, const std::string& elemen
                             ", subgroupBallotBitCount(lanes));\n"
                             "  place = subgroupBroadcastFirst(place) + subgroupBallotExclusiveBitCount(lanes) - 1u;\n"
                       : "  uint place = atomicAdd(" + end + ", 1u) - 1u;\n") +
-            "  " + list + ".d[" + std::to_string(kListHead) + R"(u + place] = uint(element);
-  if (place % 64u == 0u) {
-    atomicMax()" +
-            list + R"(.d[0], min(place / 64u + 1u, 65535u));
-    atomicMax()" +
-            list + R"(.d[1], place / 64u / 65535u + 1u);
-  }
-  return place;
-}
-)");
+            "  " + list + ".d[" + std::to_string(kListHead) + "u + place] = uint(element);\n  if (place % " + step +
+            " == 0u) {\n    atomicMax(" + list + ".d[0], min(" + last + " + 1u, 65535u));\n    atomicMax(" + list +
+            ".d[1], " + last + " / 65535u + 1u);\n  }\n  return place;\n}\n");
   return "append_to_" + list + "(" + element + ")";
 }
 

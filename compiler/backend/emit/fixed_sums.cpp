@@ -93,8 +93,9 @@ Generator::Adding Generator::fixed_adding(Shader& s, const Pass& pass, const Tar
     const std::string guard = runs == Runs::Both ? "pc.a == 0 && " : "",
                       elect = joins_lanes ? " && subgroupElect()" : "";
     if (joins_lanes) out.finish += "  largest_" + id + " = subgroupMax(largest_" + id + ");\n";
-    out.finish += "  if (" + guard + "largest_" + id + " != 0u" + elect + ") atomicMax(" + buffer + ".d[0], " +
-                  sum_word() + "(largest_" + id + "));\n";
+    // The largest only grows: what an invocation reads late is too small, and the atomic decides.
+    out.finish += "  if (" + guard + "largest_" + id + " > uint(" + buffer + ".d[0])" + elect + ") atomicMax(" +
+                  buffer + ".d[0], " + sum_word() + "(largest_" + id + "));\n";
     if (t.most < 0)
       out.finish += "  if (" + guard + "count_" + id + " != 0u) atomicAdd(" + buffer + ".d[1], " +
                     std::string(sum_word()) + "(count_" + id + "));\n";
@@ -123,7 +124,7 @@ std::string Generator::find_largest(Shader& s, const Pass& pass, const Target& t
   for (int c = 0; c < type.components(); ++c)
     out += "    largest_" + id + " = max(largest_" + id + ", finite_magnitude(" + component(type, "value", c) + "));\n";
   if (t.terms != 0) out += keep_term(s, pass, t);
-  if (lists) out += "    adds |= " + any_bits(type, "value") + ";\n";
+  if (lists) out += "    adds" + t.list + " |= " + any_bits(type, "value") + ";\n";
   return out;
 }
 

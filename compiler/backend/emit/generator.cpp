@@ -338,10 +338,13 @@ void place_from_index(Shader& s, const Extent& e, const std::string& index) {
 
 void Generator::map_pass(const Pass& pass) {
   const auto& map = pass.get<MapPass>();
-  if (const Pass* scatter = listed_for(pass)) {
+  const std::vector<const Pass*> scatters = listed_for(pass);
+  size_t targets = 0;
+  for (const Pass* scatter : scatters) {
     const bool joined = scatter->get<ScatterPass>().joined_run() != nullptr;
-    if (joined) targets_[scatter] = scatter_targets(*scatter);
-    const bool all_here = joined && scatter->get<ScatterPass>().exact() == nullptr;
+    if (joined) targets += (targets_[scatter] = scatter_targets(*scatter, targets)).size();
+    const bool all_here =
+        joined && (scatter->get<ScatterPass>().exact() == nullptr || scatter->get<ScatterPass>().runs_again());
     if (!all_here) active_lists_[scatter] = add_list(*scatter, "active", bundle::ListKind::Active);
   }
   if (map.rest) return stepped_map_pass(pass);
@@ -355,11 +358,11 @@ void Generator::map_pass(const Pass& pass) {
   take_sums(s, pass);
   s.element_ops(pass.ops);
   close_cut(s, cut);
-  store_results(s, pass, &loop);
+  store_results(s, pass, scatters, &loop);
   end_cut(s, cut);
   const std::string count = loop.close();
-  const Pass* scatter = listed_for(pass);
-  const bool joins = scatter != nullptr && scatter->get<ScatterPass>().joins_groups();
+  const bool joins =
+      std::ranges::any_of(scatters, [](const Pass* scatter) { return scatter->get<ScatterPass>().joins_groups(); });
   set_trips(dispatch(pass, "", s, count, {0, 0, 0}, joins ? kJoiningGroup : 0), cut);
 }
 

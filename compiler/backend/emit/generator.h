@@ -88,11 +88,12 @@ class Generator {
     uint32_t guess = 0;            // bundle resource: the shift of the run before, where the pass guesses
     bool emptied = false;          // the pass that reads the words leaves zeros; of fixed point numbers
     const Pass* update = nullptr;  // whose elements the sums wake
+    std::string list{};            // behind names of the scatter's list in the shader of the map that makes it
   };
   // Lists the element that a sum adds to, or marks its block, if `added`, an expression, is not 0 and it is not there.
   std::string wake(glsl::Shader& shader, const Target& target, const std::string& added);
-  // Makes the resources, and clears them.
-  std::vector<Target> scatter_targets(const Pass& pass);
+  // Makes the resources, and clears them. `first`: the number of the first.
+  std::vector<Target> scatter_targets(const Pass& pass, size_t first = 0);
   // Runs of a scatter by fixed point sums: one finds the largest contribution, one adds. Others need the second only.
   enum class Runs : uint8_t { Both, First, Second };
   // Declares what adds to a target; gives what a shader with a first run does at its end. `lists`: the variable `adds`
@@ -125,8 +126,8 @@ class Generator {
   // Of the second run: whether the first one added by the right shift everywhere.
   static std::string guessed_right(const std::vector<Target>& targets);
   const char* sum_word() const { return wide_atomics() ? "uint64_t" : "uint"; }
-  // What a map pass does for the scatter that joins it (JoinedRun).
-  void scatter_where_listed(glsl::Shader& shader, const Pass& pass, const Pass& scatter);
+  // What a map pass does for a scatter that joins it (JoinedRun); gives what the shader does at its end.
+  std::string scatter_where_listed(glsl::Shader& shader, const Pass& pass, const Pass& scatter);
   // Contributions that the first run of exact sums keeps for the second (JoinedFirstRun), by their place in the list
   // of active elements: words of the buffer; what scatter_<name> does with one, its `value` for `element` at `site`;
   // that an element has none yet; and the add_<name> of them all, a part of which each invocation takes.
@@ -152,13 +153,18 @@ class Generator {
   void take_sums(glsl::Shader& shader, const Pass& pass) const;
   // How often an element of the domain adds to a sum at most; negative where a loop decides.
   int contributions(const ScatterSum& sum) const;
-  // The scatter of the step that a map pass lists elements for, if there is one.
-  const Pass* listed_for(const Pass& pass) const;
+  // The scatters of the step that a map pass lists elements for.
+  std::vector<const Pass*> listed_for(const Pass& pass) const;
+  // What lies behind the names of the list of a scatter where a map makes it.
+  std::string list_suffix(const Pass& scatter) const;
   // A condition: whether an element is active.
   std::string active_condition(glsl::Shader& shader, const Clauses& clauses) const;
-  // Stores what a map pass writes at an element and, where it lists elements for a scatter, lists it; `loop`: that the
-  // shader runs, if it does; `active`: whether the element may be one of those.
-  void store_results(glsl::Shader& shader, const Pass& pass, ListingLoop* loop = nullptr, bool active = true);
+  // Stores what a map pass writes at an element and lists it for these scatters; `loop`: that the shader runs, if it
+  // does.
+  void store_results(glsl::Shader& shader, const Pass& pass, const std::vector<const Pass*>& scatters = {},
+                     ListingLoop* loop = nullptr);
+  // Those that are stored where the scatter is active, and that it reads.
+  void store_partial(glsl::Shader& shader, const Pass& pass, const Pass& scatter);
   void store_changed(glsl::Shader& shader, const Pass& pass, ir::ValueId value);
   // The largest of those that a map tells of, as the bits of a float without its sign; and a statement that says in a
   // word of the pass that it is NaN or Inf.

@@ -5,6 +5,7 @@
 // are added to memory.
 #include "compiler/backend/emit/generator.h"
 #include "compiler/backend/glsl/fixed_point.h"
+#include "compiler/backend/schedule/limits.h"
 
 namespace dr::backend {
 
@@ -36,10 +37,15 @@ void Generator::join_in_group(Shader& s, const std::vector<Target>& targets) {
   const std::string group = std::to_string(kJoiningGroup);
   s.declare("shared uint group_adds;\n");
   std::string any, clear, add, flush;
-  for (const Target& t : targets) {
+  std::vector<const ScatterSum*> all;
+  for (const Target& t : targets) all.push_back(&t.sum);
+  const std::vector<int> rooms = joined_elements(graph_, all);
+  DR_ASSERT(rooms.size() == targets.size());
+  for (size_t place = 0; place < targets.size(); ++place) {
+    const Target& t = targets[place];
     const std::string& id = t.accumulator.name;
     const ir::Type& type = t.accumulator.type;
-    const int n = type.components(), room = joined_elements(t.sum);
+    const int n = type.components(), room = rooms[place];
     const std::string size = std::to_string(room), keys = "keys_" + id, sums = "group_" + id;
     const std::string buffer = s.bind_words(t.words, "sums_" + id, bundle::Access::ReadWrite, sum_word());
     const std::string width = glsl::dim_expression(t.accumulator.extent.w);

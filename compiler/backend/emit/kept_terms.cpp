@@ -35,9 +35,11 @@ ir::Dim Generator::words_of_terms(const Target& target, const ir::Extent& domain
 std::string Generator::keep_term(Shader& s, const Pass& pass, const Target& target) const {
   const ir::Type& type = target.accumulator.type;
   const std::string terms = s.bind_words(target.terms, "terms_" + target.accumulator.name, bundle::Access::Write);
-  const auto at = [&](int c) { return terms + ".d[" + word(pass.domain, type, "site", c, "int(listed_at)") + "]"; };
-  std::string out = "    if (int(listed_at) < " + dim_expression(room_for_terms(pass.domain)) + ") {\n      " + at(-1) +
-                    " = uint(element + 1);\n";
+  const auto at = [&](int c) {
+    return terms + ".d[" + word(pass.domain, type, "site", c, "int(listed_at" + target.list + ")") + "]";
+  };
+  std::string out = "    if (int(listed_at" + target.list + ") < " + dim_expression(room_for_terms(pass.domain)) +
+                    ") {\n      " + at(-1) + " = uint(element + 1);\n";
   for (int c = 0; c < type.components(); ++c)
     out += "      " + at(c) + " = floatBitsToUint(" + component(type, "value", c) + ");\n";
   return out + "    }\n";
@@ -45,9 +47,10 @@ std::string Generator::keep_term(Shader& s, const Pass& pass, const Target& targ
 
 void Generator::keep_no_terms(Shader& s, const Pass& pass, const Target& target) const {
   const std::string terms = s.bind_words(target.terms, "terms_" + target.accumulator.name, bundle::Access::Write);
-  s.body().line("for (int site = 0; int(listed_at) < " + dim_expression(room_for_terms(pass.domain)) + " && site < " +
-                std::to_string(target.sum.terms.size()) + "; ++site) " + terms + ".d[" +
-                word(pass.domain, target.accumulator.type, "site", -1, "int(listed_at)") + "] = 0u;");
+  s.body().line(
+      "for (int site = 0; int(listed_at" + target.list + ") < " + dim_expression(room_for_terms(pass.domain)) +
+      " && site < " + std::to_string(target.sum.terms.size()) + "; ++site) " + terms + ".d[" +
+      word(pass.domain, target.accumulator.type, "site", -1, "int(listed_at" + target.list + ")") + "] = 0u;");
 }
 
 void Generator::add_kept_terms(Shader& s, const Pass& pass, const std::vector<Target>& targets) const {

@@ -57,13 +57,14 @@ void Generator::listed_map_pass(const Pass& pass, const HeavyBranches& branches)
     s.body().line(loop.skip());
     s.body().line("}");
     // Where each clause of the scatter has a condition of a branch left out, no element is active here.
-    bool active = false;
-    if (const Pass* scatter = listed_for(pass))
-      active = std::ranges::any_of(scatter->get<ScatterPass>().clauses(), [&](const std::vector<ValueId>& clause) {
-        return std::ranges::none_of(
+    std::vector<const Pass*> scatters = listed_for(pass);
+    std::erase_if(scatters, [&](const Pass* scatter) {
+      return std::ranges::all_of(scatter->get<ScatterPass>().clauses(), [&](const std::vector<ValueId>& clause) {
+        return std::ranges::any_of(
             heavy, [&](ir::OpId id) { return std::ranges::find(clause, graph_.op(id).operands[0]) != clause.end(); });
       });
-    store_results(s, pass, &loop, active);
+    });
+    store_results(s, pass, scatters, &loop);
     end_cut(s, cut);
     const std::string invocations = loop.close();
     set_trips(dispatch(pass, "", s, invocations), cut);
@@ -91,7 +92,7 @@ void Generator::listed_map_pass(const Pass& pass, const HeavyBranches& branches)
   open_cut(s, cut, "return;");
   s.element_ops(pass.ops);
   close_cut(s, cut);
-  store_results(s, pass);
+  store_results(s, pass, listed_for(pass));
   end_cut(s, cut);
   if (walks) {
     s.pop_scope();

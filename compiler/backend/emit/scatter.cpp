@@ -113,27 +113,52 @@ std::string Generator::active_condition(Shader& s, const Clauses& clauses) const
   return active;
 }
 
-const Pass* Generator::listed_for(const Pass& pass) const {
+std::vector<const Pass*> Generator::listed_for(const Pass& pass) const {
   return backend::listed_for(*step_, pass_id(static_cast<size_t>(&pass - step_->passes.data())));
 }
 
-void Generator::store_results(Shader& s, const Pass& pass, ListingLoop* loop, bool active) {
+std::string Generator::list_suffix(const Pass& scatter) const {
+  const std::vector<const Pass*> all = backend::listed_for(*step_, *scatter.lister());
+  const auto place = std::ranges::find(all, &scatter) - all.begin();
+  return place == 0 ? std::string() : "_" + std::to_string(place + 1);
+}
+
+void Generator::store_results(Shader& s, const Pass& pass, const std::vector<const Pass*>& scatters,
+                              ListingLoop* loop) {
   const std::vector<ValueId>& partial = pass.get<MapPass>().partial;
   const auto is_partial = [&](ValueId v) { return std::ranges::find(partial, v) != partial.end(); };
   for (const ValueId v : pass.writes)
     if (!is_partial(v)) store_changed(s, pass, v);
   if (const auto& told = pass.get<MapPass>().code.told; !told.empty()) tell_not_finite(s, pass, largest_bits(s, told));
-  const Pass* const scatter = listed_for(pass);
-  if (scatter == nullptr || !active) return;
-  if (scatter->get<ScatterPass>().joined_run() != nullptr) return scatter_where_listed(s, pass, *scatter);
-  const std::string list = s.bind_words(active_lists_.at(scatter), "active_elements", bundle::Access::ReadWrite);
-  s.body().line("if (" + active_condition(s, scatter->get<ScatterPass>().clauses()) + ") {");
-  if (loop != nullptr)
-    loop->add(list);
-  else
-    s.body().line(append(s, list, Shader::element_index(pass.domain, "at")) + ";");
-  for (const ValueId v : partial) s.store(v, "at", s.use(v));
-  s.body().line("}");
+  std::string finish;
+  std::vector<Target> together;
+  for (const Pass* scatter : scatters) {
+    const auto& how = scatter->get<ScatterPass>();
+    if (how.joined_run() != nullptr) {
+      finish += scatter_where_listed(s, pass, *scatter);
+      if (how.joins_groups()) together.insert(together.end(), targets_.at(scatter).begin(), targets_.at(scatter).end());
+      continue;
+    }
+    const std::string list =
+        s.bind_words(active_lists_.at(scatter), "active_elements" + list_suffix(*scatter), bundle::Access::ReadWrite);
+    s.body().line("if (" + active_condition(s, how.clauses()) + ") {");
+    if (loop != nullptr)
+      loop->add(list);
+    else
+      s.body().line(append(s, list, Shader::element_index(pass.domain, "at")) + ";");
+    store_partial(s, pass, *scatter);
+    s.body().line("}");
+  }
+  if (!finish.empty()) {
+    s.declare("void finish() {\n" + finish + "}\n");
+    s.body().line("finish();");
+  }
+  if (!together.empty()) join_in_group(s, together);
+}
+
+void Generator::store_partial(Shader& s, const Pass& pass, const Pass& scatter) {
+  for (const ValueId v : pass.get<MapPass>().partial)
+    if (std::ranges::find(scatter.reads, v) != scatter.reads.end()) s.store(v, "at", s.use(v));
 }
 
 // Where few elements of a sum got anything, few of a leaf change, and the others are not written.
@@ -158,7 +183,7 @@ void Generator::store_changed(Shader& s, const Pass& pass, ValueId v) {
   if (may_skip) s.body().line("}");
 }
 
-std::vector<Generator::Target> Generator::scatter_targets(const Pass& pass) {
+std::vector<Generator::Target> Generator::scatter_targets(const Pass& pass, size_t first) {
   std::vector<Target> targets;
   const auto& scatter = pass.get<ScatterPass>();
   std::vector<ScatterSum> sums = scatter.sums;
@@ -170,7 +195,7 @@ std::vector<Generator::Target> Generator::scatter_targets(const Pass& pass) {
     const Pass* const update = r.is_emptied() ? update_of(*step_, id, sum.value) : nullptr;
     if (update != nullptr && stepped_lists_.count(update) == 0) list_stepped(pass, *update, 0);
     const bool maximum = graph_.op(graph_.value(sum.value).op).kind == OpKind::ScatterMax;
-    Target t{sum, {std::to_string(targets.size()), r.type, r.extent}, resource_index(sum.value), 0};
+    Target t{sum, {std::to_string(first + targets.size()), r.type, r.extent}, resource_index(sum.value), 0};
     t.fixed = r.type.is_float() && scatter.lowering() != ScatterLowering::Atomic && !named_once(graph_, sum.terms);
     t.binned = t.fixed && adds_in_bins(r.extent);
     t.fixed = t.fixed && !t.binned;
@@ -186,6 +211,7 @@ std::vector<Generator::Target> Generator::scatter_targets(const Pass& pass) {
     // The pass that reads emptied sums leaves zeros in all but the head.
     t.emptied = r.is(Resource::Storage::EmptiedSums);
     t.update = update;
+    if (scatter.joined_run() != nullptr) t.list = list_suffix(pass);
     if (!r.is(Resource::Storage::Emptied))
       fill("clear " + r.name, t.words, maximum ? 0x80000000u : 0u,
            t.emptied ? words_of_head(wide_atomics()).str() : std::string());
@@ -242,47 +268,45 @@ Generator::Adding Generator::plain_adding(Shader& s, const Pass& pass, const Tar
   return out;
 }
 
-void Generator::scatter_where_listed(Shader& s, const Pass& pass, const Pass& scatter) {
+std::string Generator::scatter_where_listed(Shader& s, const Pass& pass, const Pass& scatter) {
   const auto& how = scatter.get<ScatterPass>();
   const bool fixed = how.lowering() == ScatterLowering::Exact, keeps = how.keeps_terms();
-  if (fixed && !keeps) s.declare("uint adds = 0u;\n");
-  if (keeps) s.declare("uint listed_at = 0u;\n");
+  const bool lists_added = fixed && !keeps && !how.runs_again();
+  const std::string suffix = list_suffix(scatter), adds = "adds" + suffix, listed_at = "listed_at" + suffix;
+  if (lists_added) s.declare("uint " + adds + " = 0u;\n");
+  if (keeps) s.declare("uint " + listed_at + " = 0u;\n");
   std::string finish;
   for (const Target& t : targets_.at(&scatter))
-    finish += declare_target(s, scatter, t, fixed ? Runs::First : Runs::Second, fixed && !keeps);
-  if (fixed && !keeps) s.body().line("adds = 0u;");
+    finish += declare_target(s, scatter, t, fixed ? Runs::First : Runs::Second, lists_added);
+  if (lists_added) s.body().line(adds + " = 0u;");
   s.body().line("if (" + active_condition(s, how.clauses()) + ") {");
   s.push_scope();
   const auto list = [&] {
-    const std::string words = s.bind_words(active_lists_.at(&scatter), "active_elements", bundle::Access::ReadWrite);
+    const std::string words =
+        s.bind_words(active_lists_.at(&scatter), "active_elements" + suffix, bundle::Access::ReadWrite);
     if (how.joins_lanes()) subgroup_extensions(s);
     return append(s, words, Shader::element_index(pass.domain, "at"), how.joins_lanes());
   };
   if (keeps) {
-    s.body().line("listed_at = " + list() + ";");
+    s.body().line(listed_at + " = " + list() + ";");
     for (const Target& t : targets_.at(&scatter)) keep_no_terms(s, scatter, t);
   }
   std::vector<ir::OpId> ops = element_ops(scatter);
   std::erase_if(ops, [&](ir::OpId id) { return s.is_defined(graph_.op(id).results[0]); });
   s.element_ops(ops);
-  if (fixed) {
-    if (!keeps) s.body().line("if (adds != 0u) {\n    " + list() + ";");
-    for (const ValueId v : pass.get<MapPass>().partial) s.store(v, "at", s.use(v));
-    if (!keeps) s.body().line("}");
-  }
+  if (lists_added) s.body().line("if (" + adds + " != 0u) {\n    " + list() + ";");
+  if (fixed) store_partial(s, pass, scatter);
+  if (lists_added) s.body().line("}");
   s.pop_scope();
   s.body().line("}");
-  if (fixed) {
-    s.declare("void finish() {\n" + finish + "}\n");
-    s.body().line("finish();");
-  }
-  if (how.joins_groups()) join_in_group(s, targets_.at(&scatter));
+  return finish;
 }
 
 void Generator::scatter_pass(const Pass& pass) {
   const auto& scatter = pass.get<ScatterPass>();
   if (scatter.lowering() == ScatterLowering::Rows) return rows_pass(pass);
-  const bool lists = scatter.relists(), listed = !scatter.clauses().empty(), joined = scatter.joined_run() != nullptr;
+  const bool lists = scatter.relists(), joined = scatter.joined_run() != nullptr;
+  const bool listed = !scatter.clauses().empty() && !scatter.runs_again();
   const bool keeps = scatter.keeps_terms(), joins_parts = scatter.joins_parts();
   // The second run of a scatter that guesses has nothing to do, as a rule: few invocations go over all elements.
   const bool strides = keeps || (joined && scatter.guesses());
@@ -299,7 +323,7 @@ void Generator::scatter_pass(const Pass& pass) {
                                         : element_count(pass.domain);
   Shader s = shader();
   linear_index(s, dim_expression(invocations));
-  if (!lists && !listed) {
+  if (!lists && !listed && !strides) {
     // Pixels of a square share more elements than those of a row do.
     if (joins_parts && !scatter.cut()) index_in_tiles(s, pass.domain);
     place_from_index(s, pass.domain);
@@ -333,12 +357,17 @@ void Generator::scatter_pass(const Pass& pass) {
     close_cut(s, cut);
     s.body().line("if (pc.a == 0 && adds != 0u) " + append(s, again, "element") + ";");
   } else {
-    if (listed) {
+    const std::string room = dim_expression(invocations);
+    if (strides && !listed) {
+      s.body().line("for (int element = index; element < " + dim_expression(element_count(pass.domain)) +
+                    "; element += " + room + ") {");
+      s.push_scope();
+      place_from_index(s, pass.domain, "element");
+    } else if (listed) {
       const std::string elements = s.read_words(list, "active_elements");
       s.body().line("int end = int(" + elements + "(" + std::to_string(kListEnd) + ")) - 1;");
       if (joins_parts) s.body().line("joins = end >= " + std::to_string(kWorthJoining) + ";");
       if (strides) {
-        const std::string room = dim_expression(invocations);
         if (keeps) add_kept_terms(s, pass, targets);
         s.body().line("for (" + (keeps ? "index += " + room : "") + "; index < end; index += " + room + ") {");
         s.push_scope();

@@ -15,7 +15,7 @@ void block_loops(const ir::Graph& graph, const target::Profile& profile, Schedul
       auto* map = pass.as<MapPass>();
       if (map == nullptr || !map->partial.empty()) continue;
       // What those compute is listed, or goes into another's shader.
-      if (listed_for(step, pass_id(k)) != nullptr || set_up_for(step, pass_id(k)) != nullptr) continue;
+      if (!listed_for(step, pass_id(k)).empty() || set_up_for(step, pass_id(k)) != nullptr) continue;
       // Those run for the elements that take them alone.
       if (!heavy_branches(graph, pass, trips_of(graph, pass.ops), profile).empty()) continue;
       map->block = chooser.choose(pass);

@@ -84,7 +84,7 @@ class StepCode {
     if (set_up_for(step_, id) == nullptr) {
       const Trips trips = trips_of(graph_, pass.ops);
       if (options_.list_branches && !map.block) code.heavy = heavy(pass, trips);
-      code.lists_in_runs = profile_.lanes_in_turn && (code.heavy || listed_for(step_, id) != nullptr);
+      code.lists_in_runs = profile_.lanes_in_turn && (code.heavy || !listed_for(step_, id).empty());
       code.cut = cut(code.heavy ? light_trips(pass, *code.heavy) : trips, code.lists_in_runs ? kListedRun : 1);
     }
     code.told = told(pass, map, code, id);
@@ -104,8 +104,9 @@ class StepCode {
 
   // Lanes of a square add to the same elements; elsewhere memory is read in rows.
   bool in_tiles(const Pass& pass, PassId id) const {
-    const Pass* scatter = listed_for(step_, id);
-    return scatter != nullptr && scatter->get<ScatterPass>().joins_groups() && !pass.domain.h.is_one();
+    return !pass.domain.h.is_one() && std::ranges::any_of(listed_for(step_, id), [](const Pass* scatter) {
+      return scatter->get<ScatterPass>().joins_groups();
+    });
   }
 
   // An invocation's own cost is that of many operations where lanes access memory in turn, the store that tells of NaN
@@ -114,7 +115,7 @@ class StepCode {
     const bool plain =
         map.partial.empty() && !map.rest && !map.block && !code.heavy && !code.cut && !pass.domain.is_unit();
     if (!profile_.lanes_in_turn || code.told.empty() || !plain || set_up_for(step_, id) != nullptr ||
-        listed_for(step_, id) != nullptr)
+        !listed_for(step_, id).empty())
       return 1;
     Trips trips = trips_of(graph_, pass.ops);
     trips.most = trips.most + Dim(2);
@@ -177,7 +178,7 @@ class StepCode {
     const std::optional<LoopCut>& cut = code.heavy && code.heavy->cut ? code.heavy->cut : code.cut;
     Bindings all = bindings_of(schedule_.resources, resources_of(step_, pass.reads), writes);
     all.more = 1 + (cut ? 2 : 0) + (cut && cut->watched ? 1 : 0) + (code.heavy ? 1 : 0) +
-               (listed_for(step_, id) != nullptr ? kMapLists : 0) + (map.rest ? 1 : 0) +
+               lists_bound(listed_for(step_, id).size()) + (map.rest ? 1 : 0) +
                static_cast<uint32_t>(guesses_bound(schedule_.resources, step_, pass));
     if (!fits(profile_, all)) out.clear();
     return out;

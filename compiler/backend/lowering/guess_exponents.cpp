@@ -13,19 +13,6 @@ using ir::ValueId;
 
 namespace {
 
-// A GPU adds to sums that its caches hold where they are computed; to larger ones it adds faster in a run of its own,
-// whose lanes all add. So do processors to all.
-constexpr int64_t kMostCached = 1 << 23;  // words
-
-bool is_cached(const ir::Graph& graph, const ScatterPass& scatter) {
-  int64_t words = 0;
-  for (const ScatterSum& sum : scatter.sums) {
-    const ir::ValueInfo& info = graph.value(sum.value);
-    words += 2 * info.type.components() * usual_count(info.extent).value_or(kMostCached);
-  }
-  return words <= kMostCached;
-}
-
 // Whether the map that lists what a scatter adds may add by a guess, and few invocations take the second run.
 bool may_guess_where_listed(const ir::Graph& graph, const target::Profile& profile, const Schedule& schedule,
                             const StepSchedule& step, const Pass& scatter) {
@@ -56,14 +43,14 @@ void guess_exponents(const ir::Graph& graph, const target::Profile& profile, Sch
       if (scatter == nullptr || !pass.steady || !may_guess(graph, schedule.resources, step, pass)) continue;
       ExactScatter& exact = *scatter->exact();
       auto* joined = std::get_if<JoinedFirstRun>(&exact.first_run);
-      if (!is_cached(graph, *scatter)) continue;
+      if (!are_cached(graph, scatter->sums)) continue;
       if (joined != nullptr && !may_guess_where_listed(graph, profile, schedule, step, pass)) continue;
       exact.guesses = true;
       if (!have_room(profile, schedule, step)) {
         exact.guesses = false;
       } else if (joined != nullptr) {
         joined->keeps_terms = false;
-        exact.joins_groups = groups_may_join(graph, profile, *scatter);
+        exact.joins_groups = groups_may_join(graph, profile, step, pass);
       } else {
         std::get<OwnFirstRun>(exact.first_run).relists = false;
       }

@@ -6,6 +6,7 @@
 #include "compiler/backend/analysis/bins.h"
 #include "compiler/backend/analysis/scatter_leaves.h"
 #include "compiler/backend/analysis/uses.h"
+#include "compiler/backend/lowering/scatter_active.h"
 #include "compiler/backend/schedule/limits.h"
 #include "compiler/backend/schedule/trips.h"
 
@@ -17,24 +18,6 @@ namespace {
 
 bool contains(const std::vector<ValueId>& values, ValueId v) { return std::ranges::find(values, v) != values.end(); }
 
-// The map that computes every value of the clauses, the last that one of them waits for.
-std::optional<PassId> find_lister(const ir::Graph& graph, const StepSchedule& step, size_t scatter,
-                                  const Clauses& clauses) {
-  const ir::Extent& domain = step.passes[scatter].domain;
-  const auto computes = [&](const Pass& pass, ValueId v) {
-    return std::ranges::find(pass.ops, graph.value(v).op) != pass.ops.end();
-  };
-  for (size_t k = scatter; k-- > 0;) {
-    const Pass& pass = step.passes[k];
-    if (!pass.is<MapPass>() || pass.domain != domain) continue;
-    const bool all = std::ranges::all_of(clauses, [&](const std::vector<ValueId>& clause) {
-      return std::ranges::all_of(clause, [&](ValueId v) { return computes(pass, v); });
-    });
-    if (all) return pass_id(k);
-  }
-  return std::nullopt;
-}
-
 // Whether the lister can do at an active element what the scatter's first run does: all that it needs is there by then,
 // nothing that the lister writes is read at other places, and one shader may bind it all. Where lanes run both branches
 // of every `if`, few elements would make all pay.
@@ -43,8 +26,10 @@ bool may_join(const ir::Graph& graph, const target::Profile& profile, const Sche
   if (profile.lanes_in_turn) return false;
   const PassId lister = *scatter.lister();
   // Behind the lister's loops its shader has stored where it stopped, so loops that follow must not be cut with them.
-  const Trips own = trips_of(graph, scatter.ops);
-  if (own.loops > 0 && needs_cut(own + trips_of(graph, step.pass(lister).ops), profile)) return false;
+  Trips trips = trips_of(graph, scatter.ops);
+  for (const Pass* other : listed_for(step, lister))
+    if (other != &scatter && other->get<ScatterPass>().joined_run() != nullptr) trips += trips_of(graph, other->ops);
+  if (trips.loops > 0 && needs_cut(trips + trips_of(graph, step.pass(lister).ops), profile)) return false;
   const std::vector<ScatterSum>& sums = scatter.get<ScatterPass>().sums;
   // Few lanes of a subgroup add where a map does, and those that add to few elements wait for each other.
   const auto& how = scatter.get<ScatterPass>();
@@ -80,6 +65,8 @@ bool may_keep_terms(const ir::Graph& graph, const target::Profile& profile, cons
   return words <= kMostWords && fits(profile, bindings);
 }
 
+bool reads(const Pass& pass, ValueId v) { return contains(pass.reads, v); }
+
 // Conditions that all listed elements fulfil are read by none of them, and need no memory.
 void forget_conditions(const ir::Graph& graph, StepSchedule& step, Pass& lister, Pass& scatter,
                        std::set<uint32_t>& unused) {
@@ -87,6 +74,7 @@ void forget_conditions(const ir::Graph& graph, StepSchedule& step, Pass& lister,
     // Something of the lister's must be left that the scatter waits for.
     const auto waits = std::ranges::count_if(scatter.reads, [&](ValueId r) { return contains(lister.writes, r); });
     if (!contains(lister.get<MapPass>().partial, v) || waits < 2) continue;
+    if (std::ranges::count_if(step.passes, [&](const Pass& pass) { return reads(pass, v); }) > 1) continue;
     std::erase(lister.get<MapPass>().partial, v);
     std::erase(lister.writes, v);
     std::erase(scatter.reads, v);
@@ -95,42 +83,64 @@ void forget_conditions(const ir::Graph& graph, StepSchedule& step, Pass& lister,
   }
 }
 
+// Values that a pass reads at other places.
+std::set<ValueId> read_elsewhere(const ir::Graph& graph, const Pass& pass) {
+  std::set<ValueId> out;
+  for (const ir::OpId id : pass.ops) {
+    const Uses uses = uses_of(graph, graph.op(id));
+    out.insert(uses.elsewhere.begin(), uses.elsewhere.end());
+  }
+  return out;
+}
+
+void choose_listers(const ir::Graph& graph, const target::Profile& profile, const Schedule& schedule,
+                    StepSchedule& step) {
+  for (size_t k = 0; k < step.passes.size(); ++k) {
+    const Pass& scatter = step.passes[k];
+    auto* sums = step.passes[k].as<ScatterPass>();
+    ActiveList* active = sums == nullptr ? nullptr : sums->active_list();
+    if (active == nullptr) continue;
+    const auto by = find_lister(graph, step, k, active->clauses);
+    if (!by) continue;
+    const Pass& pass = step.pass(*by);
+    // Both run whenever the step does: else one could be left out without the other.
+    if (!pass.steady || !scatter.steady) continue;
+    Bindings own = bindings_of(schedule.resources, resources_of(step, pass.reads), pass.writes.size());
+    own.more += lists_bound(listed_for(step, *by).size() + 1);
+    if (fits(profile, own)) active->listed_by = *by;
+  }
+}
+
+// What listed elements alone need is stored at these alone.
+void store_partly(const ir::Graph& graph, StepSchedule& step) {
+  const std::set<ValueId> kept = read_afterwards(graph, step);
+  for (size_t k = 0; k < step.passes.size(); ++k) {
+    auto* map = step.passes[k].as<MapPass>();
+    if (map == nullptr || listed_for(step, pass_id(k)).empty()) continue;
+    for (const ValueId v : step.passes[k].writes) {
+      const bool others = std::ranges::any_of(step.passes, [&](const Pass& pass) {
+        return reads(pass, v) && (pass.lister() != pass_id(k) || read_elsewhere(graph, pass).count(v) != 0);
+      });
+      if (kept.count(v) == 0 && !others) map->partial.push_back(v);
+    }
+  }
+}
+
 }  // namespace
 
 void list_where_computed(const ir::Graph& graph, const target::Profile& profile, Schedule& schedule) {
   std::set<uint32_t> unused;
   for (StepSchedule& step : schedule.steps) {
-    const std::set<ValueId> kept = read_afterwards(graph, step);
-    std::set<PassId> taken;
-    for (size_t k = 0; k < step.passes.size(); ++k) {
-      Pass& scatter = step.passes[k];
-      auto* sums = scatter.as<ScatterPass>();
-      ActiveList* active = sums == nullptr ? nullptr : sums->active_list();
-      if (active == nullptr) continue;
-      const auto by = find_lister(graph, step, k, active->clauses);
-      if (!by || taken.count(*by) != 0) continue;
-      Pass& pass = step.pass(*by);
-      // Both run whenever the step does: else one could be left out without the other.
-      if (!pass.steady || !scatter.steady) continue;
-      Bindings own = bindings_of(schedule.resources, resources_of(step, pass.reads), pass.writes.size());
-      own.more += kMapLists;
-      if (!fits(profile, own)) continue;
-      taken.insert(*by);
-      active->listed_by = *by;
-      std::set<ValueId> elsewhere;
-      for (const ir::OpId id : scatter.ops) {
-        const Uses uses = uses_of(graph, graph.op(id));
-        elsewhere.insert(uses.elsewhere.begin(), uses.elsewhere.end());
-      }
-      for (const ValueId v : pass.writes) {
-        const bool others = std::ranges::any_of(
-            step.passes, [&](const Pass& other) { return &other != &scatter && contains(other.reads, v); });
-        if (kept.count(v) == 0 && elsewhere.count(v) == 0 && !others) pass.get<MapPass>().partial.push_back(v);
-      }
-      forget_conditions(graph, step, pass, scatter, unused);
-      if (!may_join(graph, profile, schedule, step, scatter, elsewhere)) continue;
-      sums->join_lister();
-      if (ExactScatter* exact = sums->exact())
+    choose_listers(graph, profile, schedule, step);
+    store_partly(graph, step);
+    for (Pass& scatter : step.passes) {
+      const auto lister = scatter.lister();
+      if (!lister) continue;
+      auto& sums = scatter.get<ScatterPass>();
+      forget_conditions(graph, step, step.pass(*lister), scatter, unused);
+      if (!may_join(graph, profile, schedule, step, scatter, read_elsewhere(graph, scatter))) continue;
+      sums.join_lister();
+      if (ExactScatter* exact = sums.exact())
         std::get<JoinedFirstRun>(exact->first_run).keeps_terms =
             may_keep_terms(graph, profile, schedule, step, scatter);
     }

@@ -8,6 +8,7 @@
 #include "compiler/backend/analysis/bins.h"
 #include "compiler/backend/analysis/named_once.h"
 #include "compiler/backend/analysis/uses.h"
+#include "compiler/backend/lowering/heavy_branches.h"
 #include "compiler/backend/lowering/scatter_active.h"
 #include "compiler/backend/lowering/scatter_costs.h"
 #include "compiler/backend/pack/stages.h"
@@ -57,9 +58,15 @@ std::optional<Column> column_of(const Graph& graph, ValueId index) {
 
 class StepLegalizer {
  public:
-  StepLegalizer(const Graph& graph, const target::Profile& profile, ScatterLower lower, Schedule& schedule,
+  StepLegalizer(const Graph& graph, const target::Profile& profile, const ScatterOptions& options, Schedule& schedule,
                 StepSchedule& step, std::set<uint32_t>& unused)
-      : graph_(graph), profile_(profile), lower_(lower), schedule_(schedule), step_(step), unused_(unused) {
+      : graph_(graph),
+        profile_(profile),
+        lower_(options.lower),
+        may_list_(options.list_active),
+        schedule_(schedule),
+        step_(step),
+        unused_(unused) {
     const std::vector<OpId>& order = graph.region(graph.root()).ops;
     for (size_t k = 0; k < order.size(); ++k) position_[order[k]] = k;
     steady_ = steady_ops(graph, graph.steps[*graph.step_index(step.name)]);
@@ -89,7 +96,7 @@ class StepLegalizer {
         choose_joining(pass, *scatter);
         choose_active(pass, *scatter);
       }
-    return joined;
+    return (may_list_ && unite_scatters()) || joined;
   }
 
  private:
@@ -101,6 +108,9 @@ class StepLegalizer {
   const Resource& resource(ValueId v) const { return schedule_.resources[step_.stored.at(v).index]; }
 
   void index_passes() {
+    writer_.clear();
+    holders_.clear();
+    users_.clear();
     for (size_t k = 0; k < step_.passes.size(); ++k) {
       for (const ValueId v : step_.passes[k].writes) writer_[v] = k;
       for (const OpId id : step_.passes[k].ops) {
@@ -193,9 +203,8 @@ class StepLegalizer {
   bool join(const ScatterSum& sum) {
     std::set<size_t> group;
     for (const ValueId v : sum.terms) group.insert(writer_.at(v));
-    Pass& into = step_.passes[*group.begin()];
     for (const size_t k : group)
-      if (step_.passes[k].domain != into.domain) return false;
+      if (step_.passes[k].domain != step_.passes[*group.begin()].domain) return false;
     if (wait_for_each_other(group)) return false;
     std::set<ValueId> reads, writes;
     for (const size_t k : group) {
@@ -234,21 +243,33 @@ class StepLegalizer {
       step_.stored.erase(part);
     }
 
+    writes.insert(sum.value);
+    Pass& united = unite(group, std::move(reads), std::move(writes), adds);
+    std::vector<ScatterSum>& sums = united.get<ScatterPass>().sums;
+    std::erase_if(sums, [&](const ScatterSum& other) {
+      return std::find(sum.terms.begin(), sum.terms.end(), other.value) != sum.terms.end();
+    });
+    sums.push_back(sum);
+    std::sort(sums.begin(), sums.end(), [](const auto& a, const auto& b) { return a.value < b.value; });
+    return true;
+  }
+
+  // Makes the first pass of a group one that does what all of them do, and these additions.
+  Pass& unite(const std::set<size_t>& group, std::set<ValueId> reads, std::set<ValueId> writes,
+              const std::vector<OpId>& adds) {
+    Pass& into = step_.passes[*group.begin()];
     std::set<OpId> ops(adds.begin(), adds.end());
-    std::vector<ScatterSum> sums{sum};
+    std::vector<ScatterSum> sums;
     for (const size_t k : group) {
       Pass& pass = step_.passes[k];
       ops.insert(pass.ops.begin(), pass.ops.end());
-      for (ScatterSum& other : pass.get<ScatterPass>().sums)
-        if (std::find(sum.terms.begin(), sum.terms.end(), other.value) == sum.terms.end())
-          sums.push_back(std::move(other));
+      for (ScatterSum& other : pass.get<ScatterPass>().sums) sums.push_back(std::move(other));
       for (const OpId id : pass.ops) holders_[id].erase(k);
       if (&pass != &into) pass = {};
     }
-    writes.insert(sum.value);
     into.ops.assign(ops.begin(), ops.end());
     std::sort(into.ops.begin(), into.ops.end(), [&](OpId a, OpId b) { return position_.at(a) < position_.at(b); });
-    into.reads = read;
+    into.reads.assign(reads.begin(), reads.end());
     into.writes.assign(writes.begin(), writes.end());
     std::sort(sums.begin(), sums.end(), [](const auto& a, const auto& b) { return a.value < b.value; });
     into.get<ScatterPass>().sums = std::move(sums);
@@ -256,7 +277,7 @@ class StepLegalizer {
     for (const ValueId v : into.writes) into.name += (into.name.empty() ? "" : "_") + resource(v).name;
     for (const OpId id : into.ops) holders_[id].insert(*group.begin());
     for (const ValueId v : into.writes) writer_[v] = *group.begin();
-    return true;
+    return into;
   }
 
   // A pass that added the terms up, or some of them, reads their sum.
@@ -275,6 +296,67 @@ class StepLegalizer {
     for (const OpId id : adds) reads.erase(graph_.op(id).results[0]);
     if (used.count(sum.value) != 0) reads.insert(sum.value);
     pass.reads.assign(reads.begin(), reads.end());
+  }
+
+  // Makes one pass of several that add at all elements what one map computes: this map adds it then, by workgroups,
+  // where each of them would load it again. A map with a second dispatch for some elements has no squares of them.
+  bool unite_scatters() {
+    if (!profile_.is_gpu() || profile_.lanes_in_turn) return false;
+    index_passes();
+    std::map<PassId, std::set<size_t>> groups;
+    for (size_t k = 0; k < step_.passes.size(); ++k)
+      if (const auto lister = may_unite(k)) groups[*lister].insert(k);
+    bool united = false;
+    for (const auto& [lister, group] : groups) {
+      if (group.size() < 2 || wait_for_each_other(group)) continue;
+      std::set<ValueId> reads, writes;
+      std::vector<ScatterSum> sums;
+      for (const size_t k : group) {
+        const Pass& pass = step_.passes[k];
+        reads.insert(pass.reads.begin(), pass.reads.end());
+        writes.insert(pass.writes.begin(), pass.writes.end());
+        const auto& own = pass.get<ScatterPass>().sums;
+        sums.insert(sums.end(), own.begin(), own.end());
+      }
+      if (!may_add_in_map(step_.pass(lister), reads, sums)) continue;
+      Pass& into = unite(group, std::move(reads), std::move(writes), {});
+      auto& scatter = into.get<ScatterPass>();
+      choose_joining(into, scatter);
+      std::get<OwnFirstRun>(scatter.exact()->first_run).active = ActiveList{active_elements(graph_, into), OwnList{}};
+      united = true;
+    }
+    std::erase_if(step_.passes, [](const Pass& pass) { return pass.writes.empty(); });
+    return united;
+  }
+
+  // Whether one shader of the map may add to all these sums, by guesses and workgroups.
+  bool may_add_in_map(const Pass& map, std::set<ValueId> reads, const std::vector<ScatterSum>& sums) const {
+    std::vector<const ScatterSum*> all;
+    for (const ScatterSum& sum : sums) all.push_back(&sum);
+    reads.insert(map.reads.begin(), map.reads.end());
+    const std::vector<ValueId> read(reads.begin(), reads.end());
+    const size_t writes = map.writes.size() + 2 * sums.size();  // with their guesses
+    return are_cached(graph_, sums) && groups_have_room(graph_, profile_, all) &&
+           fits(profile_, bindings(read, writes, false, lists_bound(1)));
+  }
+
+  // The map that a scatter may join with others.
+  std::optional<PassId> may_unite(size_t k) const {
+    const Pass& pass = step_.passes[k];
+    const auto* scatter = pass.as<ScatterPass>();
+    if (scatter == nullptr || scatter->exact() == nullptr || scatter->sums.size() != pass.writes.size() ||
+        !adds_everywhere(graph_, pass) || scatter->active_list() != nullptr)
+      return std::nullopt;
+    if (!std::ranges::all_of(scatter->sums, [&](const ScatterSum& sum) { return needs_exponent(sum); }))
+      return std::nullopt;
+    const Clauses clauses = active_elements(graph_, pass);
+    if (clauses.empty()) return std::nullopt;
+    const auto lister = find_lister(graph_, step_, k, clauses);
+    if (!lister || !pass.steady || !step_.pass(*lister).steady) return std::nullopt;
+    const Trips trips = trips_of(graph_, step_.pass(*lister).ops);
+    if (needs_cut(trips, profile_) || !heavy_branches(graph_, step_.pass(*lister), trips, profile_).empty())
+      return std::nullopt;
+    return lister;
   }
 
   // Listing the elements that may add something costs an element few loads; running one costs its own loads, twice. A
@@ -444,6 +526,7 @@ class StepLegalizer {
   const Graph& graph_;
   const target::Profile& profile_;
   ScatterLower lower_;
+  bool may_list_;
   Schedule& schedule_;
   StepSchedule& step_;
   std::set<uint32_t>& unused_;  // resources
@@ -472,7 +555,7 @@ std::optional<std::string> legalize_scatter(const Graph& graph, const target::Pr
            "' lacks; choose auto, exact or rows";
   std::set<uint32_t> unused;
   for (StepSchedule& step : schedule.steps)
-    if (StepLegalizer(graph, profile, options.lower, schedule, step, unused).process())
+    if (StepLegalizer(graph, profile, options, schedule, step, unused).process())
       pack_stages(graph, step, profile, options.join_stages);
   remove_resources(schedule, unused);
   if (!options.list_active)

@@ -134,4 +134,21 @@ Clauses active_elements(const Graph& graph, const Pass& pass) {
   return out;
 }
 
+std::optional<PassId> find_lister(const ir::Graph& graph, const StepSchedule& step, size_t scatter,
+                                  const Clauses& clauses) {
+  const ir::Extent& domain = step.passes[scatter].domain;
+  const auto computes = [&](const Pass& pass, ValueId v) {
+    return std::ranges::find(pass.ops, graph.value(v).op) != pass.ops.end();
+  };
+  for (size_t k = scatter; k-- > 0;) {
+    const Pass& pass = step.passes[k];
+    if (!pass.is<MapPass>() || pass.domain != domain) continue;
+    const bool all = std::ranges::all_of(clauses, [&](const std::vector<ValueId>& clause) {
+      return std::ranges::all_of(clause, [&](ValueId v) { return computes(pass, v); });
+    });
+    if (all) return pass_id(k);
+  }
+  return std::nullopt;
+}
+
 }  // namespace dr::backend

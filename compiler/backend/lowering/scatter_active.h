@@ -3,6 +3,7 @@
 // is scattered of it zero, and a condition that is false leaves the branch out that scatters.
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include "compiler/backend/schedule/schedule.h"
@@ -12,5 +13,9 @@ namespace dr::backend {
 // A clause for each result: an element adds nothing to it unless all values of the clause are true or not zero.
 // Empty if that cannot be told from the pass's reads, or if elements store something of their own.
 Clauses active_elements(const ir::Graph& graph, const Pass& pass);
+
+// The map of the step that computes every value of the clauses of a scatter pass, the last that one of them waits for.
+std::optional<PassId> find_lister(const ir::Graph& graph, const StepSchedule& step, size_t scatter,
+                                  const Clauses& clauses);
 
 }  // namespace dr::backend

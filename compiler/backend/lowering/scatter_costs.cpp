@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "compiler/backend/analysis/scatter_leaves.h"
+#include "compiler/backend/schedule/limits.h"
 
 namespace dr::backend {
 
@@ -56,19 +57,44 @@ bool many_share(const ir::Graph& graph, const Pass& pass, const ScatterPass& sca
   return most >= kMany;
 }
 
-bool groups_may_join(const ir::Graph& graph, const target::Profile& profile, const ScatterPass& scatter) {
-  // More would leave too few workgroups at a time to a processor of a GPU.
-  constexpr uint32_t kMostBytes = 16 << 10;
+bool are_cached(const ir::Graph& graph, std::span<const ScatterSum> sums) {
+  constexpr int64_t kMostCached = 1 << 23;  // words
+  int64_t words = 0;
+  for (const ScatterSum& sum : sums) {
+    const ir::ValueInfo& info = graph.value(sum.value);
+    words += 2 * info.type.components() * usual_count(info.extent).value_or(kMostCached);
+  }
+  return words <= kMostCached;
+}
+
+bool adds_everywhere(const ir::Graph& graph, const Pass& pass) {
+  return std::ranges::all_of(pass.ops, [&](ir::OpId id) { return graph.op(id).regions.empty(); });
+}
+
+bool groups_have_room(const ir::Graph& graph, const target::Profile& profile, std::span<const ScatterSum* const> sums) {
   if (!profile.is_gpu() || profile.max_compute_work_group_invocations < static_cast<uint32_t>(kJoiningGroup))
     return false;
-  uint32_t bytes = sizeof(uint32_t);
-  for (const ScatterSum& sum : scatter.sums) {
-    if (graph.value(sum.value).extent.h.is_one()) return false;
+  const std::vector<int> elements = joined_elements(graph, sums);
+  return !elements.empty() && joined_bytes(graph, sums, elements) <= profile.max_compute_shared_memory_size;
+}
+
+bool groups_may_join(const ir::Graph& graph, const target::Profile& profile, const StepSchedule& step,
+                     const Pass& scatter) {
+  const auto& how = scatter.get<ScatterPass>();
+  const bool shares = how.joins_parts() && adds_everywhere(graph, scatter);
+  for (const ScatterSum& sum : how.sums) {
+    if (graph.value(sum.value).extent.h.is_one() && !shares) return false;
     if (std::ranges::any_of(sum.terms, [&](ir::ValueId term) { return contributions(graph, term) != 1; })) return false;
-    bytes += static_cast<uint32_t>(joined_elements(sum) * (1 + 2 * graph.value(sum.value).type.components())) *
-             static_cast<uint32_t>(sizeof(uint32_t));
   }
-  return bytes <= std::min(kMostBytes, profile.max_compute_shared_memory_size);
+  std::vector<const ScatterSum*> sums;
+  const auto add = [&](const Pass& pass) {
+    for (const ScatterSum& sum : pass.get<ScatterPass>().sums) sums.push_back(&sum);
+  };
+  add(scatter);
+  if (const auto lister = scatter.lister())
+    for (const Pass* other : listed_for(step, *lister))
+      if (other != &scatter && other->get<ScatterPass>().joins_groups()) add(*other);
+  return groups_have_room(graph, profile, sums);
 }
 
 bool rows_pay(const ir::Graph& graph, const target::Profile& profile, const ScatterPass& scatter,

@@ -26,10 +26,22 @@ bool joining_pays(const ir::Graph& graph, const target::Profile& profile, const 
 // Whether lanes beside each other often add to one element of a sum: where there are many more of them than elements.
 bool many_share(const ir::Graph& graph, const Pass& pass, const ScatterPass& scatter);
 
+// A GPU adds to sums that its caches hold where they are computed; to larger ones it adds faster in a run of its own,
+// whose lanes all add. So do processors to all.
+bool are_cached(const ir::Graph& graph, std::span<const ScatterSum> sums);
+
+// Whether no condition of the program decides which elements of a scatter pass add.
+bool adds_everywhere(const ir::Graph& graph, const Pass& pass);
+
+// Whether the memory of a workgroup that joins what it adds has room for these sums.
+bool groups_have_room(const ir::Graph& graph, const target::Profile& profile, std::span<const ScatterSum* const> sums);
+
 // Whether the invocations of a workgroup join what they add: pixels of a square add to texels of one, of which its
-// memory has room for some hundred. What they add to vertices, which lie anywhere, they add to memory. An invocation
-// keeps one contribution of each term, so that none adds in a loop.
-bool groups_may_join(const ir::Graph& graph, const target::Profile& profile, const ScatterPass& scatter);
+// memory has room for some hundred. Vertices lie anywhere: what few pixels add to them they add to memory, but where
+// all that show a mesh do, those of a square share them. An invocation keeps one contribution of each term, so that
+// none adds in a loop. Scatters that join one map share the memory.
+bool groups_may_join(const ir::Graph& graph, const target::Profile& profile, const StepSchedule& step,
+                     const Pass& scatter);
 
 // A contribution costs a row its number and two loads, and an exact sum three words of atomics and their clearing.
 bool rows_pay(const ir::Graph& graph, const target::Profile& profile, const ScatterPass& scatter,

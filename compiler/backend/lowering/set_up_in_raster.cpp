@@ -80,7 +80,7 @@ void set_up_in_raster(const ir::Graph& graph, const target::Profile& profile, Sc
   for (StepSchedule& step : schedule.steps) {
     const std::set<ValueId> kept = read_afterwards(graph, step);
     const auto is_taken = [&](PassId map) {
-      return listed_for(step, map) != nullptr || set_up_for(step, map) != nullptr;
+      return !listed_for(step, map).empty() || set_up_for(step, map) != nullptr;
     };
     for (size_t k = 0; k < step.passes.size(); ++k) {
       Pass& raster = step.passes[k];

@@ -147,7 +147,10 @@ class StepChecker {
       unsound("walks rows in loops that may take more trips than the device allows");
     Trips trips = trips_of(graph_, pass().ops);
     if (trips.loops == 0 || scatter->joined_run() == nullptr) return;
-    trips += trips_of(graph_, step_.pass(scatter->joined_run()->lister).ops);
+    const PassId lister = scatter->joined_run()->lister;
+    trips += trips_of(graph_, step_.pass(lister).ops);
+    for (const Pass* other : listed_for(step_, lister))
+      if (other != &pass() && other->get<ScatterPass>().joined_run() != nullptr) trips += trips_of(graph_, other->ops);
     if (needs_cut(trips, profile_)) unsound("joins loops that may stop and go on later");
   }
 
@@ -291,7 +294,7 @@ class StepChecker {
          profile_.max_compute_shared_memory_size);
     if (needs_cut(trips_of(graph_, pass().ops), profile_))
       unsound("reads together in loops that may stop and go on later");
-    if (listed_for(step_, pass_id(place_)) != nullptr) unsound("computes elements side by side and lists them");
+    if (!listed_for(step_, pass_id(place_)).empty()) unsound("computes elements side by side and lists them");
   }
 
   const Graph& graph_;

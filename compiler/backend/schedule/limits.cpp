@@ -2,6 +2,7 @@
 #include "compiler/backend/schedule/limits.h"
 
 #include <algorithm>
+#include <bit>
 
 #include "compiler/backend/analysis/bins.h"
 #include "compiler/backend/analysis/named_once.h"
@@ -50,14 +51,45 @@ bool may_guess(const ir::Graph& graph, const std::vector<Resource>& resources, c
 Bindings joined_bindings(const std::vector<Resource>& resources, const StepSchedule& step, const Pass& scatter) {
   const Pass& pass = step.pass(*scatter.lister());
   std::vector<uint32_t> reads = resources_of(step, pass.reads);
-  for (const uint32_t r : resources_of(step, scatter.reads)) reads.push_back(r);
-  constexpr size_t kLists = 1;
-  return bindings_of(resources, std::move(reads), pass.writes.size() + scatter.get<ScatterPass>().sums.size() + kLists);
+  size_t writes = pass.writes.size();
+  for (const Pass* listed : listed_for(step, *scatter.lister())) {
+    ++writes;  // its list
+    const auto& how = listed->get<ScatterPass>();
+    if (listed != &scatter && how.joined_run() == nullptr) continue;
+    for (const uint32_t r : resources_of(step, listed->reads)) reads.push_back(r);
+    writes += how.sums.size() * (listed != &scatter && how.keeps_terms() ? 2 : 1);
+  }
+  Bindings out = bindings_of(resources, std::move(reads), writes);
+  out.more += static_cast<uint32_t>(guesses_bound(resources, step, pass));
+  return out;
+}
+
+uint32_t joined_bytes(const ir::Graph& graph, std::span<const ScatterSum* const> sums,
+                      const std::vector<int>& elements) {
+  int words = 1;
+  for (size_t k = 0; k < sums.size(); ++k)
+    words += elements[k] * (1 + 2 * graph.value(sums[k]->value).type.components());
+  return static_cast<uint32_t>(words) * static_cast<uint32_t>(sizeof(uint32_t));
+}
+
+std::vector<int> joined_elements(const ir::Graph& graph, std::span<const ScatterSum* const> sums) {
+  // More bytes would leave too few workgroups at a time to a GPU's processor.
+  constexpr uint32_t kMostBytes = 20 << 10;
+  constexpr unsigned kLeast = kJoiningGroup / 2;
+  std::vector<int> out;
+  for (const ScatterSum* sum : sums)
+    out.push_back(static_cast<int>(std::bit_ceil(static_cast<unsigned>(sum->terms.size()) * kLeast)));
+  while (joined_bytes(graph, sums, out) > kMostBytes) {
+    const int half = *std::ranges::max_element(out) / 2;
+    if (half < static_cast<int>(kLeast)) return {};
+    for (int& room : out) room = std::min(room, half);
+  }
+  return out;
 }
 
 std::vector<ir::ValueId> true_where_listed(const ir::Graph& graph, const Pass& pass) {
   const auto* scatter = pass.as<ScatterPass>();
-  if (scatter == nullptr || !scatter->lister() || scatter->clauses().size() != 1) return {};
+  if (scatter == nullptr || !scatter->lister() || scatter->runs_again() || scatter->clauses().size() != 1) return {};
   std::vector<ir::ValueId> out = scatter->clauses()[0];
   std::erase_if(out, [&](ir::ValueId v) { return graph.value(v).type != ir::kBool; });
   return out;

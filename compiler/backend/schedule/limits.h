@@ -28,8 +28,12 @@ std::vector<uint32_t> resources_of(const StepSchedule& step, std::span<const ir:
 
 // That lowering a scatter may add to what its pass reads and writes: sums or tables, and lists.
 inline constexpr uint32_t kScatterBuffers = 3;
-// Lists that a map's shader may write.
+// Lists that a map's shader may write: of heavy elements, and for a scatter.
 inline constexpr uint32_t kMapLists = 2;
+// The same where it lists for so many scatters.
+inline uint32_t lists_bound(size_t scatters) {
+  return scatters == 0 ? 0 : kMapLists - 1 + static_cast<uint32_t>(scatters);
+}
 // Words of a shader whose loops are cut.
 inline constexpr uint32_t kCutBuffers = 3;
 
@@ -37,8 +41,15 @@ inline constexpr uint32_t kCutBuffers = 3;
 // and compute shaders alone read them as such, for those leave the guess.
 bool may_guess(const ir::Graph& graph, const std::vector<Resource>& resources, const StepSchedule& step,
                const Pass& pass);
-// What the shader of the map that lists what a scatter adds binds if it does the scatter's first run, too.
+// What the shader of the map that lists what a scatter adds binds if it does the scatter's first run, too, beside those
+// of others that join it.
 Bindings joined_bindings(const std::vector<Resource>& resources, const StepSchedule& step, const Pass& scatter);
+// For how many elements of each of these sums a workgroup that joins what it adds to them has room, powers of two:
+// neighbours share elements, and those beyond are added to memory. Empty: its memory is too small for all sums.
+std::vector<int> joined_elements(const ir::Graph& graph, std::span<const ScatterSum* const> sums);
+// How much of its memory so many elements take.
+uint32_t joined_bytes(const ir::Graph& graph, std::span<const ScatterSum* const> sums,
+                      const std::vector<int>& elements);
 // So many elements an invocation of such a scatter's second run may compute, one after the other: where terms are kept,
 // and where exponents are guessed.
 inline constexpr int kElementsInTurn = 32, kElementsOfGuess = 128;

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "compiler/backend/schedule/pass.h"
 
-#include <bit>
 #include <utility>
 
 namespace dr::backend {
@@ -24,10 +23,6 @@ ScatterLowering ScatterPass::lowering() const {
                                [](const AtomicScatter&) { return ScatterLowering::Atomic; },
                                [](const BinnedScatter&) { return ScatterLowering::Binned; }},
                     how);
-}
-
-int joined_elements(const ScatterSum& sum) {
-  return static_cast<int>(std::bit_ceil(static_cast<unsigned>(sum.terms.size()) * (kJoiningGroup / 2)));
 }
 
 const OwnRun* ScatterPass::own_run() const {
@@ -82,6 +77,11 @@ bool ScatterPass::relists() const {
 bool ScatterPass::keeps_terms() const {
   const auto* joined = exact() == nullptr ? nullptr : std::get_if<JoinedFirstRun>(&exact()->first_run);
   return joined != nullptr && joined->keeps_terms;
+}
+
+bool ScatterPass::runs_again() const {
+  const auto* joined = exact() == nullptr ? nullptr : std::get_if<JoinedFirstRun>(&exact()->first_run);
+  return joined != nullptr && joined->again;
 }
 
 bool ScatterPass::joins_parts() const {

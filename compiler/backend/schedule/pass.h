@@ -161,10 +161,8 @@ struct JoinedRun {
 inline constexpr int kJoinRounds = 2;
 inline constexpr uint32_t kMaxJoinedLanes = 128;
 
-// Invocations of a workgroup that joins what it adds, and for how many elements of a sum it has room, a power of two:
-// neighbours share elements, and those beyond are added to memory.
+// Invocations of a workgroup that joins what it adds.
 inline constexpr int kJoiningGroup = 256;
-int joined_elements(const ScatterSum& sum);
 
 struct OwnFirstRun : OwnRun {
   bool relists = false;  // it lists what adds something for the second
@@ -172,6 +170,7 @@ struct OwnFirstRun : OwnRun {
 struct JoinedFirstRun : JoinedRun {
   // It keeps what elements add, as far as there is room: the second then need not compute it again.
   bool keeps_terms = false;
+  bool again = false;  // the second run computes what the map does again, and needs no list
 };
 
 // Float sums in fixed point, by two runs: the first finds the largest contribution, the second adds.
@@ -247,6 +246,7 @@ struct ScatterPass {
 
   bool relists() const;
   bool keeps_terms() const;
+  bool runs_again() const;  // see JoinedFirstRun::again
   bool guesses() const { return exact() != nullptr && exact()->guesses; }
   bool joins_lanes() const { return exact() != nullptr && exact()->joins_lanes; }
   bool joins_groups() const { return exact() != nullptr && exact()->joins_groups; }

@@ -236,6 +236,8 @@ bool PassReader::decides(ScatterPass& scatter, ExactScatter& exact, bool& ok) {
   auto* joined = std::get_if<JoinedFirstRun>(&exact.first_run);
   if (joined != nullptr && take_word("keeps")) {
     ok = joined->keeps_terms = expect_word("terms");
+  } else if (joined != nullptr && take_word("again")) {
+    joined->again = true;
   } else if (own != nullptr && take_word("relist")) {
     own->relists = true;
   } else if (take_word("guesses")) {

@@ -181,6 +181,7 @@ class Writer {
     if (const auto lister = scatter.lister())
       out_ += (scatter.joined_run() != nullptr ? "    joins " : "    listed by ") + pass_at(*lister) + "\n";
     if (scatter.keeps_terms()) out_ += "    keeps terms\n";
+    if (scatter.runs_again()) out_ += "    again\n";
     if (scatter.guesses()) out_ += "    guesses exponents\n";
     if (scatter.joins_lanes()) out_ += "    join lanes\n";
     if (scatter.joins_parts()) out_ += "    join parts\n";

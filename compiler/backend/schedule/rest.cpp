@@ -79,7 +79,7 @@ bool is_plain_update(const Graph& graph, const Schedule& schedule, const StepSch
   const Pass& pass = step.pass(id);
   const auto* map = pass.as<MapPass>();
   if (map == nullptr || !pass.steady || map->block || !map->partial.empty()) return false;
-  if (listed_for(step, id) != nullptr || set_up_for(step, id) != nullptr) return false;
+  if (!listed_for(step, id).empty() || set_up_for(step, id) != nullptr) return false;
   if (std::ranges::any_of(pass.ops, [&](OpId op) { return !graph.op(op).regions.empty(); })) return false;
   return std::ranges::all_of(pass.writes, [&](ValueId v) {
     const auto leaf = leaf_of(step, v);

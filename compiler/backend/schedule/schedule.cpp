@@ -39,9 +39,11 @@ std::vector<ValueId> stage_inputs(const StepSchedule& step, size_t pass) {
   return out;
 }
 
-const Pass* listed_for(const StepSchedule& step, PassId map) {
-  const auto found = std::ranges::find_if(step.passes, [&](const Pass& pass) { return pass.lister() == map; });
-  return found == step.passes.end() ? nullptr : &*found;
+std::vector<const Pass*> listed_for(const StepSchedule& step, PassId map) {
+  std::vector<const Pass*> out;
+  for (const Pass& pass : step.passes)
+    if (pass.lister() == map) out.push_back(&pass);
+  return out;
 }
 
 const Pass* set_up_for(const StepSchedule& step, PassId map) {

@@ -86,8 +86,9 @@ struct Schedule {
   Code code;
 };
 
-// The scatter of a step that a map pass lists elements for, and the raster whose faces it sets up; null: there is none.
-const Pass* listed_for(const StepSchedule& step, PassId map);
+// The scatters of a step that a map pass lists elements for.
+std::vector<const Pass*> listed_for(const StepSchedule& step, PassId map);
+// The raster whose faces it sets up; null: there is none.
 const Pass* set_up_for(const StepSchedule& step, PassId map);
 
 // What the invocations of a workgroup read together at a time, in bytes; nothing where that is no part of an image that

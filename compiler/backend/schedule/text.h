@@ -32,7 +32,7 @@
 //   active hit and %12, or weight               // elements that may add something
 //   listed by seen                              // or: joins seen
 //   set up by clip_pixel, twice where listed
-//   keeps terms
+//   keeps terms                                 // or: again
 //   guesses exponents
 //   join lanes                                  // and: join parts, join workgroups
 //   relist
