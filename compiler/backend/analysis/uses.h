@@ -2,6 +2,7 @@
 // How ops of the root region use values, which is what decides where they can be computed.
 #pragma once
 
+#include <algorithm>
 #include <set>
 #include <span>
 #include <string>
@@ -10,6 +11,11 @@
 #include "compiler/ir/graph.h"
 
 namespace dr::backend {
+
+template <typename Values>
+bool contains(const Values& values, ir::ValueId v) {
+  return std::ranges::find(values, v) != values.end();
+}
 
 // Whether an op's value is written down wherever it is used (constants, extents, coordinates) rather than stored.
 bool is_inline(const ir::Op& op);

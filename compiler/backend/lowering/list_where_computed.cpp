@@ -16,8 +16,6 @@ using ir::ValueId;
 
 namespace {
 
-bool contains(const std::vector<ValueId>& values, ValueId v) { return std::ranges::find(values, v) != values.end(); }
-
 // Whether the lister can do at an active element what the scatter's first run does: all that it needs is there by then,
 // nothing that the lister writes is read at other places, and one shader may bind it all. Where lanes run both branches
 // of every `if`, few elements would make all pay.

@@ -17,8 +17,6 @@ using ir::ValueId;
 
 namespace {
 
-bool contains(const std::vector<ValueId>& values, ValueId v) { return std::ranges::find(values, v) != values.end(); }
-
 // What the second run needs if it does all that its sums are made of.
 struct Whole {
   std::vector<OpId> ops;

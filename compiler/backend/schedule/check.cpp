@@ -31,11 +31,6 @@ void captured_operands(const Graph& graph, const Op& op, std::set<ValueId>& out)
   }
 }
 
-template <typename Values>
-bool contains(const Values& values, ValueId v) {
-  return std::ranges::find(values, v) != values.end();
-}
-
 // Runs the passes of a step in thought, in order.
 class StepChecker {
  public:
