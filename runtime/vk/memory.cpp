@@ -83,7 +83,7 @@ bool Memory::has_room(const bundle::ResourceT& r) const {
 vk::DeviceSize Memory::buffer_bytes(uint32_t k) const {
   const bundle::ResourceT& r = *bundle_.resources[k];
   const Size s = has_room(r) ? sizes_.size_of(*r.extent, "'" + r.name + "'") : Size{};
-  const vk::DeviceSize bytes = static_cast<vk::DeviceSize>(s.count()) *
+  const vk::DeviceSize bytes = static_cast<vk::DeviceSize>(s.count() + elements_behind(r)) *
                                static_cast<vk::DeviceSize>(is_words(r) ? 1 : components_of(*r.type)) * 4;
   // Shaders count words in an int.
   constexpr vk::DeviceSize kMostBytes = vk::DeviceSize{kMaxElements} * 4;

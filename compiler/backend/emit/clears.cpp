@@ -22,6 +22,8 @@ namespace {
 
 // An invocation clears so many words: starting a workgroup takes a GPU longer than some stores do.
 constexpr int64_t kWordsEach = 16;
+// Of what is seldom cleared.
+constexpr int64_t kSeldomEach = 64;
 // The most words of a target, when all symbols are as large as the side of a picture.
 constexpr int64_t kMostWords = 1 << 23;
 constexpr int64_t kSide = 1024;
@@ -40,8 +42,13 @@ Dim words_of_fill(const bundle::BundleT& bundle, const CommandT& fill) {
   return is_words(r) ? elements : elements * Dim(r.type->rows * r.type->cols);
 }
 
+bool clears_epochs(const bundle::BundleT& bundle, const CommandT& fill) {
+  return bundle.resources[static_cast<size_t>(fill.target)]->role == bundle::Role::EpochEntries;
+}
+
 bool is_small_fill(const bundle::BundleT& bundle, const CommandT& command) {
   if (command.kind != CommandKind::Fill) return false;
+  if (clears_epochs(bundle, command)) return true;
   ir::SymbolValues sides;
   for (const std::string& symbol : bundle.symbols) sides[symbol] = kSide;
   const auto words = words_of_fill(bundle, command).evaluate(sides);
@@ -103,8 +110,10 @@ void Generator::clear_by_dispatch(const std::vector<size_t>& fills) {
   Dim invocations = 0, all = 0;  // the words of all targets together may be too many for an int
   for (const size_t k : fills) {
     const Dim words = words_of_fill(*bundle_, *out_->commands[k]);
-    invocations = invocations + (words + Dim(kWordsEach - 1)).divided_by(kWordsEach);
-    all = all + words;
+    const bool epochs = clears_epochs(*bundle_, *out_->commands[k]);
+    const int64_t each = epochs ? kSeldomEach : kWordsEach;
+    invocations = invocations + (words + Dim(each - 1)).divided_by(each);
+    all = all + (epochs ? (words + Dim(bundle::kEpochs - 1)).divided_by(bundle::kEpochs) : words);
   }
   const std::string stride = glsl::dim_expression(invocations);
   Shader s = strict_shader();
@@ -114,10 +123,21 @@ void Generator::clear_by_dispatch(const std::vector<size_t>& fills) {
   for (size_t k = 0; k < fills.size(); ++k) {
     const CommandT& fill = *out_->commands[fills[k]];
     const std::string words = glsl::dim_expression(words_of_fill(*bundle_, fill));
-    const std::string name =
-        s.bind_words(static_cast<uint32_t>(fill.target), "cleared_" + std::to_string(k), bundle::Access::Write);
-    s.body().line("for (int i = index; i < " + words + "; i += " + stride + ") " + name +
-                  ".d[i] = " + std::to_string(fill.value) + "u;");
+    const bool epochs = clears_epochs(*bundle_, fill);
+    const std::string name = s.bind_words(static_cast<uint32_t>(fill.target), "cleared_" + std::to_string(k),
+                                          epochs ? bundle::Access::ReadWrite : bundle::Access::Write),
+                      loop = "for (int i = index; i < " + words + "; i += " + stride + ") " + name +
+                             ".d[i] = " + std::to_string(fill.value) + "u;";
+    if (epochs) {
+      // See lowering/clear_by_epochs.h; elements are of two words.
+      const std::string epoch = name + ".d[" + words + "]", next = "next_" + std::to_string(k);
+      s.body().line("uint " + next + " = " + name + ".d[" + words + " + 2];");
+      s.body().line("if (index == 0) " + epoch + " = " + next + " == 0u ? " + std::to_string(bundle::kEpochs) +
+                    "u : " + next + ";");
+      s.body().line("if (" + next + " == 0u) " + loop);
+    } else {
+      s.body().line(loop);
+    }
     clear->label += (k == 0 ? "" : ",") + fill.label.substr(std::string("clear").size());
     for (const bundle::Line& line : fill.lines) lines.emplace(line.file(), line.line());
   }
