@@ -104,6 +104,7 @@ std::vector<vk::MemoryRequirements> Memory::create_buffer(uint32_t k) {
   const auto& d = device_->device;
   const bundle::ResourceT& r = *bundle_.resources[k];
   BufferObject& object = buffers_[k];
+  object.buffers.clear();  // of a try that failed
   object.bytes = object.each = buffer_bytes(k);
   // Bindings of texels of one to four words have each a power of two of them: so many fit in the buffers.
   if (object.bytes > most_ && !whole_.contains(k)) object.each = 3 * std::bit_floor(most_ / 3);

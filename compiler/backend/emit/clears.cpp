@@ -23,7 +23,7 @@ namespace {
 // An invocation clears so many words: starting a workgroup takes a GPU longer than some stores do.
 constexpr int64_t kWordsEach = 16;
 // Of what is seldom cleared.
-constexpr int64_t kSeldomEach = 64;
+constexpr int64_t kSeldomEach = 256;
 // The most words of a target, when all symbols are as large as the side of a picture.
 constexpr int64_t kMostWords = 1 << 23;
 constexpr int64_t kSide = 1024;
