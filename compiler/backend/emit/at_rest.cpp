@@ -155,8 +155,7 @@ void Generator::stepped_map_pass(const Pass& pass) {
 void Generator::looking_map_pass(const Pass& pass) {
   const AtRest& rest = *pass.get<MapPass>().rest;
   const uint32_t list = stepped_lists_.at(&pass);
-  std::vector<ValueId> gathered;
-  for (const ir::OpId id : rest.gathers) gathered.push_back(graph_.op(id).results[0]);
+  const std::vector<ValueId> gathered = gathered_at_rest(graph_, rest);
   Shader s = shader();
   linear_index(s, dim_expression(element_count(pass.domain)));
   place_from_index(s, pass.domain);
