@@ -151,9 +151,9 @@ void Generator::stepped_map_pass(const Pass& pass) {
   dispatch(pass, "", s, element_count(pass.domain).str()).indirect = static_cast<int>(list);
 }
 
-// Starting a workgroup takes a GPU longer than looking whether it has something to do, and where lanes take each other's
-// branches, an update costs the same whether one lane has something to do or all: a workgroup takes several blocks, and
-// finds out about them all at once.
+// Starting a workgroup takes a GPU longer than looking whether it has something to do, and where lanes take each
+// other's branches, an update costs the same whether one lane has something to do or all: a workgroup takes several
+// blocks, and finds out about them all at once.
 void Generator::marked_map_pass(const Pass& pass) {
   const bool looks = !pass.get<MapPass>().rest->gathers.empty();
   const std::string block = std::to_string(kRestingBlock), each = std::to_string(kBlocksEach),
