@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What stage packing and the reactive cache are worth, as in the paper's Table 3: the steps of one program compiled in
-// five ways, all in one process, in rounds in which each takes its turn. A step runs TIMES times at most: then it starts
-// over, as what a step of a fit takes depends on how far the fit is. All ways must end with the same bits.
+// five ways, all in one process, in rounds in which each takes its turn. A step runs TIMES times at most: then it
+// starts over, as what a step of a fit takes depends on how far the fit is. All ways must end with the same bits.
 //
 //   bench_table3 FILE PROGRAM DEVICE ROUNDS STEP=TIMES... -- LEAF=SOURCE...    a table on stdout, JSON in FILE
 #include <algorithm>
@@ -43,7 +43,7 @@ struct Runner {
   runtime::Program program;
   std::vector<std::pair<std::string, io::Array>> start = {};  // of what the step that is measured changes
   int done = 0;                                               // since it started over
-  std::vector<double> ms = {}, processor_ms = {};  // a step, of the one that is measured
+  std::vector<double> ms = {}, processor_ms = {};             // a step, of the one that is measured
 };
 
 double now_ms() {
