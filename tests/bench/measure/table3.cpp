@@ -129,7 +129,7 @@ int main(int argc, char** argv) {
     std::printf("%-14s %-16s %10s %20s %8s %13s %8s %12s %8s %9s\n", step.c_str(), "", "ms a step", "quartiles",
                 "x slower", "processor ms", "x slower", "commands run", "MB run", "left out");
     // Warm: shaders compiled, the cache steady. Then every way runs as often as every other, so that all are at the
-    // same point of the fit, and for a quarter of a second or a step at least.
+    // same point of the fit: for a second or a step at least, and not beyond the fit's end.
     double slowest = 0;
     for (Runner& r : runners) {
       r.start.clear();
@@ -140,7 +140,7 @@ int main(int argc, char** argv) {
       start_over(r, step);
     }
     for (Runner& r : runners) r.ms.clear(), r.processor_ms.clear();
-    const int times = std::clamp(static_cast<int>(250 / slowest), 1, most);
+    const int times = std::clamp(static_cast<int>(1000 / slowest), 1, most);
     std::vector<runtime::StepCounters> before;
     for (Runner& r : runners) before.push_back(r.program.counters(step));
     for (int round = 0; round < rounds; ++round)
@@ -152,7 +152,7 @@ int main(int argc, char** argv) {
     for (size_t k = 0; k < runners.size(); ++k) {
       Runner& r = runners[k];
       const auto after = r.program.counters(step);
-      const double runs = static_cast<double>(after.runs - before[k].runs);
+      const double runs = static_cast<double>(rounds) * times;
       const double commands = static_cast<double>(after.run.commands - before[k].run.commands) / runs;
       const double skipped = static_cast<double>(after.skipped.commands - before[k].skipped.commands) / runs;
       const double megabytes = 1e-6 * static_cast<double>(after.run.bytes - before[k].run.bytes) / runs;
