@@ -36,7 +36,7 @@ struct CompileOptions {
   bool leave_at_rest = true;    // updates leave elements out (lowering/leave_at_rest.h)
   bool list_branches = true;    // heavy branches run for the elements that take them (emit/listed.cpp)
   bool block_loops = true;      // see lowering/block_loops.h
-  bool empty_sums = true;       // see lowering/empty_sums.h
+  bool empty_sums = true;       // see lowering/empty_sums.h, and lowering/clear_by_epochs.h of rasters
   bool guess_exponents = true;  // see lowering/guess_exponents.h
   bool share_memory = true;     // see plan_memory()
   Lower lower = Lower::Auto;

@@ -8,6 +8,7 @@
 #include "compiler/backend/emit/generator.h"
 #include "compiler/backend/lowering/block_loops.h"
 #include "compiler/backend/lowering/choose_code.h"
+#include "compiler/backend/lowering/clear_by_epochs.h"
 #include "compiler/backend/lowering/empty_sums.h"
 #include "compiler/backend/lowering/guess_exponents.h"
 #include "compiler/backend/lowering/keep_in_tiles.h"
@@ -117,6 +118,11 @@ Outcome run_empty_sums(Compilation& c) {
   return std::nullopt;
 }
 
+Outcome run_clear_by_epochs(Compilation& c) {
+  if (c.options.empty_sums) clear_by_epochs(c.graph(), c.profile, c.out.schedule);
+  return std::nullopt;
+}
+
 // The last word on limits, whatever the passes before took care of.
 Outcome run_check_limits(Compilation& c) {
   std::string limits;
@@ -190,6 +196,8 @@ constexpr BackendPass kPasses[] = {
     {"choose-code", run_choose_code, Fact::Packed | Fact::SumsChosen | Fact::PlacesFixed | Fact::EntriesKept,
      only(Fact::CodeChosen), only(Fact::Lowered)},
     {"empty-sums", run_empty_sums, Fact::Packed | Fact::SumsChosen | Fact::CodeChosen, 0, only(Fact::Lowered)},
+    {"clear-by-epochs", run_clear_by_epochs, Fact::Packed | Fact::EntriesKept | Fact::CodeChosen, 0,
+     only(Fact::Lowered)},
     {"check-limits", run_check_limits, Fact::Packed | Fact::SumsChosen | Fact::CodeChosen, only(Fact::Lowered),
      only(Fact::Emitted)},
     {"emit", run_emit, only(Fact::Lowered), only(Fact::Emitted), only(Fact::CommandsFixed)},

@@ -49,6 +49,7 @@ std::optional<Limit> words_over_limit(const bundle::BundleT& bundle) {
     ir::Dim words = is_words(*r) ? 1 : r->type->rows * r->type->cols;
     for (const std::string* axis : {&r->extent->w, &r->extent->h, &r->extent->l})
       words = words * ir::Dim::parse(*axis).value_or(ir::Dim(1));
+    words = words + ir::Dim(elements_behind(*r) * r->type->rows * r->type->cols);
     const auto count = words.evaluate(ones);
     if (!count || *count > std::numeric_limits<int32_t>::max())
       return Limit{"'" + r->name + "' takes " + (count ? std::to_string(*count) : "more than 2^63") +

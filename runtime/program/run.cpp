@@ -42,7 +42,8 @@ StepState& Program::State::prepared_step(size_t index) {
 void Program::State::leave_zeros(const bundle::StepT& table) {
   std::vector<vk::Buffer> buffers;
   for (const uint32_t r : resources_of(table))
-    if (const bundle::Role role = bundle.resources[r]->role; role == bundle::Role::Guess || role == bundle::Role::Zeros)
+    if (const bundle::Role role = bundle.resources[r]->role;
+        role == bundle::Role::Guess || role == bundle::Role::Zeros || role == bundle::Role::EpochEntries)
       for (const BufferObject::Piece& piece : on_device->memory.buffer(r).pieces()) buffers.push_back(piece.buffer);
   if (buffers.empty()) return;
   on_device->queue.once([&](const vk::raii::CommandBuffer& commands) {

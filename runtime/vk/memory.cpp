@@ -83,7 +83,7 @@ bool Memory::has_room(const bundle::ResourceT& r) const {
 vk::DeviceSize Memory::buffer_bytes(uint32_t k) const {
   const bundle::ResourceT& r = *bundle_.resources[k];
   const Size s = has_room(r) ? sizes_.size_of(*r.extent, "'" + r.name + "'") : Size{};
-  const vk::DeviceSize bytes = static_cast<vk::DeviceSize>(s.count()) *
+  const vk::DeviceSize bytes = static_cast<vk::DeviceSize>(s.count() + elements_behind(r)) *
                                static_cast<vk::DeviceSize>(is_words(r) ? 1 : components_of(*r.type)) * 4;
   // Shaders count words in an int.
   constexpr vk::DeviceSize kMostBytes = vk::DeviceSize{kMaxElements} * 4;
@@ -104,6 +104,7 @@ std::vector<vk::MemoryRequirements> Memory::create_buffer(uint32_t k) {
   const auto& d = device_->device;
   const bundle::ResourceT& r = *bundle_.resources[k];
   BufferObject& object = buffers_[k];
+  object.buffers.clear();  // of a try that failed
   object.bytes = object.each = buffer_bytes(k);
   // Bindings of texels of one to four words have each a power of two of them: so many fit in the buffers.
   if (object.bytes > most_ && !whole_.contains(k)) object.each = 3 * std::bit_floor(most_ / 3);

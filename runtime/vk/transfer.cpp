@@ -90,6 +90,23 @@ const std::byte* Transfer::staged(const BufferObject::Piece& piece) {
   return static_cast<const std::byte*>(staging_data_);
 }
 
+namespace {
+
+// Leaves a raster's entries of other epochs empty, and takes away what lies behind (Role::EpochEntries).
+void leave_one_epoch(io::Array& entries) {
+  const auto elements = static_cast<size_t>(entries.size());
+  std::vector<uint32_t> words(entries.bytes.size() / 4);
+  std::memcpy(words.data(), entries.bytes.data(), entries.bytes.size());
+  const uint32_t epoch = words[2 * elements];
+  words.resize(2 * elements);
+  for (size_t k = 0; k < words.size(); k += 2)
+    if (words[k + 1] >> 28 != epoch) words[k] = words[k + 1] = 0xffffffffu;
+  entries.bytes.resize(4 * words.size());
+  std::memcpy(entries.bytes.data(), words.data(), entries.bytes.size());
+}
+
+}  // namespace
+
 io::Array Transfer::download(uint32_t resource) {
   const bundle::ResourceT& r = *bundle_.resources[resource];
   if (r.storage == Storage::Depth) throw Failure{"'" + r.name + "' is a depth image"};
@@ -108,12 +125,15 @@ io::Array Transfer::download(uint32_t resource) {
   };
   if (r.storage == Storage::Buffer) {
     const BufferObject& buffer = memory_.buffer(resource);
+    const bool epochs = r.role == bundle::Role::EpochEntries;
+    if (epochs) out.bytes.resize(buffer.bytes);
     if (buffer.host != nullptr) {
       queue_.finish();
       take(buffer.host, 0, buffer.bytes / 4);
     } else {
       for (const BufferObject::Piece& piece : buffer.pieces()) take(staged(piece), piece.first / 4, piece.bytes / 4);
     }
+    if (epochs) leave_one_epoch(out);
     return out;
   }
   const int stored = n == 3 ? 4 : n;

@@ -30,12 +30,20 @@ inline constexpr int64_t kReducingTeam = 8;
 // Faces whose numbers an int holds beside a tag.
 inline constexpr int64_t kMostListed = (int64_t{1} << 27) - 1;
 
+// Runs of a raster for one clear of its EpochEntries.
+inline constexpr int kEpochs = 14;
+
 // Whether a resource is words of 32 bits that only shaders know the meaning of.
 inline bool is_words(const ResourceT& r) { return r.role == Role::Scratch || r.role == Role::Zeros; }
 // Whether it has a meaning to the host: a leaf, a counter or what a step computes.
-inline bool is_value(const ResourceT& r) { return !is_words(r) && r.role != Role::Watch && r.role != Role::Guess; }
+inline bool is_value(const ResourceT& r) {
+  return !is_words(r) && r.role != Role::Watch && r.role != Role::Guess && r.role != Role::EpochEntries;
+}
 // Whether a run of a step finds in it what an earlier one, or the host, left.
 inline bool stays(const ResourceT& r) { return r.role != Role::Value && r.role != Role::Scratch; }
+
+// Elements that lie behind those of its extent.
+inline int64_t elements_behind(const ResourceT& r) { return r.role == Role::EpochEntries ? 2 : 0; }
 
 // The word of an enumerator in commands, options and what is printed: "ShaderInt64" is "shader_int64".
 std::string word(const char* enumerator);

@@ -234,6 +234,8 @@ bool Checker::leaves() {
       return fail("resource '" + r.name + "' is a watch or a guess, and no word");
     if (r.role == Role::Zeros && r.storage != Storage::Buffer)
       return fail("resource '" + r.name + "' is words of zeros, and no buffer");
+    if (r.role == Role::EpochEntries && (r.type->rows != 2 || r.type->cols != 1 || r.type->scalar != Scalar::Uint))
+      return fail("resource '" + r.name + "' has epochs, and is no entries");
     if (stays(r) && slots[r.slot] > 1) return fail("resource '" + r.name + "' shares memory, but stays");
   }
   return tables_of_leaves();
@@ -269,7 +271,8 @@ bool Checker::raster(const RasterResultsT& raster, const std::string& where) {
   for (const uint32_t index : all) {
     const ResourceT& r = *b_.resources[index];
     const bool well =
-        r.role == Role::Value && r.storage != Storage::Depth && r.type->cols == 1 &&
+        (r.role == Role::Value || (r.role == Role::EpochEntries && entries)) && r.storage != Storage::Depth &&
+        r.type->cols == 1 &&
         (entries ? index == all[0] && all.size() > 1 : r.type->rows == 1 && r.type->scalar == Scalar::Int);
     if (!well) return fail(where + " has '" + r.name + "', which holds neither faces nor entries");
   }

@@ -73,6 +73,7 @@ void Generator::process(bundle::BundleT& bundle, std::vector<GlslShader>& shader
       case Resource::Storage::StepIndex: out->role = bundle::Role::StepIndex; break;
       case Resource::Storage::Buffer:
       case Resource::Storage::Entries: break;
+      case Resource::Storage::EpochEntries: out->role = bundle::Role::EpochEntries; break;
       case Resource::Storage::Halves: out->type = bundle_type(ir::vec(r.words(), ir::Scalar::Uint)); break;
       case Resource::Storage::Sums:
       case Resource::Storage::EmptiedSums:

@@ -26,8 +26,8 @@ class Generator {
   Generator(const ir::Graph& graph, const Schedule& schedule, const SourceLines& lines)
       : graph_(graph), schedule_(schedule), source_lines_(lines) {}
   void process(bundle::BundleT& bundle, std::vector<GlslShader>& shaders);
-  // Then, when find_dependencies() has said what runs together: several fills of a step become one dispatch, where the
-  // schedule says so (clears.cpp).
+  // Then, when find_dependencies() has said what runs together: several fills of a step become one dispatch, and each
+  // copy one, where the schedule says so (clears.cpp).
   void clear_together();
 
  private:
@@ -35,6 +35,7 @@ class Generator {
   void list_needs(const StepSchedule& schedule);
   // `fills`: places of commands of the step; the dispatch takes that of the first.
   void clear_by_dispatch(const std::vector<size_t>& fills);
+  void copy_by_dispatch(bundle::CommandT& copy);
   // A copy of what a resource holds here, for results of the step that its passes change or count on.
   void keep(uint32_t resource);
   // The step's counter goes on, on the device.

@@ -28,6 +28,7 @@ struct Walk {
   const FaceLists& lists;
   uint32_t list_words;
   bool presence;       // see RasterPass
+  bool epochs;         // see lowering/clear_by_epochs.h
   bool hidden_stores;  // and no driver that moves what is one value for a face out of loops
   // The loops of closures are watched; see Generator::Cut.
   bool watched;
@@ -50,6 +51,16 @@ struct Walk {
     s.body().line("ivec2 first = ivec2(clamp(ceil(low - room), vec2(0.0), size));");
     s.body().line("ivec2 last = ivec2(clamp(floor(high + room), vec2(0.0), size));");
     return area;
+  }
+
+  // The epoch of entries of all that an invocation does, and, once for all faces, the next one.
+  void begin_epoch(Shader& s, bool first) const {
+    if (!epochs) return;
+    const std::string entries = s.bind_words(keys, "slots", bundle::Access::ReadWrite, "uint64_t");
+    const ir::Dim behind = element_count(parts.extent()) * Dim(static_cast<int64_t>(parts.count));
+    s.body().line("uint64_t epoch = " + entries + ".d[" + dim_expression(behind) + "];");
+    if (first)
+      s.body().line("if (index == 0) " + entries + ".d[" + dim_expression(behind + Dim(1)) + "] = epoch - 1ul;");
   }
 
   // What one pixel of a box takes: `at` is there.
@@ -79,13 +90,17 @@ struct Walk {
       const std::string number = type + "(" + (words ? "" : "uint(") + "face" + (words ? "" : ")") + ")";
       s.body().line(type + " entry = " + (words ? "" : "(uint64_t(key) << 36) | ") + "(" + number + " << 4) | " + type +
                     "(" + closures.closure(kTag) + " & 15);");
+      if (epochs) s.body().line("entry |= epoch << 60;");
       if (hidden_stores) s.body().line("entry = pc.c == 0 ? entry : 0" + suffix + ";");
       // Each slot keeps the smaller entry and hands the other on, so that the K smallest end up sorted whatever the
       // order. Slots behind the first empty one are empty, too.
       s.body().line("for (int k = 0; k < " + std::to_string(parts.count) + "; ++k) {");
       s.body().line(type + " old = atomicMin(" + key_words + ".d[k * " + n + " + pixel], entry);");
       s.body().line("entry = old > entry ? old : entry;");
-      s.body().line("if (entry == " + std::string(words ? "0xffffffffu" : "0xfffffffffffffffful") + ") break;");
+      const std::string none = words    ? "entry == 0xffffffffu"
+                               : epochs ? "entry >> 60 != epoch"
+                                        : "entry == 0xfffffffffffffffful";
+      s.body().line("if (" + none + ") break;");
       s.body().line("}");
       closures.end_of_candidates();
       return;
@@ -221,7 +236,7 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
   const Dim slots = pixels * Dim(static_cast<int64_t>(parts.count));
   const Dim faces = parts.faces * parts.l;
   const bool wide = wide_atomics() && !parts.listed, at_once = wide || parts.listed;
-  const bool stay = parts.listed || resource(op.results[0]).is(Resource::Storage::Entries);
+  const bool stay = parts.listed || resource(op.results[0]).is_entries();
   const uint32_t keys =
       at_once && stay ? resource_index(op.results[0])
                       : add_scratch(pass.name + (wide ? "_slots" : "_keys"), (wide ? slots * Dim(2) : slots).str());
@@ -236,9 +251,19 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
   const uint32_t list_words = lists.used() ? add_scratch(pass.name + "_lists", lists.words().str()) : keys;
   if (lists.used())
     fill("clear " + pass.name + " lists", list_words, lists.clear_value(), std::to_string(lists.cleared()));
-  const Walk walk{
-      graph_, pass, op, parts, wide, keys, ids, lists, list_words, raster.presence, schedule_.code.hidden_stores,
-      watched};
+  const Walk walk{graph_,
+                  pass,
+                  op,
+                  parts,
+                  wide,
+                  keys,
+                  ids,
+                  lists,
+                  list_words,
+                  raster.presence,
+                  resource(op.results[0]).is(Resource::Storage::EpochEntries),
+                  schedule_.code.hidden_stores,
+                  watched};
   // Without wide words a rank of entries takes two runs; see Walk::pixel.
   std::vector<size_t> first_run;
   // A face whose loops the device ends may look empty and leave the shader at once.
@@ -264,6 +289,7 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
     if (watched) s.cut_loops();
     std::optional<uint32_t> watch;
     if (watched) watch = add_watch(pass.name + "_unfinished_" + std::to_string(bundle_->resources.size()));
+    walk.begin_epoch(s, !listed);
     if (listed)
       walk.listed(s, [&] {
         if (sets_up_again) set_up(s, watch);

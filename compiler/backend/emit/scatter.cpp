@@ -329,7 +329,7 @@ void Generator::scatter_pass(const Pass& pass) {
     place_from_index(s, pass.domain);
   }
   std::string finish;
-  const std::vector<ir::OpId> ops = element_ops(pass);
+  std::vector<ir::OpId> ops = element_ops(pass);
   const Cut cut = this->cut(s, pass, scatter.cut(), lists || listed ? "element" : "index");
   if (lists && !cut.how) s.declare("uint adds = 0u;\n");
   if (lists && cut.how) s.cut_loops().keep(ir::kUint, "adds", true);
@@ -338,8 +338,13 @@ void Generator::scatter_pass(const Pass& pass) {
   for (const Target& t : targets) finish += declare_target(s, pass, t, one_run ? Runs::Second : Runs::Both, lists);
   if (scatter.guesses()) s.body().line("if (" + guessed_right(targets) + ") return;");
   if (listed)
-    for (const ValueId v : true_where_listed(graph_, pass))
-      if (std::ranges::find(ops, graph_.value(v).op) == ops.end()) s.define(v, "true");
+    for (const ValueId v : true_where_listed(graph_, pass)) {
+      const ir::OpId by = graph_.value(v).op;
+      const bool here = std::ranges::find(ops, by) != ops.end();
+      if (here && graph_.op(by).results.size() > 1) continue;
+      s.define(v, "true");
+      std::erase(ops, by);
+    }
   if (lists) {
     const std::string again = s.bind_words(adding, "adding_elements", bundle::Access::ReadWrite);
     const std::string first = listed ? s.read_words(list, "active_elements") : std::string();

@@ -111,7 +111,7 @@ std::string Shader::bind(ResourceId id, bundle::Access access) {
   const std::string name = "r_" + sanitize(r.name) + "_" + std::to_string(id.index);
   if (r.is(Resource::Storage::Image))
     return bind_image(id.index, name, r.type.is_float() ? "" : r.type.scalar == ir::Scalar::Int ? "i" : "u");
-  if (r.is(Resource::Storage::Entries)) return buffer(id.index, name, access, "uvec2", 2);
+  if (r.is_entries()) return buffer(id.index, name, access, "uvec2", 2);
   if (r.is(Resource::Storage::Halves)) {
     prelude(ops::glsl::kHalf);
     return buffer(id.index, name, access, "uint", texel_of(ir::vec(r.words(), ir::Scalar::Uint)));
@@ -182,7 +182,7 @@ std::string Shader::load(ValueId value, const std::string& place) {
   const uint32_t index = step_.stored.at(value).index;
   const std::string whole = "load_" + bind(step_.stored.at(value), bundle::Access::Read).substr(2);
   if (whole == function || functions_.insert(whole).second) loaded_.push_back(index);
-  if (!r.is(Resource::Storage::Entries)) return call;
+  if (!r.is_entries()) return call;
   const RasterPart part = raster_part(graph_, value);
   const ir::Dim& layers = graph_.value(value).extent.l;
   prelude(kEntry);
@@ -195,7 +195,7 @@ std::string Shader::load(ValueId value, const std::string& place) {
 std::string Shader::part_name(ValueId value) const {
   const Resource& r = resource(value);
   std::string name = sanitize(r.name) + "_" + std::to_string(step_.stored.at(value).index);
-  if (!r.is(Resource::Storage::Entries)) return name;
+  if (!r.is_entries()) return name;
   const RasterPart part = raster_part(graph_, value);
   return name + (part.tag ? "_tag_" : "_face_") + std::to_string(part.rank);
 }
@@ -214,10 +214,15 @@ std::string Shader::load_function(const Resource& r, const Bound& bound) const {
     text += "  return " + (r.type.is_bool() ? r.type.str() + "(" + texel + ")" : texel) + ";\n";
   } else {
     const int texel = bindings_[bound.binding]->texel;
-    if (r.is(Resource::Storage::Entries)) {
-      const std::string index = element_index(r.extent, "at");
-      text += "  return " + (texel == 0 ? name + ".d[" + index + "]" : "texelFetch(" + name + ", " + index + ").xy");
-      return text + ";\n}\n";
+    if (r.is_entries()) {
+      const auto element = [&](const std::string& index) {
+        return texel == 0 ? name + ".d[" + index + "]" : "texelFetch(" + name + ", " + index + ").xy";
+      };
+      const std::string entry = element(element_index(r.extent, "at"));
+      if (r.is(Resource::Storage::Entries)) return text + "  return " + entry + ";\n}\n";
+      const std::string epoch = element(dim_expression(r.extent.w * r.extent.h * r.extent.l)) + ".x";
+      return text + "  uvec2 entry = " + entry + ";\n  return entry.y >> 28 == " + epoch +
+             " ? entry : uvec2(0xffffffffu);\n}\n";
     }
     const int parts = r.words() / std::max(texel, 1);
     text += "  int base = " + element_index(r.extent, "at") + (parts == 1 ? "" : " * " + std::to_string(parts)) + ";\n";
@@ -293,7 +298,7 @@ std::string Shader::use(ValueId value) {
   for (auto scope = scopes_.rbegin(); scope != scopes_.rend(); ++scope)
     if (auto it = scope->find(value); it != scope->end()) return it->second;
   DR_ASSERT(step_.stored.count(value) != 0);
-  std::string name = unique(resource(value).is(Resource::Storage::Entries) ? part_name(value) : resource(value).name);
+  std::string name = unique(resource(value).is_entries() ? part_name(value) : resource(value).name);
   body_.line(graph_.value(value).type.str() + " " + name + " = " + load(value, at_) + ";");
   define(value, name);
   return name;

@@ -74,10 +74,12 @@ std::optional<int64_t> resource_bytes(const bundle::ResourceT& r, const ir::Symb
   const auto w = axis(r.extent->w), h = axis(r.extent->h), l = axis(r.extent->l);
   if (!w || !h || !l) return std::nullopt;
   int64_t bytes = 4;
+  const int64_t behind = elements_behind(r) * 4 * r.type->rows * r.type->cols;
   if (!is_words(r) && r.storage != bundle::Storage::Depth) bytes *= r.type->rows * r.type->cols;
   if ((r.storage == bundle::Storage::Image || r.storage == bundle::Storage::Tile) && r.type->rows == 3) bytes = 16;
   for (int64_t n : {*w, *h, *l})
     if (__builtin_mul_overflow(bytes, std::max<int64_t>(n, 0), &bytes)) return std::nullopt;
+  if (__builtin_add_overflow(bytes, behind, &bytes)) return std::nullopt;
   return bytes;
 }
 

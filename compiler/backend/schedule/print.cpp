@@ -21,6 +21,7 @@ std::string_view storage_words(Resource::Storage storage) {
     case Resource::Storage::Buffer: return "buffer";
     case Resource::Storage::Halves: return "half buffer";
     case Resource::Storage::Entries: return "entries buffer";
+    case Resource::Storage::EpochEntries: return "epoch entries buffer";
     case Resource::Storage::Sums: return "sums buffer";
     case Resource::Storage::EmptiedSums: return "emptied sums buffer";
     case Resource::Storage::Emptied: return "emptied buffer";

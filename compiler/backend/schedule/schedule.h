@@ -20,16 +20,17 @@ using ResourceId = ir::Id<struct ResourceTag>;
 
 // A value that is stored. See compiler/backend/bundle/bundle.fbs for the layouts.
 struct Resource {
-  // What it is: a buffer of one of eight kinds, or an image.
+  // What it is: a buffer of one of nine kinds, or an image.
   enum class Storage : uint8_t {
-    Leaf,         // the memory of the leaf with its number
-    StepIndex,    // the counter of a step's runs
-    Buffer,       // a word a component
-    Halves,       // float16, two components a word; an element begins with a word
-    Entries,      // of a raster, faces and tags of all its ranks; see lowering/raster_entries.h
-    Sums,         // fixed point sums; see lowering/keep_sums.h
-    EmptiedSums,  // that their reader leaves zeros; see lowering/empty_sums.h
-    Emptied,      // sums by float atomics, a word a component, that their reader leaves zeros
+    Leaf,          // the memory of the leaf with its number
+    StepIndex,     // the counter of a step's runs
+    Buffer,        // a word a component
+    Halves,        // float16, two components a word; an element begins with a word
+    Entries,       // of a raster, faces and tags of all its ranks; see lowering/raster_entries.h
+    EpochEntries,  // cleared once in several runs; see lowering/clear_by_epochs.h
+    Sums,          // fixed point sums; see lowering/keep_sums.h
+    EmptiedSums,   // that their reader leaves zeros; see lowering/empty_sums.h
+    Emptied,       // sums by float atomics, a word a component, that their reader leaves zeros
     Image,
     Tile,  // an image that never leaves its render pass
   };
@@ -39,6 +40,7 @@ struct Resource {
   Storage storage = Storage::Buffer;
 
   bool is(Storage one) const { return storage == one; }
+  bool is_entries() const { return is(Storage::Entries) || is(Storage::EpochEntries); }
   bool is_sums() const { return is(Storage::Sums) || is(Storage::EmptiedSums); }
   bool is_emptied() const { return is(Storage::EmptiedSums) || is(Storage::Emptied); }
   bool is_buffer() const { return storage != Storage::Image && storage != Storage::Tile; }

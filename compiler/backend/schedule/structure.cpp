@@ -97,7 +97,7 @@ class StructureChecker {
     const Resource& r = schedule_.resources[id.index];
     const ir::ValueInfo& info = graph_.value(v);
     const Op& op = graph_.op(info.op);
-    if (r.is(Resource::Storage::Entries) ? op.kind != OpKind::Raster : info.type != r.type || info.extent != r.extent)
+    if (r.is_entries() ? op.kind != OpKind::Raster : info.type != r.type || info.extent != r.extent)
       bad("stores a value of another type in '" + r.name + "'");
     if (op.kind == OpKind::Leaf ? graph_.leaf_index(op.attrs.text) != id.index
                                 : is_memory(op) != r.is(Resource::Storage::StepIndex))

@@ -4,9 +4,8 @@
 //   schedule after keep-sums                    // the pass that left it; compiling goes on with the next one
 //   code wide words, clears of 31               // how shaders are written, where that is chosen: see below
 //   leaf position : vec3[V]                     // resources: leaves first, in the graph's order
-//   half buffer normal : vec3[V]                // or a plain buffer, step_index, entries or sums buffer, tile
-//   image shade : float[W, H]
-//   step fit {
+//   half buffer normal : vec3[V]                // or a plain buffer, step_index, entries, epoch entries or sums
+//   buffer, tile image shade : float[W, H] step fit {
 //     %0 in position                            // values that are stored, and where
 //     %normal.7 in normal
 //     stage 0
@@ -67,11 +66,11 @@
 namespace dr::backend {
 
 // Every storage, and the words of it: "half buffer".
-inline constexpr std::array kStorages = {Resource::Storage::Leaf,        Resource::Storage::StepIndex,
-                                         Resource::Storage::Buffer,      Resource::Storage::Halves,
-                                         Resource::Storage::Entries,     Resource::Storage::Sums,
-                                         Resource::Storage::EmptiedSums, Resource::Storage::Emptied,
-                                         Resource::Storage::Image,       Resource::Storage::Tile};
+inline constexpr std::array kStorages = {
+    Resource::Storage::Leaf,   Resource::Storage::StepIndex,   Resource::Storage::Buffer,
+    Resource::Storage::Halves, Resource::Storage::Entries,     Resource::Storage::EpochEntries,
+    Resource::Storage::Sums,   Resource::Storage::EmptiedSums, Resource::Storage::Emptied,
+    Resource::Storage::Image,  Resource::Storage::Tile};
 std::string_view storage_words(Resource::Storage storage);
 
 // The graph's text and the schedule's.
