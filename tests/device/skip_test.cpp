@@ -135,6 +135,19 @@ step go {
   output error, color;
 })";
 
+// As kStepsPyramid, of a texture whose size data says: loops find what a texel gathers.
+const char* const kStepsPyramidOfData = R"(
+import std.optim;
+import std.texture;
+param texel : float[W, H];
+input place : vec2[4];
+let color = texture.trilinear(texture.pyramid(texel, 3), place, 0.5);
+let error = sum((color - 0.3) * (color - 0.3));
+step go {
+  minimize error over texel with optim.adam(rate = 0.01);
+  output error, color;
+})";
+
 const char* const kReadsTexels = R"(
 param texel : float[T];
 input seen : float[16, 16];
@@ -385,6 +398,28 @@ step go {
        .woken = {640, 3456},
        .scatter = "exact",
        .only_on = "lavapipe"},
+      // Loops look at what is their own alone; a GPU that guesses exponents marks the first block, too.
+      {.id = "stepped",
+       .text = kStepsPyramidOfData,
+       .bound = {{"place", row_at(0.1f)}, {"texel", ones(64, 64, 4096)}},
+       .leaf = "place",
+       .data = row_at(0.6f),
+       .with = {320, 3776},
+       .without = {0, 0},
+       .woken = {576, 3520},
+       .scatter = "exact",
+       .as_gpu = true},
+      {.id = "stepped",
+       .text = kStepsPyramidOfData,
+       .bound = {{"place", row_at(0.1f)}, {"texel", ones(64, 64, 4096)}},
+       .leaf = "place",
+       .data = row_at(0.6f),
+       .with = {256, 3840},
+       .without = {0, 0},
+       .woken = {512, 3584},
+       .scatter = "atomic",
+       .only_on = "lavapipe",
+       .as_gpu = true},
       {.id = "branches",
        .text = R"(
 param tone : float = 1.0;
@@ -512,6 +547,7 @@ std::string gpu(const std::string& profile, const std::string& folder) {
   auto p = std::get<target::Profile>(target::load_profile(profile));
   p.subgroup_size = 32;
   p.lanes_in_turn = false;
+  p.loop_trips = 0;
   const auto path = (fs::path(folder) / "gpu.json").string();
   std::ofstream(path) << target::write_profile(p);
   return path;

@@ -151,51 +151,29 @@ void Generator::stepped_map_pass(const Pass& pass) {
   dispatch(pass, "", s, element_count(pass.domain).str()).indirect = static_cast<int>(list);
 }
 
-// Elements without a mark look whether what they gather moves them, and mark their blocks.
-void Generator::looking_map_pass(const Pass& pass) {
-  const AtRest& rest = *pass.get<MapPass>().rest;
-  const uint32_t list = stepped_lists_.at(&pass);
-  std::vector<ValueId> gathered;
-  for (const ir::OpId id : rest.gathers) gathered.push_back(graph_.op(id).results[0]);
-  Shader s = shader();
-  linear_index(s, dim_expression(element_count(pass.domain)));
-  place_from_index(s, pass.domain);
-  const std::string marks = s.bind_words(list, "marked_blocks_" + std::to_string(list), bundle::Access::ReadWrite);
-  s.body().line("bool moves = " + marks + ".d[" + std::to_string(kListHead) + " + index / " +
-                std::to_string(kRestingBlock) + "] != 0u;");
-  s.body().line("if (!moves) {");
-  s.push_scope();
-  s.element_ops(ops_of(graph_, pass.ops, gathered));
-  std::string moving = "false";
-  for (const ValueId v : gathered) moving += " || " + has_bits(s, v);
-  s.body().line("moves = " + moving + ";");
-  s.body().line("if (moves) " + mark_block(s, pass, "index") + ";");
-  s.pop_scope();
-  s.body().line("}");
-  s.body().line("if (!moves) return;");
-  take_sums(s, pass);
-  s.element_ops(pass.ops);
-  store_results(s, pass);
-  dispatch(pass, "", s, element_count(pass.domain).str(), {0, 0, 0}, kRestingBlock);
-}
-
-// Starting a workgroup takes a GPU longer than looking whether it has something to do: one takes several blocks, and
-// finds out about them all at once.
+// Starting a workgroup takes a GPU longer than looking whether it has something to do, and where lanes take each
+// other's branches, an update costs the same whether one lane has something to do or all: a workgroup takes several
+// blocks, and finds out about them all at once.
 void Generator::marked_map_pass(const Pass& pass) {
-  if (!pass.get<MapPass>().rest->gathers.empty()) return looking_map_pass(pass);
-  const std::string block = std::to_string(kRestingBlock), each = std::to_string(kBlocksEach);
+  const bool looks = !pass.get<MapPass>().rest->gathers.empty();
+  const std::string block = std::to_string(kRestingBlock), each = std::to_string(kBlocksEach),
+                    count = dim_expression(element_count(pass.domain));
   Shader s = shader();
-  const std::string marks = s.read_words(stepped_lists_.at(&pass), "marked_blocks");
   s.body().line("int first = int(gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x) * " + each + ";");
   s.body().line("if (first >= " + dim_expression(blocks_of(pass)) + ") return;");
   s.body().line("uint marked = 0u;");
-  for (int k = 0; k < kBlocksEach; ++k)
-    s.body().line("marked |= " + marks + "(" + std::to_string(kListHead + k) + " + first) << " + std::to_string(k) +
-                  ";");
+  if (looks) {
+    look_at_gathers(s, pass);
+  } else {
+    const std::string marks = s.read_words(stepped_lists_.at(&pass), "marked_blocks");
+    for (int k = 0; k < kBlocksEach; ++k)
+      s.body().line("marked |= " + marks + "(" + std::to_string(kListHead + k) + " + first) << " + std::to_string(k) +
+                    ";");
+  }
   s.body().line("for (; marked != 0u; marked &= marked - 1u) {");
   s.push_scope();
   s.body().line("int element = (first + findLSB(marked)) * " + block + " + int(gl_LocalInvocationID.x);");
-  s.body().line("if (element >= " + dim_expression(element_count(pass.domain)) + ") return;");
+  s.body().line("if (element >= " + count + ") return;");
   place_from_index(s, pass.domain, "element");
   take_sums(s, pass);
   s.element_ops(pass.ops);
@@ -204,6 +182,29 @@ void Generator::marked_map_pass(const Pass& pass) {
   s.body().line("}");
   dispatch(pass, "", s, (blocks_of(pass).divided_by(kBlocksEach) * ir::Dim(kRestingBlock)).str(), {0, 0, 0},
            kRestingBlock);
+}
+
+// Elements without a mark look whether what they gather moves them, and mark their blocks.
+void Generator::look_at_gathers(Shader& s, const Pass& pass) {
+  const uint32_t list = stepped_lists_.at(&pass);
+  const std::vector<ValueId> gathered = gathered_at_rest(graph_, *pass.get<MapPass>().rest);
+  const std::string marks = s.bind_words(list, "marked_blocks_" + std::to_string(list), bundle::Access::ReadWrite);
+  s.body().line("for (int k = 0; k < " + std::to_string(kBlocksEach) + "; ++k) {");
+  s.push_scope();
+  s.body().line("int element = (first + k) * " + std::to_string(kRestingBlock) + " + int(gl_LocalInvocationID.x);");
+  s.body().line("if (element >= " + dim_expression(element_count(pass.domain)) + ") break;");
+  place_from_index(s, pass.domain, "element");
+  s.element_ops(ops_of(graph_, pass.ops, gathered));
+  std::string moving = "false";
+  for (const ValueId v : gathered) moving += " || " + has_bits(s, v);
+  s.body().line("bool moves = " + marks + ".d[" + std::to_string(kListHead) + " + first + k] != 0u;");
+  s.body().line("if (!moves && (" + moving + ")) {");
+  s.body().line(mark_block(s, pass, "element") + ";");
+  s.body().line("moves = true;");
+  s.body().line("}");
+  s.body().line("if (moves) marked |= 1u << k;");
+  s.pop_scope();
+  s.body().line("}");
 }
 
 }  // namespace dr::backend

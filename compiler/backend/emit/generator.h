@@ -53,7 +53,7 @@ class Generator {
   std::string stepped_index(glsl::Shader& shader, uint32_t list);
   void stepped_map_pass(const Pass& pass);
   void marked_map_pass(const Pass& pass);
-  void looking_map_pass(const Pass& pass);
+  void look_at_gathers(glsl::Shader& s, const Pass& pass);
   // Several elements an invocation: side by side (block.cpp), one after the other (strides.cpp).
   void block_map_pass(const Pass& pass, const Block& block);
   void strided_map_pass(const Pass& pass);

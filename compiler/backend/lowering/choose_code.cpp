@@ -83,7 +83,7 @@ class StepCode {
     MapCode code;
     if (set_up_for(step_, id) == nullptr) {
       const Trips trips = trips_of(graph_, pass.ops);
-      if (options_.list_branches && !map.block) code.heavy = heavy(pass, trips);
+      if (options_.list_branches && !map.block && !map.rest) code.heavy = heavy(pass, trips);
       code.lists_in_runs = profile_.lanes_in_turn && (code.heavy || !listed_for(step_, id).empty());
       code.cut = cut(code.heavy ? light_trips(pass, *code.heavy) : trips, code.lists_in_runs ? kListedRun : 1);
     }

@@ -5,6 +5,7 @@
 
 #include "compiler/backend/schedule/limits.h"
 #include "compiler/backend/schedule/rest.h"
+#include "compiler/backend/schedule/trips.h"
 
 namespace dr::backend {
 
@@ -54,6 +55,8 @@ std::optional<AtRest> at_rest(const ir::Graph& graph, const target::Profile& pro
   if ((rest.in_blocks || profile.lanes_in_turn || !exact) && may_rest(graph, schedule, step, update, rest)) return rest;
   // What is gathered is looked at for all elements: they are marked.
   rest.gathers = stirring_gathers(graph, step, step.pass(update));
+  // An update whose loops are cut goes on with elements that it has taken sums of.
+  if (needs_cut(trips_of(graph, step.pass(update).ops), profile)) return std::nullopt;
   rest.lists_in_runs = false;
   rest.in_blocks = rows || profile.is_gpu() || profile.lanes_in_turn;
   if (!rest.gathers.empty() && rest.in_blocks && may_rest(graph, schedule, step, update, rest)) return rest;

@@ -75,12 +75,17 @@ bool is_gradient(const Graph& graph, const Schedule& schedule, const StepSchedul
   });
 }
 
-bool is_plain_update(const Graph& graph, const Schedule& schedule, const StepSchedule& step, PassId id) {
+bool is_plain_update(const Graph& graph, const Schedule& schedule, const StepSchedule& step, PassId id,
+                     const AtRest& rest) {
   const Pass& pass = step.pass(id);
   const auto* map = pass.as<MapPass>();
-  if (map == nullptr || !pass.steady || map->block || !map->partial.empty()) return false;
+  if (map == nullptr || !pass.steady || map->block || !map->partial.empty() || map->code.cut) return false;
   if (!listed_for(step, id).empty() || set_up_for(step, id) != nullptr) return false;
-  if (std::ranges::any_of(pass.ops, [&](OpId op) { return !graph.op(op).regions.empty(); })) return false;
+  // Loops gather, or nothing is known of what they give.
+  const auto is_unknown = [&](OpId op) {
+    return !graph.op(op).regions.empty() && std::ranges::find(rest.gathers, op) == rest.gathers.end();
+  };
+  if (std::ranges::any_of(pass.ops, is_unknown)) return false;
   return std::ranges::all_of(pass.writes, [&](ValueId v) {
     const auto leaf = leaf_of(step, v);
     const ir::Type& type = graph.value(v).type;
@@ -98,7 +103,7 @@ RestFacts facts_at_rest(const Graph& graph, const StepSchedule& step, const Pass
   for (const ValueId v : rest.memory) memory.insert(step.stored.at(v).index);
   RestFacts known;
   for (const ValueId v : taken(step.pass(rest.gradient), update)) known.zero.insert(v);
-  for (const OpId id : rest.gathers) known.zero.insert(graph.op(id).results[0]);
+  for (const ValueId v : gathered_at_rest(graph, rest)) known.zero.insert(v);
   for (const OpId id : graph.region(graph.root()).ops) {
     const Op& op = graph.op(id);
     if (op.kind == OpKind::Leaf) {
@@ -136,17 +141,16 @@ bool may_rest(const Graph& graph, const Schedule& schedule, const StepSchedule& 
               const AtRest& rest) {
   const Pass& pass = step.pass(update);
   if (!rest.gathers.empty() && !rest.in_blocks) return false;
-  if (!(rest.gradient < update) || !is_plain_update(graph, schedule, step, update) ||
+  if (!(rest.gradient < update) || !is_plain_update(graph, schedule, step, update, rest) ||
       !is_gradient(graph, schedule, step, pass, rest))
     return false;
   // The reader of the first element leaves the exponent that the next run guesses, and may rest where it has no mark.
   if (step.pass(rest.gradient).get<ScatterPass>().guesses() && !rest.in_blocks) return false;
   const std::vector<ValueId> sums = taken(step.pass(rest.gradient), pass);
   // Places to look at are known before sums are taken.
-  std::vector<ValueId> gathered;
-  for (const OpId id : rest.gathers) gathered.push_back(graph.op(id).results[0]);
-  for (const OpId id : ops_of(graph, pass.ops, gathered))
-    if (std::ranges::any_of(graph.op(id).operands, [&](ValueId v) { return is_among(sums, v); })) return false;
+  for (const OpId id : ops_of(graph, pass.ops, gathered_at_rest(graph, rest)))
+    if (std::ranges::any_of(uses_of(graph, graph.op(id)).at_element, [&](ValueId v) { return is_among(sums, v); }))
+      return false;
   for (const OpId id : pass.ops) {
     const Uses uses = uses_of(graph, graph.op(id));
     if (std::ranges::any_of(sums, [&](ValueId v) { return is_among(uses.elsewhere, v); })) return false;
@@ -168,10 +172,20 @@ std::vector<OpId> stirring_gathers(const Graph& graph, const StepSchedule& step,
   std::vector<OpId> out;
   for (const OpId id : update.ops) {
     const Op& op = graph.op(id);
-    if (op.kind != OpKind::Gather || !graph.value(op.results[0]).type.is_float()) continue;
-    const auto made = [&](const Pass& pass) { return pass.steady && is_among(pass.writes, op.operands[0]); };
+    const auto is_float = [&](ValueId v) { return graph.value(v).type.is_float(); };
+    if ((op.kind != OpKind::Gather && op.regions.empty()) || !std::ranges::all_of(op.results, is_float)) continue;
+    const std::vector<ValueId> read = uses_of(graph, op).elsewhere;
+    const auto made = [&](const Pass& pass) {
+      return pass.steady && std::ranges::any_of(read, [&](ValueId v) { return is_among(pass.writes, v); });
+    };
     if (std::ranges::any_of(step.passes, made)) out.push_back(id);
   }
+  return out;
+}
+
+std::vector<ValueId> gathered_at_rest(const Graph& graph, const AtRest& rest) {
+  std::vector<ValueId> out;
+  for (const OpId id : rest.gathers) out.insert(out.end(), graph.op(id).results.begin(), graph.op(id).results.end());
   return out;
 }
 

@@ -19,8 +19,11 @@ bool may_rest(const ir::Graph& graph, const Schedule& schedule, const StepSchedu
 // The ops of an update that tell what it writes at rest, which is where they are not zero themselves.
 std::vector<ir::OpId> ops_at_rest(const ir::Graph& graph, const Pass& update, const RestFacts& facts);
 
-// What an update gathers of what the step computes, as a level of a pyramid hands its gradient to the one below.
+// What an update gathers of what the step computes, as a level of a pyramid hands its gradient to the one below: reads
+// elsewhere, and loops with such.
 std::vector<ir::OpId> stirring_gathers(const ir::Graph& graph, const StepSchedule& step, const Pass& update);
+// What those give.
+std::vector<ir::ValueId> gathered_at_rest(const ir::Graph& graph, const AtRest& rest);
 
 // The update whose elements at rest a scatter by rows leaves out, too, or that reads this sum of one by exact sums;
 // null: there is none.

@@ -132,9 +132,11 @@ class StructureChecker {
     if (map.rest) {
       check_values(map.rest->memory, "rests by");
       if (map.rest->gradient.index >= place) bad("rests without what is no earlier pass");
-      for (const OpId id : map.rest->gathers)
-        if (std::ranges::find(pass_->ops, id) == pass_->ops.end() || graph_.op(id).kind != OpKind::Gather)
+      for (const OpId id : map.rest->gathers) {
+        const ir::Op& op = graph_.op(id);
+        if (std::ranges::find(pass_->ops, id) == pass_->ops.end() || (op.kind != OpKind::Gather && op.regions.empty()))
           bad("looks at what is no gather of it");
+      }
     }
     if (map.block) check_block(map, *map.block);
     check_values(map.code.told, "tells of");
