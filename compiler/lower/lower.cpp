@@ -424,13 +424,15 @@ void Elaborator::fix_input(uint32_t index) {
     if (given->second.size() != 1 && given->second.size() != components) return;
     leaf.initial = given->second;
     if (leaf.initial.size() < components) leaf.initial.assign(components, given->second[0]);
-  } else if (!options_.bound) {
-    return;
-  } else if (const auto bound = options_.bound->find(leaf.name); bound != options_.bound->end()) {
-    if (!bound->second) return;
-    leaf.initial.assign(components, 0.0);
-  } else if (leaf.initial.empty() || std::ranges::any_of(leaf.initial, [](double x) { return x != 0; })) {
-    return;
+  } else {
+    if (!options_.bound) return;
+    const auto bound = options_.bound->find(leaf.name);
+    const bool is_bound = bound != options_.bound->end();
+    const bool zero = is_bound
+                          ? bound->second
+                          : !leaf.initial.empty() && std::ranges::all_of(leaf.initial, [](double x) { return x == 0; });
+    if (!zero) return;
+    if (is_bound) leaf.initial.assign(components, 0.0);
   }
   if (!options_.open.contains(leaf.name)) zeros_.fix(index);
 }

@@ -52,11 +52,11 @@ size_t Program::State::step_index(const std::string& name) const { return index_
 
 namespace {
 
-// Whether it is what the compiler knew of the leaf.
+// Whether it is what the compiler knew of the leaf, in whatever kind of numbers.
 bool holds_initial(const bundle::LeafT& leaf, const io::Array& data) {
-  return data.kind == io::ElementKind::Float32 &&
-         std::ranges::equal(data.as<float>(), leaf.initial,
-                            [](float x, double initial) { return x == static_cast<float>(initial); });
+  const auto floats = data.converted(io::ElementKind::Float32);
+  return floats && std::ranges::equal(floats->as<float>(), leaf.initial,
+                                      [](float x, double initial) { return x == static_cast<float>(initial); });
 }
 
 }  // namespace
@@ -67,7 +67,7 @@ void Program::State::bind(const std::string& name, const io::Array& data) {
   if (leaf.table_of >= 0)
     throw Failure{"leaf '" + name + "' is made from '" + bundle.leaves[static_cast<size_t>(leaf.table_of)]->name +
                   "'; bind that instead"};
-  if (leaf.is_fixed && !holds_initial(leaf, data)) {
+  if (leaf.is_fixed && data.consistent() && !holds_initial(leaf, data)) {
     std::ostringstream value;
     for (size_t k = 0; k < leaf.initial.size(); ++k) value << (k == 0 ? "" : ", ") << leaf.initial[k];
     throw Failure{

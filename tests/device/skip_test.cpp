@@ -705,6 +705,7 @@ step go { a <- a - 0.1 * grad(layered(strength, a), a); output y = layered(stren
     CHECK(y_of(known) == 0.5f);
     must(known.bind("strength", floats({0}, 1)));
     must(known.bind("strength", floats({-0.0f}, 1)));
+    must(known.bind("strength", Array::from_doubles(std::vector<double>{0}, 1, 1, 1, 1)));
     const auto refused = known.bind("strength", floats({1}, 1));
     REQUIRE(!refused);
     CHECK(

@@ -340,3 +340,39 @@ def test_a_program_of_one_line_is_text_and_no_name(device, tmp_path, monkeypatch
     monkeypatch.chdir(tmp_path)
     (tmp_path / "odd;name.dr").write_text(line.replace("2.0", "5.0") + "\n")
     assert dressi.compile("odd;name.dr", device=device).bind(a=3).step("s")["twice"] == 15
+
+
+KNOWN = """edition 1;
+input strength : float = 1.0;
+input tint : vec3;
+input many : float[4];
+param a : float = 0.5;
+fn layered(factor: float, a: float) -> float { const if known_zero(factor) { a } else { factor * exp(a) + a } }
+step go { output y = layered(strength, a) + layered(tint.x, a) + sum(many); }
+"""
+
+
+def test_what_is_known_when_a_program_is_compiled(device):
+    data = {"tint": [0.0, 0.0, 0.0], "many": np.zeros(4, np.float32)}
+    open_to_all = dressi.compile(KNOWN, device=device).bind(strength=0.0, **data).step("go")["y"]
+    for tint in (0, [0, 0, 0], np.zeros(3)):
+        program = dressi.compile(KNOWN, device=device, known={"strength": 0, "tint": tint})
+        run = program.bind(many=data["many"])
+        assert run.step("go")["y"] == open_to_all == 1.0
+        for same in (0, 0.0, -0.0, np.float32(0)):
+            assert program.bind(strength=same, **data).step("go")["y"] == 1.0
+        with pytest.raises(dressi.BindError, match="'strength' was given"):
+            program.bind(strength=2.0)
+        with pytest.raises(dressi.BindError, match="'tint' was given"):
+            program.bind(tint=[0.0, 1.0, 0.0])
+        assert program.bind(**data).step("go")["y"] == 1.0
+    # What is not zero makes nothing zero, and stays open.
+    other = dressi.compile(KNOWN, device=device, known={"strength": 2.0}).bind(**data)
+    assert other.step("go")["y"] == pytest.approx(1.0 + 2.0 * np.exp(0.5), rel=1e-6)
+
+
+@pytest.mark.parametrize("wrong", [{"strenght": 0}, {"a": 0}, {"many": 0}, {"many": [0, 0, 0, 0]}, {"tint": [0, 0]},
+                                   {"strength": []}, {"strength": float("nan")}])
+def test_what_cannot_be_known(wrong):
+    with pytest.raises(dressi.CompileError, match="known"):
+        dressi.compile(KNOWN, known=wrong)

@@ -85,7 +85,7 @@ std::string FaceLists::append(Shader& s, const std::string& list) const {
 }
 
 std::string FaceLists::small_box() const {
-  const std::string box = std::to_string(bins_.small_box);
+  std::string box = std::to_string(bins_.small_box);
   if (bins_.few_box == 0) return box;
   return "(" + dim_expression(parts_.w * parts_.h) + " / " + std::to_string(kPixelsOfFew) + " > " +
          dim_expression(parts_.faces) + " ? " + std::to_string(bins_.few_box) + " : " + box + ")";

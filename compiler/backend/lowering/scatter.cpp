@@ -255,7 +255,7 @@ class StepLegalizer {
   }
 
   // Makes the first pass of a group one that does what all of them do, and these additions.
-  Pass& unite(const std::set<size_t>& group, std::set<ValueId> reads, std::set<ValueId> writes,
+  Pass& unite(const std::set<size_t>& group, const std::set<ValueId>& reads, const std::set<ValueId>& writes,
               const std::vector<OpId>& adds) {
     Pass& into = step_.passes[*group.begin()];
     std::set<OpId> ops(adds.begin(), adds.end());

@@ -554,7 +554,8 @@ def _define(value: Any) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
-def _numbers(value: float | Sequence[float]) -> str:
+def _numbers(value: Any) -> str:
+    value = value.tolist() if hasattr(value, "tolist") else value
     return ",".join(repr(float(number)) for number in (value if isinstance(value, Sequence) else [value]))
 
 
