@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // What stage packing and the reactive cache are worth, as in the paper's Table 3: the steps of one program compiled in
-// five ways, all in one process, in rounds in which each takes its turn. All ways must end with the same bits.
+// five ways, all in one process, in rounds in which each takes its turn. A step runs TIMES times at most: then it
+// starts over, as what a step of a fit takes depends on how far the fit is. All ways must end with the same bits.
 //
-//   bench_table3 FILE PROGRAM DEVICE ROUNDS STEP... -- LEAF=SOURCE...    a table on stdout, JSON in FILE
+//   bench_table3 FILE PROGRAM DEVICE ROUNDS STEP=TIMES... -- LEAF=SOURCE...    a table on stdout, JSON in FILE
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
@@ -40,7 +41,9 @@ const std::vector<Way> kWays = {{"full"},
 struct Runner {
   Way way;
   runtime::Program program;
-  std::vector<double> ms = {}, processor_ms = {};  // a step, of the one that is measured
+  std::vector<std::pair<std::string, io::Array>> start = {};  // of what the step that is measured changes
+  int done = 0;                                               // since it started over
+  std::vector<double> ms = {}, processor_ms = {};             // a step, of the one that is measured
 };
 
 double now_ms() {
@@ -59,6 +62,12 @@ double quantile(std::vector<double> values, double q) {
   return values[static_cast<size_t>(q * static_cast<double>(values.size() - 1) + 0.5)];
 }
 
+void start_over(Runner& r, const std::string& step) {
+  for (const auto& [leaf, content] : r.start) must(r.program.bind(leaf, content));
+  must(r.program.set_runs(step, 0));
+  r.done = 0;
+}
+
 double run(Runner& r, const std::string& step, int times) {
   const double begin = now_ms(), processor = processor_ms();
   must(r.program.run(step, times));
@@ -71,14 +80,16 @@ double run(Runner& r, const std::string& step, int times) {
 
 int main(int argc, char** argv) {
   std::vector<std::string> steps, bindings;
+  bool behind = false;
   for (int k = 5; k < argc; ++k) {
-    const std::string word = argv[k];
-    if (word == "--") continue;
-    (word.find('=') == std::string::npos ? steps : bindings).push_back(word);
+    if (const std::string word = argv[k]; word == "--")
+      behind = true;
+    else
+      (behind ? bindings : steps).push_back(word);
   }
   const int rounds = argc > 4 ? std::atoi(argv[4]) : 0;
   if (steps.empty() || rounds < 1) {
-    std::fputs("usage: bench_table3 FILE PROGRAM DEVICE ROUNDS STEP... -- LEAF=SOURCE...\n", stderr);
+    std::fputs("usage: bench_table3 FILE PROGRAM DEVICE ROUNDS STEP=TIMES... -- LEAF=SOURCE...\n", stderr);
     return 2;
   }
   const auto device = must(runtime::Device::open({argv[3], false}));
@@ -111,26 +122,37 @@ int main(int argc, char** argv) {
                            {"rounds", rounds},
                            {"rows", nlohmann::json::array()}};
   std::printf("%s, profile %s, medians of %d rounds\n", device.info().name.c_str(), profile.c_str(), rounds);
-  for (const std::string& step : steps) {
+  for (const std::string& word : steps) {
+    const std::string step = word.substr(0, word.find('='));
+    const int most = std::atoi(word.substr(std::min(word.size(), step.size() + 1)).c_str());
+    if (most < 1) stop("how often does '" + step + "' run?");
     std::printf("%-14s %-16s %10s %20s %8s %13s %8s %12s %8s %9s\n", step.c_str(), "", "ms a step", "quartiles",
                 "x slower", "processor ms", "x slower", "commands run", "MB run", "left out");
     // Warm: shaders compiled, the cache steady. Then every way runs as often as every other, so that all are at the
-    // same point of the fit, and for a quarter of a second or a step at least.
+    // same point of the fit: for a second or a step at least, and not beyond the fit's end.
     double slowest = 0;
     for (Runner& r : runners) {
+      r.start.clear();
+      for (const auto& info : r.program.leaves())
+        if (r.program.changes(step, info.name)) r.start.emplace_back(info.name, must(r.program.leaf(info.name)));
       run(r, step, 3);
       slowest = std::max(slowest, run(r, step, 1));
+      start_over(r, step);
     }
     for (Runner& r : runners) r.ms.clear(), r.processor_ms.clear();
-    const int times = std::clamp(static_cast<int>(250 / slowest), 1, 200);
+    const int times = std::clamp(static_cast<int>(1000 / slowest), 1, most);
     std::vector<runtime::StepCounters> before;
     for (Runner& r : runners) before.push_back(r.program.counters(step));
     for (int round = 0; round < rounds; ++round)
-      for (Runner& r : runners) run(r, step, times);
+      for (Runner& r : runners) {
+        if (r.done + times > most) start_over(r, step);
+        run(r, step, times);
+        r.done += times;
+      }
     for (size_t k = 0; k < runners.size(); ++k) {
       Runner& r = runners[k];
       const auto after = r.program.counters(step);
-      const double runs = static_cast<double>(after.runs - before[k].runs);
+      const double runs = static_cast<double>(rounds) * times;
       const double commands = static_cast<double>(after.run.commands - before[k].run.commands) / runs;
       const double skipped = static_cast<double>(after.skipped.commands - before[k].skipped.commands) / runs;
       const double megabytes = 1e-6 * static_cast<double>(after.run.bytes - before[k].run.bytes) / runs;
