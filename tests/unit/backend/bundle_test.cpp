@@ -283,6 +283,27 @@ TEST_CASE("a raster is entries, or faces and tags") {
                               {[](auto& b) { b.resources[1]->type->rows = 1; }, neither}});
 }
 
+TEST_CASE("entries with epochs are a raster's own, and dispatches alone touch them") {
+  const auto sample_with_epochs = [] {
+    BundleT b = sample_with_raster();
+    b.resources[1]->role = Role::EpochEntries;
+    return b;
+  };
+  expect(+sample_with_epochs, {{[](auto& b) { b.resources[1]->type->rows = 1; }, "has epochs, and is no entries"},
+                               {[](auto& b) { b.resources[1]->slot = 0; }, "shares memory, but stays"},
+                               {[](auto& b) { b.steps[0]->outputs[0]->resource = 1; }, "names 'seen', no value"},
+                               {[](auto& b) {
+                                  auto fill = std::make_unique<CommandT>(*b.steps[0]->commands[0]);
+                                  fill->kind = CommandKind::Fill;
+                                  fill->compute = -1;
+                                  fill->elements.clear();
+                                  fill->bindings.clear();
+                                  fill->target = 1;
+                                  b.steps[0]->commands.insert(b.steps[0]->commands.begin(), std::move(fill));
+                                },
+                                "touches 'seen', whose epochs only shaders know"}});
+}
+
 TEST_CASE("a reduction keeps apart what it reads and what it writes") {
   expect(sample_with_reduce, {{[](auto& b) { command(b).scratch_b = 2; }, "where it writes others"},
                               {[](auto& b) { command(b).target = 3; }, "where it writes others"},
