@@ -56,9 +56,7 @@ bool stays(const Schedule& schedule, const StepSchedule& step, const Pass& liste
 
 bool may_recompute(const ir::Graph& graph, const target::Profile& profile, const Schedule& schedule,
                    const StepSchedule& step, const Pass& lister, const Pass& scatter, const Whole& whole) {
-  const Trips trips = trips_of(graph, lister.ops);
-  if (!heavy_branches(graph, lister, trips, profile).empty()) return false;
-  if (needs_cut(trips + trips_of(graph, scatter.ops), profile, kElementsOfGuess)) return false;
+  if (needs_cut(trips_of(graph, lister.ops) + trips_of(graph, scatter.ops), profile, kElementsOfGuess)) return false;
   // The lister's own results are there, or are made again.
   if (std::ranges::any_of(whole.reads, [&](ValueId v) { return !stays(schedule, step, lister, scatter, v); }))
     return false;
@@ -75,8 +73,10 @@ void recompute_second_run(const ir::Graph& graph, const target::Profile& profile
     const std::set<ValueId> kept = read_afterwards(graph, step);
     for (Pass& scatter : step.passes) {
       const auto* sums = scatter.as<ScatterPass>();
-      if (sums == nullptr || !sums->joins_groups()) continue;
+      if (sums == nullptr || !sums->guesses() || sums->joined_run() == nullptr) continue;
       Pass& lister = step.pass(*sums->lister());
+      const bool heavy = !heavy_branches(graph, lister, trips_of(graph, lister.ops), profile).empty();
+      if (!sums->joins_groups() && !heavy) continue;
       Whole whole = whole_of(graph, lister, scatter);
       if (!may_recompute(graph, profile, schedule, step, lister, scatter, whole)) continue;
       scatter.ops = std::move(whole.ops);

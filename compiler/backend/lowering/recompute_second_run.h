@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The second run of exact sums that a map adds by guesses has nothing to do, as a rule. It computes what the map does
-// again, where all pixels of a picture add: then the map need neither list them nor store what they add.
+// again, where all pixels of a picture add, or those of a branch that has a dispatch of its own (heavy_branches.h):
+// then the map need neither list them nor store what they add.
 //   pass p compute [2048, 2048]                         pass p compute [2048, 2048]
 //     ops gather %5                                       ops gather %5
 //     writes x                                            writes
