@@ -228,7 +228,7 @@ bool Checker::touches(const StepT& step, const CommandT& c, const std::string& w
     const ResourceT& r = *b_.resources[index];
     if (!r.room.empty() && c.part_trips == 0)
       return fail(where + " has no loops that go on, and touches '" + r.name + "', where such keep their state");
-    if (r.role == Role::EpochEntries && c.kind != CommandKind::Dispatch)
+    if (r.role == Role::EpochEntries && c.kind != CommandKind::Dispatch && c.kind != CommandKind::Draw)
       return fail(where + " touches '" + r.name + "', whose epochs only shaders know");
     if (r.role == Role::StepIndex && static_cast<int64_t>(index) != step.step_index)
       return fail(where + " counts for another step");

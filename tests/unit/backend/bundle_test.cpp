@@ -283,7 +283,7 @@ TEST_CASE("a raster is entries, or faces and tags") {
                               {[](auto& b) { b.resources[1]->type->rows = 1; }, neither}});
 }
 
-TEST_CASE("entries with epochs are a raster's own, and dispatches alone touch them") {
+TEST_CASE("entries with epochs are a raster's own, and shaders alone touch them") {
   const auto sample_with_epochs = [] {
     BundleT b = sample_with_raster();
     b.resources[1]->role = Role::EpochEntries;
