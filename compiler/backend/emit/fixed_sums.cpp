@@ -86,9 +86,10 @@ Generator::Adding Generator::fixed_adding(Shader& s, const Pass& pass, const Tar
   if (joins_lanes) subgroup_extensions(s);
   s.prelude(glsl::kFixedShift);
   Adding out;
+  const bool groups = runs == Runs::First && pass.get<ScatterPass>().joins_groups();
   if (runs != Runs::Second) {
     if (runs == Runs::Both) out.body += "  if (pc.a == 0) {\n";
-    out.body += find_largest(s, pass, t, lists);
+    out.body += groups ? keep_for_group(s, t, lists) : find_largest(s, pass, t, lists);
     if (runs == Runs::Both) out.body += guesses ? "  }\n" : "  } else {\n";
     const std::string guard = runs == Runs::Both ? "pc.a == 0 && " : "",
                       elect = joins_lanes ? " && subgroupElect()" : "";
@@ -106,8 +107,8 @@ Generator::Adding Generator::fixed_adding(Shader& s, const Pass& pass, const Tar
   const bool joins_parts = pass.get<ScatterPass>().joins_parts() && runs != Runs::First;
   s.prelude(joins_parts ? glsl::kFixedSubgroup : "");
   choose_shift(s, pass, t, runs, buffer);
-  if (runs == Runs::First && pass.get<ScatterPass>().joins_groups()) {
-    out.body += keep_for_group(s, t);
+  if (groups) {
+    s.body().line("without_limbs_" + id + " = least_without_limbs(shift_" + id + ", " + limb_bits(t) + ");");
     return out;
   }
   out.body += add_fixed(s, t, runs, joins_parts, buffer);
@@ -201,15 +202,19 @@ std::string Generator::add_fixed(Shader& s, const Target& t, Runs runs, bool joi
     if (runs == Runs::Both) out += "  }\n";
   }
   if (joins_lanes) out += join_lanes(n, part) + "  if (adds_here) {\n";
-  for (int c = 0; c < n; ++c) out += add_to_memory(t, c, part(c), "element", buffer);
-  out += set_flags(t, buffer);
-  if (t.update != nullptr) {
-    std::string added = "flags";
-    for (int c = 0; c < n; ++c) added += " | " + part(c) + ".x | " + part(c) + ".y";
-    out += wake(s, t, added);
-  }
+  out += add_parts(s, t, buffer);
   if (joins_lanes) out += "  }\n";
   return out;
+}
+
+std::string Generator::add_parts(Shader& s, const Target& t, const std::string& buffer) {
+  std::string out, added = "flags";
+  for (int c = 0; c < t.accumulator.type.components(); ++c) {
+    out += add_to_memory(t, c, part(c), "element", buffer);
+    added += " | " + part(c) + ".x | " + part(c) + ".y";
+  }
+  out += set_flags(t, buffer);
+  return t.update == nullptr ? out : out + wake(s, t, added);
 }
 
 std::string Generator::guessed_right(const std::vector<Target>& targets) {

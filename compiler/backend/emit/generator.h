@@ -90,6 +90,7 @@ class Generator {
     bool emptied = false;          // the pass that reads the words leaves zeros; of fixed point numbers
     const Pass* update = nullptr;  // whose elements the sums wake
     std::string list{};            // behind names of the scatter's list in the shader of the map that makes it
+    std::string places{};          // of targets that join in a workgroup: the first that has its terms where this has
   };
   // Lists the element that a sum adds to, or marks its block, if `added`, an expression, is not 0 and it is not there.
   std::string wake(glsl::Shader& shader, const Target& target, const std::string& added);
@@ -112,6 +113,8 @@ class Generator {
   void choose_shift(glsl::Shader& shader, const Pass& pass, const Target& target, Runs runs, const std::string& buffer);
   std::string add_fixed(glsl::Shader& shader, const Target& target, Runs runs, bool joins_lanes,
                         const std::string& buffer);
+  // Adds an element's fixed point numbers to memory, and its flags.
+  std::string add_parts(glsl::Shader& shader, const Target& target, const std::string& buffer);
   // A component of `value` in fixed point.
   static std::string fixed(glsl::Shader& shader, const Target& target, int c, const std::string& shift);
   // Statements that make a float's fixed point numbers, `part_0` and so on, and `flags` of what is not finite; that add
@@ -120,10 +123,12 @@ class Generator {
   std::string add_to_memory(const Target& target, int c, const std::string& part, const std::string& element,
                             const std::string& buffer) const;
   std::string set_flags(const Target& target, const std::string& buffer) const;
-  // Invocations of a workgroup join what they add to a target when they are done (group_sums.cpp): what each does with
-  // a contribution until then, and what they do together.
-  std::string keep_for_group(glsl::Shader& shader, const Target& target);
-  void join_in_group(glsl::Shader& shader, const std::vector<Target>& targets);
+  // Invocations of a workgroup join what they add when they are done (group_sums.cpp): which targets have the same
+  // places; what each does with a contribution until then; and what they do together.
+  static std::string limb_bits(const Target& target);
+  void find_same_places(const std::vector<Target*>& targets) const;
+  std::string keep_for_group(glsl::Shader& shader, const Target& target, bool lists);
+  void join_in_group(glsl::Shader& shader, const std::vector<const Target*>& targets);
   // Of the second run: whether the first one added by the right shift everywhere.
   static std::string guessed_right(const std::vector<Target>& targets);
   const char* sum_word() const { return wide_atomics() ? "uint64_t" : "uint"; }

@@ -131,12 +131,15 @@ void Generator::store_results(Shader& s, const Pass& pass, const std::vector<con
     if (!is_partial(v)) store_changed(s, pass, v);
   if (const auto& told = pass.get<MapPass>().code.told; !told.empty()) tell_not_finite(s, pass, largest_bits(s, told));
   std::string finish;
-  std::vector<Target> together;
+  std::vector<Target*> together;
+  for (const Pass* scatter : scatters)
+    if (const auto& how = scatter->get<ScatterPass>(); how.joined_run() != nullptr && how.joins_groups())
+      for (Target& t : targets_.at(scatter)) together.push_back(&t);
+  find_same_places(together);
   for (const Pass* scatter : scatters) {
     const auto& how = scatter->get<ScatterPass>();
     if (how.joined_run() != nullptr) {
       finish += scatter_where_listed(s, pass, *scatter);
-      if (how.joins_groups()) together.insert(together.end(), targets_.at(scatter).begin(), targets_.at(scatter).end());
       continue;
     }
     const std::string list =
@@ -153,7 +156,7 @@ void Generator::store_results(Shader& s, const Pass& pass, const std::vector<con
     s.declare("void finish() {\n" + finish + "}\n");
     s.body().line("finish();");
   }
-  if (!together.empty()) join_in_group(s, together);
+  if (!together.empty()) join_in_group(s, {together.begin(), together.end()});
 }
 
 void Generator::store_partial(Shader& s, const Pass& pass, const Pass& scatter) {

@@ -69,6 +69,29 @@ uvec2 fixed_halved(uvec2 a, int by) {
 }
 )";
 
+// Two limbs, of which a few contributions can be added apart without a carry: `low` has `bits` bits and a sign.
+inline constexpr const char* kFixedLimbs = R"(
+// A finite float times 2^shift, rounded as fixed_from_float() does; less than 2^(2 * bits).
+ivec2 limbs_from_float(float value, int shift, uint bits) {
+  uint word = floatBitsToUint(value), exponent = (word >> 23) & 255u;
+  uint mantissa = (word & 0x7fffffu) | (exponent != 0u ? 0x800000u : 0u);
+  int by = max(int(exponent), 1) - 150 + shift;
+  uint left = uint(max(by, 0)), right = uint(clamp(-by, 0, 25));
+  uint rounded = (mantissa + ((1u << right) >> 1)) >> right;
+  ivec2 limbs = ivec2((rounded << left) & ((1u << bits) - 1u), rounded >> (bits - left));
+  return (word >> 31) != 0u ? -limbs : limbs;
+}
+
+// The magnitude's bits from which on a float times 2^shift has no limbs; Inf and NaN have none.
+uint least_without_limbs(int shift, uint bits) { return uint(clamp(127 + 2 * int(bits) - shift, 0, 255)) << 23; }
+
+uvec2 fixed_of_limbs(ivec2 limbs, uint bits) {
+  uint low = uint(limbs.x), high = uint(limbs.y) << bits;
+  uint sum = low + high;
+  return uvec2(sum, uint(limbs.x >> 31) + uint(limbs.y >> (32u - bits)) + uint(sum < low));
+}
+)";
+
 inline constexpr const char* kFixedMinus = R"(
 uvec2 fixed_minus(uvec2 a, uvec2 b) { return uvec2(a.x - b.x, a.y - b.y - uint(a.x < b.x)); }
 )";

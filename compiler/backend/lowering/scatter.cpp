@@ -12,6 +12,7 @@
 #include "compiler/backend/lowering/scatter_active.h"
 #include "compiler/backend/lowering/scatter_costs.h"
 #include "compiler/backend/pack/stages.h"
+#include "compiler/backend/schedule/joined_sums.h"
 #include "compiler/backend/schedule/limits.h"
 #include "compiler/backend/schedule/trips.h"
 

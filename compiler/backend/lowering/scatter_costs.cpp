@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "compiler/backend/analysis/scatter_leaves.h"
-#include "compiler/backend/schedule/limits.h"
+#include "compiler/backend/schedule/joined_sums.h"
 
 namespace dr::backend {
 
@@ -69,13 +69,6 @@ bool are_cached(const ir::Graph& graph, std::span<const ScatterSum> sums) {
 
 bool adds_everywhere(const ir::Graph& graph, const Pass& pass) {
   return std::ranges::all_of(pass.ops, [&](ir::OpId id) { return graph.op(id).regions.empty(); });
-}
-
-bool groups_have_room(const ir::Graph& graph, const target::Profile& profile, std::span<const ScatterSum* const> sums) {
-  if (!profile.is_gpu() || profile.max_compute_work_group_invocations < static_cast<uint32_t>(kJoiningGroup))
-    return false;
-  const std::vector<int> elements = joined_elements(graph, sums);
-  return !elements.empty() && joined_bytes(graph, sums, elements) <= profile.max_compute_shared_memory_size;
 }
 
 bool groups_may_join(const ir::Graph& graph, const target::Profile& profile, const StepSchedule& step,

@@ -33,9 +33,6 @@ bool are_cached(const ir::Graph& graph, std::span<const ScatterSum> sums);
 // Whether no condition of the program decides which elements of a scatter pass add.
 bool adds_everywhere(const ir::Graph& graph, const Pass& pass);
 
-// Whether the memory of a workgroup that joins what it adds has room for these sums.
-bool groups_have_room(const ir::Graph& graph, const target::Profile& profile, std::span<const ScatterSum* const> sums);
-
 // Whether the invocations of a workgroup join what they add: pixels of a square add to texels of one, of which its
 // memory has room for some hundred. Vertices lie anywhere: what few pixels add to them they add to memory, but where
 // all that show a mesh do, those of a square share them. An invocation keeps one contribution of each term, so that

@@ -2,7 +2,6 @@
 #include "compiler/backend/schedule/limits.h"
 
 #include <algorithm>
-#include <bit>
 
 #include "compiler/backend/analysis/bins.h"
 #include "compiler/backend/analysis/named_once.h"
@@ -61,29 +60,6 @@ Bindings joined_bindings(const std::vector<Resource>& resources, const StepSched
   }
   Bindings out = bindings_of(resources, std::move(reads), writes);
   out.more += static_cast<uint32_t>(guesses_bound(resources, step, pass));
-  return out;
-}
-
-uint32_t joined_bytes(const ir::Graph& graph, std::span<const ScatterSum* const> sums,
-                      const std::vector<int>& elements) {
-  int words = 1;
-  for (size_t k = 0; k < sums.size(); ++k)
-    words += elements[k] * (1 + 2 * graph.value(sums[k]->value).type.components());
-  return static_cast<uint32_t>(words) * static_cast<uint32_t>(sizeof(uint32_t));
-}
-
-std::vector<int> joined_elements(const ir::Graph& graph, std::span<const ScatterSum* const> sums) {
-  // More bytes would leave too few workgroups at a time to a GPU's processor.
-  constexpr uint32_t kMostBytes = 20 << 10;
-  constexpr unsigned kLeast = kJoiningGroup / 2;
-  std::vector<int> out;
-  for (const ScatterSum* sum : sums)
-    out.push_back(static_cast<int>(std::bit_ceil(static_cast<unsigned>(sum->terms.size()) * kLeast)));
-  while (joined_bytes(graph, sums, out) > kMostBytes) {
-    const int half = *std::ranges::max_element(out) / 2;
-    if (half < static_cast<int>(kLeast)) return {};
-    for (int& room : out) room = std::min(room, half);
-  }
   return out;
 }
 

@@ -44,12 +44,6 @@ bool may_guess(const ir::Graph& graph, const std::vector<Resource>& resources, c
 // What the shader of the map that lists what a scatter adds binds if it does the scatter's first run, too, beside those
 // of others that join it.
 Bindings joined_bindings(const std::vector<Resource>& resources, const StepSchedule& step, const Pass& scatter);
-// For how many elements of each of these sums a workgroup that joins what it adds to them has room, powers of two:
-// neighbours share elements, and those beyond are added to memory. Empty: its memory is too small for all sums.
-std::vector<int> joined_elements(const ir::Graph& graph, std::span<const ScatterSum* const> sums);
-// How much of its memory so many elements take.
-uint32_t joined_bytes(const ir::Graph& graph, std::span<const ScatterSum* const> sums,
-                      const std::vector<int>& elements);
 // So many elements an invocation of such a scatter's second run may compute, one after the other: where terms are kept,
 // and where exponents are guessed.
 inline constexpr int kElementsInTurn = 32, kElementsOfGuess = 128;
