@@ -229,13 +229,22 @@ class StepCode {
     FaceBins& lists = walk.lists.emplace();
     lists.small_box = !few_faces && (limit == 0 || short_ones) ? bins.small_box : 0;
     lists.few_box = lists.small_box > 0 ? bins.few_box : 0;
-    lists.middle_box = bins.middle_box;
     // A power of two, so that teams share the invocations evenly whatever the profile says.
     lists.team = static_cast<int>(std::bit_floor(std::clamp(profile_.subgroup_size / bins.teams, 1u, 128u)));
+    lists.middle_box = limit > 0 ? bounded_box(bins.middle_box, lists.team, limit, trips) : bins.middle_box;
     lists.middle_invocations = bins.middle_invocations;
     lists.large_invocations = bins.large_invocations;
     walk.in_turn = in_turn(raster, walk, parts.cull, trips.pixel * Dim(lists.small_box > 0 ? kSmallPixels : 0));
     return walk;
+  }
+
+  // Where a device lets an invocation take so many trips only, a team can walk some boxes of the middle list one after the
+  // other, however large: else each face of the list would need workgroups of its own, most of which find little to do.
+  static int bounded_box(int box, int team, int64_t limit, const WalkTrips& trips) {
+    constexpr int64_t kBoxes = 8;
+    if (!trips.pixel.is_constant() || !trips.face.is_constant()) return box;
+    const int64_t steps = (limit / kBoxes - trips.face.constant() - 3) / (trips.pixel.constant() + 1);
+    return static_cast<int>(std::clamp<int64_t>(steps * team, team, box));
   }
 
   // Lanes take turns at atomics of 64 bits.
