@@ -2,12 +2,14 @@
 // Reading programs for the commands.
 #include "compiler/drc/input.h"
 
+#include <cerrno>
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
 #include <iostream>
 #include <sstream>
 
+#include "compiler/io/file/unreadable.h"
 #include "dsl/diagnostic/diagnostic.h"
 #include "dsl/syntax/dump.h"
 #include "dsl/syntax/parser.h"
@@ -33,10 +35,11 @@ std::optional<std::string> read_text(const std::string& file) {
   }
   std::error_code error;
   std::ifstream in;
+  errno = 0;
   if (!std::filesystem::is_directory(file, error)) in.open(file, std::ios::binary);
   if (in.is_open()) text << in.rdbuf();
   if (!in.is_open() || in.bad()) {
-    print_error("cannot read '" + file + "'");
+    print_error(io::unreadable(file));
     return std::nullopt;
   }
   return std::move(text).str();

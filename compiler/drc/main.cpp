@@ -8,6 +8,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
+#include <map>
 #include <new>
 #include <optional>
 #include <set>
@@ -111,6 +112,7 @@ class CommandLine {
 
     try {
       app_.parse(argc, argv);
+      for (const CLI::App* each : app_.get_subcommands()) must_differ(*each);
     } catch (const CLI::ParseError& error) {
       const bool asked = error.get_exit_code() == 0;
       app_.exit(error);
@@ -140,6 +142,24 @@ class CommandLine {
 
  private:
   CLI::App* command(const std::string& name, const std::string& text) { return app_.add_subcommand(name, text); }
+
+  // What is given twice would silently count once.
+  static void must_differ(const CLI::App& command) {
+    for (const char* name : {"-D", "--known", "--bind", "--symbol"}) {
+      const CLI::Option* option = command.get_option_no_throw(name);
+      if (option == nullptr) continue;
+      std::map<std::string, std::string> values;
+      for (const std::string& text : option->results()) {
+        const size_t end = std::min(text.find('='), text.size());
+        const std::string value = text.substr(std::min(end + 1, text.size()));
+        const auto [before, is_new] = values.emplace(text.substr(0, end), value);
+        if (!is_new)
+          throw CLI::ValidationError(
+              name, "'" + before->first + "' is given twice, as '" + before->second + "' and '" + value + "'");
+      }
+    }
+  }
+
   bool as_json() const { return diagnostics_ == "json"; }
 
   void add_build() {

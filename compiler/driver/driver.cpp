@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <sstream>
 
+#include "compiler/backend/bundle/bundle.h"
 #include "compiler/backend/pipeline.h"
 #include "compiler/backend/plan/show.h"
 #include "compiler/backend/schedule/structure.h"
@@ -67,7 +68,13 @@ Compilation::Compilation(std::string name, std::string text, Options options, Ho
       hooks_(std::move(hooks)),
       is_graph_(name.ends_with(".ir")),
       is_schedule_(name.ends_with(".schedule")) {
-  file_ = sources_.add(std::move(name), std::move(text));
+  const bool is_bundle = bundle::has_identifier(text);
+  const std::string file = name;
+  file_ = sources_.add(std::move(name), is_bundle ? std::string() : std::move(text));
+  if (is_bundle)
+    fail({Error::Kind::User, "'" + file +
+                                 "' is a bundle, which is compiled already: drun runs it where its name ends in "
+                                 ".drb, drc inspect shows it"});
 }
 
 std::nullptr_t Compilation::fail(Error error) {
@@ -81,7 +88,7 @@ std::string Compilation::messages() const {
   const std::string name(sources_.name(file_));
   if (error_->line != 0) return out + name + ":" + std::to_string(error_->line) + ": error: " + error_->text + "\n";
   if (error_->kind == Error::Kind::Limit) return out + name + ": error: " + error_->text + "\n";
-  return out + error_->text + "\n";
+  return out + "error: " + error_->text + "\n";
 }
 
 // An internal error within `make` says where what reproduces it is.
@@ -152,14 +159,26 @@ std::optional<Error> Compilation::wrong_schedule() {
 std::optional<Error> Compilation::wrong_known() const {
   for (const auto& [name, numbers] : options_.known) {
     const auto index = lowered_->leaf_index(name);
-    const ir::Leaf* leaf = index ? &lowered_->leaves[*index] : nullptr;
-    const auto components = leaf == nullptr ? size_t{0} : static_cast<size_t>(leaf->type.components());
-    if (leaf == nullptr || leaf->kind != ir::Leaf::Kind::Input || !leaf->extent.is_unit() || !leaf->type.is_float() ||
-        (numbers.size() != 1 && numbers.size() != components))
+    const std::string expected = "expected an input of one element of floats for --known, found '" + name + "', ";
+    if (!index) {
+      std::vector<std::string> inputs;
+      for (const ir::Leaf& leaf : lowered_->leaves)
+        if (leaf.kind == ir::Leaf::Kind::Input) inputs.push_back(leaf.name);
+      const auto nearest = dsl::nearest_name(name, inputs);
+      return Error{Error::Kind::User, expected + "which the program does not have" +
+                                          (nearest ? ", did you mean '" + *nearest + "'?" : "")};
+    }
+    const ir::Leaf& leaf = lowered_->leaves[*index];
+    if (leaf.kind != ir::Leaf::Kind::Input)
+      return Error{Error::Kind::User, expected + "a " + (leaf.kind == ir::Leaf::Kind::Param ? "param" : "state") +
+                                          ", whose value changes"};
+    if (!leaf.extent.is_unit() || !leaf.type.is_float())
+      return Error{Error::Kind::User, expected + leaf.type.str() + leaf.extent.str()};
+    const auto components = static_cast<size_t>(leaf.type.components());
+    if (numbers.size() != 1 && numbers.size() != components)
       return Error{Error::Kind::User,
-                   "expected an input of one element of floats, and one number or one for each of its "
-                   "components, for --known, found '" +
-                       name + "' and " + std::to_string(numbers.size())};
+                   "expected one number" + (components == 1 ? "" : " or " + std::to_string(components)) +
+                       " as the --known value of '" + name + "', found " + std::to_string(numbers.size())};
   }
   return std::nullopt;
 }

@@ -65,6 +65,11 @@ Result<ResultName> find_result(const std::string& text, const ResultNames& names
                (near.empty() ? "; there are: " + list_of(all) : near)};
 }
 
+std::string unknown_name(const std::string& kind, const std::string& name, const std::vector<std::string>& all) {
+  const std::string near = did_you_mean(name, std::vector<std::string_view>(all.begin(), all.end()));
+  return cat("there is no ", kind, " ", in_quotes(name), near.empty() ? "; there are: " + list_of(all) : near);
+}
+
 Result<void> check_output_file(const std::string& path, std::span<const std::string_view> extensions) {
   return guarded(cat("cannot write ", path_in_quotes(path), ": "), [&] {
     const std::string extension = extension_of(path);

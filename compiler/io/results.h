@@ -26,6 +26,9 @@ struct ResultName {
 // it.
 Result<ResultName> find_result(const std::string& text, const ResultNames& names);
 
+// "there is no leaf 'positon' (did you mean 'position'?)", or all that there are.
+std::string unknown_name(const std::string& kind, const std::string& name, const std::vector<std::string>& all);
+
 // "name=file" of `--save`. Whether it can be written is known before a run that takes hours: the extension, the folder,
 // and whether a picture can hold such elements.
 Result<void> check_output_file(const std::string& path, std::span<const std::string_view> extensions);

@@ -165,6 +165,7 @@ Diagnostic& DiagnosticList::warning(Code code, const Span& span, std::string mes
 }
 
 std::string format(const DiagnosticList& list, const SourceManager& sources) {
+  constexpr FileId root{0};  // programs come before what they import
   std::string out;
   for (const Diagnostic& diagnostic : list.all()) {
     append_location(out, sources, diagnostic.span);
@@ -172,9 +173,14 @@ std::string format(const DiagnosticList& list, const SourceManager& sources) {
     out += code_name(diagnostic.code);
     out += "]: " + diagnostic.message + '\n';
     if (diagnostic.span.valid()) append_source_line(out, sources, diagnostic.span);
+    // Of what is wrong in a module, the line of the program that led there is shown, too.
+    bool is_shown = !diagnostic.span.valid() || diagnostic.span.file == root;
     for (const Note& note : diagnostic.notes) {
       append_location(out, sources, note.span);
       out += "note: " + note.message + '\n';
+      if (is_shown || !(note.span.file == root)) continue;
+      append_source_line(out, sources, note.span);
+      is_shown = true;
     }
     if (!diagnostic.help.empty()) out += "help: " + diagnostic.help + '\n';
   }

@@ -246,6 +246,7 @@ std::unique_ptr<StructDecl> Parser::parse_struct(std::string doc) {
       decl->fields.push_back(std::move(field));
     } else {
       add_open_note(fail_expected(Code::E0101, "a field, a function or '}'", {}), open);
+      if (!at_item_boundary()) advance();  // it may begin a statement, where recover() stops
     }
     if (panicking_) recover(Place::Statement);
     if (panicking_) break;
@@ -287,6 +288,7 @@ std::unique_ptr<OptimizerDecl> Parser::parse_optimizer(std::string doc) {
     } else {
       Diagnostic& diagnostic = fail_expected(Code::E0101, "'state', 'update' or '}'", {});
       if (at(TokenKind::Name)) suggest(diagnostic, lexer_.text(token_), {"state", "update"});
+      advance();  // it may begin a statement, where recover() stops
     }
     damaged = damaged || panicking_;
     if (panicking_) recover(Place::Statement);

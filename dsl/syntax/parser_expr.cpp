@@ -525,6 +525,7 @@ void Parser::parse_raster_fn(std::vector<FnDecl>& fns) {
   const uint32_t begin = token_.begin;
   if (!at(TokenKind::Name)) {
     fail_expected(Code::E0101, "a function of 'raster' or '}'", {});
+    advance();  // it may begin a statement, where recover() stops
     return;
   }
   const std::string shown = found();

@@ -2,6 +2,7 @@
 // The C interface over the C++ API: handles are objects, exceptions and Results become dressi_error().
 #include <algorithm>
 #include <cstdio>
+#include <map>
 #include <nlohmann/json.hpp>
 
 #include "compiler/ir/initial_step.h"
@@ -98,6 +99,12 @@ std::string known_options() {
 
 dr::jit::Options compile_options(const char* const* options) {
   dr::jit::Options chosen;
+  std::map<std::string, std::string> named;
+  // What is given twice would silently count once.
+  const auto must_be_new = [&](const std::string& key, const std::string& value) {
+    const auto [before, is_new] = named.emplace(key, value);
+    if (!is_new) fail("'" + key + "' is given twice, as '" + before->second + "' and '" + value + "'");
+  };
   for_each_option(options, [&](const std::string& key, const std::string& value) {
     const auto choice = std::ranges::find(dr::driver::choices(), key, &dr::driver::Choice::name);
     if (choice != dr::driver::choices().end())
@@ -108,9 +115,11 @@ dr::jit::Options compile_options(const char* const* options) {
       chosen.include_dirs.push_back(value);
     else if (key == "adjoint")
       chosen.adjoints.push_back(value);
-    else if (key.starts_with("define:"))
+    else if (key.starts_with("define:")) {
+      must_be_new(key, value);
       chosen.defines[key.substr(7)] = value;
-    else if (key.starts_with("known:")) {
+    } else if (key.starts_with("known:")) {
+      must_be_new(key, value);
       const auto numbers = dr::driver::known_value(value);
       if (!numbers) fail("expected numbers with commas for '" + key + "', found '" + value + "'");
       chosen.known[key.substr(6)] = *numbers;

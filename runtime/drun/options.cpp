@@ -197,10 +197,9 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
     for (const std::string& s : symbols) add_once(options.symbols, s, "--symbol");
     for (const std::string& s : saves) options.saves.push_back(split(s, "--save"));
     for (const std::string& m : meshes) options.meshes.push_back(split(m, "--mesh"));
-    for (const std::string& d : defines) {
-      const auto [name, value] = split(d, "-D");
-      options.compile.defines[name] = value;
-    }
+    std::vector<std::pair<std::string, std::string>> consts;
+    for (const std::string& d : defines) add_once(consts, d, "-D");
+    options.compile.defines.insert(consts.begin(), consts.end());
     for (const std::string& s : steps) {
       const size_t at = s.find('=');
       int times = 1;

@@ -2,11 +2,13 @@
 // Opens the device, loads or compiles the program, and hands both on.
 #include "runtime/drun/runner.h"
 
+#include <cerrno>
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
 #include <sstream>
 
+#include "compiler/io/file/unreadable.h"
 #include "compiler/ir/internal_error.h"
 #include "runtime/drun/session.h"
 #include "runtime/drun/stop.h"
@@ -18,13 +20,22 @@ namespace dr::drun {
 namespace {
 
 std::vector<uint8_t> read_file(const std::string& path) {
-  if (std::filesystem::is_directory(path)) throw Mistake{"cannot read '" + path + "': it is a folder"};
+  errno = 0;
   std::ifstream file(path, std::ios::binary);
-  if (!file) throw Mistake{"cannot read '" + path + "'"};
+  if (std::filesystem::is_directory(path) || !file) throw Mistake{io::unreadable(path)};
   std::stringstream text;
   text << file.rdbuf();
   const std::string s = text.str();
   return {s.begin(), s.end()};
+}
+
+bool is_bundle(const std::string& file) { return file.size() > 4 && file.ends_with(".drb"); }
+
+// What is made of a program or bundle. What is wrong with a file from elsewhere is told with its name.
+template <class T>
+T loaded(const Options& options, io::Result<T> result) {
+  if (!result && is_bundle(options.file)) throw Mistake{"'" + options.file + "': " + result.error()};
+  return must(std::move(result));
 }
 
 int list_devices() {
@@ -59,7 +70,7 @@ std::map<std::string, bool, std::less<>> zeros_bound(const Options& options) {
 
 std::vector<uint8_t> load_or_compile(const Options& options, const std::string& device_profile,
                                      std::vector<jit::Skip>& skips) {
-  if (options.file.size() > 4 && options.file.ends_with(".drb")) {
+  if (is_bundle(options.file)) {
     jit::Options compile = options.compile;
     std::erase(compile.ablate, "cache");  // the runtime's part
     compile.include_dirs.clear();         // a habit of command lines, and harmless
@@ -100,8 +111,8 @@ int run_program(const Options& options) {
     if (options.device == "reference") {
       // The bundle's tables name leaves, steps and outputs; its graph runs.
       const std::vector<uint8_t> bundle = load_or_compile(options, "lavapipe", skips);
-      const runtime::Program names = must(runtime::Program::describe(bundle));
-      jit::ReferenceProgram program = must(jit::ReferenceProgram::load(bundle));
+      const runtime::Program names = loaded(options, runtime::Program::describe(bundle));
+      jit::ReferenceProgram program = loaded(options, jit::ReferenceProgram::load(bundle));
       Session(options, target_of(program), names, bundle).process();
       return exit_code_of_stop();
     }
@@ -109,7 +120,7 @@ int run_program(const Options& options) {
     const auto begin = std::chrono::steady_clock::now();
     const std::vector<uint8_t> bundle = load_or_compile(options, device.profile_name(), skips);
     if (options.timing) std::printf("%s: compiled or read in %.0f ms\n", options.file.c_str(), ms_since(begin));
-    runtime::LoadOptions load{.trusted = options.trusted || !options.file.ends_with(".drb"),
+    runtime::LoadOptions load{.trusted = options.trusted || !is_bundle(options.file),
                               .cache = options.cache,
                               .reuse_commands = options.commands,
                               .pipeline_folder = options.pipelines ? jit::cache_folder() : std::string(),
@@ -118,11 +129,11 @@ int run_program(const Options& options) {
                               .store_all = options.check_finite,
                               .warn = {}};  // a session says more
     if (options.rebuild) load.rebuild = jit::rebuilder(bundle, options.compile);
-    runtime::Program program = must(runtime::Program::load(device, bundle, load));
+    runtime::Program program = loaded(options, runtime::Program::load(device, bundle, load));
     const jit::Floor floor =
         jit::floor_of(options.compile.profile.empty() ? device.profile_name() : options.compile.profile);
     std::optional<jit::ReferenceCheck> check;
-    if (options.check_runs > 0) check = must(jit::ReferenceCheck::load(bundle));
+    if (options.check_runs > 0) check = loaded(options, jit::ReferenceCheck::load(bundle));
     Session(options, check ? target_of(program, *check) : target_of(program), program, bundle, skips, floor).process();
     if (const auto messages = device.validation_messages(); !messages.empty()) {
       for (const std::string& m : messages) std::fprintf(stderr, "validation: %s\n", m.c_str());

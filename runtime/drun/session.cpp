@@ -95,8 +95,7 @@ void Session::choose_steps() {
     steps_.emplace_back(all[0], 1);
   }
   for (const auto& [name, times] : steps_)
-    if (std::find(all.begin(), all.end(), name) == all.end())
-      throw Mistake{"there is no step '" + name + "'; there are " + list(all)};
+    if (std::find(all.begin(), all.end(), name) == all.end()) throw Mistake{io::unknown_name("step", name, all)};
 }
 
 void Session::bind() {
@@ -118,7 +117,7 @@ void Session::bind() {
       all.push_back(leaf.name);
       if (leaf.name == name) components = leaf.components, kind = leaf.kind;
     }
-    if (components == 0) throw Mistake{"there is no leaf '" + name + "'; there are " + list(all)};
+    if (components == 0) throw Mistake{io::unknown_name("leaf", name, all)};
     Array data = must(io::load_binding(source, components));
     if (const auto doubt = options_.unchecked ? std::nullopt : io::doubt_about(source, data))
       std::fprintf(stderr, "drun: warning: leaf '%s': %s\n", name.c_str(), doubt->c_str());

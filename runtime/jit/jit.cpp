@@ -2,6 +2,7 @@
 // The compiler as a library call.
 #include "runtime/jit/jit.h"
 
+#include <cerrno>
 #include <filesystem>
 #include <fstream>
 #include <set>
@@ -10,6 +11,7 @@
 #include "compiler/backend/skips.h"
 #include "compiler/backend/spirv/shader_cache.h"
 #include "compiler/driver/driver.h"
+#include "compiler/io/file/unreadable.h"
 #include "runtime/jit/compile_text.h"
 
 namespace dr::jit {
@@ -41,9 +43,9 @@ std::variant<std::vector<uint8_t>, std::string> compile_text(const std::string& 
 std::variant<std::vector<uint8_t>, std::string> compile_file(const std::string& path, const Options& options,
                                                              Told* told) {
   // A folder opens like an empty file.
-  if (std::filesystem::is_directory(path)) return "cannot read '" + path + "': it is a folder\n";
+  errno = 0;
   std::ifstream file(path, std::ios::binary);
-  if (!file) return "cannot read '" + path + "'\n";
+  if (std::filesystem::is_directory(path) || !file) return "error: " + io::unreadable(path) + "\n";
   std::stringstream text;
   text << file.rdbuf();
   const auto profile = target::load_profile(options.profile);

@@ -25,6 +25,7 @@ printf 'v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 7\n' > bad.obj
 printf 'no array' > junk.npy
 printf 'no bundle' > junk.drb
 : > empty.drb
+printf '\310\014\000\000\054\000\000\000DRB1' | tee bundle.dr > cut.drb
 cat > divide.dr << 'END_OF_PROGRAM'
 edition 1;
 input top    : float[W, H];
@@ -84,17 +85,20 @@ faults() { # DEVICE
   local on=(--device "$1")
   expect 1 "cannot read 'folder': it is a folder" folder "${on[@]}"
   expect 1 "cannot read 'folder.drb': it is a folder" folder.drb "${on[@]}"
-  expect 1 "cannot read 'missing.dr'" missing.dr "${on[@]}"
-  expect 1 "cannot read 'missing.drb'" missing.drb "${on[@]}"
-  expect 1 'not a bundle' junk.drb "${on[@]}"
+  expect 1 "cannot read 'missing.dr': no such file" missing.dr "${on[@]}"
+  expect 1 "cannot read 'missing.drb': no such file" missing.drb "${on[@]}"
+  expect 1 "'junk.drb': not a bundle" junk.drb "${on[@]}"
+  expect 1 "'cut.drb': the bundle is cut off: it has 12 of 3284 bytes" cut.drb "${on[@]}"
+  expect 1 "'bundle.dr' is a bundle" bundle.dr "${on[@]}"
   expect 1 'not a bundle' empty.drb "${on[@]}"
   expect 1 "'goal'" fit.dr "${on[@]}"
   expect 1 "'W' is 2 by" fit.dr "${on[@]}" --bind "$goal" --bind 'x=[[1, 2, 3]]'
   expect 1 "'W' is 4 by" fit.dr "${on[@]}" --bind "$goal" --symbol W=4
   expect 1 "symbol 'W'" fit.dr "${on[@]}" --bind "$goal" --symbol W=2x
   expect 1 "there is no symbol 'Q'; there are: H, W" fit.dr "${on[@]}" --bind "$goal" --symbol Q=3
-  expect 1 "there is no leaf 'gaol'; there are x, goal" fit.dr "${on[@]}" --bind "gaol=1"
-  expect 1 "there is no step 'fti'; there are fit" fit.dr "${on[@]}" --bind "$goal" --step fti
+  expect 1 "there is no leaf 'gaol' (did you mean 'goal'?)" fit.dr "${on[@]}" --bind "gaol=1"
+  expect 1 "there is no step 'fti' (did you mean 'fit'?)" fit.dr "${on[@]}" --bind "$goal" --step fti
+  expect 1 "there is no step 'paint'; there are: fit" fit.dr "${on[@]}" --bind "$goal" --step paint
   expect 1 "cannot read 'missing.npy': no such file" fit.dr "${on[@]}" --bind goal=missing.npy
   expect 1 "cannot read 'folder.npy': it is a folder" fit.dr "${on[@]}" --bind goal=folder.npy
   expect 1 "cannot read 'junk.npy'" fit.dr "${on[@]}" --bind goal=junk.npy
@@ -109,6 +113,7 @@ faults() { # DEVICE
   expect 1 'face 0 names the vertex 7 of 3 vertices' mesh.dr "${on[@]}" --step beside --bind 'face=[[0, 1, 7]]'
   expect 1 'face 0 names the vertex -7 of 3 vertices' mesh.dr "${on[@]}" --step beside --bind 'face=[[0, 1, -7]]'
   expect 2 "'goal' is given twice" fit.dr "${on[@]}" --bind "$goal" --bind 'goal=[[1]]'
+  expect 2 "'K' is given twice, as '1' and '2'" fit.dr "${on[@]}" -D K=1 -D K=2
   expect 2 "'W' is given twice" fit.dr "${on[@]}" --bind "$goal" --symbol W=2 --symbol W=2
   expect 2 "expected name=value, found 'W'" fit.dr "${on[@]}" --bind "$goal" --symbol W
   expect 2 'expected a number of bytes' fit.dr "${on[@]}" --memory=99999999999999999999

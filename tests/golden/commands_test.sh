@@ -54,11 +54,26 @@ expect 1 err 'bad.dr:2:7: error[E0102]' doc bad.dr
 expect 1 err "cannot read 'missing.dr'" doc missing.dr
 expect 2 err 'expected a file' doc
 expect 2 err 'required' inspect
-expect 1 err "cannot read 'missing.drb'" inspect missing.drb
+expect 1 err "cannot read 'missing.drb': no such file" inspect missing.drb
 expect 1 err 'not a bundle' inspect good.dr
 expect 2 err 'text or json' build good.dr --report=yaml
 expect 2 err 'did you mean' explain E031
 expect 0 out E0711 explain
+
+# What is given twice would count once; and what --known asks for.
+printf 'edition 1;\nconst K = 1;\ninput glow : float;\ninput tint : vec3;\nparam p : float[K] = 1.0;\nstep s { output a = glow * p, b = tint; }\n' > known.dr
+expect 2 err "--known: 'glow' is given twice, as '0' and '0.5'" build known.dr --known glow=0 --known tint=0 --known glow=0.5
+expect 2 err "-D: 'K' is given twice, as '2' and '2'" check known.dr -D K=2 -D K=2
+expect 2 err "--bind: 'glow' is given twice, as '0' and 'glow.npy'" eval known.dr --bind glow=0 --bind glow=glow.npy
+expect 2 err "--symbol: 'W' is given twice, as '1' and '2'" eval known.dr --symbol W=1 --symbol W=2
+expect 1 err "found 'glo', which the program does not have, did you mean 'glow'?" build known.dr --known glo=0
+expect 1 err "found 'p', a param, whose value changes" build known.dr --known p=0
+expect 1 err "expected one number or 3 as the --known value of 'tint', found 2" build known.dr --known tint=0,1
+expect 1 err "expected one number as the --known value of 'glow', found 2" build known.dr --known glow=0,1
+# A bundle where a program should be.
+"$drc" build known.dr -o known.drb --no-cache
+expect 1 err "'known.drb' is a bundle, which is compiled already" check known.drb
+expect 1 err "'known.drb' is a bundle, which is compiled already" eval known.drb
 
 # stdin and stdout
 cp good.dr input

@@ -40,7 +40,7 @@ damaged() {
   fi
 }
 head -c 2000 "$work/a.drb" > "$work/cut.drb"
-damaged "$work/cut.drb" "damaged or cut off"
+damaged "$work/cut.drb" "the bundle is cut off: it has 2000 of "
 echo "edition 1;" > "$work/text.drb"
 damaged "$work/text.drb" "not a bundle"
 : > "$work/empty.drb"

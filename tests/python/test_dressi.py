@@ -371,6 +371,24 @@ def test_what_is_known_when_a_program_is_compiled(device):
     assert other.step("go")["y"] == pytest.approx(1.0 + 2.0 * np.exp(0.5), rel=1e-6)
 
 
+def test_options_given_twice():
+    from dressi import _program
+    for key, first, second in (("known:strength", "0", "0.5"), ("define:K", "1", "1")):
+        with pytest.raises(dressi.CompileError, match=f"'{key}' is given twice, as '{first}' and '{second}'"):
+            _program._compiled("p.dr", KNOWN, [(key, first), ("lower", "auto"), (key, second)], "reference")
+
+
+def test_a_bundle_takes_no_options_of_compiling(tmp_path):
+    file = tmp_path / "p.drb"
+    dressi.compile(KNOWN, device="reference").save(file)
+    assert dressi.compile(file, device="reference").steps == ["go"]
+    with pytest.raises(TypeError, match="p.drb' is compiled already: known, pack must be given where"):
+        dressi.compile(file, device="reference", known={"strength": 0}, pack="naive")
+    file.write_bytes(file.read_bytes()[:1000])
+    with pytest.raises(dressi.Error, match="p.drb': the bundle is cut off: it has 1000 of "):
+        dressi.load(file)
+
+
 @pytest.mark.parametrize("wrong", [{"strenght": 0}, {"a": 0}, {"many": 0}, {"many": [0, 0, 0, 0]}, {"tint": [0, 0]},
                                    {"strength": []}, {"strength": float("nan")}])
 def test_what_cannot_be_known(wrong):

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <span>
 #include <string>
+#include <string_view>
 #include <variant>
 #include <vector>
 
@@ -50,6 +51,9 @@ std::string word(const char* enumerator);
 
 // Deterministic bytes: the tables with their length before them, and a checksum of both behind them.
 std::vector<uint8_t> write(const BundleT& bundle);
+
+// Whether it begins as a bundle of any version does.
+bool has_identifier(std::string_view bytes);
 
 // The bundle, or one sentence on what is wrong with it.
 std::variant<BundleT, std::string> read(std::span<const uint8_t> bytes);

@@ -222,7 +222,8 @@ Value Elaborator::bits(std::string_view op, const Value& a, const Value& b, cons
   const auto refuse = [&] {
     return fail(Code::E0302, span,
                 "expected ints or uints beside '" + std::string(op) + "', found " + describe_element(a) + " and " +
-                    describe_element(b));
+                    describe_element(b),
+                {}, op == "^" ? "'^' is exclusive or; a power is pow(a, b), a square a * a" : "");
   };
   const bool is_shift = op == "<<" || op == ">>";
   std::vector<Value> operands{a, b};

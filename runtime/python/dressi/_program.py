@@ -523,6 +523,12 @@ def compile(
     if isinstance(source, os.PathLike) or not _is_text(source):
         path = pathlib.Path(source)
         if path.suffix == ".drb":
+            given = {"defines": defines, "known": known, "include": include, "profile": profile, "ablate": ablate}
+            chosen = {"lower": lower != "auto", "raster": raster != "auto", "scatter": scatter != "auto"}
+            chosen |= {"pack": pack != "fused", "floats": floats != "strict"}
+            names = [key for key, value in (given | chosen).items() if value]
+            if names:
+                raise TypeError(f"'{path}' is compiled already: {', '.join(names)} must be given where the program is compiled")
             return load(path, device=device)
         name = str(path)
         try:
@@ -565,9 +571,13 @@ def load(bundle: bytes | str | os.PathLike[str], *, device: Device | str | None 
         return Program(bytes(bundle), device)
     path = pathlib.Path(bundle)
     try:
-        return Program(path.read_bytes(), device)
+        content = path.read_bytes()
     except OSError as error:
         raise c.Error(f"cannot read '{path}': {error.strerror}") from error
+    try:
+        return Program(content, device)
+    except c.Error as error:
+        raise type(error)(f"'{path}': {error}") from None
 
 
 def reference(program: Program | str | os.PathLike[str], **options: Any) -> Program:
