@@ -89,7 +89,7 @@ void assemble_shaders(const std::filesystem::path& cache_folder, Compiled& compi
   }
   compiled.shaders_found = cache.found();
   if (cache.has_stored()) cache.trim();  // a cache that has not grown is not too large
-  bool wide = false, float_atomics = false, subgroups = false, multiview = false;
+  bool wide = false, float_atomics = false, subgroups = false, shuffles = false, multiview = false;
   for (size_t k = 0; k < modules.size(); ++k) {
     if (const auto* problem = std::get_if<std::string>(&modules[k]))
       DR_ICE("generated shader '" + glsl[k].names.front() + "' is refused: " + *problem + "\n" +
@@ -103,6 +103,7 @@ void assemble_shaders(const std::filesystem::path& cache_folder, Compiled& compi
     wide = wide || uses("GL_EXT_shader_atomic_int64");
     float_atomics = float_atomics || uses("GL_EXT_shader_atomic_float");
     subgroups = subgroups || uses("GL_KHR_shader_subgroup_arithmetic");
+    shuffles = shuffles || uses("GL_KHR_shader_subgroup_shuffle");
     multiview = multiview || uses("GL_EXT_multiview");
   }
   using bundle::Feature;
@@ -112,6 +113,7 @@ void assemble_shaders(const std::filesystem::path& cache_folder, Compiled& compi
   need(wide, Feature::ShaderInt64);
   need(wide, Feature::ShaderBufferInt64Atomics);
   need(subgroups, Feature::SubgroupArithmetic);
+  need(shuffles, Feature::SubgroupShuffle);
   need(multiview, Feature::Multiview);
   need(float_atomics, Feature::ShaderBufferFloat32AtomicAdd);
 }

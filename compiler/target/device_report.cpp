@@ -157,12 +157,16 @@ std::variant<Profile, std::string> profile_from_report(const json& root) {
   r.limit("maxStorageBufferRange", p.max_storage_buffer_range);
   p.max_multiview_view_count = 0;
   p.subgroup_size = 1;
-  p.subgroup_arithmetic = p.shader_buffer_int64_atomics = p.shader_buffer_float32_atomic_add = false;
+  p.subgroup_arithmetic = p.subgroup_shuffle = p.shader_buffer_int64_atomics = p.shader_buffer_float32_atomic_add = false;
   r.optional_limit("maxMultiviewViewCount", p.max_multiview_view_count);
   r.optional_limit("subgroupSize", p.subgroup_size);
-  for (const char* operations : {"subgroupSupportedOperations", "supportedOperations"})
-    p.subgroup_arithmetic = p.subgroup_arithmetic || (r.has_flag(operations, "VK_SUBGROUP_FEATURE_ARITHMETIC_BIT", 4) &&
-                                                      r.has_flag(operations, "VK_SUBGROUP_FEATURE_BALLOT_BIT", 8));
+  for (const char* operations : {"subgroupSupportedOperations", "supportedOperations"}) {
+    if (!r.has_flag(operations, "VK_SUBGROUP_FEATURE_ARITHMETIC_BIT", 4) ||
+        !r.has_flag(operations, "VK_SUBGROUP_FEATURE_BALLOT_BIT", 8))
+      continue;
+    p.subgroup_arithmetic = true;
+    p.subgroup_shuffle = p.subgroup_shuffle || r.has_flag(operations, "VK_SUBGROUP_FEATURE_SHUFFLE_BIT", 16);
+  }
   r.feature("shaderInt64", p.shader_int64, true);
   r.feature("fragmentStoresAndAtomics", p.fragment_stores_and_atomics, true);
   r.feature("geometryShader", p.geometry_shader, true);

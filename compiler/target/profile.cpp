@@ -119,6 +119,7 @@ void visit_fields(P& p, const F& f) {
   f("max_storage_buffer_range", p.max_storage_buffer_range);
   f("loop_trips", p.loop_trips);
   f("subgroup_arithmetic", p.subgroup_arithmetic);
+  f("subgroup_shuffle", p.subgroup_shuffle);
   f("lanes_in_turn", p.lanes_in_turn);
   f("else_doubles_compile", p.else_doubles_compile);
   f("shader_int64", p.shader_int64);

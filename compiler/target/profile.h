@@ -61,6 +61,7 @@ struct Profile {
   uint32_t loop_trips = 0;
   // Features.
   bool subgroup_arithmetic = false;  // ballots and sums over the lanes of a subgroup, in compute shaders
+  bool subgroup_shuffle = false;     // and what other lanes have
   // Storage buffers are accessed one lane after the other, as by llvmpipe. What a shader only reads is then a uniform
   // texel buffer, and what it stores is hidden from the driver's compiler, which would compute that in turn too.
   bool lanes_in_turn = false;

@@ -272,6 +272,7 @@ class Measurement {
     p.subgroup_size = l.subgroup_size;
     p.max_storage_buffer_range = l.max_storage_buffer_range;
     p.subgroup_arithmetic = l.subgroup_arithmetic;
+    p.subgroup_shuffle = l.subgroup_shuffle;
     p.shader_int64 = l.shader_int64;
     p.shader_buffer_int64_atomics = l.shader_buffer_int64_atomics;
     p.shader_buffer_float32_atomic_add = l.shader_buffer_float32_atomic_add;

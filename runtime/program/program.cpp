@@ -87,6 +87,7 @@ bool has(const DeviceState& device, bundle::Feature feature) {
     case bundle::Feature::ShaderInt64:
     case bundle::Feature::ShaderBufferInt64Atomics: return device.int64_atomics;
     case bundle::Feature::SubgroupArithmetic: return device.subgroup_arithmetic;
+    case bundle::Feature::SubgroupShuffle: return device.subgroup_shuffle;
     case bundle::Feature::Multiview: return device.multiview_views > 0;
     case bundle::Feature::ShaderBufferFloat32AtomicAdd: return device.float_atomics;
   }
@@ -174,6 +175,7 @@ std::unique_ptr<Program::State> Program::State::load(std::shared_ptr<DeviceState
                                       .int64_atomics = d.int64_atomics,
                                       .float_atomics = d.float_atomics,
                                       .subgroups = d.subgroup_arithmetic,
+                                      .shuffles = d.subgroup_shuffle,
                                       .multiview = d.multiview_views > 0};
     if (const std::string problem = check_shaders(state->bundle, limits); !problem.empty())
       throw Failure{"the bundle is not sound: " + problem};

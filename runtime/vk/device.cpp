@@ -266,6 +266,8 @@ std::shared_ptr<DeviceState> open_device(const DeviceOptions& options) {
   constexpr auto kSums = vk::SubgroupFeatureFlagBits::eBallot | vk::SubgroupFeatureFlagBits::eArithmetic;
   state->subgroup_arithmetic =
       (subgroup.supportedOperations & kSums) == kSums && (subgroup.supportedStages & vk::ShaderStageFlagBits::eCompute);
+  state->subgroup_shuffle =
+      state->subgroup_arithmetic && (subgroup.supportedOperations & vk::SubgroupFeatureFlagBits::eShuffle);
   state->float_atomics = float_atomics_known && float_atomics.shaderBufferFloat32AtomicAdd != 0;
   vk::PhysicalDeviceFeatures enable;
   enable.robustBufferAccess = features.features.robustBufferAccess;
@@ -383,6 +385,7 @@ DeviceLimits Device::limits() const {
           .subgroup_size = properties.get<vk::PhysicalDeviceSubgroupProperties>().subgroupSize,
           .max_storage_buffer_range = l.maxStorageBufferRange,
           .subgroup_arithmetic = state_->subgroup_arithmetic,
+          .subgroup_shuffle = state_->subgroup_shuffle,
           .shader_int64 = state_->int64,
           .shader_buffer_int64_atomics = state_->int64_atomics,
           .shader_buffer_float32_atomic_add = float_atomics,

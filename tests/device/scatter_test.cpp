@@ -385,7 +385,7 @@ step run { runs <- runs + 1; tone <- tone * one; output all, some, pull; }
 
 // Pictures that squares of 16 x 16 fill, and others; textures with a few texels, for which all pixels wait, and with
 // more than a workgroup's memory has room for.
-TEST_CASE("what workgroups add up together is what their invocations add alone") {
+TEST_CASE("what workgroups, or pairs of lanes, add up together is what invocations add alone") {
   const auto path = (std::filesystem::path(DR_BUILD_DIR) / "scatter_groups_test.dr").string();
   std::ofstream(path) << R"(edition 1;
 import std.texture;
@@ -402,6 +402,9 @@ step run { texels <- texels - 0.01 * pull; }
   auto wide = std::get<target::Profile>(target::load_profile("lavapipe"));
   gpu.subgroup_size = wide.subgroup_size = 32;
   gpu.lanes_in_turn = wide.lanes_in_turn = false;
+  auto pairs = gpu;
+  pairs.subgroup_arithmetic = pairs.subgroup_shuffle = true;
+  pairs.costs = std::get<target::Profile>(target::load_profile("nvidia-h200")).costs;
   for (const auto& [name, device] : test::devices())
     for (const std::string& profile : {written(gpu, "in_groups"), written(wide, "in_groups_wide")}) {
       jit::Options options;
@@ -411,11 +414,15 @@ step run { texels <- texels - 0.01 * pull; }
       CHECK(std::ranges::any_of(bundle.steps[0]->commands, [](const auto& c) { return c->group == 256; }));
       options.ablate = {"guesses"};
       const auto apart = compile(path, options);
+      options.profile = written(pairs, "in_pairs");
+      const auto paired = compile(path, options);
+      CHECK(std::ranges::count(std::get<bundle::BundleT>(bundle::read(paired)).features, bundle::Feature::SubgroupShuffle) == 1);
       if (profile.find("wide") != std::string::npos && !runtime::Program::load(device, joined)) continue;
       for (const auto& [w, h] : {std::pair{64, 48}, {40, 33}, {5, 3}})
         for (const auto& [across, texels] : {std::pair{0.013F, 3}, {0.4F, 350}}) {
           auto program = must(runtime::Program::load(device, joined)),
-               plain = must(runtime::Program::load(device, apart));
+               plain = must(runtime::Program::load(device, apart)),
+               two = must(runtime::Program::load(device, paired));
           std::vector<float> size, start(static_cast<size_t>(texels) * 2 * 3 * 3);
           std::mt19937 random(11);
           for (int k = 0; k < w * h; ++k)
@@ -431,7 +438,9 @@ step run { texels <- texels - 0.01 * pull; }
           };
           for (const float factor : {1.0F, 1.0F, 3e4F, INFINITY, 1e-30F, NAN, 0.0F, -2.5F}) {
             INFO(name << ", " << w << " x " << h << ", texture of " << texels * 2 << ", factor " << factor);
-            CHECK(same_bits(once(program, factor), once(plain, factor)));
+            const auto found = once(plain, factor);
+            CHECK(same_bits(once(program, factor), found));
+            CHECK(same_bits(once(two, factor), found));
           }
         }
     }

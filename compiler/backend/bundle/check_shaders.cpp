@@ -32,6 +32,7 @@ constexpr Capability kCapabilities[] = {
     {61, &ShaderLimits::subgroups, "GroupNonUniform"},
     {63, &ShaderLimits::subgroups, "GroupNonUniformArithmetic"},
     {64, &ShaderLimits::subgroups, "GroupNonUniformBallot"},
+    {65, &ShaderLimits::shuffles, "GroupNonUniformShuffle"},
     {4439, &ShaderLimits::multiview, "MultiView"},
     {6033, &ShaderLimits::float_atomics, "AtomicFloat32AddEXT"},
 };

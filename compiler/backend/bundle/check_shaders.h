@@ -16,7 +16,7 @@ struct ShaderLimits {
   // Bytes that a workgroup shares.
   uint64_t shared_bytes = UINT64_MAX;
   uint32_t group_invocations = UINT32_MAX;
-  bool int64 = true, int64_atomics = true, float_atomics = true, subgroups = true, multiview = true;
+  bool int64 = true, int64_atomics = true, float_atomics = true, subgroups = true, shuffles = true, multiview = true;
 };
 
 // One sentence on what is wrong; empty when all is well. The bundle is sound.

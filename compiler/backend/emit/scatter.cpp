@@ -230,13 +230,17 @@ std::string Generator::declare_target(Shader& s, const Pass& pass, const Target&
                         : t.binned ? binned_adding(s, pass, t, runs, lists)
                                    : plain_adding(s, pass, t, runs);
   const bool keeps = runs == Runs::First && (t.terms != 0 || pass.get<ScatterPass>().joins_groups());
-  s.declare("void add_" + id + "(int element, " + r.type.str() + " value" + (keeps ? ", int site" : "") + ") {\n" +
-            adding.body + "}\nvoid scatter_" + id + "(ivec3 place, " + r.type.str() + " value" +
-            (keeps ? ", int site" : "") + ") {\n  if (" + Shader::in_range(r.extent, "place") + ") add_" + id + "(" +
-            Shader::element_index(r.extent, "place") + ", value" + (keeps ? ", site" : "") + ");\n}\n");
+  const bool pairs = runs == Runs::Second && pass.get<ScatterPass>().joins_pairs();
+  const std::string value = "(int element, " + r.type.str() + " value", site = ", int site";
+  s.declare("void add_" + id + value + (keeps ? site : "") + ") {\n" + adding.body + "}\n");
+  if (pairs) s.declare("void keep_" + id + value + site + ") {\n" + keep_for_pair(s, t) + "}\n");
+  const bool sites = keeps || pairs;
+  s.declare("void scatter_" + id + "(ivec3 place, " + r.type.str() + " value" + (sites ? site : "") + ") {\n  if (" +
+            Shader::in_range(r.extent, "place") + ") " + (pairs ? "keep_" : "add_") + id + "(" +
+            Shader::element_index(r.extent, "place") + ", value" + (sites ? ", site" : "") + ");\n}\n");
   for (size_t k = 0; k < t.sum.terms.size(); ++k) {
     Accumulator accumulator = t.accumulator;
-    if (keeps) accumulator.site = std::to_string(k);
+    if (sites) accumulator.site = std::to_string(k);
     s.accumulate_into(t.sum.terms[k], std::move(accumulator));
   }
   return adding.finish;
@@ -385,9 +389,13 @@ void Generator::scatter_pass(const Pass& pass) {
       s.body().line("int element = int(" + elements + "(" + std::to_string(kListHead) + " + index));");
       place_from_index(s, pass.domain, "element");
     }
+    if (scatter.joins_pairs())
+      for (const Target& t : targets) s.body().line(begin_pair(t));
     open_cut(s, cut, "return;");
     s.element_ops(ops);
     close_cut(s, cut);
+    if (scatter.joins_pairs())
+      for (const Target& t : targets) s.body().line(join_in_pair(s, t));
     if (strides) {
       s.pop_scope();
       s.body().line("}");

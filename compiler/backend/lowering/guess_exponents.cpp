@@ -50,6 +50,7 @@ void guess_exponents(const ir::Graph& graph, const target::Profile& profile, Sch
         exact.guesses = false;
       } else if (joined != nullptr) {
         joined->keeps_terms = false;
+        exact.joins_pairs = false;
         exact.joins_groups = groups_may_join(graph, profile, step, pass);
       } else {
         std::get<OwnFirstRun>(exact.first_run).relists = false;

@@ -7,6 +7,7 @@
 #include "compiler/backend/analysis/scatter_leaves.h"
 #include "compiler/backend/analysis/uses.h"
 #include "compiler/backend/lowering/scatter_active.h"
+#include "compiler/backend/lowering/scatter_costs.h"
 #include "compiler/backend/schedule/limits.h"
 #include "compiler/backend/schedule/trips.h"
 
@@ -138,9 +139,11 @@ void list_where_computed(const ir::Graph& graph, const target::Profile& profile,
       forget_conditions(graph, step, step.pass(*lister), scatter, unused);
       if (!may_join(graph, profile, schedule, step, scatter, read_elsewhere(graph, scatter))) continue;
       sums.join_lister();
-      if (ExactScatter* exact = sums.exact())
+      if (ExactScatter* exact = sums.exact()) {
+        exact->joins_pairs = pairs_may_join(graph, profile, scatter);
         std::get<JoinedFirstRun>(exact->first_run).keeps_terms =
-            may_keep_terms(graph, profile, schedule, step, scatter);
+            !exact->joins_pairs && may_keep_terms(graph, profile, schedule, step, scatter);
+      }
     }
   }
   for (const StepSchedule& step : schedule.steps)

@@ -71,6 +71,17 @@ bool adds_everywhere(const ir::Graph& graph, const Pass& pass) {
   return std::ranges::all_of(pass.ops, [&](ir::OpId id) { return graph.op(id).regions.empty(); });
 }
 
+bool pairs_may_join(const ir::Graph& graph, const target::Profile& profile, const Pass& scatter) {
+  const auto& how = scatter.get<ScatterPass>();
+  if (!lanes_join(profile) || !profile.subgroup_shuffle || how.joins_parts()) return false;
+  return std::ranges::all_of(how.sums, [&](const ScatterSum& sum) {
+    const ir::Extent& extent = graph.value(sum.value).extent;
+    return !extent.h.is_one() && sum.terms.size() > 1 &&
+           std::ranges::all_of(sum.terms, [&](ir::ValueId term) { return contributions(graph, term) == 1; }) &&
+           usual_count(scatter.domain).value_or(0) >= usual_count(extent).value_or(INT64_MAX);
+  });
+}
+
 bool groups_may_join(const ir::Graph& graph, const target::Profile& profile, const StepSchedule& step,
                      const Pass& scatter) {
   const auto& how = scatter.get<ScatterPass>();

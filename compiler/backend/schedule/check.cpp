@@ -159,7 +159,9 @@ class StepChecker {
 
   void check_guesses() {
     const auto* scatter = pass().as<ScatterPass>();
-    if (scatter == nullptr || !scatter->guesses()) return;
+    if (scatter == nullptr) return;
+    if (scatter->joins_pairs()) check_pairs(*scatter);
+    if (!scatter->guesses()) return;
     if (schedule_.code.native || scatter->keeps_terms() || scatter->relists() ||
         !may_guess(graph_, schedule_.resources, step_, pass()))
       unsound("guesses exponents of sums that need two runs");
@@ -168,6 +170,16 @@ class StepChecker {
       if (scatter->joins_groups() &&
           std::ranges::any_of(sum.terms, [&](ValueId term) { return contributions(graph_, term) != 1; }))
         unsound("joins in workgroups what an element adds several times");
+  }
+
+  void check_pairs(const ScatterPass& scatter) {
+    if (!profile_.subgroup_shuffle) report(Violation::Kind::Limit, "joins pairs of lanes, which the profile cannot");
+    if (scatter.joined_run() == nullptr || scatter.guesses() || scatter.keeps_terms() || scatter.joins_parts() ||
+        scatter.cut())
+      unsound("joins pairs of lanes that no run of its own has");
+    for (const ScatterSum& sum : scatter.sums)
+      if (std::ranges::any_of(sum.terms, [&](ValueId term) { return contributions(graph_, term) != 1; }))
+        unsound("joins in pairs what an element adds several times");
   }
 
   void check_emptied() {

@@ -180,6 +180,7 @@ struct ExactScatter {
   bool joins_lanes = false;   // lanes of a subgroup list elements, and find the largest contribution, together
   bool joins_parts = false;   // those that add to the same element join what they add
   bool joins_groups = false;  // where a map adds, the invocations of a workgroup do (emit/group_sums.cpp)
+  bool joins_pairs = false;   // where the second run adds, two lanes beside each other do (emit/pair_sums.cpp)
   std::string no_rows;        // why it has no table of rows, where one was asked for
   std::optional<LoopCut> cut;
 };
@@ -250,6 +251,7 @@ struct ScatterPass {
   bool guesses() const { return exact() != nullptr && exact()->guesses; }
   bool joins_lanes() const { return exact() != nullptr && exact()->joins_lanes; }
   bool joins_groups() const { return exact() != nullptr && exact()->joins_groups; }
+  bool joins_pairs() const { return exact() != nullptr && exact()->joins_pairs; }
   bool joins_parts() const;
   const std::string& no_rows() const;
   std::optional<LoopCut> cut() const;

@@ -247,6 +247,8 @@ bool PassReader::decides(ScatterPass& scatter, ExactScatter& exact, bool& ok) {
       exact.joins_parts = true;
     else if (take_word("workgroups"))
       exact.joins_groups = true;
+    else if (take_word("pairs"))
+      exact.joins_pairs = true;
     else
       ok = exact.joins_lanes = expect_word("lanes");
   } else if (take_word("no")) {

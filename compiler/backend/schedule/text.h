@@ -33,7 +33,7 @@
 //   set up by clip_pixel, twice where listed
 //   keeps terms                                 // or: again
 //   guesses exponents
-//   join lanes                                  // and: join parts, join workgroups
+//   join lanes                                  // and: join parts, join workgroups, join pairs
 //   relist
 //   no rows "why"
 //   rows face[0, 1, 2] of V                     // or: rows sorted of W * H, and lines of places:

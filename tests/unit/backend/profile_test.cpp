@@ -22,7 +22,7 @@ const char* const kSound =
   "max_per_stage_descriptor_sampled_images": 16, "max_per_stage_descriptor_input_attachments": 4, "max_per_stage_resources": 44, "max_fragment_combined_output_resources": 8,
   "max_push_constants_size": 128, "max_image_dimension_2d": 8192, "max_compute_work_group_invocations": 128,
   "max_compute_work_group_count_x": 65535, "max_compute_shared_memory_size": 16384, "max_multiview_view_count": 6, "subgroup_size": 32,
-  "max_storage_buffer_range": 134217728, "loop_trips": 0, "subgroup_arithmetic": false, "lanes_in_turn": false, "else_doubles_compile": false, "shader_int64": false, "shader_buffer_int64_atomics": false,
+  "max_storage_buffer_range": 134217728, "loop_trips": 0, "subgroup_arithmetic": false, "subgroup_shuffle": false, "lanes_in_turn": false, "else_doubles_compile": false, "shader_int64": false, "shader_buffer_int64_atomics": false,
   "shader_buffer_float32_atomic_add": false, "fragment_stores_and_atomics": true, "geometry_shader": false,
   "costs": {"pass_ns": 1, "subpass_ns": 0.5, "dispatch_ns": 1, "fragment_image_bytes_per_ns": 1, "fragment_input_bytes_per_ns": 1,
     "fragment_buffer_bytes_per_ns": 1, "compute_image_bytes_per_ns": 1, "compute_buffer_bytes_per_ns": 1, "fragment_operations_per_ns": 1,
@@ -122,6 +122,8 @@ TEST_CASE("a device report gives limits and features, and costs by type") {
   const char* const kOperations = R"(["VK_SUBGROUP_FEATURE_BALLOT_BIT", "VK_SUBGROUP_FEATURE_ARITHMETIC_BIT"])";
   CHECK(std::get<Profile>(parse_profile(with(kReport, kOperations, "15"), "card.json")).subgroup_arithmetic);
   CHECK_FALSE(std::get<Profile>(parse_profile(with(kReport, kOperations, "9"), "card.json")).subgroup_arithmetic);
+  CHECK_FALSE(p.subgroup_shuffle);
+  CHECK(std::get<Profile>(parse_profile(with(kReport, kOperations, "31"), "card.json")).subgroup_shuffle);
   CHECK(contains(problem(parse_profile(with(kReport, kOperations, "true"), "card.json")),
                  "'subgroupSupportedOperations' should be a list of flags"));
   CHECK(p.shader_int64);
