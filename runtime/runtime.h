@@ -51,8 +51,8 @@ struct DeviceLimits {
       max_push_constants_size, max_image_dimension_2d, max_compute_work_group_invocations,
       max_compute_work_group_count_x, max_compute_shared_memory_size, max_multiview_view_count, subgroup_size;
   uint64_t max_storage_buffer_range;
-  bool subgroup_arithmetic, subgroup_shuffle, shader_int64, shader_buffer_int64_atomics, shader_buffer_float32_atomic_add,
-      fragment_stores_and_atomics, geometry_shader;
+  bool subgroup_arithmetic, subgroup_shuffle, shader_int64, shader_buffer_int64_atomics,
+      shader_buffer_float32_atomic_add, fragment_stores_and_atomics, geometry_shader;
 };
 
 struct DeviceState;  // the runtime's own

@@ -157,7 +157,8 @@ std::variant<Profile, std::string> profile_from_report(const json& root) {
   r.limit("maxStorageBufferRange", p.max_storage_buffer_range);
   p.max_multiview_view_count = 0;
   p.subgroup_size = 1;
-  p.subgroup_arithmetic = p.subgroup_shuffle = p.shader_buffer_int64_atomics = p.shader_buffer_float32_atomic_add = false;
+  p.subgroup_arithmetic = p.subgroup_shuffle = p.shader_buffer_int64_atomics = p.shader_buffer_float32_atomic_add =
+      false;
   r.optional_limit("maxMultiviewViewCount", p.max_multiview_view_count);
   r.optional_limit("subgroupSize", p.subgroup_size);
   for (const char* operations : {"subgroupSupportedOperations", "supportedOperations"}) {

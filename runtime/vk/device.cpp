@@ -3,7 +3,6 @@
 #include "runtime/vk/device.h"
 
 #include <algorithm>
-#include <cstdlib>
 #include <cctype>
 
 #include "runtime/vk/cuda.h"
@@ -283,7 +282,6 @@ std::shared_ptr<DeviceState> open_device(const DeviceOptions& options) {
   enable_float_atomics.shaderBufferFloat32AtomicAdd = VK_TRUE;
   if (state->float_atomics) extensions.push_back(VK_EXT_SHADER_ATOMIC_FLOAT_EXTENSION_NAME);
   share_with_cuda(*state, offered, extensions);
-  if (std::getenv("DR_STATS")) extensions.push_back(VK_KHR_PIPELINE_EXECUTABLE_PROPERTIES_EXTENSION_NAME);
   const float priority = 1;
   vk::DeviceQueueCreateInfo queue({}, state->family, 1, &priority);
   vk::DeviceCreateInfo info;
@@ -306,13 +304,6 @@ std::shared_ptr<DeviceState> open_device(const DeviceOptions& options) {
   if (state->shares_memory) {
     enable_timeline.pNext = const_cast<void*>(info.pNext);
     info.pNext = &enable_timeline;
-  }
-  vk::PhysicalDevicePipelineExecutablePropertiesFeaturesKHR stats;
-  if (std::getenv("DR_STATS")) {
-    info.setPEnabledExtensionNames(extensions);
-    stats.pipelineExecutableInfo = VK_TRUE;
-    stats.pNext = const_cast<void*>(info.pNext);
-    info.pNext = &stats;
   }
   VkDevice device = VK_NULL_HANDLE;
   const auto& calls = *state->physical.getDispatcher();

@@ -5,8 +5,6 @@
 #include <algorithm>
 #include <bit>
 #include <utility>
-#include <cstdlib>
-#include <cstdio>
 
 #include "compiler/backend/bundle/on_all_cores.h"
 #include "runtime/cache/pipeline_file.h"
@@ -339,14 +337,7 @@ vk::raii::Pipeline Pipelines::make_compute(int shader, size_t module, vk::Pipeli
   info.stage =
       vk::PipelineShaderStageCreateInfo({}, vk::ShaderStageFlagBits::eCompute, *modules_[module], "main", &specialize);
   info.layout = layout;
-  if (std::getenv("DR_STATS")) info.flags |= vk::PipelineCreateFlagBits::eCaptureStatisticsKHR;
   vk::raii::Pipeline pipeline(device_->device, cache, info);
-  if (std::getenv("DR_STATS")) {
-    std::string line;
-    for (const auto& st : device_->device.getPipelineExecutableStatisticsKHR({*pipeline, 0}))
-      line += std::string(st.name.data()) + "=" + std::to_string(st.value.u64) + " ";
-    std::fprintf(stderr, "STATS %s: %s\n", bundle_.shaders[static_cast<size_t>(shader)]->name.substr(0, 60).c_str(), line.c_str());
-  }
   device_->name(pipeline, bundle_.shaders[static_cast<size_t>(shader)]->name);
   return pipeline;
 }

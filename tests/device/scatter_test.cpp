@@ -416,13 +416,13 @@ step run { texels <- texels - 0.01 * pull; }
       const auto apart = compile(path, options);
       options.profile = written(pairs, "in_pairs");
       const auto paired = compile(path, options);
-      CHECK(std::ranges::count(std::get<bundle::BundleT>(bundle::read(paired)).features, bundle::Feature::SubgroupShuffle) == 1);
+      CHECK(std::ranges::count(std::get<bundle::BundleT>(bundle::read(paired)).features,
+                               bundle::Feature::SubgroupShuffle) == 1);
       if (profile.find("wide") != std::string::npos && !runtime::Program::load(device, joined)) continue;
       for (const auto& [w, h] : {std::pair{64, 48}, {40, 33}, {5, 3}})
         for (const auto& [across, texels] : {std::pair{0.013F, 3}, {0.4F, 350}}) {
           auto program = must(runtime::Program::load(device, joined)),
-               plain = must(runtime::Program::load(device, apart)),
-               two = must(runtime::Program::load(device, paired));
+               plain = must(runtime::Program::load(device, apart)), two = must(runtime::Program::load(device, paired));
           std::vector<float> size, start(static_cast<size_t>(texels) * 2 * 3 * 3);
           std::mt19937 random(11);
           for (int k = 0; k < w * h; ++k)

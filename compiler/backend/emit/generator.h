@@ -129,8 +129,8 @@ class Generator {
   void find_same_places(const std::vector<Target*>& targets) const;
   std::string keep_for_group(glsl::Shader& shader, const Target& target, bool lists);
   void join_in_group(glsl::Shader& shader, const std::vector<const Target*>& targets);
-  // Lanes beside each other join what they add when they are done with an element (pair_sums.cpp): what a lane does with a
-  // contribution until then, at an element's beginning, and at its end.
+  // Lanes beside each other join what they add when they are done with an element (pair_sums.cpp): what a lane does
+  // with a contribution until then, at an element's beginning, and at its end.
   static std::string keep_for_pair(glsl::Shader& shader, const Target& target);
   static std::string begin_pair(const Target& target);
   std::string join_in_pair(glsl::Shader& shader, const Target& target);

@@ -2,8 +2,8 @@
 // Exact sums that a map adds to, joined by its workgroups. Each invocation keeps what it adds until it is done with its
 // element. Then the workgroup adds it up in tables of its own, by place, as integers, and adds the tables to memory:
 // pixels of a square share most of the texels, or vertices, that they add to. Sums with the same places share a table.
-// A number there has two limbs, which no carry joins before the end. What a table has no room for, and what limbs do not
-// hold, as contributions far above those of the run before, an invocation adds to memory itself.
+// A number there has two limbs, which no carry joins before the end. What a table has no room for, and what limbs do
+// not hold, as contributions far above those of the run before, an invocation adds to memory itself.
 #include <bit>
 
 #include "compiler/backend/emit/generator.h"
@@ -115,15 +115,17 @@ void Generator::join_in_group(Shader& s, const std::vector<const Target*>& targe
         added += " | " + part + ".x | " + part + ".y";
       }
       flush += (t.update != nullptr ? wake(s, t, added) : "") + "    }\n";
-      in_table += "void add_in_table_" + id + "(uint at, " + type.str() + " value) {\n    ivec2 limbs;\n" + limbs + "}\n";
+      in_table +=
+          "void add_in_table_" + id + "(uint at, " + type.str() + " value) {\n    ivec2 limbs;\n" + limbs + "}\n";
       for (size_t site = 0; site < sites; ++site)
         at_sites[site] += "    if ((rare_" + id + " & " + number(size_t{1} << site) + "u) == 0u) add_in_table_" + id +
                           "(uint(at), kept_" + id + "[" + number(site) + "]);\n";
     }
     flush += "  }\n";
     s.declare("uint " + left + " = 0u;\nshared uint " + keys + "[" + size + "];\nshared int " + table + "[" +
-              std::to_string(words * same.elements) + "];\n" + in_table + "// Where an element stands, or -1.\nint place_" +
-              places + "(int element) {\n  uint at = uint(element % " + width + " + element / " + width + " * " +
+              std::to_string(words * same.elements) + "];\n" + in_table +
+              "// Where an element stands, or -1.\nint place_" + places +
+              "(int element) {\n  uint at = uint(element % " + width + " + element / " + width + " * " +
               std::to_string(kRow) + ") % " + size + "u;\n  for (int tries = 0; tries < " + std::to_string(kTries) +
               "; ++tries) {\n    uint key = " + keys + "[at];\n    if (key == 0u) key = atomicCompSwap(" + keys +
               "[at], 0u, uint(element + 1));\n    if (key == 0u || key == uint(element + 1)) return int(at);\n"
@@ -132,8 +134,9 @@ void Generator::join_in_group(Shader& s, const std::vector<const Target*>& targe
     for (size_t site = 0; site < sites; ++site) {
       const std::string element = "kept_element_" + places + "[" + number(site) + "]";
       any += (any.empty() ? "" : " || ") + element + " >= 0";
-      add += "  if (" + element + " >= 0) {\n    int at = place_" + places + "(" + element + ");\n    if (at < 0) {\n      " +
-             left + " |= " + number(size_t{1} << site) + "u;\n    } else {\n" + at_sites[site] + "    }\n  }\n";
+      add += "  if (" + element + " >= 0) {\n    int at = place_" + places + "(" + element +
+             ");\n    if (at < 0) {\n      " + left + " |= " + number(size_t{1} << site) + "u;\n    } else {\n" +
+             at_sites[site] + "    }\n  }\n";
     }
     rest += "  for (uint some = " + rare + "; some != 0u; some &= some - 1u) {\n    int site = findLSB(some);\n" +
             "    int element = " + at_site("kept_element_" + places, sites) + ";\n" + in_memory + "  }\n";

@@ -238,8 +238,9 @@ class StepCode {
     return walk;
   }
 
-  // Where a device lets an invocation take so many trips only, a team can walk some boxes of the middle list one after the
-  // other, however large: else each face of the list would need workgroups of its own, most of which find little to do.
+  // Where a device lets an invocation take so many trips only, a team can walk some boxes of the middle list one after
+  // the other, however large: else each face of the list would need workgroups of its own, most of which find little to
+  // do.
   static int bounded_box(int box, int team, int64_t limit, const WalkTrips& trips) {
     constexpr int64_t kBoxes = 7;
     if (!trips.pixel.is_constant() || !trips.face.is_constant()) return box;

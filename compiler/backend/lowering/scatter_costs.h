@@ -33,8 +33,8 @@ bool are_cached(const ir::Graph& graph, std::span<const ScatterSum> sums);
 // Whether no condition of the program decides which elements of a scatter pass add.
 bool adds_everywhere(const ir::Graph& graph, const Pass& pass);
 
-// Whether two lanes beside each other often add to the same elements, all of them, in a run of their own: where there are
-// no fewer pixels than texels.
+// Whether two lanes beside each other often add to the same elements, all of them, in a run of their own: where there
+// are no fewer pixels than texels.
 bool pairs_may_join(const ir::Graph& graph, const target::Profile& profile, const Pass& scatter);
 
 // Whether the invocations of a workgroup join what they add: pixels of a square add to texels of one, of which its

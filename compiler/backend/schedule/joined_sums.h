@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Exact sums that the workgroups of a map join what they add to (emit/group_sums.cpp), and how much of their memory that
-// takes.
+// Exact sums that the workgroups of a map join what they add to (emit/group_sums.cpp), and how much of their memory
+// that takes.
 #pragma once
 
 #include <span>
