@@ -24,7 +24,7 @@ std::optional<uint32_t> version_of(const uint8_t* data, size_t size) {
   const auto* root = reinterpret_cast<const flatbuffers::Table*>(data + kPrefix + offset);
   if (!root->VerifyTableStart(verifier) || !root->VerifyField<uint32_t>(verifier, Bundle::VT_VERSION, sizeof(uint32_t)))
     return std::nullopt;
-  return root->GetField<uint32_t>(Bundle::VT_VERSION, 0);
+  return reinterpret_cast<const Bundle*>(root)->version();
 }
 
 }  // namespace
