@@ -48,7 +48,7 @@ bound = suite.bind("armchair", position=position, face=faces, target=target)
 def drawn(far, along, way):
     """The pictures, and the gradient to the pose."""
     words = ["--bind", "view==[" + ",".join("[[[" + ",".join(repr(float(x)) for x in v.T.reshape(-1)) + "]]]" for v in views) + "]",
-             "--bind", "along==[" + ",".join(repr(float(x)) for x in along) + "]", "--bind", f"far=={far!r}"]
+             "--bind", "along==[" + ",".join(repr(float(x)) for x in along) + "]", "--bind", f"far=={float(far)!r}"]
     suite.drun("armchair.dr", *bound, *words, "-D", f"S={size}", "-D", f"way={way}", "--step", "draw", "--out", suite.out / "drawn")
     read = lambda name: np.load(suite.out / "drawn" / f"draw.{name}.npy").astype(np.float64)
     return read("picture").reshape(len(views), size, size), np.concatenate([read("to_rotation").ravel(), read("to_translation").ravel()])
