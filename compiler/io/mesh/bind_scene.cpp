@@ -38,6 +38,14 @@ std::optional<size_t> number_of(std::string_view word) {
   return number;
 }
 
+// As "2: 'cap', 'sole'".
+std::string listed(const std::vector<std::string>& names) {
+  constexpr size_t kMost = 8;
+  std::string out = std::to_string(names.size()) + ":";
+  for (size_t k = 0; k < std::min(names.size(), kMost); ++k) out += (k > 0 ? ", " : " ") + in_quotes(names[k]);
+  return names.size() > kMost ? out + ", ..." : out;
+}
+
 // The object that `word` names.
 size_t object_of(std::string_view kind, std::string_view word, const std::vector<std::string>& names) {
   if (names.empty()) fail("the file has no ", kind);
@@ -49,7 +57,7 @@ size_t object_of(std::string_view kind, std::string_view word, const std::vector
   if (found == names.end()) {
     const std::vector<std::string_view> candidates(names.begin(), names.end());
     fail("there is no ", kind, " named ", in_quotes(word), did_you_mean(word, candidates), ", the file has ",
-         names.size(), ", which are also named by their numbers from 0");
+         listed(names), ", which are also named by their numbers from 0");
   }
   if (std::find(found + 1, names.end(), word) != names.end()) {
     fail("several are named ", in_quotes(word), ", take the number of the ", kind);

@@ -76,7 +76,8 @@ TEST_CASE("cameras are bound as this library's matrices", "[io][scene]") {
   CHECK(bound.error("camera:height") == "camera 0 is perspective");
   CHECK(bound.error("camera:veiw").starts_with("a camera has no part 'veiw' (did you mean 'view'?), it has ':view', "));
   CHECK(bound.error("camera:Eyes:view") ==
-        "there is no camera named 'Eyes' (did you mean 'Eye'?), the file has 1, which are also named by their numbers "
+        "there is no camera named 'Eyes' (did you mean 'Eye'?), the file has 1: 'Eye', which are also named by their "
+        "numbers "
         "from 0");
   CHECK(bound.error("camera:1:view") == "there is no camera 1, the file has 1, counted from 0");
 }
