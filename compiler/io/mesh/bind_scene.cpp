@@ -39,7 +39,7 @@ std::optional<size_t> number_of(std::string_view word) {
 }
 
 // As "2: 'cap', 'sole'".
-std::string listed(const std::vector<std::string>& names) {
+std::string count_and_names(const std::vector<std::string>& names) {
   constexpr size_t kMost = 8;
   std::string out = std::to_string(names.size()) + ":";
   for (size_t k = 0; k < std::min(names.size(), kMost); ++k) out += (k > 0 ? ", " : " ") + in_quotes(names[k]);
@@ -57,7 +57,7 @@ size_t object_of(std::string_view kind, std::string_view word, const std::vector
   if (found == names.end()) {
     const std::vector<std::string_view> candidates(names.begin(), names.end());
     fail("there is no ", kind, " named ", in_quotes(word), did_you_mean(word, candidates), ", the file has ",
-         listed(names), ", which are also named by their numbers from 0");
+         count_and_names(names), ", which are also named by their numbers from 0");
   }
   if (std::find(found + 1, names.end(), word) != names.end()) {
     fail("several are named ", in_quotes(word), ", take the number of the ", kind);
