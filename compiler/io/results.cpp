@@ -37,6 +37,13 @@ std::string list_of(std::vector<std::string> names) {
   return out;
 }
 
+// What may have been meant by `name`, or all that there are.
+std::string near_or_all(const std::string& name, std::span<const std::string_view> words,
+                        const std::vector<std::string>& all) {
+  const std::string near = did_you_mean(name, words);
+  return near.empty() ? "; there are: " + list_of(all) : near;
+}
+
 }  // namespace
 
 Result<ResultName> find_result(const std::string& text, const ResultNames& names) {
@@ -60,14 +67,13 @@ Result<ResultName> find_result(const std::string& text, const ResultNames& names
   all.insert(all.end(), whole.begin(), whole.end());
   std::vector<std::string_view> words(all.begin(), all.end());
   words.insert(words.end(), short_names.begin(), short_names.end());
-  const std::string near = did_you_mean(text, words);
   return Error{"there is no leaf '" + text + "', and no such output of the steps that run" +
-               (near.empty() ? "; there are: " + list_of(all) : near)};
+               near_or_all(text, words, all)};
 }
 
 std::string unknown_name(const std::string& kind, const std::string& name, const std::vector<std::string>& all) {
-  const std::string near = did_you_mean(name, std::vector<std::string_view>(all.begin(), all.end()));
-  return cat("there is no ", kind, " ", in_quotes(name), near.empty() ? "; there are: " + list_of(all) : near);
+  const std::vector<std::string_view> words(all.begin(), all.end());
+  return cat("there is no ", kind, " ", in_quotes(name), near_or_all(name, words, all));
 }
 
 Result<void> check_output_file(const std::string& path, std::span<const std::string_view> extensions) {

@@ -123,8 +123,8 @@ class Generator {
   std::string add_to_memory(const Target& target, int c, const std::string& part, const std::string& element,
                             const std::string& buffer) const;
   std::string set_flags(const Target& target, const std::string& buffer) const;
-  // Invocations of a workgroup join what they add when they are done (group_sums.cpp): which targets have the same
-  // places; what each does with a contribution until then; and what they do together.
+  // Invocations of a workgroup join what they add when they are done (group_sums.cpp): how many bits a limb of a number
+  // has; which targets have the same places; what each does with a contribution until then; and what they do together.
   static std::string limb_bits(const Target& target);
   void find_same_places(const std::vector<Target*>& targets) const;
   std::string keep_for_group(glsl::Shader& shader, const Target& target, bool lists);
