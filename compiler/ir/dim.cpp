@@ -563,4 +563,35 @@ bool never_above_zero(const Dim& dim) {
   return at_ones && *at_ones <= 0 && most_of(dim).is_constant();
 }
 
+std::optional<int64_t> most_of_quotient(const Dim& dividend, int64_t by) {
+  constexpr int64_t kMostScale = int64_t{1} << 20;
+  if (is_undefined(dividend)) return std::nullopt;
+  // d * floor(p / d) lies between p - (d - 1) and p: times the divisors of all floors there are none left.
+  std::vector<Term> storage;
+  const std::vector<Term>& terms = terms_of(dividend, storage);
+  int64_t scale = 1;
+  for (const Term& term : terms)
+    for (const AtomPtr& atom : term.atoms)
+      if (atom->divisor != 0) scale = std::lcm(scale, atom->divisor);
+  if (scale > kMostScale || by > kMostScale) return std::nullopt;
+  Dim sum(0);
+  for (const Term& term : terms) {
+    const bool rounded = term.atoms.size() == 1 && term.atoms[0]->divisor != 0;
+    if (!rounded) {
+      sum = sum + from_sorted({term}) * Dim(scale);
+      continue;
+    }
+    const Atom& atom = *term.atoms[0];
+    const Dim most = term.coefficient > 0 ? atom.inner : atom.inner - Dim(atom.divisor - 1);
+    sum = sum + most * Dim(term.coefficient * (scale / atom.divisor));
+  }
+  if (sum.is_constant()) return floor_div(sum.constant(), by * scale);
+  // If all terms but the constant one are negative, it is largest where the symbols are least.
+  SymbolValues ones;
+  for (const std::string& symbol : sum.symbols()) ones[symbol] = 1;
+  const auto at_ones = sum.evaluate(ones);
+  if (!at_ones || !most_of(sum).is_constant()) return std::nullopt;
+  return floor_div(*at_ones, by * scale);
+}
+
 }  // namespace dr::ir

@@ -16,11 +16,16 @@
 #include "tests/catch.h"
 #include "tests/device/compile.h"
 #include "tests/device/devices.h"
+#include "tests/device/scatters.h"
 
 using namespace dr;
 using io::Array;
 using test::compile;
+using test::distance;
 using test::must;
+using test::narrow;
+using test::same_bits;
+using test::written;
 
 namespace {
 
@@ -105,43 +110,7 @@ std::vector<Array> run(P& program, const Data& data) {
   return out;
 }
 
-// Relative L2 of the finite entries; infinite where one is NaN or Inf and the other is not the same.
-double distance(const Array& a, const Array& truth) {
-  const auto x = a.to_doubles(), y = truth.to_doubles();
-  REQUIRE(x.size() == y.size());
-  double difference = 0, size = 0;
-  for (size_t k = 0; k < x.size(); ++k) {
-    if (!std::isfinite(y[k])) {
-      if (std::isnan(y[k]) != std::isnan(x[k]) || (!std::isnan(y[k]) && x[k] != y[k])) return INFINITY;
-      continue;
-    }
-    difference += (x[k] - y[k]) * (x[k] - y[k]);
-    size += y[k] * y[k];
-  }
-  return difference == 0 ? 0 : std::sqrt(difference / size);
-}
-
-bool same_bits(const std::vector<Array>& a, const std::vector<Array>& b) {
-  for (size_t k = 0; k < a.size(); ++k)
-    if (a[k].bytes != b[k].bytes) return false;
-  return true;
-}
-
 }  // namespace
-
-// A file with a profile.
-std::string written(const target::Profile& profile, const std::string& name) {
-  auto path = (std::filesystem::path(DR_BUILD_DIR) / (name + "_" + profile.name + ".json")).string();
-  std::ofstream(path) << target::write_profile(profile);
-  return path;
-}
-
-// A profile without 64-bit integers, for devices of either kind: lavapipe lets loops take so many trips.
-std::string narrow() {
-  auto p = std::get<target::Profile>(target::load_profile("swiftshader"));
-  p.loop_trips = std::get<target::Profile>(target::load_profile("lavapipe")).loop_trips;
-  return written(p, "narrow");
-}
 
 TEST_CASE("every lowering of scatter_add sums what breaks sums") {
   const auto path = (std::filesystem::path(DR_BUILD_DIR) / "scatter_test.dr").string();
@@ -381,147 +350,6 @@ step run { runs <- runs + 1; tone <- tone * one; output all, some, pull; }
           CHECK(same_bits(found, once(apart, factor, few)));
         }
     }
-}
-
-// Pictures that squares of 16 x 16 fill, and others; textures with a few texels, for which all pixels wait, and with
-// more than a workgroup's memory has room for.
-TEST_CASE("what workgroups, or pairs of lanes, add up together is what invocations add alone") {
-  const auto path = (std::filesystem::path(DR_BUILD_DIR) / "scatter_groups_test.dr").string();
-  std::ofstream(path) << R"(edition 1;
-import std.texture;
-input size : vec2[W, H];
-input factor : float;
-param texels : vec3[T, R] = vec3(0.7);
-let p = coord(W, H).xy;
-let place = vec2(p) * size.x + 0.3 * sin(vec2(p.yx));
-let color = if (p.x + p.y) % 7 > 1 { texture.bilinear(texels, fract(place)) } else { vec3(0.0) };
-let pull = grad(sum(factor * size.y * color * color), texels);
-step run { texels <- texels - 0.01 * pull; }
-)";
-  auto gpu = std::get<target::Profile>(target::load_profile(narrow()));
-  auto wide = std::get<target::Profile>(target::load_profile("lavapipe"));
-  gpu.subgroup_size = wide.subgroup_size = 32;
-  gpu.lanes_in_turn = wide.lanes_in_turn = false;
-  auto pairs = gpu;
-  pairs.subgroup_arithmetic = pairs.subgroup_shuffle = true;
-  pairs.costs = std::get<target::Profile>(target::load_profile("nvidia-h200")).costs;
-  for (const auto& [name, device] : test::devices())
-    for (const std::string& profile : {written(gpu, "in_groups"), written(wide, "in_groups_wide")}) {
-      jit::Options options;
-      options.profile = profile, options.scatter = "exact";
-      const auto joined = compile(path, options);
-      const auto bundle = std::get<bundle::BundleT>(bundle::read(joined));
-      CHECK(std::ranges::any_of(bundle.steps[0]->commands, [](const auto& c) { return c->group == 256; }));
-      options.ablate = {"guesses"};
-      const auto apart = compile(path, options);
-      options.profile = written(pairs, "in_pairs");
-      const auto paired = compile(path, options);
-      CHECK(std::ranges::count(std::get<bundle::BundleT>(bundle::read(paired)).features,
-                               bundle::Feature::SubgroupShuffle) == 1);
-      if (profile.find("wide") != std::string::npos && !runtime::Program::load(device, joined)) continue;
-      for (const auto& [w, h] : {std::pair{64, 48}, {40, 33}, {5, 3}})
-        for (const auto& [across, texels] : {std::pair{0.013F, 3}, {0.4F, 350}}) {
-          auto program = must(runtime::Program::load(device, joined)),
-               plain = must(runtime::Program::load(device, apart)), two = must(runtime::Program::load(device, paired));
-          std::vector<float> size, start(static_cast<size_t>(texels) * 2 * 3 * 3);
-          std::mt19937 random(11);
-          for (int k = 0; k < w * h; ++k)
-            for (const float times : {across, std::ldexp(1.0F, static_cast<int>(random() % 40) - 20)})
-              size.push_back(times);
-          for (float& x : start) x = static_cast<float>(random() % 1000) / 500.0F - 1.0F;
-          const auto once = [&](auto& any, float factor) {
-            must(any.bind("size", Array::from_floats(size, 2, w, h)));
-            must(any.bind("texels", Array::from_floats(start, 3, texels * 2, 3)));
-            must(any.bind("factor", Array::from_floats(std::span(&factor, 1))));
-            must(any.run("run", 2));
-            return std::vector<Array>{must(any.leaf("texels"))};
-          };
-          for (const float factor : {1.0F, 1.0F, 3e4F, INFINITY, 1e-30F, NAN, 0.0F, -2.5F}) {
-            INFO(name << ", " << w << " x " << h << ", texture of " << texels * 2 << ", factor " << factor);
-            const auto found = once(plain, factor);
-            CHECK(same_bits(once(program, factor), found));
-            CHECK(same_bits(once(two, factor), found));
-          }
-        }
-    }
-}
-
-// A map that adds to texels and to vertices at all pixels, by workgroups, and to tones and glows at some, which it
-// lists apart.
-TEST_CASE("what one map adds for several scatters is what they add alone") {
-  const auto path = (std::filesystem::path(DR_BUILD_DIR) / "scatter_united_test.dr").string();
-  std::ofstream(path) << R"(edition 1;
-input size : vec2[W, H];
-input corner : ivec3[W, H];
-input factor : float;
-param texels : vec3[T, R] = vec3(0.7);
-param vertex : vec3[V] = vec3(0.2);
-param tone : float[K] = 0.4;
-param glow : float[K] = 0.4;
-let p = coord(W, H).xy;
-let normal = vertex.at(corner.x) * size.y + vertex.at(corner.y) * 0.5 + vertex.at(corner.z) * size.x;
-let lit = (texels.at(corner.xy) + 0.5 * texels.at(corner.zx / 4)) * normal;
-let shadow = if (p.x + p.y) % 7 > 4 { tone.at(corner.x) * lit.x * size.y } else { 0.0 };
-let shine = if (p.x + p.y) % 5 > 3 { glow.at(corner.y) * lit.y * factor } else { 0.0 };
-let error = sum(factor * size.y * lit * lit) + sum(shadow * shadow) + sum(shine);
-step run {
-  texels <- texels - 0.01 * grad(error, texels);
-  vertex <- vertex - 0.01 * grad(error, vertex);
-  tone <- tone - 0.01 * grad(error, tone);
-  glow <- glow - 0.01 * grad(error, glow);
-}
-)";
-  constexpr int kWidth = 40, kHeight = 33, kAcross = 20, kDown = 7, kVertices = 30;
-  std::mt19937 random(3);
-  const auto numbers = [&](size_t count) {
-    std::vector<float> out(count);
-    for (float& x : out) x = static_cast<float>(random() % 1000) / 1000.0F;
-    return out;
-  };
-  const auto size = numbers(size_t{2} * kWidth * kHeight), texels = numbers(size_t{3} * kAcross * kDown),
-             vertex = numbers(size_t{3} * kVertices), tone = numbers(kVertices);
-  std::vector<int32_t> corner(size_t{3} * kWidth * kHeight);
-  for (int32_t& v : corner) v = static_cast<int32_t>(random() % (kVertices + 2)) - 1;
-  const auto once = [&](auto& program, float factor) {
-    must(program.bind("size", Array::from_floats(size, 2, kWidth, kHeight)));
-    must(program.bind("corner", Array::from_ints(corner, 3, kWidth, kHeight)));
-    must(program.bind("factor", Array::from_floats(std::span(&factor, 1))));
-    must(program.bind("texels", Array::from_floats(texels, 3, kAcross, kDown)));
-    must(program.bind("vertex", Array::from_floats(vertex, 3)));
-    must(program.bind("tone", Array::from_floats(tone)));
-    must(program.bind("glow", Array::from_floats(tone)));
-    must(program.run("run"));
-    std::vector<Array> out;
-    for (const char* leaf : {"texels", "vertex", "tone", "glow"}) out.push_back(must(program.leaf(leaf)));
-    return out;
-  };
-  auto reference = must(jit::ReferenceProgram::load(compile(path, "lavapipe", "exact")));
-  const auto truth = once(reference, 1.0F);
-  auto gpu = std::get<target::Profile>(target::load_profile(narrow()));
-  gpu.costs = std::get<target::Profile>(target::load_profile("nvidia-h200")).costs;
-  gpu.subgroup_size = 32;
-  gpu.subgroup_arithmetic = true;
-  gpu.lanes_in_turn = false;
-  for (const auto& [name, device] : test::devices()) {
-    jit::Options options;
-    options.profile = written(gpu, "united"), options.scatter = "exact";
-    const auto united = compile(path, options);
-    const auto bundle = std::get<bundle::BundleT>(bundle::read(united));
-    CHECK(std::ranges::count(bundle.resources, bundle::Role::Guess, [](const auto& r) { return r->role; }) == 4);
-    const auto& commands = bundle.steps[0]->commands;
-    CHECK(std::ranges::count_if(commands, [](const auto& c) { return c->group == 256; }) == 1);
-    options.ablate = {"guesses"};
-    auto program = must(runtime::Program::load(device, united)),
-         apart = must(runtime::Program::load(device, compile(path, options))),
-         alone = must(runtime::Program::load(device, compile(path, narrow(), "exact")));
-    for (const float factor : {1.0F, 1.0F, 3e4F, INFINITY, 1e-30F, NAN, 0.0F, -2.5F, 1.0F}) {
-      INFO(name << ", factor " << factor);
-      const auto found = once(program, factor);
-      CHECK(same_bits(found, once(apart, factor)));
-      CHECK(same_bits(found, once(alone, factor)));
-      for (size_t k = 0; factor == 1.0F && k < found.size(); ++k) CHECK(distance(found[k], truth[k]) <= kTolerance);
-    }
-  }
 }
 
 // Sums that their reader leaves zeros: every run finds them so, whatever the one before added, Inf and NaN among it,

@@ -46,6 +46,11 @@ std::string count_bits(int most, const ir::Extent& domain, const std::string& co
   return "findMSB(uint(" + dim_expression(element_count(domain)) + ")) + " + std::to_string(bits);
 }
 
+// The exponent that sums have, by the words of their head.
+std::string shift_of(const std::string& largest, const std::string& counted, int most, const ir::Extent& domain) {
+  return "fixed_shift(uint(" + largest + "), " + count_bits(most, domain, counted) + ")";
+}
+
 // Lanes of a subgroup that add to the same element join their parts, and one of them goes on: for kJoinRounds elements,
 // those of its first lanes. Lanes left over go on alone, and so do few, whose atomics take less time than a sum over
 // the subgroup. The variable `adds_here` says which go on.
@@ -141,8 +146,8 @@ void Generator::choose_shift(Shader& s, const Pass& pass, const Target& t, Runs 
   }
   if (runs == Runs::First) return;
   s.prelude(t.most < 0 ? kCountBits : "");
-  s.body().line(where + "shift_" + id + " = fixed_shift(uint(" + buffer + ".d[0]), " +
-                count_bits(t.most, pass.domain, buffer + ".d[1]") + ");");
+  s.body().line(where + "shift_" + id + " = " + shift_of(buffer + ".d[0]", buffer + ".d[1]", t.most, pass.domain) +
+                ";");
   // The first run may have computed a contribution with other roundings, even one that is all rounding error: larger
   // ones would overflow the sum.
   if (s.native()) {
@@ -240,7 +245,7 @@ Generator::FloatSums Generator::float_sums(Shader& s, const ir::Type& type, cons
       word(std::to_string(kHead) + " + " + dim_expression(element_count(extent) * ir::Dim(each * n)) + " + index");
   FloatSums out;
   std::string& text = out.statements;
-  text = "int shift = fixed_shift(uint(" + word("0") + "), " + count_bits(most, domain, word("1")) + ");";
+  text = "int shift = " + shift_of(word("0"), word("1"), most, domain) + ";";
   if (const auto guess = guesses_.find(words); guess != guesses_.end())
     text += " if (index == 0) " + s.bind_words(guess->second, "guess_" + std::to_string(words), bundle::Access::Write) +
             ".d[0] = uint(shift);";
@@ -276,28 +281,40 @@ std::string Generator::sums_reader(Shader& s, ValueId value, const std::string& 
   const ir::ValueInfo& info = graph_.value(value);
   if (resource(value).is(Resource::Storage::Emptied)) return floats_reader(s, value, function);
   const bool empties = resource(value).is(Resource::Storage::EmptiedSums);
-  const auto sum_of = [&](const Pass& pass) -> const ScatterSum* {
-    const auto* scatter = pass.as<ScatterPass>();
-    if (scatter == nullptr) return nullptr;
-    const auto it = std::ranges::find(scatter->sums, value, &ScatterSum::value);
-    return it == scatter->sums.end() ? nullptr : &*it;
-  };
-  for (const Pass& pass : step_->passes) {
-    const ScatterSum* sum = sum_of(pass);
-    if (sum == nullptr) continue;
-    const FloatSums floats =
-        float_sums(s, info.type, info.extent, resource_index(value), contributions(*sum), pass.domain, empties);
-    std::string components;
-    for (const std::string& c : floats.components) components += (components.empty() ? "" : ", ") + c;
-    const std::string type = info.type.str(), open = "(ivec3 at) {\n  ",
-                      body = "int index = " + Shader::element_index(info.extent, "at") + ";\n  " + floats.statements +
-                             "\n  ",
-                      result = type + "(" + components + ")";
-    if (!empties) return type + " " + function + open + body + "return " + result + ";\n}\n";
-    return type + " taken_" + function + ";\nvoid take_" + function + open + body + "taken_" + function + " = " +
-           result + ";\n}\n" + type + " " + function + open + "return taken_" + function + ";\n}\n";
-  }
+  const auto [most, domain] = added_to(value);
+  const FloatSums floats = float_sums(s, info.type, info.extent, resource_index(value), most, domain, empties);
+  std::string components;
+  for (const std::string& c : floats.components) components += (components.empty() ? "" : ", ") + c;
+  const std::string type = info.type.str(), open = "(ivec3 at) {\n  ",
+                    body = "int index = " + Shader::element_index(info.extent, "at") + ";\n  " + floats.statements +
+                           "\n  ",
+                    result = type + "(" + components + ")";
+  if (!empties) return type + " " + function + open + body + "return " + result + ";\n}\n";
+  return type + " taken_" + function + ";\nvoid take_" + function + open + body + "taken_" + function + " = " + result +
+         ";\n}\n" + type + " " + function + open + "return taken_" + function + ";\n}\n";
+}
+
+std::pair<int, ir::Extent> Generator::added_to(ValueId value) const {
+  for (const Pass& pass : step_->passes)
+    if (const auto* scatter = pass.as<ScatterPass>())
+      if (const auto sum = std::ranges::find(scatter->sums, value, &ScatterSum::value); sum != scatter->sums.end())
+        return {contributions(*sum), pass.domain};
   DR_ICE("sums that no pass of the step adds up");
+}
+
+void Generator::leave_guesses(Shader& s, const Pass& pass) const {
+  for (const ValueId v : pass.reads) {
+    if (!resource(v).is_sums()) continue;
+    const uint32_t words = resource_index(v);
+    const auto guess = guesses_.find(words);
+    if (guess == guesses_.end()) continue;
+    const std::string name = std::to_string(words), sums = s.read_words(words, "sums_" + name, sum_word());
+    const auto [most, domain] = added_to(v);
+    s.prelude(glsl::kFixedShift);
+    s.prelude(most < 0 ? kCountBits : "");
+    s.body().line("if (index == 0) " + s.bind_words(guess->second, "guess_" + name, bundle::Access::Write) +
+                  ".d[0] = uint(" + shift_of(sums + "(0)", sums + "(1)", most, domain) + ");");
+  }
 }
 
 void Generator::take_sums(Shader& s, const Pass& pass) const {

@@ -364,7 +364,7 @@ void Generator::map_pass(const Pass& pass) {
   const std::string count = loop.close();
   const bool joins =
       std::ranges::any_of(scatters, [](const Pass* scatter) { return scatter->get<ScatterPass>().joins_groups(); });
-  set_trips(dispatch(pass, "", s, count, {0, 0, 0}, joins ? kJoiningGroup : 0), cut);
+  set_trips(dispatch(pass, "", s, count, {0, 0, 0}, joins ? map.code.joining_group : 0), cut);
 }
 
 void Generator::fragment_pass(const Pass& pass, const std::vector<ValueId>& inputs, bool joins) {

@@ -87,6 +87,7 @@ class Generator {
     bool binned = false;           // added in bins; neither: as they are
     uint32_t terms = 0;            // bundle resource: contributions kept, where the pass keeps them
     uint32_t guess = 0;            // bundle resource: the shift of the run before, where the pass guesses
+    int group = 0;                 // invocations of a workgroup that joins what they add; 0: none does
     bool emptied = false;          // the pass that reads the words leaves zeros; of fixed point numbers
     const Pass* update = nullptr;  // whose elements the sums wake
     std::string list{};            // behind names of the scatter's list in the shader of the map that makes it
@@ -126,9 +127,9 @@ class Generator {
   // Invocations of a workgroup join what they add when they are done (group_sums.cpp): how many bits a limb of a number
   // has; which targets have the same places; what each does with a contribution until then; and what they do together.
   static std::string limb_bits(const Target& target);
-  void find_same_places(const std::vector<Target*>& targets) const;
+  void find_same_places(const std::vector<Target*>& targets, int group) const;
   std::string keep_for_group(glsl::Shader& shader, const Target& target, bool lists);
-  void join_in_group(glsl::Shader& shader, const std::vector<const Target*>& targets);
+  void join_in_group(glsl::Shader& shader, const std::vector<const Target*>& targets, int invocations);
   // Lanes beside each other join what they add when they are done with an element (pair_sums.cpp): what a lane does
   // with a contribution until then, at an element's beginning, and at its end.
   static std::string keep_for_pair(glsl::Shader& shader, const Target& target);
@@ -156,12 +157,17 @@ class Generator {
   FloatSums float_sums(glsl::Shader& shader, const ir::Type& type, const ir::Extent& extent, uint32_t words, int most,
                        const ir::Extent& domain, bool empties = false) const;
   FloatSums floats_of_bins(glsl::Shader& shader, const ir::Type& type, const ir::Extent& extent, uint32_t words) const;
+  // How often an element of a domain adds to a sum at most, as contributions(), and that domain.
+  std::pair<int, ir::Extent> added_to(ir::ValueId sum) const;
   // See glsl::Shader::SumsReader.
   std::string sums_reader(glsl::Shader& shader, ir::ValueId value, const std::string& function) const;
   // Of sums by float atomics that their reader leaves zeros.
   std::string floats_reader(glsl::Shader& shader, ir::ValueId value, const std::string& function) const;
   // Takes the sums that the pass reads and leaves zeros, once an element.
   void take_sums(glsl::Shader& shader, const Pass& pass) const;
+  // The first invocation leaves the exponents of the sums that a scatter reads, which the next run guesses; its
+  // elements are listed, and the first one hardly is.
+  void leave_guesses(glsl::Shader& shader, const Pass& pass) const;
   // How often an element of the domain adds to a sum at most; negative where a loop decides.
   int contributions(const ScatterSum& sum) const;
   // The scatters of the step that a map pass lists elements for.

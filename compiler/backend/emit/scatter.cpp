@@ -135,7 +135,8 @@ void Generator::store_results(Shader& s, const Pass& pass, const std::vector<con
   for (const Pass* scatter : scatters)
     if (const auto& how = scatter->get<ScatterPass>(); how.joined_run() != nullptr && how.joins_groups())
       for (Target& t : targets_.at(scatter)) together.push_back(&t);
-  find_same_places(together);
+  const int group = pass.get<MapPass>().code.joining_group;
+  find_same_places(together, group);
   for (const Pass* scatter : scatters) {
     const auto& how = scatter->get<ScatterPass>();
     if (how.joined_run() != nullptr) {
@@ -156,7 +157,7 @@ void Generator::store_results(Shader& s, const Pass& pass, const std::vector<con
     s.declare("void finish() {\n" + finish + "}\n");
     s.body().line("finish();");
   }
-  if (!together.empty()) join_in_group(s, {together.begin(), together.end()});
+  if (!together.empty()) join_in_group(s, {together.begin(), together.end()}, group);
 }
 
 void Generator::store_partial(Shader& s, const Pass& pass, const Pass& scatter) {
@@ -215,6 +216,7 @@ std::vector<Generator::Target> Generator::scatter_targets(const Pass& pass, size
     t.emptied = r.is(Resource::Storage::EmptiedSums);
     t.update = update;
     if (scatter.joined_run() != nullptr) t.list = list_suffix(pass);
+    if (scatter.joins_groups()) t.group = step_->pass(*scatter.lister()).get<MapPass>().code.joining_group;
     if (!r.is(Resource::Storage::Emptied))
       fill("clear " + r.name, t.words, maximum ? 0x80000000u : 0u,
            t.emptied ? words_of_head(wide_atomics()).str() : std::string());
@@ -335,6 +337,7 @@ void Generator::scatter_pass(const Pass& pass) {
     if (joins_parts && !scatter.cut()) index_in_tiles(s, pass.domain);
     place_from_index(s, pass.domain);
   }
+  if (listed) leave_guesses(s, pass);
   std::string finish;
   std::vector<ir::OpId> ops = element_ops(pass);
   const Cut cut = this->cut(s, pass, scatter.cut(), lists || listed ? "element" : "index");

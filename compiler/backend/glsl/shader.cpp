@@ -128,7 +128,7 @@ std::string Shader::read_words(uint32_t bundle_resource, const std::string& name
   const bool wide = std::string_view(word) == "uint64_t";
   buffer(bundle_resource, name, bundle::Access::Read, word, wide ? 2 : 1);
   std::string function = "word_of_" + name;
-  words_.push_back({bound_.at(bundle_resource), function});
+  if (functions_.insert(function).second) words_.push_back({bound_.at(bundle_resource), function});
   return function;
 }
 

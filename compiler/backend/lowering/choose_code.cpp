@@ -4,12 +4,16 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <set>
 
 #include "compiler/backend/analysis/divisors.h"
+#include "compiler/backend/analysis/live_words.h"
 #include "compiler/backend/analysis/raster_parts.h"
+#include "compiler/backend/analysis/scatter_leaves.h"
 #include "compiler/backend/analysis/uses.h"
 #include "compiler/backend/bundle/bundle.h"
 #include "compiler/backend/lowering/heavy_branches.h"
+#include "compiler/backend/schedule/joined_sums.h"
 #include "compiler/backend/schedule/limits.h"
 #include "compiler/backend/schedule/trips.h"
 
@@ -88,7 +92,10 @@ class StepCode {
       code.cut = cut(code.heavy ? light_trips(pass, *code.heavy) : trips, code.lists_in_runs ? kListedRun : 1);
     }
     code.told = told(pass, map, code, id);
-    code.in_tiles = ends_once(code) && in_tiles(pass, id);
+    if (const auto sums = joined_in_groups(id); ends_once(code) && !sums.empty()) {
+      code.joining_group = joining_group(pass, id, sums);
+      code.in_tiles = !pass.domain.h.is_one();  // lanes of a square add to the same elements; memory is read in rows
+    }
     code.each = elements_in_turn(pass, map, code, id);
     return code;
   }
@@ -102,11 +109,32 @@ class StepCode {
            result.extent.is_unit() && result.type.components() <= kMostComponents;
   }
 
-  // Lanes of a square add to the same elements; elsewhere memory is read in rows.
-  bool in_tiles(const Pass& pass, PassId id) const {
-    return !pass.domain.h.is_one() && std::ranges::any_of(listed_for(step_, id), [](const Pass* scatter) {
-      return scatter->get<ScatterPass>().joins_groups();
-    });
+  // What the workgroups of a map join.
+  std::vector<const ScatterSum*> joined_in_groups(PassId map) const {
+    std::vector<const ScatterSum*> sums;
+    for (const Pass* pass : listed_for(step_, map))
+      if (const auto& scatter = pass->get<ScatterPass>(); scatter.joins_groups())
+        for (const ScatterSum& sum : scatter.sums) sums.push_back(&sum);
+    return sums;
+  }
+
+  // A processor of 65,536 registers holds one workgroup of 256 where an invocation has more than 128. For one of 512
+  // the driver keeps less in registers, and twice as many invocations run. A map that has fewer anyway takes longer in
+  // large workgroups, whose invocations wait for each other.
+  int joining_group(const Pass& pass, PassId id, const std::vector<const ScatterSum*>& sums) const {
+    constexpr int kManyWords = 180;  // take more than 128 registers
+    std::vector<ir::OpId> ops = pass.ops;
+    std::set<ir::OpId> here(ops.begin(), ops.end());
+    for (const Pass* scatter : listed_for(step_, id))
+      for (const ir::OpId op : scatter->ops)
+        if (here.insert(op).second) ops.push_back(op);
+    std::vector<ValueId> added;
+    for (const ScatterSum* sum : sums)
+      for (const ValueId term : sum->terms)
+        if (const auto leaves = scatter_leaves(graph_, term))
+          for (const ScatterLeaf& leaf : *leaves) added.insert(added.end(), {leaf.index, leaf.value});
+    const bool many = live_words(graph_, ops, added) > kManyWords;
+    return many && groups_have_room(graph_, profile_, sums, kLargeJoiningGroup) ? kLargeJoiningGroup : kJoiningGroup;
   }
 
   // An invocation's own cost is that of many operations where lanes access memory in turn, the store that tells of NaN

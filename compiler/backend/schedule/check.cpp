@@ -4,6 +4,7 @@
 #include <set>
 
 #include "compiler/backend/analysis/uses.h"
+#include "compiler/backend/schedule/joined_sums.h"
 #include "compiler/backend/schedule/limits.h"
 #include "compiler/backend/schedule/rest.h"
 #include "compiler/backend/schedule/schedule.h"
@@ -80,6 +81,7 @@ class StepChecker {
     check_ops();
     check_joined_loops();
     check_teams();
+    check_groups();
     check_guesses();
     check_emptied();
     check_rows();
@@ -155,6 +157,19 @@ class StepChecker {
     if (!graph_.value(graph_.op(pass().ops[0]).results[0]).extent.is_unit()) unsound("shares inputs of many results");
     if (profile_.max_compute_work_group_invocations < static_cast<uint32_t>(kReducingGroup))
       report(Violation::Kind::Limit, "has workgroups of " + std::to_string(kReducingGroup) + " invocations");
+  }
+
+  void check_groups() {
+    const auto* map = pass().as<MapPass>();
+    if (map == nullptr || map->code.joining_group == kJoiningGroup) return;
+    if (map->code.joining_group <= 0) return unsound("has workgroups of no invocations");
+    std::vector<const ScatterSum*> sums;
+    for (const Pass* scatter : listed_for(step_, pass_id(place_)))
+      if (scatter->get<ScatterPass>().joins_groups())
+        for (const ScatterSum& sum : scatter->get<ScatterPass>().sums) sums.push_back(&sum);
+    if (!groups_have_room(graph_, profile_, sums, map->code.joining_group))
+      report(Violation::Kind::Limit,
+             "joins in workgroups of " + std::to_string(map->code.joining_group) + " invocations");
   }
 
   void check_guesses() {

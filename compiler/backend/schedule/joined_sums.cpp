@@ -34,10 +34,10 @@ uint32_t bytes_of(const ir::Graph& graph, std::span<const ScatterSum* const> sum
 
 }  // namespace
 
-std::vector<JoinedSums> joined_sums(const ir::Graph& graph, std::span<const ScatterSum* const> sums) {
+std::vector<JoinedSums> joined_sums(const ir::Graph& graph, std::span<const ScatterSum* const> sums, int group) {
   // More bytes would leave too few workgroups at a time to a GPU's processor.
-  constexpr uint32_t kMostBytes = 20 << 10;
-  constexpr unsigned kLeast = kJoiningGroup / 2;
+  constexpr uint32_t kMostBytes = 80;  // an invocation
+  const auto invocations = static_cast<unsigned>(group), least = invocations / 2;
   std::vector<JoinedSums> out;
   for (size_t k = 0; k < sums.size(); ++k) {
     const auto same = std::ranges::find_if(
@@ -45,20 +45,20 @@ std::vector<JoinedSums> joined_sums(const ir::Graph& graph, std::span<const Scat
     if (same != out.end())
       same->sums.push_back(k);
     else
-      out.push_back({{k}, static_cast<int>(std::bit_ceil(static_cast<unsigned>(sums[k]->terms.size()) * kLeast))});
+      out.push_back({{k}, static_cast<int>(std::bit_ceil(static_cast<unsigned>(sums[k]->terms.size()) * least))});
   }
-  while (bytes_of(graph, sums, out) > kMostBytes) {
+  while (bytes_of(graph, sums, out) > kMostBytes * invocations) {
     const int half = std::ranges::max_element(out, {}, &JoinedSums::elements)->elements / 2;
-    if (half < static_cast<int>(kLeast)) return {};
+    if (half < static_cast<int>(least)) return {};
     for (JoinedSums& same : out) same.elements = std::min(same.elements, half);
   }
   return out;
 }
 
-bool groups_have_room(const ir::Graph& graph, const target::Profile& profile, std::span<const ScatterSum* const> sums) {
-  if (!profile.is_gpu() || profile.max_compute_work_group_invocations < static_cast<uint32_t>(kJoiningGroup))
-    return false;
-  const std::vector<JoinedSums> joined = joined_sums(graph, sums);
+bool groups_have_room(const ir::Graph& graph, const target::Profile& profile, std::span<const ScatterSum* const> sums,
+                      int group) {
+  if (!profile.is_gpu() || profile.max_compute_work_group_invocations < static_cast<uint32_t>(group)) return false;
+  const std::vector<JoinedSums> joined = joined_sums(graph, sums, group);
   return !joined.empty() && bytes_of(graph, sums, joined) <= profile.max_compute_shared_memory_size;
 }
 

@@ -18,10 +18,11 @@ struct JoinedSums {
   int elements = 0;          // a workgroup has room for so many, a power of two: those beyond are added to memory
 };
 
-// All of `sums`, each in one of these. Empty: more than a workgroup should have.
-std::vector<JoinedSums> joined_sums(const ir::Graph& graph, std::span<const ScatterSum* const> sums);
+// All of `sums`, each in one of these, for workgroups of `group` invocations. Empty: more than one should have.
+std::vector<JoinedSums> joined_sums(const ir::Graph& graph, std::span<const ScatterSum* const> sums, int group);
 
-// Whether the workgroups of a device have the memory for them.
-bool groups_have_room(const ir::Graph& graph, const target::Profile& profile, std::span<const ScatterSum* const> sums);
+// Whether the workgroups of a device may be so large, and have the memory for them.
+bool groups_have_room(const ir::Graph& graph, const target::Profile& profile, std::span<const ScatterSum* const> sums,
+                      int group = kJoiningGroup);
 
 }  // namespace dr::backend

@@ -118,7 +118,10 @@ bool is_read_in_place(const ir::Graph& graph, const StepSchedule& step, ir::Valu
     if (reader != nullptr) return false;
     reader = &pass;
   }
-  return reader != nullptr && reader->kind() == PassKind::Map && reader->domain == graph.value(value).extent &&
+  const auto* scatter = reader == nullptr ? nullptr : reader->as<ScatterPass>();
+  const bool reads_each =
+      reader != nullptr && (reader->is<MapPass>() || (scatter != nullptr && scatter->active_list()));
+  return reads_each && reader->domain == graph.value(value).extent &&
          std::ranges::none_of(reader->ops, [&](ir::OpId id) {
            const Uses uses = uses_of(graph, graph.op(id));
            return std::ranges::find(uses.elsewhere, value) != uses.elsewhere.end();

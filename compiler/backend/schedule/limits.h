@@ -60,7 +60,8 @@ bool may_empty(const ir::Graph& graph, const StepSchedule& step, const Pass& pas
 bool may_empty_floats(const ir::Graph& graph, const std::vector<Resource>& resources, const StepSchedule& step,
                       const Pass& pass, const ScatterSum& sum);
 
-// Whether one map alone reads a value of its own extent, at its own element, and nothing does afterwards.
+// Whether one pass alone reads a value of its own extent, at its own element, and nothing does afterwards: a map, or a
+// scatter in dispatches of its own for listed elements.
 bool is_read_in_place(const ir::Graph& graph, const StepSchedule& step, ir::ValueId value);
 
 bool fits(const target::Profile& profile, const Bindings& bindings);

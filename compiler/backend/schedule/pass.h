@@ -77,6 +77,9 @@ inline constexpr int kListedRun = 32;
 // Elements that an invocation takes in turn, at most: what it does for all of them is then a small part of its work.
 inline constexpr int kMostInTurn = 32;
 
+// Invocations of a workgroup that joins what it adds: few, or many, which have fewer registers each.
+inline constexpr int kJoiningGroup = 256, kLargeJoiningGroup = 512;
+
 // How the shader is written; chosen by lowering/choose_code.h.
 struct MapCode {
   bool lists_in_runs = false;  // an invocation has kListedRun elements, one after the other, and lists them together
@@ -84,7 +87,8 @@ struct MapCode {
   int each = 1;                // elements of an invocation at most, one after the other; the host chooses (strides.cpp)
   std::optional<HeavyBranches> heavy;
   std::optional<LoopCut> cut;
-  std::vector<ir::ValueId> told;  // those of `writes` that tell whether they are NaN or Inf (emit/finite.cpp)
+  int joining_group = kJoiningGroup;  // where scatters join what workgroups add; elsewhere the host chooses
+  std::vector<ir::ValueId> told;      // those of `writes` that tell whether they are NaN or Inf (emit/finite.cpp)
 };
 
 // An update whose elements stay as they are where no gradient comes (schedule/rest.h): it does not run for elements
@@ -160,9 +164,6 @@ struct JoinedRun {
 // most.
 inline constexpr int kJoinRounds = 2;
 inline constexpr uint32_t kMaxJoinedLanes = 128;
-
-// Invocations of a workgroup that joins what it adds.
-inline constexpr int kJoiningGroup = 256;
 
 struct OwnFirstRun : OwnRun {
   bool relists = false;  // it lists what adds something for the second

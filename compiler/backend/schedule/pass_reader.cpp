@@ -179,6 +179,8 @@ bool PassReader::decides(MapPass& map, bool& ok) {
     ok = map.code.lists_in_runs = expect_word("in") && expect_word("runs");
   } else if (take_word("in")) {
     ok = map.code.in_tiles = expect_word("tiles");
+  } else if (take_word("workgroups")) {
+    ok = expect_word("of") && number("how many invocations", map.code.joining_group);
   } else if (take_word("up")) {
     ok = expect_word("to") && number("how many elements", map.code.each) && expect_word("elements") &&
          expect_word("in") && expect_word("turn");

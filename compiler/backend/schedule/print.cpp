@@ -154,6 +154,8 @@ class Writer {
     if (map.rest) write_rest(*map.rest);
     if (map.block) write_block(*map.block);
     if (map.code.lists_in_runs) out_ += "    lists in runs\n";
+    if (map.code.joining_group != kJoiningGroup)
+      out_ += "    workgroups of " + std::to_string(map.code.joining_group) + "\n";
     if (map.code.in_tiles) out_ += "    in tiles\n";
     if (map.code.each > 1) out_ += "    up to " + std::to_string(map.code.each) + " elements in turn\n";
     if (map.code.heavy) write_heavy(*map.code.heavy);

@@ -6,6 +6,7 @@
 #include <iterator>
 
 #include "compiler/backend/analysis/alike_branches.h"
+#include "compiler/backend/analysis/apart.h"
 #include "compiler/backend/analysis/fold_memory.h"
 #include "compiler/backend/analysis/raster_parts.h"
 #include "compiler/ir/dim_bound.h"
@@ -92,13 +93,20 @@ class Finder {
 
   // What `end` is above `begin` at most.
   Bound difference(ValueId end, ValueId begin) {
+    const std::optional<int64_t> apart = most_apart(graph_, end, begin);
+    const Bound known = apart ? Bound(Dim(std::max<int64_t>(*apart, 0))) : Bound();
+    return known ? either(known, by_bounds(end, begin), true) : by_bounds(end, begin);
+  }
+
+ private:
+  Bound by_bounds(ValueId end, ValueId begin) {
     if (end == begin) return Dim(0);
     const ir::ValueInfo& info = graph_.value(end);
     const Bounds high = of(end), low = of(begin);
     const Bound apart = high.high && low.low ? Bound(*high.high - *low.low) : Bound();
     if (!info.op.valid() || left_ < 0) return apart;
     const Op& op = graph_.op(info.op);
-    const auto of_operand = [&](size_t k) { return difference(op.operands[k], begin); };
+    const auto of_operand = [&](size_t k) { return by_bounds(op.operands[k], begin); };
     if (op.kind == OpKind::Min) return either(apart, either(of_operand(0), of_operand(1), true), true);
     if (op.kind == OpKind::Add)
       for (const size_t k : {size_t{0}, size_t{1}})
@@ -107,7 +115,6 @@ class Finder {
     return apart;
   }
 
- private:
   static Bounds hull(const Bounds& a, const Bounds& b) { return {smaller(a.low, b.low), larger(a.high, b.high)}; }
 
   ValueId yield_of(const Op& op, size_t branch, uint32_t result) const {

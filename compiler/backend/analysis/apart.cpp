@@ -1,0 +1,235 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "compiler/backend/analysis/apart.h"
+
+#include <algorithm>
+#include <map>
+#include <vector>
+
+#include "compiler/ir/dim_bound.h"
+
+namespace dr::backend {
+
+using ir::Dim;
+using ir::Graph;
+using ir::Op;
+using ir::OpKind;
+using ir::ValueId;
+
+namespace {
+
+// More selects, or lines, say nothing.
+constexpr int kMostSelects = 4;
+constexpr size_t kMostLines = 16;
+constexpr int kMostDepth = 24;
+
+// (base + plus) / by, not rounded; without a base plus / by.
+struct Line {
+  ValueId base;
+  int64_t by = 1;
+  Dim plus = 0;
+};
+using Lines = std::vector<Line>;
+
+// What holds on one side of some selects.
+struct Facts {
+  std::map<ValueId, size_t> taken;  // operand of the select
+  std::map<ValueId, Dim> least, most;
+};
+
+class Apart {
+ public:
+  explicit Apart(const Graph& graph) : graph_(graph) {}
+
+  std::optional<int64_t> most(ValueId high, ValueId low, const Facts& facts, int selects) const {
+    high = plain(high, facts), low = plain(low, facts);
+    if (high == low) return 0;
+    ValueId select = open_select(high, facts, kMostDepth);
+    if (!select.valid()) select = open_select(low, facts, kMostDepth);
+    if (!select.valid()) return by_lines(high, low, facts);
+    if (selects == 0) return std::nullopt;
+    const Op& op = op_of(select);
+    std::optional<int64_t> out;
+    for (const bool holds : {true, false}) {
+      Facts more = facts;
+      more.taken[select] = holds ? 1 : 2;
+      learn(op.operands[0], holds, more);
+      const auto one = most(high, low, more, selects - 1);
+      if (!one) return std::nullopt;
+      out = std::max(out.value_or(*one), *one);
+    }
+    return out;
+  }
+
+ private:
+  const Op& op_of(ValueId v) const { return graph_.op(graph_.value(v).op); }
+  bool is(ValueId v, OpKind kind) const { return graph_.value(v).op.valid() && op_of(v).kind == kind; }
+
+  // Without what only names it anew, and on the side that is taken.
+  ValueId plain(ValueId v, const Facts& facts) const {
+    while (graph_.value(v).op.valid()) {
+      const Op& op = op_of(v);
+      if (op.kind == OpKind::Broadcast || op.kind == OpKind::Detach || op.kind == OpKind::Pin) {
+        v = op.operands[0];
+      } else if (op.kind == OpKind::Extract && is(op.operands[0], OpKind::Compose)) {
+        v = op_of(op.operands[0]).operands[static_cast<size_t>(op.attrs.ints[0])];
+      } else if (const auto taken = facts.taken.find(v); taken != facts.taken.end()) {
+        v = op.operands[taken->second];
+      } else {
+        break;
+      }
+    }
+    return v;
+  }
+
+  static bool is_looked_through(OpKind kind) {
+    return kind == OpKind::Add || kind == OpKind::Sub || kind == OpKind::Min || kind == OpKind::Max ||
+           kind == OpKind::Div || kind == OpKind::Mod;
+  }
+
+  // A select that decides about the value, whose side is not chosen yet.
+  ValueId open_select(ValueId v, const Facts& facts, int depth) const {
+    v = plain(v, facts);
+    if (depth == 0 || !graph_.value(v).op.valid()) return {};
+    const Op& op = op_of(v);
+    if (op.kind == OpKind::Select) return v;
+    if (!is_looked_through(op.kind)) return {};
+    for (const ValueId operand : op.operands)
+      if (const ValueId found = open_select(operand, facts, depth - 1); found.valid()) return found;
+    return {};
+  }
+
+  // Of a comparison with an extent or a number.
+  void learn(ValueId condition, bool holds, Facts& facts) const {
+    condition = plain(condition, facts);
+    if (!graph_.value(condition).op.valid()) return;
+    const Op& op = op_of(condition);
+    if (op.kind == OpKind::LogicalAnd && holds) {
+      for (const ValueId part : op.operands) learn(part, true, facts);
+    } else if (op.kind == OpKind::LogicalNot) {
+      learn(op.operands[0], !holds, facts);
+    } else if (op.kind == OpKind::LessEqual || op.kind == OpKind::Less) {
+      // a <= b, or where that does not hold b <= a - 1.
+      const bool less = op.kind == OpKind::Less;
+      if (holds)
+        learn_order(op.operands[0], op.operands[1], less ? 1 : 0, facts);
+      else
+        learn_order(op.operands[1], op.operands[0], less ? 0 : 1, facts);
+    }
+  }
+
+  // a + by <= b.
+  void learn_order(ValueId a, ValueId b, int64_t by, Facts& facts) const {
+    a = plain(a, facts), b = plain(b, facts);
+    if (graph_.value(a).type.scalar != ir::Scalar::Int) return;
+    if (const auto least = number(a)) facts.least.try_emplace(b, *least + Dim(by));
+    if (const auto most = number(b)) facts.most.try_emplace(a, *most - Dim(by));
+  }
+
+  std::optional<Dim> number(ValueId v) const {
+    if (!graph_.value(v).op.valid()) return std::nullopt;
+    const Op& op = op_of(v);
+    if (op.kind == OpKind::DimValue) return op.attrs.dims[0];
+    if (op.kind != OpKind::Const || graph_.value(v).type.scalar != ir::Scalar::Int ||
+        std::ranges::any_of(op.attrs.floats, [&](double x) { return x != op.attrs.floats[0]; }))
+      return std::nullopt;
+    return Dim(static_cast<int64_t>(op.attrs.floats[0]));
+  }
+  int64_t positive(ValueId v, const Facts& facts) const {
+    const auto n = number(plain(v, facts));
+    return n && n->is_constant() && n->constant() > 0 && n->constant() < 1 << 16 ? n->constant() : 0;
+  }
+
+  // Lines none of which the value is above, or below.
+  Lines lines(ValueId v, bool above, const Facts& facts, int depth) const {
+    v = plain(v, facts);
+    if (const auto n = number(v)) return {{{}, 1, *n}};
+    const Lines itself{{v, 1, Dim(0)}};
+    if (depth == 0 || !graph_.value(v).op.valid() || graph_.value(v).type.scalar != ir::Scalar::Int) return itself;
+    const Op& op = op_of(v);
+    const auto of = [&](size_t k, bool side) { return lines(op.operands[k], side, facts, depth - 1); };
+    Lines out;
+    if (op.kind == OpKind::Min || op.kind == OpKind::Max) {
+      // Below a minimum is what is below both.
+      if ((op.kind == OpKind::Min) != above) return itself;
+      out = of(0, above);
+      for (const Line& line : of(1, above)) out.push_back(line);
+    } else if (op.kind == OpKind::Add) {
+      out = sums(of(0, above), of(1, above), 1);
+      if (out.empty()) out = sums(of(1, above), of(0, above), 1);
+    } else if (op.kind == OpKind::Sub) {
+      const ValueId rest = plain(op.operands[1], facts), whole = plain(op.operands[0], facts);
+      const bool is_rest = is(rest, OpKind::Mod) && plain(op_of(rest).operands[0], facts) == whole;
+      const int64_t by = is_rest ? positive(op_of(rest).operands[1], facts) : 0;
+      if (by != 0) return moved(of(0, above), above ? 0 : 1 - by);
+      out = sums(of(0, above), of(1, !above), -1);
+    } else if (op.kind == OpKind::Mod) {
+      if (const int64_t by = positive(op.operands[1], facts)) return {{{}, 1, Dim(above ? by - 1 : 0)}};
+    } else if (op.kind == OpKind::Div) {
+      if (const int64_t by = positive(op.operands[1], facts)) {
+        // Of a multiple it is not rounded; else towards 0.
+        const bool even = is_multiple(op.operands[0], by, facts);
+        out = moved(of(0, above), even ? 0 : above ? by - 1 : 1 - by);
+        for (Line& line : out) line.by *= by;
+      }
+    }
+    return out.empty() || out.size() > kMostLines ? itself : out;
+  }
+
+  // x - x mod by.
+  bool is_multiple(ValueId v, int64_t by, const Facts& facts) const {
+    v = plain(v, facts);
+    if (!is(v, OpKind::Sub)) return false;
+    const ValueId rest = plain(op_of(v).operands[1], facts);
+    return is(rest, OpKind::Mod) && plain(op_of(rest).operands[0], facts) == plain(op_of(v).operands[0], facts) &&
+           positive(op_of(rest).operands[1], facts) == by;
+  }
+
+  static Lines moved(Lines lines, int64_t plus) {
+    for (Line& line : lines) line.plus = line.plus + Dim(plus * line.by);
+    return lines;
+  }
+
+  // Those of the second kind that are whole numbers, added or taken away.
+  static Lines sums(const Lines& some, const Lines& numbers, int64_t sign) {
+    Lines out;
+    for (const Line& line : some)
+      for (const Line& number : numbers)
+        if (!number.base.valid() && number.by == 1)
+          out.push_back({line.base, line.by, line.plus + Dim(sign * line.by) * number.plus});
+    return out;
+  }
+
+  std::optional<Dim> bound(ValueId base, bool above, const Facts& facts) const {
+    if (!base.valid()) return Dim(0);
+    const auto& known = above ? facts.most : facts.least;
+    if (const auto it = known.find(base); it != known.end()) return it->second;
+    if (!is(base, OpKind::Coord)) return std::nullopt;
+    const Op& op = op_of(base);
+    return above ? op.attrs.dims[static_cast<size_t>(op.attrs.ints[0])] - Dim(1) : Dim(0);
+  }
+
+  std::optional<int64_t> by_lines(ValueId high, ValueId low, const Facts& facts) const {
+    std::optional<int64_t> best;
+    const auto take = [&](const Dim& dividend, int64_t by) {
+      if (const auto one = ir::most_of_quotient(dividend, by)) best = std::min(best.value_or(*one), *one);
+    };
+    const Lines below = lines(low, false, facts, kMostDepth);
+    for (const Line& h : lines(high, true, facts, kMostDepth))
+      for (const Line& l : below) {
+        if (h.base == l.base && h.by == l.by) take(h.plus - l.plus, h.by);
+        const auto most = bound(h.base, true, facts), least = bound(l.base, false, facts);
+        if (most && least) take(Dim(l.by) * (*most + h.plus) - Dim(h.by) * (*least + l.plus), h.by * l.by);
+      }
+    return best;
+  }
+
+  const Graph& graph_;
+};
+
+}  // namespace
+
+std::optional<int64_t> most_apart(const Graph& graph, ValueId high, ValueId low) {
+  return Apart(graph).most(high, low, {}, kMostSelects);
+}
+
+}  // namespace dr::backend
