@@ -35,6 +35,8 @@ struct DeviceOptions {
   std::string name;
   // Core and synchronization validation, where the layer is installed; messages are kept, see validation_messages().
   bool validation = false;
+  // Asks drivers what shaders take of a processor, where they tell: see CommandTime::registers.
+  bool shader_statistics = false;
 };
 
 struct DeviceInfo {
@@ -158,6 +160,9 @@ struct CommandTime {
   // "branches", those that take a heavy branch; how many are listed, and of how many.
   std::string list;
   int64_t listed = 0, elements = 0;
+  // Of a dispatch: invocations of a workgroup, and registers of an invocation, 0 where the driver does not tell. A
+  // processor runs as many invocations at a time as it has registers for.
+  int group = 0, registers = 0;
   // Of draws: pixels that fragment shaders ran for, those of covered fragments and of helpers; 0 where the device does
   // not count.
   int64_t fragments = 0;

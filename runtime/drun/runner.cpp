@@ -116,7 +116,7 @@ int run_program(const Options& options) {
       Session(options, target_of(program), names, bundle).process();
       return exit_code_of_stop();
     }
-    const runtime::Device device = must(runtime::Device::open({options.device, options.validate}));
+    const runtime::Device device = must(runtime::Device::open({options.device, options.validate, options.timing}));
     const auto begin = std::chrono::steady_clock::now();
     const std::vector<uint8_t> bundle = load_or_compile(options, device.profile_name(), skips);
     if (options.timing) std::printf("%s: compiled or read in %.0f ms\n", options.file.c_str(), ms_since(begin));

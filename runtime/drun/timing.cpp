@@ -53,12 +53,15 @@ std::string timing_table(const std::string& step, std::vector<runtime::CommandTi
                    [](const auto& a, const auto& b) { return a.nanoseconds > b.nanoseconds; });
   std::string out = format("%s: %zu commands, %.1f us with a wait after each", step.c_str(), times.size(), all * 1e-3);
   if (least_of_all > 0) out += format("; %.1f by the profile's cost of a dispatch and of a byte", least_of_all * 1e-3);
-  out += format("\n%10s %6s %9s %6s %6s %8s  %s\n", "us", "share", "bytes", "ops", "GB/s", "floor us", "command");
+  const bool tell = std::ranges::any_of(times, [](const runtime::CommandTime& t) { return t.registers > 0; });
+  out += format("\n%10s %6s %9s %6s %6s %8s ", "us", "share", "bytes", "ops", "GB/s", "floor us");
+  out += tell ? format("%9s %6s  command\n", "registers", "group") : " command\n";
   for (const auto& t : times) {
     out +=
         format("%10.1f %5.1f%% %9lld %6lld %6.0f %8.1f  ", t.nanoseconds * 1e-3,
                all > 0 ? 100 * t.nanoseconds / all : 0, static_cast<long long>(t.bytes), static_cast<long long>(t.ops),
                t.nanoseconds > 0 ? static_cast<double>(t.bytes) / t.nanoseconds : 0, least(t) * 1e-3);
+    if (tell) out += format("%8d %6d  ", t.registers, t.group);
     out += t.label + (t.lines.empty() ? "" : "  " + joined_lines(t.lines)) + "\n";
   }
   return out;

@@ -124,6 +124,9 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
     t.ops = chosen[k]->ops;
     t.bytes = chosen[k]->bytes;
     t.lines = lines_of(bundle, table, *chosen[k]);
+    t.group = chosen[k]->group;
+    if (chosen[k]->pipeline >= 0)
+      t.registers = on_device->pipelines.registers(static_cast<size_t>(chosen[k]->pipeline));
     if (draws[k]) t.fragments = static_cast<int64_t>(drawn[*draws[k]]);
     if (!lists[k]) continue;
     const bundle::CommandT& command = *table.commands[chosen[k]->first];

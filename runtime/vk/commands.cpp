@@ -117,6 +117,7 @@ void Commands::dispatch(const bundle::CommandT& c, std::vector<Primitive>& out) 
   const uint32_t group = c.group != 0 ? c.group : indirect ? kGroup : group_size(device_->properties, invocations);
   const int64_t parts = parts_of(c);
   const size_t pipeline = pipelines_.compute(c.compute, bound, group, parts > 1 ? c.part_trips : 0);
+  p.pipeline = static_cast<int>(pipeline), p.group = static_cast<int>(group);
   vk::DeviceSize offset = 0;
   for (int64_t part = 1; part <= parts; ++part) {
     std::array<int32_t, 4> push = push_of(c);
@@ -203,6 +204,7 @@ void Commands::reduce(const bundle::CommandT& c, std::vector<Primitive>& out) {
     const Bound bound = pipelines_.bind(descriptors, vk::ShaderStageFlagBits::eCompute);
     const uint32_t group = c.group != 0 ? c.group : group_size(device_->properties, invocations);
     const size_t pipeline = pipelines_.compute(stage == 0 ? c.compute : c.next, bound, group);
+    p.pipeline = static_cast<int>(pipeline), p.group = static_cast<int>(group);
     const std::array<int32_t, 4> push{0, static_cast<int32_t>(n), static_cast<int32_t>(partials), 0};
     p.record = [=, this](const vk::raii::CommandBuffer& commands) {
       record_dispatch(commands, pipelines_[pipeline], bound, push, invocations, group);

@@ -14,9 +14,10 @@ namespace dr::runtime {
 struct Primitive {
   std::string label;
   std::vector<Access> accesses;
-  size_t first = 0, count = 1;  // commands of the step behind it: several for a render pass
-  int64_t ops = 0;              // of the graph
-  int64_t bytes = 0;            // that it touches: of whole resources, but for what clears the head of some
+  size_t first = 0, count = 1;   // commands of the step behind it: several for a render pass
+  int64_t ops = 0;               // of the graph
+  int pipeline = -1, group = 0;  // of a dispatch
+  int64_t bytes = 0;             // that it touches: of whole resources, but for what clears the head of some
   std::function<void(const vk::raii::CommandBuffer&)> record;
 };
 

@@ -282,6 +282,11 @@ std::shared_ptr<DeviceState> open_device(const DeviceOptions& options) {
   enable_float_atomics.shaderBufferFloat32AtomicAdd = VK_TRUE;
   if (state->float_atomics) extensions.push_back(VK_EXT_SHADER_ATOMIC_FLOAT_EXTENSION_NAME);
   share_with_cuda(*state, offered, extensions);
+  state->shader_statistics =
+      options.shader_statistics && has_extension(VK_KHR_PIPELINE_EXECUTABLE_PROPERTIES_EXTENSION_NAME);
+  vk::PhysicalDevicePipelineExecutablePropertiesFeaturesKHR enable_statistics;
+  enable_statistics.pipelineExecutableInfo = VK_TRUE;
+  if (state->shader_statistics) extensions.push_back(VK_KHR_PIPELINE_EXECUTABLE_PROPERTIES_EXTENSION_NAME);
   const float priority = 1;
   vk::DeviceQueueCreateInfo queue({}, state->family, 1, &priority);
   vk::DeviceCreateInfo info;
@@ -304,6 +309,10 @@ std::shared_ptr<DeviceState> open_device(const DeviceOptions& options) {
   if (state->shares_memory) {
     enable_timeline.pNext = const_cast<void*>(info.pNext);
     info.pNext = &enable_timeline;
+  }
+  if (state->shader_statistics) {
+    enable_statistics.pNext = const_cast<void*>(info.pNext);
+    info.pNext = &enable_statistics;
   }
   VkDevice device = VK_NULL_HANDLE;
   const auto& calls = *state->physical.getDispatcher();

@@ -33,8 +33,9 @@ struct DeviceState {
   vk::DeviceSize largest_block = 0;  // bytes that one allocation may have
   bool memory_budget = false;        // the device says how much memory is left
   bool int64 = false, int64_atomics = false, float_atomics = false, subgroup_arithmetic = false,
-       subgroup_shuffle = false, debug_names = false;
-  std::mutex queue_lock;  // one thread at a time may submit
+       subgroup_shuffle = false, debug_names = false,
+       shader_statistics = false;  // drivers tell what shaders take, and are asked
+  std::mutex queue_lock;           // one thread at a time may submit
   // Whether memory and semaphores may be shared with CUDA, whose device has this UUID; and it, when it was opened.
   bool shares_memory = false;
   std::array<uint8_t, VK_UUID_SIZE> uuid = {};

@@ -4,6 +4,8 @@
 
 #include <algorithm>
 #include <bit>
+#include <iterator>
+#include <string_view>
 #include <utility>
 
 #include "compiler/backend/bundle/on_all_cores.h"
@@ -337,9 +339,20 @@ vk::raii::Pipeline Pipelines::make_compute(int shader, size_t module, vk::Pipeli
   info.stage =
       vk::PipelineShaderStageCreateInfo({}, vk::ShaderStageFlagBits::eCompute, *modules_[module], "main", &specialize);
   info.layout = layout;
+  if (device_->shader_statistics) info.flags = vk::PipelineCreateFlagBits::eCaptureStatisticsKHR;
   vk::raii::Pipeline pipeline(device_->device, cache, info);
   device_->name(pipeline, bundle_.shaders[static_cast<size_t>(shader)]->name);
   return pipeline;
+}
+
+int Pipelines::registers(size_t number) const {
+  if (!device_->shader_statistics) return 0;
+  // As NVIDIA's driver, Mesa's for AMD and Mesa's for Intel call them.
+  constexpr std::string_view kNames[] = {"Register Count", "VGPRs", "Max live registers"};
+  for (const auto& s : device_->device.getPipelineExecutableStatisticsKHR({*pipelines_[number], 0}))
+    if (std::ranges::find(kNames, std::string_view(s.name.data())) != std::end(kNames))
+      return static_cast<int>(s.value.u64);
+  return 0;
 }
 
 vk::raii::Pipeline Pipelines::make_graphics(const bundle::CommandT& c, std::array<size_t, 2> modules,

@@ -47,6 +47,8 @@ class Pipelines {
   // Makes the pipelines that were asked for, on all cores.
   void build();
   vk::Pipeline operator[](size_t number) const { return *pipelines_[number]; }
+  // Of an invocation of a compute shader; 0 where the driver does not tell.
+  int registers(size_t number) const;
 
   const PipelineCounters& counters() const { return counters_; }
 
