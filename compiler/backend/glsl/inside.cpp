@@ -29,6 +29,8 @@ bool holds_in_words(const ir::Graph& graph, ValueId v, bool may_multiply, int& l
                                        OpKind::Extract, OpKind::Splat, OpKind::Broadcast};
   const auto is_one_of = [&](const auto& kinds) { return std::ranges::find(kinds, op.kind) != std::end(kinds); };
   if (is_one_of(kEnds)) return true;
+  // Of a float it is the nearest one that words hold, and 0 of a NaN.
+  if (op.kind == OpKind::Convert && graph.value(op.operands[0]).type.is_float()) return true;
   const bool bounds = is_one_of(kBounds), multiplies = op.kind == OpKind::Mul && may_multiply;
   if (!bounds && !multiplies && !is_one_of(kOthers)) return false;
   may_multiply = may_multiply && !bounds;
