@@ -31,7 +31,7 @@ struct Line {
 using Lines = std::vector<Line>;
 
 // What holds on one side of some selects.
-struct Known {
+struct Believed {
   std::map<ValueId, size_t> taken;  // operand of the select
   std::map<ValueId, Dim> least, most;
 };
@@ -40,17 +40,17 @@ class Apart {
  public:
   explicit Apart(const Graph& graph) : graph_(graph) {}
 
-  std::optional<int64_t> most(ValueId high, ValueId low, const Known& known, int selects) const {
-    high = plain(high, known), low = plain(low, known);
+  std::optional<int64_t> most(ValueId high, ValueId low, const Believed& believed, int selects) const {
+    high = plain(high, believed), low = plain(low, believed);
     if (high == low) return 0;
-    ValueId select = open_select(high, known, kMostDepth);
-    if (!select.valid()) select = open_select(low, known, kMostDepth);
-    if (!select.valid()) return by_lines(high, low, known);
+    ValueId select = open_select(high, believed, kMostDepth);
+    if (!select.valid()) select = open_select(low, believed, kMostDepth);
+    if (!select.valid()) return by_lines(high, low, believed);
     if (selects == 0) return std::nullopt;
     const Op& op = op_of(select);
     std::optional<int64_t> out;
     for (const bool holds : {true, false}) {
-      Known more = known;
+      Believed more = believed;
       more.taken[select] = holds ? 1 : 2;
       learn(op.operands[0], holds, more);
       const auto one = most(high, low, more, selects - 1);
@@ -65,14 +65,14 @@ class Apart {
   bool is(ValueId v, OpKind kind) const { return graph_.value(v).op.valid() && op_of(v).kind == kind; }
 
   // Without what only names it anew, and on the side that is taken.
-  ValueId plain(ValueId v, const Known& known) const {
+  ValueId plain(ValueId v, const Believed& believed) const {
     while (graph_.value(v).op.valid()) {
       const Op& op = op_of(v);
       if (op.kind == OpKind::Broadcast || op.kind == OpKind::Detach || op.kind == OpKind::Pin) {
         v = op.operands[0];
       } else if (op.kind == OpKind::Extract && is(op.operands[0], OpKind::Compose)) {
         v = op_of(op.operands[0]).operands[static_cast<size_t>(op.attrs.ints[0])];
-      } else if (const auto taken = known.taken.find(v); taken != known.taken.end()) {
+      } else if (const auto taken = believed.taken.find(v); taken != believed.taken.end()) {
         v = op.operands[taken->second];
       } else {
         break;
@@ -87,42 +87,42 @@ class Apart {
   }
 
   // A select that decides about the value, whose side is not chosen yet.
-  ValueId open_select(ValueId v, const Known& known, int depth) const {
-    v = plain(v, known);
+  ValueId open_select(ValueId v, const Believed& believed, int depth) const {
+    v = plain(v, believed);
     if (depth == 0 || !graph_.value(v).op.valid()) return {};
     const Op& op = op_of(v);
     if (op.kind == OpKind::Select) return v;
     if (!is_looked_through(op.kind)) return {};
     for (const ValueId operand : op.operands)
-      if (const ValueId found = open_select(operand, known, depth - 1); found.valid()) return found;
+      if (const ValueId found = open_select(operand, believed, depth - 1); found.valid()) return found;
     return {};
   }
 
   // Of a comparison with an extent or a number.
-  void learn(ValueId condition, bool holds, Known& known) const {
-    condition = plain(condition, known);
+  void learn(ValueId condition, bool holds, Believed& believed) const {
+    condition = plain(condition, believed);
     if (!graph_.value(condition).op.valid()) return;
     const Op& op = op_of(condition);
     if (op.kind == OpKind::LogicalAnd && holds) {
-      for (const ValueId part : op.operands) learn(part, true, known);
+      for (const ValueId part : op.operands) learn(part, true, believed);
     } else if (op.kind == OpKind::LogicalNot) {
-      learn(op.operands[0], !holds, known);
+      learn(op.operands[0], !holds, believed);
     } else if (op.kind == OpKind::LessEqual || op.kind == OpKind::Less) {
       // a <= b, or where that does not hold b <= a - 1.
       const bool less = op.kind == OpKind::Less;
       if (holds)
-        learn_order(op.operands[0], op.operands[1], less ? 1 : 0, known);
+        learn_order(op.operands[0], op.operands[1], less ? 1 : 0, believed);
       else
-        learn_order(op.operands[1], op.operands[0], less ? 0 : 1, known);
+        learn_order(op.operands[1], op.operands[0], less ? 0 : 1, believed);
     }
   }
 
   // a + by <= b.
-  void learn_order(ValueId a, ValueId b, int64_t by, Known& known) const {
-    a = plain(a, known), b = plain(b, known);
+  void learn_order(ValueId a, ValueId b, int64_t by, Believed& believed) const {
+    a = plain(a, believed), b = plain(b, believed);
     if (graph_.value(a).type.scalar != ir::Scalar::Int) return;
-    if (const auto least = number(a)) known.least.try_emplace(b, *least + Dim(by));
-    if (const auto most = number(b)) known.most.try_emplace(a, *most - Dim(by));
+    if (const auto least = number(a)) believed.least.try_emplace(b, *least + Dim(by));
+    if (const auto most = number(b)) believed.most.try_emplace(a, *most - Dim(by));
   }
 
   std::optional<Dim> number(ValueId v) const {
@@ -134,19 +134,19 @@ class Apart {
       return std::nullopt;
     return Dim(static_cast<int64_t>(op.attrs.floats[0]));
   }
-  int64_t positive(ValueId v, const Known& known) const {
-    const auto n = number(plain(v, known));
+  int64_t positive(ValueId v, const Believed& believed) const {
+    const auto n = number(plain(v, believed));
     return n && n->is_constant() && n->constant() > 0 && n->constant() < 1 << 16 ? n->constant() : 0;
   }
 
   // Lines none of which the value is above, or below.
-  Lines lines(ValueId v, bool above, const Known& known, int depth) const {
-    v = plain(v, known);
+  Lines lines(ValueId v, bool above, const Believed& believed, int depth) const {
+    v = plain(v, believed);
     if (const auto n = number(v)) return {{{}, 1, *n}};
     const Lines itself{{v, 1, Dim(0)}};
     if (depth == 0 || !graph_.value(v).op.valid() || graph_.value(v).type.scalar != ir::Scalar::Int) return itself;
     const Op& op = op_of(v);
-    const auto of = [&](size_t k, bool side) { return lines(op.operands[k], side, known, depth - 1); };
+    const auto of = [&](size_t k, bool side) { return lines(op.operands[k], side, believed, depth - 1); };
     Lines out;
     if (op.kind == OpKind::Min || op.kind == OpKind::Max) {
       // Below a minimum is what is below both.
@@ -157,17 +157,17 @@ class Apart {
       out = sums(of(0, above), of(1, above), 1);
       if (out.empty()) out = sums(of(1, above), of(0, above), 1);
     } else if (op.kind == OpKind::Sub) {
-      const ValueId rest = plain(op.operands[1], known), whole = plain(op.operands[0], known);
-      const bool is_rest = is(rest, OpKind::Mod) && plain(op_of(rest).operands[0], known) == whole;
-      const int64_t by = is_rest ? positive(op_of(rest).operands[1], known) : 0;
+      const ValueId rest = plain(op.operands[1], believed), whole = plain(op.operands[0], believed);
+      const bool is_rest = is(rest, OpKind::Mod) && plain(op_of(rest).operands[0], believed) == whole;
+      const int64_t by = is_rest ? positive(op_of(rest).operands[1], believed) : 0;
       if (by != 0) return moved(of(0, above), above ? 0 : 1 - by);
       out = sums(of(0, above), of(1, !above), -1);
     } else if (op.kind == OpKind::Mod) {
-      if (const int64_t by = positive(op.operands[1], known)) return {{{}, 1, Dim(above ? by - 1 : 0)}};
+      if (const int64_t by = positive(op.operands[1], believed)) return {{{}, 1, Dim(above ? by - 1 : 0)}};
     } else if (op.kind == OpKind::Div) {
-      if (const int64_t by = positive(op.operands[1], known)) {
+      if (const int64_t by = positive(op.operands[1], believed)) {
         // Of a multiple it is not rounded; else towards 0.
-        const bool even = is_multiple(op.operands[0], by, known);
+        const bool even = is_multiple(op.operands[0], by, believed);
         out = moved(of(0, above), even ? 0 : above ? by - 1 : 1 - by);
         for (Line& line : out) line.by *= by;
       }
@@ -176,12 +176,12 @@ class Apart {
   }
 
   // x - x mod by.
-  bool is_multiple(ValueId v, int64_t by, const Known& known) const {
-    v = plain(v, known);
+  bool is_multiple(ValueId v, int64_t by, const Believed& believed) const {
+    v = plain(v, believed);
     if (!is(v, OpKind::Sub)) return false;
-    const ValueId rest = plain(op_of(v).operands[1], known);
-    return is(rest, OpKind::Mod) && plain(op_of(rest).operands[0], known) == plain(op_of(v).operands[0], known) &&
-           positive(op_of(rest).operands[1], known) == by;
+    const ValueId rest = plain(op_of(v).operands[1], believed);
+    return is(rest, OpKind::Mod) && plain(op_of(rest).operands[0], believed) == plain(op_of(v).operands[0], believed) &&
+           positive(op_of(rest).operands[1], believed) == by;
   }
 
   static Lines moved(Lines lines, int64_t plus) {
@@ -199,25 +199,25 @@ class Apart {
     return out;
   }
 
-  std::optional<Dim> bound(ValueId base, bool above, const Known& known) const {
+  std::optional<Dim> bound(ValueId base, bool above, const Believed& believed) const {
     if (!base.valid()) return Dim(0);
-    const auto& bounds = above ? known.most : known.least;
+    const auto& bounds = above ? believed.most : believed.least;
     if (const auto it = bounds.find(base); it != bounds.end()) return it->second;
     if (!is(base, OpKind::Coord)) return std::nullopt;
     const Op& op = op_of(base);
     return above ? op.attrs.dims[static_cast<size_t>(op.attrs.ints[0])] - Dim(1) : Dim(0);
   }
 
-  std::optional<int64_t> by_lines(ValueId high, ValueId low, const Known& known) const {
+  std::optional<int64_t> by_lines(ValueId high, ValueId low, const Believed& believed) const {
     std::optional<int64_t> best;
     const auto take = [&](const Dim& dividend, int64_t by) {
       if (const auto one = ir::most_of_quotient(dividend, by)) best = std::min(best.value_or(*one), *one);
     };
-    const Lines below = lines(low, false, known, kMostDepth);
-    for (const Line& h : lines(high, true, known, kMostDepth))
+    const Lines below = lines(low, false, believed, kMostDepth);
+    for (const Line& h : lines(high, true, believed, kMostDepth))
       for (const Line& l : below) {
         if (h.base == l.base && h.by == l.by) take(h.plus - l.plus, h.by);
-        const auto most = bound(h.base, true, known), least = bound(l.base, false, known);
+        const auto most = bound(h.base, true, believed), least = bound(l.base, false, believed);
         if (most && least) take(Dim(l.by) * (*most + h.plus) - Dim(h.by) * (*least + l.plus), h.by * l.by);
       }
     return best;
