@@ -17,10 +17,10 @@ using ir::ValueId;
 
 namespace {
 
-// More selects, or lines, say nothing.
+// More selects, lines or values say nothing.
 constexpr int kMostSelects = 4;
 constexpr size_t kMostLines = 16;
-constexpr int kMostDepth = 24;
+constexpr int kMostDepth = 24, kMostValues = 2000;
 
 // (base + plus) / by, not rounded; without a base plus / by.
 struct Line {
@@ -43,8 +43,10 @@ class Apart {
   std::optional<int64_t> most(ValueId high, ValueId low, const Believed& believed, int selects) const {
     high = plain(high, believed), low = plain(low, believed);
     if (high == low) return 0;
+    left_ = kMostValues;
     ValueId select = open_select(high, believed, kMostDepth);
     if (!select.valid()) select = open_select(low, believed, kMostDepth);
+    left_ = kMostValues;
     if (!select.valid()) return by_lines(high, low, believed);
     if (selects == 0) return std::nullopt;
     const Op& op = op_of(select);
@@ -89,7 +91,7 @@ class Apart {
   // A select that decides about the value, whose side is not chosen yet.
   ValueId open_select(ValueId v, const Believed& believed, int depth) const {
     v = plain(v, believed);
-    if (depth == 0 || !graph_.value(v).op.valid()) return {};
+    if (depth == 0 || --left_ < 0 || !graph_.value(v).op.valid()) return {};
     const Op& op = op_of(v);
     if (op.kind == OpKind::Select) return v;
     if (!is_looked_through(op.kind)) return {};
@@ -144,7 +146,8 @@ class Apart {
     v = plain(v, believed);
     if (const auto n = number(v)) return {{{}, 1, *n}};
     const Lines itself{{v, 1, Dim(0)}};
-    if (depth == 0 || !graph_.value(v).op.valid() || graph_.value(v).type.scalar != ir::Scalar::Int) return itself;
+    if (depth == 0 || --left_ < 0 || !graph_.value(v).op.valid() || graph_.value(v).type.scalar != ir::Scalar::Int)
+      return itself;
     const Op& op = op_of(v);
     const auto of = [&](size_t k, bool side) { return lines(op.operands[k], side, believed, depth - 1); };
     Lines out;
@@ -154,8 +157,9 @@ class Apart {
       out = of(0, above);
       for (const Line& line : of(1, above)) out.push_back(line);
     } else if (op.kind == OpKind::Add) {
-      out = sums(of(0, above), of(1, above), 1);
-      if (out.empty()) out = sums(of(1, above), of(0, above), 1);
+      const Lines a = of(0, above), b = of(1, above);
+      out = sums(a, b, 1);
+      if (out.empty()) out = sums(b, a, 1);
     } else if (op.kind == OpKind::Sub) {
       const ValueId rest = plain(op.operands[1], believed), whole = plain(op.operands[0], believed);
       const bool is_rest = is(rest, OpKind::Mod) && plain(op_of(rest).operands[0], believed) == whole;
@@ -224,6 +228,7 @@ class Apart {
   }
 
   const Graph& graph_;
+  mutable int left_ = 0;  // values that are looked at for selects, or for lines
 };
 
 }  // namespace
