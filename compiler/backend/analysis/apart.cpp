@@ -145,7 +145,7 @@ class Apart {
   Lines lines(ValueId v, bool above, const Believed& believed, int depth) const {
     v = plain(v, believed);
     if (const auto n = number(v)) return {{{}, 1, *n}};
-    const Lines itself{{v, 1, Dim(0)}};
+    Lines itself{{v, 1, Dim(0)}};
     if (depth == 0 || --left_ < 0 || !graph_.value(v).op.valid() || graph_.value(v).type.scalar != ir::Scalar::Int)
       return itself;
     const Op& op = op_of(v);
