@@ -555,12 +555,22 @@ std::optional<Extent> broadcast(const Extent& a, const Extent& b) {
   return Extent{axis(a.w, b.w), axis(a.h, b.h), axis(a.l, b.l)};
 }
 
-bool never_above_zero(const Dim& dim) {
+namespace {
+
+// The largest value for symbols of at least 1: nothing where it may grow with them.
+std::optional<int64_t> largest_of(const Dim& dim) {
+  // If all terms but the constant one are negative, it is largest where the symbols are least.
+  if (!most_of(dim).is_constant()) return std::nullopt;
   SymbolValues ones;
   for (const std::string& symbol : dim.symbols()) ones[symbol] = 1;
-  const auto at_ones = dim.evaluate(ones);
-  // If all terms but the constant one are negative, it is largest where the symbols are least.
-  return at_ones && *at_ones <= 0 && most_of(dim).is_constant();
+  return dim.evaluate(ones);
+}
+
+}  // namespace
+
+bool never_above_zero(const Dim& dim) {
+  const auto largest = largest_of(dim);
+  return largest && *largest <= 0;
 }
 
 std::optional<int64_t> most_of_quotient(const Dim& dividend, int64_t by) {
@@ -585,13 +595,8 @@ std::optional<int64_t> most_of_quotient(const Dim& dividend, int64_t by) {
     const Dim most = term.coefficient > 0 ? atom.inner : atom.inner - Dim(atom.divisor - 1);
     sum = sum + most * Dim(term.coefficient * (scale / atom.divisor));
   }
-  if (sum.is_constant()) return floor_div(sum.constant(), by * scale);
-  // If all terms but the constant one are negative, it is largest where the symbols are least.
-  SymbolValues ones;
-  for (const std::string& symbol : sum.symbols()) ones[symbol] = 1;
-  const auto at_ones = sum.evaluate(ones);
-  if (!at_ones || !most_of(sum).is_constant()) return std::nullopt;
-  return floor_div(*at_ones, by * scale);
+  const auto largest = largest_of(sum);
+  return largest ? std::optional(floor_div(*largest, by * scale)) : std::nullopt;
 }
 
 }  // namespace dr::ir

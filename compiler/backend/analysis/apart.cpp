@@ -53,6 +53,7 @@ class Apart {
     std::optional<int64_t> out;
     for (const bool holds : {true, false}) {
       Believed more = believed;
+      left_ = kMostValues;
       more.taken[select] = holds ? 1 : 2;
       learn(op.operands[0], holds, more);
       const auto one = most(high, low, more, selects - 1);
@@ -103,7 +104,7 @@ class Apart {
   // Of a comparison with an extent or a number.
   void learn(ValueId condition, bool holds, Believed& believed) const {
     condition = plain(condition, believed);
-    if (!graph_.value(condition).op.valid()) return;
+    if (--left_ < 0 || !graph_.value(condition).op.valid()) return;
     const Op& op = op_of(condition);
     if (op.kind == OpKind::LogicalAnd && holds) {
       for (const ValueId part : op.operands) learn(part, true, believed);
@@ -161,17 +162,14 @@ class Apart {
       out = sums(a, b, 1);
       if (out.empty()) out = sums(b, a, 1);
     } else if (op.kind == OpKind::Sub) {
-      const ValueId rest = plain(op.operands[1], believed), whole = plain(op.operands[0], believed);
-      const bool is_rest = is(rest, OpKind::Mod) && plain(op_of(rest).operands[0], believed) == whole;
-      const int64_t by = is_rest ? positive(op_of(rest).operands[1], believed) : 0;
-      if (by != 0) return moved(of(0, above), above ? 0 : 1 - by);
+      if (const int64_t by = divisor_of(v, believed)) return moved(of(0, above), above ? 0 : 1 - by);
       out = sums(of(0, above), of(1, !above), -1);
     } else if (op.kind == OpKind::Mod) {
       if (const int64_t by = positive(op.operands[1], believed)) return {{{}, 1, Dim(above ? by - 1 : 0)}};
     } else if (op.kind == OpKind::Div) {
       if (const int64_t by = positive(op.operands[1], believed)) {
         // Of a multiple it is not rounded; else towards 0.
-        const bool even = is_multiple(op.operands[0], by, believed);
+        const bool even = divisor_of(op.operands[0], believed) == by;
         out = moved(of(0, above), even ? 0 : above ? by - 1 : 1 - by);
         for (Line& line : out) line.by *= by;
       }
@@ -179,13 +177,13 @@ class Apart {
     return out.empty() || out.size() > kMostLines ? itself : out;
   }
 
-  // x - x mod by.
-  bool is_multiple(ValueId v, int64_t by, const Believed& believed) const {
+  // The number that it is a multiple of, as x - x mod by is of `by`; else 0.
+  int64_t divisor_of(ValueId v, const Believed& believed) const {
     v = plain(v, believed);
-    if (!is(v, OpKind::Sub)) return false;
-    const ValueId rest = plain(op_of(v).operands[1], believed);
-    return is(rest, OpKind::Mod) && plain(op_of(rest).operands[0], believed) == plain(op_of(v).operands[0], believed) &&
-           positive(op_of(rest).operands[1], believed) == by;
+    if (!is(v, OpKind::Sub)) return 0;
+    const ValueId whole = plain(op_of(v).operands[0], believed), rest = plain(op_of(v).operands[1], believed);
+    const bool is_rest = is(rest, OpKind::Mod) && plain(op_of(rest).operands[0], believed) == whole;
+    return is_rest ? positive(op_of(rest).operands[1], believed) : 0;
   }
 
   static Lines moved(Lines lines, int64_t plus) {
@@ -228,7 +226,7 @@ class Apart {
   }
 
   const Graph& graph_;
-  mutable int left_ = 0;  // values that are looked at for selects, or for lines
+  mutable int left_ = 0;  // values that are looked at, for selects, conditions or lines
 };
 
 }  // namespace

@@ -246,9 +246,7 @@ Generator::FloatSums Generator::float_sums(Shader& s, const ir::Type& type, cons
   FloatSums out;
   std::string& text = out.statements;
   text = "int shift = " + shift_of(word("0"), word("1"), most, domain) + ";";
-  if (const auto guess = guesses_.find(words); guess != guesses_.end())
-    text += " if (index == 0) " + s.bind_words(guess->second, "guess_" + std::to_string(words), bundle::Access::Write) +
-            ".d[0] = uint(shift);";
+  if (guesses_.contains(words)) text += " if (index == 0) " + leave_guess(s, words, "shift");
   std::string any, zeros;
   for (int c = 0; c < n; ++c) {
     std::string parts;
@@ -302,18 +300,20 @@ std::pair<int, ir::Extent> Generator::added_to(ValueId value) const {
   DR_ICE("sums that no pass of the step adds up");
 }
 
+std::string Generator::leave_guess(Shader& s, uint32_t words, const std::string& shift) const {
+  return s.bind_words(guesses_.at(words), "guess_" + std::to_string(words), bundle::Access::Write) + ".d[0] = uint(" +
+         shift + ");";
+}
+
 void Generator::leave_guesses(Shader& s, const Pass& pass) const {
   for (const ValueId v : pass.reads) {
-    if (!resource(v).is_sums()) continue;
     const uint32_t words = resource_index(v);
-    const auto guess = guesses_.find(words);
-    if (guess == guesses_.end()) continue;
-    const std::string name = std::to_string(words), sums = s.read_words(words, "sums_" + name, sum_word());
+    if (!resource(v).is_sums() || !guesses_.contains(words)) continue;
+    const std::string sums = s.read_words(words, "sums_" + std::to_string(words), sum_word());
     const auto [most, domain] = added_to(v);
     s.prelude(glsl::kFixedShift);
     s.prelude(most < 0 ? kCountBits : "");
-    s.body().line("if (index == 0) " + s.bind_words(guess->second, "guess_" + name, bundle::Access::Write) +
-                  ".d[0] = uint(" + shift_of(sums + "(0)", sums + "(1)", most, domain) + ");");
+    s.body().line("if (index == 0) " + leave_guess(s, words, shift_of(sums + "(0)", sums + "(1)", most, domain)));
   }
 }
 

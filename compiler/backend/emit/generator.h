@@ -127,9 +127,9 @@ class Generator {
   // Invocations of a workgroup join what they add when they are done (group_sums.cpp): how many bits a limb of a number
   // has; which targets have the same places; what each does with a contribution until then; and what they do together.
   static std::string limb_bits(const Target& target);
-  void find_same_places(const std::vector<Target*>& targets, int group) const;
+  void find_same_places(const std::vector<Target*>& targets) const;
   std::string keep_for_group(glsl::Shader& shader, const Target& target, bool lists);
-  void join_in_group(glsl::Shader& shader, const std::vector<const Target*>& targets, int invocations);
+  void join_in_group(glsl::Shader& shader, const std::vector<const Target*>& targets);
   // Lanes beside each other join what they add when they are done with an element (pair_sums.cpp): what a lane does
   // with a contribution until then, at an element's beginning, and at its end.
   static std::string keep_for_pair(glsl::Shader& shader, const Target& target);
@@ -165,6 +165,8 @@ class Generator {
   std::string floats_reader(glsl::Shader& shader, ir::ValueId value, const std::string& function) const;
   // Takes the sums that the pass reads and leaves zeros, once an element.
   void take_sums(glsl::Shader& shader, const Pass& pass) const;
+  // Leaves the exponent of sums, whose scatter guesses, for the next run.
+  std::string leave_guess(glsl::Shader& shader, uint32_t words, const std::string& shift) const;
   // The first invocation leaves the exponents of the sums that a scatter reads, which the next run guesses; its
   // elements are listed, and the first one hardly is.
   void leave_guesses(glsl::Shader& shader, const Pass& pass) const;

@@ -40,10 +40,11 @@ std::string Generator::limb_bits(const Target& t) {
   return std::to_string(32 - std::bit_width(most)) + "u";
 }
 
-void Generator::find_same_places(const std::vector<Target*>& targets, int group) const {
+void Generator::find_same_places(const std::vector<Target*>& targets) const {
+  if (targets.empty()) return;
   std::vector<const ScatterSum*> sums;
   for (const Target* t : targets) sums.push_back(&t->sum);
-  for (const JoinedSums& same : joined_sums(graph_, sums, group))
+  for (const JoinedSums& same : joined_sums(graph_, sums, targets[0]->group))
     for (const size_t k : same.sums) targets[k]->places = targets[same.sums[0]]->accumulator.name;
 }
 
@@ -72,12 +73,12 @@ std::string Generator::keep_for_group(Shader& s, const Target& t, bool lists) {
          "[site] = value;\n    if (most >= without_limbs_" + id + ") rare_" + id + " |= 1u << site;\n  }\n";
 }
 
-void Generator::join_in_group(Shader& s, const std::vector<const Target*>& targets, int invocations) {
-  const std::string group = std::to_string(invocations);
+void Generator::join_in_group(Shader& s, const std::vector<const Target*>& targets) {
+  const std::string group = std::to_string(targets[0]->group);
   s.declare("shared uint group_adds;\n");
   std::vector<const ScatterSum*> sums;
   for (const Target* t : targets) sums.push_back(&t->sum);
-  const std::vector<JoinedSums> joined = joined_sums(graph_, sums, invocations);
+  const std::vector<JoinedSums> joined = joined_sums(graph_, sums, targets[0]->group);
   DR_ASSERT(!joined.empty());
   std::string any, clear, add, rest, flush;
   for (const JoinedSums& same : joined) {

@@ -135,8 +135,7 @@ void Generator::store_results(Shader& s, const Pass& pass, const std::vector<con
   for (const Pass* scatter : scatters)
     if (const auto& how = scatter->get<ScatterPass>(); how.joined_run() != nullptr && how.joins_groups())
       for (Target& t : targets_.at(scatter)) together.push_back(&t);
-  const int group = pass.get<MapPass>().code.joining_group;
-  find_same_places(together, group);
+  find_same_places(together);
   for (const Pass* scatter : scatters) {
     const auto& how = scatter->get<ScatterPass>();
     if (how.joined_run() != nullptr) {
@@ -157,7 +156,7 @@ void Generator::store_results(Shader& s, const Pass& pass, const std::vector<con
     s.declare("void finish() {\n" + finish + "}\n");
     s.body().line("finish();");
   }
-  if (!together.empty()) join_in_group(s, {together.begin(), together.end()}, group);
+  if (!together.empty()) join_in_group(s, {together.begin(), together.end()});
 }
 
 void Generator::store_partial(Shader& s, const Pass& pass, const Pass& scatter) {

@@ -92,7 +92,7 @@ class StepCode {
       code.cut = cut(code.heavy ? light_trips(pass, *code.heavy) : trips, code.lists_in_runs ? kListedRun : 1);
     }
     code.told = told(pass, map, code, id);
-    if (const auto sums = joined_in_groups(id); ends_once(code) && !sums.empty()) {
+    if (const auto sums = joined_in_groups(step_, id); ends_once(code) && !sums.empty()) {
       code.joining_group = joining_group(pass, id, sums);
       code.in_tiles = !pass.domain.h.is_one();  // lanes of a square add to the same elements; memory is read in rows
     }
@@ -107,15 +107,6 @@ class StepCode {
     constexpr int kMostComponents = 4;  // that a workgroup's memory holds
     return profile_.is_gpu() && profile_.max_compute_work_group_invocations >= static_cast<uint32_t>(kReducingGroup) &&
            result.extent.is_unit() && result.type.components() <= kMostComponents;
-  }
-
-  // What the workgroups of a map join.
-  std::vector<const ScatterSum*> joined_in_groups(PassId map) const {
-    std::vector<const ScatterSum*> sums;
-    for (const Pass* pass : listed_for(step_, map))
-      if (const auto& scatter = pass->get<ScatterPass>(); scatter.joins_groups())
-        for (const ScatterSum& sum : scatter.sums) sums.push_back(&sum);
-    return sums;
   }
 
   // A processor of 65,536 registers holds one workgroup of 256 where an invocation has more than 128. For one of 512

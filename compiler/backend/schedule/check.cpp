@@ -163,11 +163,7 @@ class StepChecker {
     const auto* map = pass().as<MapPass>();
     if (map == nullptr || map->code.joining_group == kJoiningGroup) return;
     if (map->code.joining_group <= 0) return unsound("has workgroups of no invocations");
-    std::vector<const ScatterSum*> sums;
-    for (const Pass* scatter : listed_for(step_, pass_id(place_)))
-      if (scatter->get<ScatterPass>().joins_groups())
-        for (const ScatterSum& sum : scatter->get<ScatterPass>().sums) sums.push_back(&sum);
-    if (!groups_have_room(graph_, profile_, sums, map->code.joining_group))
+    if (!groups_have_room(graph_, profile_, joined_in_groups(step_, pass_id(place_)), map->code.joining_group))
       report(Violation::Kind::Limit,
              "joins in workgroups of " + std::to_string(map->code.joining_group) + " invocations");
   }

@@ -55,6 +55,14 @@ std::vector<JoinedSums> joined_sums(const ir::Graph& graph, std::span<const Scat
   return out;
 }
 
+std::vector<const ScatterSum*> joined_in_groups(const StepSchedule& step, PassId map) {
+  std::vector<const ScatterSum*> sums;
+  for (const Pass* pass : listed_for(step, map))
+    if (const auto& scatter = pass->get<ScatterPass>(); scatter.joins_groups())
+      for (const ScatterSum& sum : scatter.sums) sums.push_back(&sum);
+  return sums;
+}
+
 bool groups_have_room(const ir::Graph& graph, const target::Profile& profile, std::span<const ScatterSum* const> sums,
                       int group) {
   if (!profile.is_gpu() || profile.max_compute_work_group_invocations < static_cast<uint32_t>(group)) return false;

@@ -6,7 +6,7 @@
 #include <span>
 #include <vector>
 
-#include "compiler/backend/schedule/pass.h"
+#include "compiler/backend/schedule/schedule.h"
 #include "compiler/target/profile.h"
 
 namespace dr::backend {
@@ -20,6 +20,9 @@ struct JoinedSums {
 
 // All of `sums`, each in one of these, for workgroups of `group` invocations. Empty: more than one should have.
 std::vector<JoinedSums> joined_sums(const ir::Graph& graph, std::span<const ScatterSum* const> sums, int group);
+
+// What the workgroups of a map join.
+std::vector<const ScatterSum*> joined_in_groups(const StepSchedule& step, PassId map);
 
 // Whether the workgroups of a device may be so large, and have the memory for them.
 bool groups_have_room(const ir::Graph& graph, const target::Profile& profile, std::span<const ScatterSum* const> sums,

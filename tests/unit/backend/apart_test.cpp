@@ -40,15 +40,20 @@ class Program {
   size_t text(const std::string& op, size_t a, size_t b) {
     return append("int[W]", op + " " + name(a) + ", " + name(b), nullptr);
   }
+  size_t condition(const std::string& op, size_t a, size_t b) {
+    return append("bool[W]", op + " " + name(a) + ", " + name(b), nullptr);
+  }
+  size_t choice(size_t condition, size_t yes, size_t no) {
+    return append("int[W]", "select " + name(condition) + ", " + name(yes) + ", " + name(no), nullptr);
+  }
   // floor(a / b), as the compiler writes it.
   size_t floored(size_t a, size_t b) {
     const size_t rest = binary("mod", a, b, floor_mod), whole = binary("sub", a, rest, std::minus<int64_t>());
     return binary("div", whole, b, [](int64_t x, int64_t y) { return x / y; });
   }
   size_t select(const std::string& op, size_t a, size_t b, size_t yes, size_t no) {
-    const size_t condition = append("bool[W]", op + " " + name(a) + ", " + name(b), nullptr);
     const bool less = op == "lt";
-    return add("select " + name(condition) + ", " + name(yes) + ", " + name(no),
+    return add("select " + name(condition(op, a, b)) + ", " + name(yes) + ", " + name(no),
                [=, a = numbers_[a], b = numbers_[b], yes = numbers_[yes], no = numbers_[no]](int64_t w, int64_t x) {
                  return (less ? a(w, x) < b(w, x) : a(w, x) <= b(w, x)) ? yes(w, x) : no(w, x);
                });
@@ -144,4 +149,7 @@ TEST_CASE("sums of sums of themselves take no time") {
   for (int k = 0; k < 200; ++k) v = p.text(k % 3 == 0 ? "min" : "add", v, v);
   CHECK(!p.bound(v, kZero));
   CHECK(p.bound(p.text("mod", v, kThree), kZero) == 2);
+  size_t condition = p.condition("le", kX, kThree);
+  for (int k = 0; k < 200; ++k) condition = p.condition("land", condition, condition);
+  CHECK(p.bound(p.choice(condition, kOne, kTwo), kZero) == 2);
 }
