@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <charconv>
+#include <compare>
 #include <limits>
 #include <memory>
 #include <mutex>
@@ -82,23 +83,23 @@ struct Atom {
 std::strong_ordering compare(const Atom& a, const Atom& b) {
   if (&a == &b) return std::strong_ordering::equal;
   // Symbols before divisions.
-  if (auto c = (a.divisor != 0) <=> (b.divisor != 0); c != 0) return c;
+  if (auto c = (a.divisor != 0) <=> (b.divisor != 0); std::is_neq(c)) return c;
   if (a.divisor == 0) return a.name <=> b.name;
-  if (auto c = a.inner <=> b.inner; c != 0) return c;
+  if (auto c = a.inner <=> b.inner; std::is_neq(c)) return c;
   return a.divisor <=> b.divisor;
 }
 
 // Products of higher degree first, so that the constant comes last.
 std::strong_ordering compare(const std::vector<AtomPtr>& a, const std::vector<AtomPtr>& b) {
-  if (auto c = b.size() <=> a.size(); c != 0) return c;
+  if (auto c = b.size() <=> a.size(); std::is_neq(c)) return c;
   for (size_t i = 0; i < a.size(); ++i) {
-    if (auto c = compare(*a[i], *b[i]); c != 0) return c;
+    if (auto c = compare(*a[i], *b[i]); std::is_neq(c)) return c;
   }
   return std::strong_ordering::equal;
 }
 
 bool operator==(const Term& a, const Term& b) {
-  return a.coefficient == b.coefficient && compare(a.atoms, b.atoms) == 0;
+  return a.coefficient == b.coefficient && std::is_eq(compare(a.atoms, b.atoms));
 }
 
 Dim undefined() { return Node::undefined(); }
@@ -130,10 +131,11 @@ Dim from_sorted(std::vector<Term> terms) {
 }
 
 Dim from_terms(std::vector<Term> terms) {
-  std::sort(terms.begin(), terms.end(), [](const Term& a, const Term& b) { return compare(a.atoms, b.atoms) < 0; });
+  std::sort(terms.begin(), terms.end(),
+            [](const Term& a, const Term& b) { return std::is_lt(compare(a.atoms, b.atoms)); });
   std::vector<Term> collected;
   for (Term& term : terms) {
-    if (collected.empty() || compare(collected.back().atoms, term.atoms) != 0) {
+    if (collected.empty() || std::is_neq(compare(collected.back().atoms, term.atoms))) {
       if (!collected.empty() && collected.back().coefficient == 0) collected.pop_back();
       collected.push_back(std::move(term));
     } else if (add_overflows(collected.back().coefficient, term.coefficient, &collected.back().coefficient)) {
@@ -156,13 +158,13 @@ Dim add_scaled(const Dim& a, const Dim& b, int64_t factor) {
     const auto order = i == x.size()   ? std::strong_ordering::greater
                        : j == y.size() ? std::strong_ordering::less
                                        : compare(x[i].atoms, y[j].atoms);
-    if (order < 0) {
+    if (std::is_lt(order)) {
       sum.push_back(x[i++]);
       continue;
     }
     int64_t coefficient = 0;
     if (mul_overflows(y[j].coefficient, factor, &coefficient)) return undefined();
-    if (order == 0 && add_overflows(x[i++].coefficient, coefficient, &coefficient)) return undefined();
+    if (std::is_eq(order) && add_overflows(x[i++].coefficient, coefficient, &coefficient)) return undefined();
     if (coefficient != 0) sum.push_back({y[j].atoms, coefficient});
     ++j;
   }
@@ -238,7 +240,7 @@ Dim Dim::operator*(const Dim& other) const {
       if (mul_overflows(a.coefficient, b.coefficient, &product.coefficient)) return undefined();
       product.atoms.resize(a.atoms.size() + b.atoms.size());
       std::merge(a.atoms.begin(), a.atoms.end(), b.atoms.begin(), b.atoms.end(), product.atoms.begin(),
-                 [](const AtomPtr& p, const AtomPtr& q) { return compare(*p, *q) < 0; });
+                 [](const AtomPtr& p, const AtomPtr& q) { return std::is_lt(compare(*p, *q)); });
       products.push_back(std::move(product));
     }
   }
@@ -527,13 +529,13 @@ std::optional<Dim> Dim::parse(std::string_view text) { return DimParser(text).pa
 
 std::strong_ordering operator<=>(const Dim& a, const Dim& b) {
   if (a.node_ == b.node_) return a.constant_ <=> b.constant_;
-  if (auto c = (a.node_ != nullptr) <=> (b.node_ != nullptr); c != 0) return c;
+  if (a.node_ == nullptr || b.node_ == nullptr) return (a.node_ != nullptr) <=> (b.node_ != nullptr);
   const auto& x = a.node_->terms;
   const auto& y = b.node_->terms;
-  if (auto c = x.size() <=> y.size(); c != 0) return c;
+  if (auto c = x.size() <=> y.size(); std::is_neq(c)) return c;
   for (size_t i = 0; i < x.size(); ++i) {
-    if (auto c = compare(x[i].atoms, y[i].atoms); c != 0) return c;
-    if (auto c = x[i].coefficient <=> y[i].coefficient; c != 0) return c;
+    if (auto c = compare(x[i].atoms, y[i].atoms); std::is_neq(c)) return c;
+    if (auto c = x[i].coefficient <=> y[i].coefficient; std::is_neq(c)) return c;
   }
   return std::strong_ordering::equal;
 }
