@@ -6,6 +6,7 @@
 
 #include "compiler/backend/analysis/fold_memory.h"
 #include "compiler/backend/emit/generator.h"
+#include "compiler/backend/lowering/add_where_computed.h"
 #include "compiler/backend/lowering/block_loops.h"
 #include "compiler/backend/lowering/choose_code.h"
 #include "compiler/backend/lowering/clear_by_epochs.h"
@@ -65,6 +66,12 @@ Outcome run_update_in_place(Compilation& c) {
 
 Outcome run_keep_in_tiles(Compilation& c) {
   keep_in_tiles(c.graph(), c.out.schedule);
+  return std::nullopt;
+}
+
+Outcome run_add_where_computed(Compilation& c) {
+  if (c.options.list_active && c.options.guess_exponents && !c.options.native_floats)
+    add_where_computed(c.graph(), c.profile, c.out.schedule);
   return std::nullopt;
 }
 
@@ -184,6 +191,7 @@ constexpr BackendPass kPasses[] = {
     {"choose-sums", run_choose_sums, only(Fact::Packed), only(Fact::SumsChosen), only(Fact::PlacesFixed)},
     {"update-in-place", run_update_in_place, Fact::Packed | Fact::SumsChosen, 0, only(Fact::Lowered)},
     {"keep-in-tiles", run_keep_in_tiles, Fact::Packed | Fact::SumsChosen, 0, only(Fact::Lowered)},
+    {"add-where-computed", run_add_where_computed, Fact::Packed | Fact::SumsChosen, 0, only(Fact::Lowered)},
     {"list-where-computed", run_list_where_computed, Fact::Packed | Fact::SumsChosen, only(Fact::PlacesFixed),
      only(Fact::Lowered)},
     {"keep-sums", run_keep_sums, Fact::Packed | Fact::SumsChosen, 0, only(Fact::Lowered)},

@@ -584,8 +584,11 @@ std::optional<int64_t> most_of_quotient(const Dim& dividend, int64_t by) {
   int64_t scale = 1;
   for (const Term& term : terms)
     for (const AtomPtr& atom : term.atoms)
-      if (atom->divisor != 0) scale = std::lcm(scale, atom->divisor);
-  if (scale > kMostScale || by > kMostScale) return std::nullopt;
+      if (atom->divisor != 0) {
+        if (atom->divisor > kMostScale || scale > kMostScale) return std::nullopt;
+        scale = std::lcm(scale, atom->divisor);
+      }
+  if (scale > kMostScale || by > kMostScale || by <= 0) return std::nullopt;
   Dim sum(0);
   for (const Term& term : terms) {
     const bool rounded = term.atoms.size() == 1 && term.atoms[0]->divisor != 0;
@@ -595,7 +598,7 @@ std::optional<int64_t> most_of_quotient(const Dim& dividend, int64_t by) {
     }
     const Atom& atom = *term.atoms[0];
     const Dim most = term.coefficient > 0 ? atom.inner : atom.inner - Dim(atom.divisor - 1);
-    sum = sum + most * Dim(term.coefficient * (scale / atom.divisor));
+    sum = sum + most * Dim(term.coefficient) * Dim(scale / atom.divisor);
   }
   const auto largest = largest_of(sum);
   return largest ? std::optional(floor_div(*largest, by * scale)) : std::nullopt;

@@ -239,6 +239,87 @@ step run { texels <- texels - 0.01 * pull; }
   }
 }
 
+// Where lanes go in turn, a map adds by itself to texels and vertices, in a dispatch of its own where a heavy branch is
+// taken. Elsewhere it adds nothing to the texels, but something to the vertices, and to the tones in any case.
+TEST_CASE("a map of lanes in turn adds what scatters of their own add") {
+  const auto path = (std::filesystem::path(DR_BUILD_DIR) / "added_in_turn_test.dr").string();
+  std::ofstream(path) << R"(edition 1;
+input size : vec2[W, H];
+input corner : ivec3[W, H];
+input factor : float;
+param texels : vec3[T, R] = vec3(0.7);
+param vertex : vec3[V] = vec3(0.2);
+param tone : float[K] = 0.4;
+let n = vertex.at(corner.x) * size.y + vertex.at(corner.y) * 0.5 + vertex.at(corner.z) * size.x;
+let shine = if size.y > 0.3005 {
+  exp(-dot(n, n)) + pow(abs(n.x) + 0.1, 2.5) + sin(3.0 * n.y) * cos(n.z) + atan(n.y, n.x + 2.0) + tanh(n.z)
+} else {
+  0.0
+};
+let color = shine * (texels.at(corner.xy) + 0.5 * texels.at(corner.zx / 4));
+let pale = (size.x + shine) * tone.at(corner.x);
+let error = sum(factor * size.y * color * color) + sum(factor * dot(n, n) * size.x) + sum(pale * pale);
+step run {
+  texels <- texels - 0.01 * grad(error, texels);
+  vertex <- vertex - 0.01 * grad(error, vertex);
+  tone <- tone - 0.01 * grad(error, tone);
+}
+)";
+  constexpr int kWidth = 40, kHeight = 33, kAcross = 20, kDown = 7, kVertices = 100;
+  std::mt19937 random(3);
+  const auto numbers = [&](size_t count) {
+    std::vector<float> out(count);
+    for (float& x : out) x = static_cast<float>(random() % 1000) / 1000.0F;
+    return out;
+  };
+  const auto size = numbers(size_t{2} * kWidth * kHeight), texels = numbers(size_t{3} * kAcross * kDown),
+             vertex = numbers(size_t{3} * kVertices), tone = numbers(kVertices);
+  std::vector<int32_t> corner(size_t{3} * kWidth * kHeight);
+  for (int32_t& v : corner) v = static_cast<int32_t>(random() % (kVertices + 2)) - 1;
+  const auto once = [&](auto& program, float factor) {
+    must(program.bind("size", Array::from_floats(size, 2, kWidth, kHeight)));
+    must(program.bind("corner", Array::from_ints(corner, 3, kWidth, kHeight)));
+    must(program.bind("factor", Array::from_floats(std::span(&factor, 1))));
+    must(program.bind("texels", Array::from_floats(texels, 3, kAcross, kDown)));
+    must(program.bind("vertex", Array::from_floats(vertex, 3)));
+    must(program.bind("tone", Array::from_floats(tone)));
+    must(program.run("run"));
+    std::vector<Array> out;
+    for (const char* leaf : {"texels", "vertex", "tone"}) out.push_back(must(program.leaf(leaf)));
+    return out;
+  };
+  auto turns = std::get<target::Profile>(target::load_profile(narrow()));
+  turns.lanes_in_turn = true;
+  for (const auto& [name, device] : test::devices())
+    for (const std::string& profile : {std::string("lavapipe"), written(turns, "in_turn")}) {
+      jit::Options options;
+      options.profile = profile, options.scatter = "exact";
+      const auto adding = compile(path, options);
+      const auto bundle = std::get<bundle::BundleT>(bundle::read(adding));
+      const auto& commands = bundle.steps[0]->commands;
+      const auto adds = [](const auto& c) { return c->label.ends_with(" add"); };
+      CHECK(std::ranges::count(bundle.resources, bundle::Role::Guess, [](const auto& r) { return r->role; }) == 3);
+      CHECK(std::ranges::count_if(commands, adds) == 1);
+      CHECK(std::ranges::any_of(commands, [](const auto& c) { return c->label.ends_with("_heavy"); }));
+      if (name == "swiftshader") continue;  // has no texels of three words
+      options.ablate = {"guesses"};
+      const auto alone = compile(path, options);
+      CHECK(std::ranges::count_if(std::get<bundle::BundleT>(bundle::read(alone)).steps[0]->commands, adds) == 3);
+      auto program = must(runtime::Program::load(device, adding)), apart = must(runtime::Program::load(device, alone));
+      auto reference = must(jit::ReferenceProgram::load(adding));
+      for (const float factor : {1.0F, 1.0F, 3e4F, INFINITY, 1e-30F, NAN, 0.0F, -2.5F, 1.0F}) {
+        INFO(name << ", " << profile << ", factor " << factor);
+        auto fresh = must(runtime::Program::load(device, adding));
+        const auto found = once(program, factor);
+        CHECK(same_bits(found, once(fresh, factor)));
+        CHECK(same_bits(found, once(apart, factor)));
+        if (!std::isfinite(factor)) continue;
+        const auto truth = once(reference, factor);
+        for (size_t k = 0; k < found.size(); ++k) CHECK(distance(found[k], truth[k]) <= kTolerance);
+      }
+    }
+}
+
 // Sums that are read at each of few elements, by a scatter that is listed. It leaves the exponents that the next run
 // guesses, also where its first element is not listed.
 TEST_CASE("a listed scatter reads sums as they are") {

@@ -201,6 +201,30 @@ const Case kCases[] = {
       step go { output nans = vec4(isnan(vec4(a, inf, nan, -nan))), infs = vec4(isinf(vec4(a, inf, -inf, nan))),
                 few = isnan(acosh(a)), atanhs = atanh(a * 0.9), asinhs = asinh(vec2(a, -1e6 * a)), acoshs = acosh(1.5 + a); })",
      {"go"}},
+    {"a constant that is zero loses no NaN and no Inf",
+     R"(
+      input a : float[W, H];
+      let zero = a - a; let inf = 1.0 / zero; let nan = inf - inf;
+      let heavy = if a > 0.5 { exp(a) + pow(a, 2.5) + sin(3.0 * a) * cos(a) + atan(a, 2.0) + tanh(a) } else { 0.0 };
+      step go { output product = inf * 0.0, other = vec2(0.0, 1.0) * nan, quotient = 0.0 / zero, along = dot(vec3(inf, nan, a), vec3(0.0, 0.0, 1.0)),
+                larger = max(inf * 0.0, -1.0), sum = 0.0 * inf + 2.0, branch = nan * heavy, both = inf * heavy + a,
+                at = scatter_add(coord(W, H).x, inf * heavy, W); })",
+     {"go"}},
+    {"places of floats that no integer holds",
+     R"(
+      input a : float[W, H];
+      let f = if a > 0.5 { 1e30 } else { 3.0 * a };
+      let i = min(max(int(f), 0) + 1, 6); let j = max(int(min(-f, 7.0)) - 1, 0); let k = clamp(int(f), 0, 5) + 1;
+      step go { output i, j, k, one = a.at(ivec2(i, 0)), two = a.at(ivec2(j, 1)), three = a.at(ivec2(k, 2)); })",
+     {"go"}},
+    {"pictures halved, and by thirds, whose size data says",
+     R"(
+      input a : float[W, H];
+      let last = ivec2(W, H) - 1;
+      let p = coord((W + 1) / 2, (H + 1) / 2).xy;
+      let half = a.at(min(2 * p + 1, last)); let third = a.at(min(3 * p + 1, last)); let beside = a.at(min(min(2 * p, last) + 1, last));
+      step go { output half, third, back = grad(sum(half * half), a), thirds = grad(sum(third * third), a), other = grad(sum(beside * beside), a); })",
+     {"go"}},
     {"refraction and other functions of vectors",
      R"(
       input a : float[W, H];

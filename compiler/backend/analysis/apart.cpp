@@ -21,6 +21,7 @@ namespace {
 constexpr int kMostSelects = 4;
 constexpr size_t kMostLines = 16;
 constexpr int kMostDepth = 24, kMostValues = 2000;
+constexpr int64_t kMostDivisor = 1 << 20;  // of lines
 
 // (base + plus) / by, not rounded; without a base plus / by.
 struct Line {
@@ -128,10 +129,16 @@ class Apart {
     if (const auto most = number(b)) believed.most.try_emplace(a, *most - Dim(by));
   }
 
-  std::optional<Dim> number(ValueId v) const {
+  // Of extents and numbers:  W    W - 1
+  std::optional<Dim> number(ValueId v, int depth = 4) const {
     if (!graph_.value(v).op.valid()) return std::nullopt;
     const Op& op = op_of(v);
     if (op.kind == OpKind::DimValue) return op.attrs.dims[0];
+    if ((op.kind == OpKind::Add || op.kind == OpKind::Sub) && depth > 0) {
+      const auto a = number(plain(op.operands[0], {}), depth - 1), b = number(plain(op.operands[1], {}), depth - 1);
+      if (!a || !b) return std::nullopt;
+      return op.kind == OpKind::Add ? *a + *b : *a - *b;
+    }
     if (op.kind != OpKind::Const || graph_.value(v).type.scalar != ir::Scalar::Int ||
         std::ranges::any_of(op.attrs.floats, [&](double x) { return x != op.attrs.floats[0]; }))
       return std::nullopt;
@@ -171,7 +178,10 @@ class Apart {
         // Of a multiple it is not rounded; else towards 0.
         const bool even = divisor_of(op.operands[0], believed) == by;
         out = moved(of(0, above), even ? 0 : above ? by - 1 : 1 - by);
-        for (Line& line : out) line.by *= by;
+        for (Line& line : out) {
+          line.by *= by;
+          if (line.by > kMostDivisor) return itself;
+        }
       }
     }
     return out.empty() || out.size() > kMostLines ? itself : out;

@@ -342,11 +342,10 @@ void Generator::map_pass(const Pass& pass) {
   const std::vector<const Pass*> scatters = listed_for(pass);
   size_t targets = 0;
   for (const Pass* scatter : scatters) {
-    const bool joined = scatter->get<ScatterPass>().joined_run() != nullptr;
-    if (joined) targets += (targets_[scatter] = scatter_targets(*scatter, targets)).size();
-    const bool all_here =
-        joined && (scatter->get<ScatterPass>().exact() == nullptr || scatter->get<ScatterPass>().runs_again());
-    if (!all_here) active_lists_[scatter] = add_list(*scatter, "active", bundle::ListKind::Active);
+    if (scatter->get<ScatterPass>().joined_run() != nullptr)
+      targets += (targets_[scatter] = scatter_targets(*scatter, targets)).size();
+    if (scatter->get<ScatterPass>().leaves_list())
+      active_lists_[scatter] = add_list(*scatter, "active", bundle::ListKind::Active);
   }
   if (map.rest) return stepped_map_pass(pass);
   if (map.block) return block_map_pass(pass, *map.block);

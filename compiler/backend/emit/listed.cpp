@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <set>
 
+#include "compiler/backend/analysis/zero_without.h"
 #include "compiler/backend/emit/generator.h"
 
 namespace dr::backend {
@@ -15,6 +16,22 @@ namespace {
 
 // Invocations that share the listed elements of a GPU: where few elements are listed, starting more takes longer.
 constexpr int kWalking = 1 << 14;
+
+// Whether a scatter adds nothing where these branches are left out: each clause has one of their conditions, or all
+// that it adds is zero.
+bool adds_nothing(const ir::Graph& graph, const ScatterPass& scatter, const std::vector<ir::OpId>& heavy) {
+  const auto leaves_out = [&](const std::vector<ValueId>& clause) {
+    return std::ranges::any_of(
+        heavy, [&](ir::OpId id) { return std::ranges::find(clause, graph.op(id).operands[0]) != clause.end(); });
+  };
+  if (std::ranges::all_of(scatter.clauses(), leaves_out)) return true;
+  return std::ranges::all_of(scatter.sums, [&](const ScatterSum& sum) {
+    return std::ranges::all_of(sum.terms, [&](ValueId term) {
+      const ir::Op& op = graph.op(graph.value(term).op);
+      return op.kind == ir::OpKind::ScatterAdd && is_zero_without(graph, op.operands[1], heavy);
+    });
+  });
+}
 
 }  // namespace
 
@@ -56,14 +73,9 @@ void Generator::listed_map_pass(const Pass& pass, const HeavyBranches& branches)
     loop.add(words, branches.by_subgroups);
     s.body().line(loop.skip());
     s.body().line("}");
-    // Where each clause of the scatter has a condition of a branch left out, no element is active here.
     std::vector<const Pass*> scatters = listed_for(pass);
-    std::erase_if(scatters, [&](const Pass* scatter) {
-      return std::ranges::all_of(scatter->get<ScatterPass>().clauses(), [&](const std::vector<ValueId>& clause) {
-        return std::ranges::any_of(
-            heavy, [&](ir::OpId id) { return std::ranges::find(clause, graph_.op(id).operands[0]) != clause.end(); });
-      });
-    });
+    std::erase_if(scatters,
+                  [&](const Pass* scatter) { return adds_nothing(graph_, scatter->get<ScatterPass>(), heavy); });
     store_results(s, pass, scatters, &loop);
     end_cut(s, cut);
     const std::string invocations = loop.close();

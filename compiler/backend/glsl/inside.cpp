@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <iterator>
+#include <span>
 
 #include "compiler/backend/schedule/trips.h"
 #include "compiler/ir/dim_bound.h"
@@ -18,7 +19,11 @@ namespace {
 
 // Whether an integer is made in a way that its bounds hold for 32 bits too: sums and products may wrap on the way, as
 // long as nothing but sums and products follows.
-bool holds_in_words(const ir::Graph& graph, ValueId v, bool may_multiply, int& left) {
+struct Allowed {
+  bool product = true;
+  bool any_word = true;  // an integer that may be any: no sum, which would wrap, follows before it is clamped
+};
+bool holds_in_words(const ir::Graph& graph, ValueId v, Allowed allowed, int& left) {
   if (--left < 0) return false;
   const ir::ValueInfo& info = graph.value(v);
   if (!info.op.valid()) return true;
@@ -30,11 +35,18 @@ bool holds_in_words(const ir::Graph& graph, ValueId v, bool may_multiply, int& l
   const auto is_one_of = [&](const auto& kinds) { return std::ranges::find(kinds, op.kind) != std::end(kinds); };
   if (is_one_of(kEnds)) return true;
   // Of a float it is the nearest one that words hold, and 0 of a NaN.
-  if (op.kind == OpKind::Convert && graph.value(op.operands[0]).type.is_float()) return true;
-  const bool bounds = is_one_of(kBounds), multiplies = op.kind == OpKind::Mul && may_multiply;
+  if (op.kind == OpKind::Convert && graph.value(op.operands[0]).type.is_float()) return allowed.any_word;
+  const bool bounds = is_one_of(kBounds), multiplies = op.kind == OpKind::Mul && allowed.product;
   if (!bounds && !multiplies && !is_one_of(kOthers)) return false;
-  may_multiply = may_multiply && !bounds;
-  return std::ranges::all_of(op.operands, [&](ValueId x) { return holds_in_words(graph, x, may_multiply, left); });
+  allowed.product = allowed.product && !bounds;
+  if (op.kind == OpKind::Clamp) {
+    Allowed clamped = allowed;
+    clamped.any_word = true;
+    if (!holds_in_words(graph, op.operands[0], clamped, left)) return false;
+  }
+  if (op.kind == OpKind::Add || op.kind == OpKind::Sub || multiplies) allowed.any_word = false;
+  return std::ranges::all_of(std::span(op.operands).subspan(op.kind == OpKind::Clamp ? 1 : 0),
+                             [&](ValueId x) { return holds_in_words(graph, x, allowed, left); });
 }
 
 // Of one component of an integer.
@@ -65,7 +77,7 @@ bool is_inside(const ir::Graph& graph, const Op& gather) {
   const ir::Extent& image = graph.value(gather.operands[0]).extent;
   const ValueId index = gather.operands[1];
   int left = 64;
-  if (!holds_in_words(graph, index, true, left)) return false;
+  if (!holds_in_words(graph, index, {}, left)) return false;
   const Dim* const sizes[] = {&image.w, &image.h, &image.l};
   for (int c = 0; c < graph.value(index).type.rows; ++c) {
     const Bounds bounds = bounds_of_component(graph, index, c, 0);

@@ -355,7 +355,12 @@ std::vector<std::string> Shader::region(ir::RegionId id) {
 void Shader::op(const Op& op) {
   if (common_ && common_op(op)) return;
   switch (op.kind) {
-    case OpKind::Const: define(op.results[0], literal(graph_.value(op.results[0]).type, op.attrs.floats)); return;
+    case OpKind::Const: {
+      const Type& type = graph_.value(op.results[0]).type;
+      hides_zeros_ = hides_zeros_ || (schedule_.code.hidden_zeros && type.is_float());
+      define(op.results[0], literal(type, op.attrs.floats, hides_zeros_ && type.is_float() ? "hidden_zero" : ""));
+      return;
+    }
     case OpKind::DimValue: define(op.results[0], dim_expression(op.attrs.dims[0])); return;
     case OpKind::Coord: {
       const auto axis = static_cast<size_t>(op.attrs.ints[0]);
@@ -562,6 +567,8 @@ std::string Shader::finish(const std::string& layout) {
     out += "layout(constant_id = " + std::to_string(k) + ") const int " + symbol_name(symbols_[k]) + " = 1;\n";
   if (cut_) out += "layout(constant_id = " + std::to_string(symbols_.size() + 1) + ") const int part_trips = 0;\n";
   out += "layout(push_constant) uniform Push { int layer; int a; int b; int c; } pc;\n";
+  // pc.c is 0 always.
+  if (hides_zeros_) out += "#define hidden_zero uintBitsToFloat(uint(pc.c))\n";
   for (size_t k = 0; k < declared_.size(); ++k) {
     const bool image = declared_[k].text.starts_with("uniform");
     const auto input = std::find(inputs_.begin(), inputs_.end(), bindings_[k]->resource);

@@ -71,10 +71,14 @@ std::string scalar_literal(ir::Scalar scalar, double value) {
 
 }  // namespace
 
-std::string literal(const ir::Type& type, std::span<const double> components) {
-  if (type.is_scalar()) return scalar_literal(type.scalar, components[0]);
+std::string literal(const ir::Type& type, std::span<const double> components, std::string_view zero) {
+  const auto scalar = [&](double x) {
+    if (zero.empty() || static_cast<float>(x) != 0) return scalar_literal(type.scalar, x);
+    return std::signbit(x) ? "(-" + std::string(zero) + ")" : std::string(zero);
+  };
+  if (type.is_scalar()) return scalar(components[0]);
   std::string out = type.str() + "(";
-  for (size_t k = 0; k < components.size(); ++k) out += (k ? ", " : "") + scalar_literal(type.scalar, components[k]);
+  for (size_t k = 0; k < components.size(); ++k) out += (k ? ", " : "") + scalar(components[k]);
   return out + ")";
 }
 

@@ -26,8 +26,8 @@ class Writer {
 std::string symbol_name(std::string_view symbol);
 // A Dim as a GLSL expression that needs no parentheses around it.
 std::string dim_expression(const ir::Dim& dim);
-// Components as a literal of the type, exact for float32.
-std::string literal(const ir::Type& type, std::span<const double> components);
+// Components as a literal of the type, exact for float32. `zero`, unless empty, stands for those that are zero.
+std::string literal(const ir::Type& type, std::span<const double> components, std::string_view zero = {});
 std::string zero(const ir::Type& type);
 // What every value is at most (`least`) or at least: where a minimum or a maximum starts.
 std::string limit(const ir::Type& type, bool least);

@@ -88,7 +88,9 @@ class StepCode {
     if (set_up_for(step_, id) == nullptr) {
       const Trips trips = trips_of(graph_, pass.ops);
       if (options_.list_branches && !map.block && !map.rest) code.heavy = heavy(pass, trips);
-      code.lists_in_runs = profile_.lanes_in_turn && (code.heavy || !listed_for(step_, id).empty());
+      const bool lists = std::ranges::any_of(
+          listed_for(step_, id), [](const Pass* scatter) { return scatter->get<ScatterPass>().leaves_list(); });
+      code.lists_in_runs = profile_.lanes_in_turn && (code.heavy || lists);
       code.cut = cut(code.heavy ? light_trips(pass, *code.heavy) : trips, code.lists_in_runs ? kListedRun : 1);
     }
     code.told = told(pass, map, code, id);
@@ -347,6 +349,7 @@ void choose_code(const Graph& graph, const target::Profile& profile, const CodeO
   Code& code = schedule.code = {};
   code.native = options.native_floats;
   code.texel_reads = code.hidden_stores = profile.lanes_in_turn;
+  code.hidden_zeros = profile.lanes_in_turn && !code.native;
   code.no_else = profile.else_doubles_compile;
   code.wide_words = profile.shader_int64 && profile.shader_buffer_int64_atomics;
   code.layers_at_once = profile.max_multiview_view_count > 0;

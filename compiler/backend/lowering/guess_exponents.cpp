@@ -21,8 +21,9 @@ bool may_guess_where_listed(const ir::Graph& graph, const target::Profile& profi
   return !needs_cut(trips_of(graph, scatter.ops), profile, kElementsOfGuess) && fits(profile, bindings);
 }
 
-// Whether the shaders that bind a guess may bind it beside sums and lists.
-bool have_room(const target::Profile& profile, const Schedule& schedule, const StepSchedule& step) {
+}  // namespace
+
+bool guesses_have_room(const target::Profile& profile, const Schedule& schedule, const StepSchedule& step) {
   return std::ranges::all_of(step.passes, [&](const Pass& pass) {
     const size_t guesses = guesses_bound(schedule.resources, step, pass);
     Bindings bindings =
@@ -31,8 +32,6 @@ bool have_room(const target::Profile& profile, const Schedule& schedule, const S
     return guesses == 0 || fits(profile, bindings);
   });
 }
-
-}  // namespace
 
 void guess_exponents(const ir::Graph& graph, const target::Profile& profile, Schedule& schedule) {
   if (!profile.is_gpu()) return;
@@ -46,7 +45,7 @@ void guess_exponents(const ir::Graph& graph, const target::Profile& profile, Sch
       if (!are_cached(graph, scatter->sums)) continue;
       if (joined != nullptr && !may_guess_where_listed(graph, profile, schedule, step, pass)) continue;
       exact.guesses = true;
-      if (!have_room(profile, schedule, step)) {
+      if (!guesses_have_room(profile, schedule, step)) {
         exact.guesses = false;
       } else if (joined != nullptr) {
         joined->keeps_terms = false;

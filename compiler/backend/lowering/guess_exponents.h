@@ -16,6 +16,9 @@
 
 namespace dr::backend {
 
+// Whether the shaders that bind a guess of the step may bind it beside sums and lists.
+bool guesses_have_room(const target::Profile& profile, const Schedule& schedule, const StepSchedule& step);
+
 void guess_exponents(const ir::Graph& graph, const target::Profile& profile, Schedule& schedule);
 
 }  // namespace dr::backend

@@ -105,7 +105,11 @@ void choose_listers(const ir::Graph& graph, const target::Profile& profile, cons
     // Both run whenever the step does: else one could be left out without the other.
     if (!pass.steady || !scatter.steady) continue;
     Bindings own = bindings_of(schedule.resources, resources_of(step, pass.reads), pass.writes.size());
-    own.more += lists_bound(listed_for(step, *by).size() + 1);
+    const std::vector<const Pass*> others = listed_for(step, *by);
+    own.more += lists_bound(others.size() + 1) + static_cast<uint32_t>(guesses_bound(schedule.resources, step, pass));
+    for (const Pass* other : others)
+      if (const auto& sums_of = other->get<ScatterPass>(); sums_of.joined_run() != nullptr)
+        own.more += static_cast<uint32_t>(sums_of.sums.size());
     if (fits(profile, own)) active->listed_by = *by;
   }
 }
@@ -134,7 +138,7 @@ void list_where_computed(const ir::Graph& graph, const target::Profile& profile,
     store_partly(graph, step);
     for (Pass& scatter : step.passes) {
       const auto lister = scatter.lister();
-      if (!lister) continue;
+      if (!lister || scatter.get<ScatterPass>().joined_run() != nullptr) continue;
       auto& sums = scatter.get<ScatterPass>();
       forget_conditions(graph, step, step.pass(*lister), scatter, unused);
       if (!may_join(graph, profile, schedule, step, scatter, read_elsewhere(graph, scatter))) continue;
@@ -146,9 +150,7 @@ void list_where_computed(const ir::Graph& graph, const target::Profile& profile,
       }
     }
   }
-  for (const StepSchedule& step : schedule.steps)
-    for (const auto& [value, id] : step.stored) unused.erase(id.index);
-  remove_resources(schedule, unused);
+  remove_resources(schedule, std::move(unused));
 }
 
 }  // namespace dr::backend

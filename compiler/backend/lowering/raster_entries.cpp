@@ -28,7 +28,7 @@ void keep_entries(const ir::Graph& graph, Schedule& schedule) {
       }
     }
   }
-  remove_resources(schedule, unused);
+  remove_resources(schedule, std::move(unused));
 }
 
 }  // namespace dr::backend

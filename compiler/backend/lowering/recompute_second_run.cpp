@@ -67,38 +67,41 @@ bool may_recompute(const ir::Graph& graph, const target::Profile& profile, const
 
 }  // namespace
 
+bool compute_again(const ir::Graph& graph, const target::Profile& profile, const Schedule& schedule, StepSchedule& step,
+                   Pass& scatter, std::set<uint32_t>& unused) {
+  Pass& lister = step.pass(*scatter.lister());
+  Whole whole = whole_of(graph, lister, scatter);
+  if (!may_recompute(graph, profile, schedule, step, lister, scatter, whole)) return false;
+  scatter.ops = std::move(whole.ops);
+  scatter.reads = std::move(whole.reads);
+  std::get<JoinedFirstRun>(scatter.get<ScatterPass>().exact()->first_run).again = true;
+  const std::set<ValueId> kept = read_afterwards(graph, step);
+  std::vector<ValueId>& partial = lister.get<MapPass>().partial;
+  const auto is_needless = [&](ValueId v) {
+    return kept.count(v) == 0 &&
+           std::ranges::none_of(step.passes, [&](const Pass& pass) { return contains(pass.reads, v); });
+  };
+  for (const ValueId v : lister.writes)
+    if (is_needless(v)) {
+      unused.insert(step.stored.at(v).index);
+      step.stored.erase(v);
+    }
+  std::erase_if(lister.writes, is_needless);
+  std::erase_if(partial, [&](ValueId v) { return !contains(lister.writes, v); });
+  return true;
+}
+
 void recompute_second_run(const ir::Graph& graph, const target::Profile& profile, Schedule& schedule) {
   std::set<uint32_t> unused;
-  for (StepSchedule& step : schedule.steps) {
-    const std::set<ValueId> kept = read_afterwards(graph, step);
+  for (StepSchedule& step : schedule.steps)
     for (Pass& scatter : step.passes) {
       const auto* sums = scatter.as<ScatterPass>();
-      if (sums == nullptr || !sums->guesses() || sums->joined_run() == nullptr) continue;
-      Pass& lister = step.pass(*sums->lister());
+      if (sums == nullptr || !sums->guesses() || sums->joined_run() == nullptr || sums->runs_again()) continue;
+      const Pass& lister = step.pass(*sums->lister());
       const bool heavy = !heavy_branches(graph, lister, trips_of(graph, lister.ops), profile).empty();
-      if (!sums->joins_groups() && !heavy) continue;
-      Whole whole = whole_of(graph, lister, scatter);
-      if (!may_recompute(graph, profile, schedule, step, lister, scatter, whole)) continue;
-      scatter.ops = std::move(whole.ops);
-      scatter.reads = std::move(whole.reads);
-      std::get<JoinedFirstRun>(scatter.get<ScatterPass>().exact()->first_run).again = true;
-      std::vector<ValueId>& partial = lister.get<MapPass>().partial;
-      const auto is_needless = [&](ValueId v) {
-        return contains(partial, v) && kept.count(v) == 0 &&
-               std::ranges::none_of(step.passes, [&](const Pass& pass) { return contains(pass.reads, v); });
-      };
-      for (const ValueId v : lister.writes)
-        if (is_needless(v)) {
-          unused.insert(step.stored.at(v).index);
-          step.stored.erase(v);
-        }
-      std::erase_if(lister.writes, is_needless);
-      std::erase_if(partial, [&](ValueId v) { return !contains(lister.writes, v); });
+      if (sums->joins_groups() || heavy) compute_again(graph, profile, schedule, step, scatter, unused);
     }
-  }
-  for (const StepSchedule& step : schedule.steps)
-    for (const auto& [value, id] : step.stored) unused.erase(id.index);
-  remove_resources(schedule, unused);
+  remove_resources(schedule, std::move(unused));
 }
 
 }  // namespace dr::backend

@@ -15,10 +15,17 @@
 // Memory that the map reads must be as it was, and its loops must be short.
 #pragma once
 
+#include <set>
+
 #include "compiler/backend/schedule/schedule.h"
 #include "compiler/target/profile.h"
 
 namespace dr::backend {
+
+// Makes the second run of a scatter that joins a map do so, if it may, and gives whether it did. `unused` gets the
+// resources of what the map no longer stores, which remove_resources() takes out.
+bool compute_again(const ir::Graph& graph, const target::Profile& profile, const Schedule& schedule, StepSchedule& step,
+                   Pass& scatter, std::set<uint32_t>& unused);
 
 void recompute_second_run(const ir::Graph& graph, const target::Profile& profile, Schedule& schedule);
 

@@ -558,7 +558,7 @@ std::optional<std::string> legalize_scatter(const Graph& graph, const target::Pr
   for (StepSchedule& step : schedule.steps)
     if (StepLegalizer(graph, profile, options, schedule, step, unused).process())
       pack_stages(graph, step, profile, options.join_stages);
-  remove_resources(schedule, unused);
+  remove_resources(schedule, std::move(unused));
   if (!options.list_active)
     for (StepSchedule& step : schedule.steps)
       for (Pass& pass : step.passes) run_all_elements(pass);

@@ -112,9 +112,7 @@ void set_up_in_raster(const ir::Graph& graph, const target::Profile& profile, Sc
       }
     }
   }
-  for (const StepSchedule& step : schedule.steps)
-    for (const auto& [value, id] : step.stored) unused.erase(id.index);
-  remove_resources(schedule, unused);
+  remove_resources(schedule, std::move(unused));
 }
 
 }  // namespace dr::backend

@@ -54,7 +54,7 @@ void update_in_place(const ir::Graph& graph, Schedule& schedule) {
       step.stored.at(value) = ResourceId{leaf};
       unused.insert(own);
     }
-  remove_resources(schedule, unused);
+  remove_resources(schedule, std::move(unused));
 }
 
 }  // namespace dr::backend

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The checker of schedules, which knows nothing of how packing decided.
 #include <algorithm>
+#include <bit>
 #include <set>
 
 #include "compiler/backend/analysis/uses.h"
@@ -162,7 +163,8 @@ class StepChecker {
   void check_groups() {
     const auto* map = pass().as<MapPass>();
     if (map == nullptr || map->code.joining_group == kJoiningGroup) return;
-    if (map->code.joining_group <= 0) return unsound("has workgroups of no invocations");
+    if (map->code.joining_group <= 0 || !std::has_single_bit(static_cast<uint32_t>(map->code.joining_group)))
+      return unsound("has workgroups of no power of two");
     if (!groups_have_room(graph_, profile_, joined_in_groups(step_, pass_id(place_)), map->code.joining_group))
       report(Violation::Kind::Limit,
              "joins in workgroups of " + std::to_string(map->code.joining_group) + " invocations");

@@ -46,7 +46,8 @@ class Parser : private PassReader {
     return comma_list([&] {
       if (take_word("native")) return code.native = expect_word("floats");
       if (take_word("texel")) return code.texel_reads = expect_word("reads");
-      if (take_word("hidden")) return code.hidden_stores = expect_word("stores");
+      if (take_word("hidden"))
+        return take_word("zeros") ? (code.hidden_zeros = true) : (code.hidden_stores = expect_word("stores"));
       if (take_word("no")) return code.no_else = expect_word("else");
       if (take_word("wide")) return code.wide_words = expect_word("words");
       if (take_word("layers")) return code.layers_at_once = expect_word("at") && expect_word("once");

@@ -61,6 +61,10 @@ std::optional<PassId> ScatterPass::lister() const {
   return by == nullptr ? std::nullopt : std::optional(*by);
 }
 
+bool ScatterPass::leaves_list() const {
+  return lister() && !(joined_run() != nullptr && (exact() == nullptr || runs_again()));
+}
+
 void ScatterPass::join_lister() {
   DR_ASSERT(active_list() != nullptr && lister());
   JoinedRun joined{std::move(active_list()->clauses), *lister()};

@@ -243,6 +243,7 @@ struct ScatterPass {
   ActiveList* active_list();
   const Clauses& clauses() const;        // of the elements that run; empty: all do
   std::optional<PassId> lister() const;  // the map pass that lists them
+  bool leaves_list() const;              // that pass makes a list, for a run of the scatter's own
   // Joins the lister's dispatch; there is a list, and a map pass makes it.
   void join_lister();
 

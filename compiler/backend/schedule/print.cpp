@@ -55,6 +55,7 @@ class Writer {
     add(code.native, "native floats");
     add(code.texel_reads, "texel reads");
     add(code.hidden_stores, "hidden stores");
+    add(code.hidden_zeros, "hidden zeros");
     add(code.no_else, "no else");
     add(code.wide_words, "wide words");
     add(code.layers_at_once, "layers at once");

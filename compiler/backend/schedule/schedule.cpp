@@ -58,7 +58,9 @@ RasterPart raster_part(const ir::Graph& graph, ValueId value) {
   return {k / 2, k % 2 == 1};
 }
 
-void remove_resources(Schedule& schedule, const std::set<uint32_t>& unused) {
+void remove_resources(Schedule& schedule, std::set<uint32_t> unused) {
+  for (const StepSchedule& step : schedule.steps)
+    for (const auto& [value, id] : step.stored) unused.erase(id.index);
   if (unused.empty()) return;
   std::vector<uint32_t> now(schedule.resources.size());
   std::vector<Resource> resources;

@@ -60,6 +60,7 @@ struct Code {
   bool native = false;          // the float profile `native`
   bool texel_reads = false;     // buffers that a compute shader only reads are uniform texel buffers
   bool hidden_stores = false;   // what is stored stands behind a choice that the driver's compiler cannot foresee
+  bool hidden_zeros = false;    // so do constants that are zero: drivers take a NaN or Inf times zero for zero
   bool no_else = false;         // a branch otherwise is an `if` of its own
   bool wide_words = false;      // sums and rasters' entries are words of 64 bits, with atomics
   bool layers_at_once = false;  // a render pass draws several layers (multiview)
@@ -114,8 +115,8 @@ struct RasterPart {
 };
 RasterPart raster_part(const ir::Graph& graph, ir::ValueId value);
 
-// Takes resources away that no step stores anything in.
-void remove_resources(Schedule& schedule, const std::set<uint32_t>& unused);
+// Takes those of these resources away that no step stores anything in.
+void remove_resources(Schedule& schedule, std::set<uint32_t> unused);
 
 // What is wrong with a schedule, in one line: a mistake of the compiler, or a limit of the profile that it exceeds.
 struct Violation {

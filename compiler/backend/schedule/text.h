@@ -49,8 +49,8 @@
 //
 // Of all shaders, behind the first line:
 //
-//   code native floats, texel reads, hidden stores, wide words, layers at once, clears of 31, loops of 65535
-//   hidden divisors %4 %9                       // `strict hidden divisors`, `moderate divisors`
+//   code native floats, texel reads, hidden stores, hidden zeros, wide words, layers at once, clears of 31, loops of
+//   65535 hidden divisors %4 %9                       // `strict hidden divisors`, `moderate divisors`
 //
 // `input:` before a value that a pass reads as an input attachment, and `in place`, follow from the rest.
 #pragma once

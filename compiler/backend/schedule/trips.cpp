@@ -94,8 +94,14 @@ class Finder {
   // What `end` is above `begin` at most.
   Bound difference(ValueId end, ValueId begin) {
     const std::optional<int64_t> apart = most_apart(graph_, end, begin);
-    const Bound known = apart ? Bound(Dim(std::max<int64_t>(*apart, 0))) : Bound();
-    return known ? either(known, by_bounds(end, begin), true) : by_bounds(end, begin);
+    Bound bounds = by_bounds(end, begin);
+    if (bounds && bounds->is_constant()) bounds = Dim(std::max<int64_t>(bounds->constant(), 0));
+    if (!apart) return bounds;
+    // Few trips whatever the extents are; many may be far more than these allow.
+    constexpr int64_t kFew = 1 << 10;
+    const Dim known(std::max<int64_t>(*apart, 0));
+    if (!bounds || (!bounds->is_constant() && known.constant() <= kFew)) return known;
+    return bounds->is_constant() ? either(known, bounds, true) : bounds;
   }
 
  private:

@@ -149,6 +149,11 @@ TEST_CASE("sums of sums of themselves take no time") {
   for (int k = 0; k < 200; ++k) v = p.text(k % 3 == 0 ? "min" : "add", v, v);
   CHECK(!p.bound(v, kZero));
   CHECK(p.bound(p.text("mod", v, kThree), kZero) == 2);
+  // Divided by 2^75.
+  const size_t many = p.add_number("const floats [32768]", [](int64_t, int64_t) { return 32768; });
+  size_t few = kX;
+  for (int k = 0; k < 5; ++k) few = p.floored(few, many);
+  CHECK(!p.bound(few, kZero));
   size_t condition = p.condition("le", kX, kThree);
   for (int k = 0; k < 200; ++k) condition = p.condition("land", condition, condition);
   CHECK(p.bound(p.choice(condition, kOne, kTwo), kZero) == 2);

@@ -1,0 +1,99 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "compiler/backend/analysis/zero_without.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include "compiler/ir/yields.h"
+#include "compiler/ops/op.h"
+
+namespace dr::backend {
+
+using ir::Op;
+using ir::OpKind;
+using ir::ValueId;
+
+namespace {
+
+class Zeros {
+ public:
+  Zeros(const ir::Graph& graph, std::span<const ir::OpId> branches) : graph_(graph), branches_(branches) {}
+
+  bool has(ValueId v) {
+    const auto [at, is_new] = known_.emplace(v, false);
+    if (is_new) known_[v] = find(v);
+    return known_[v];
+  }
+
+ private:
+  bool find(ValueId v) {
+    const ir::ValueInfo& info = graph_.value(v);
+    if (!info.op.valid()) return false;
+    const Op& op = graph_.op(info.op);
+    if (op.kind == OpKind::If && std::ranges::find(branches_, info.op) != branches_.end())
+      return has(ir::yielded(graph_, op, op.regions[1])[info.result_index].value);
+    switch (ops::info(op.kind).zero) {
+      case ops::ZeroWhere::Unknown:
+        return op.kind == OpKind::Div && graph_.value(v).type.is_float() && has(op.operands[0]) &&
+               is_positive(op.operands[1]);
+      case ops::ZeroWhere::ItsValueIs: return std::ranges::all_of(op.attrs.floats, [](double x) { return x == 0; });
+      case ops::ZeroWhere::FirstIs: return has(op.operands[0]);
+      case ops::ZeroWhere::AllAre: return std::ranges::all_of(op.operands, [&](ValueId part) { return has(part); });
+      case ops::ZeroWhere::AFactorIs:
+        return (is_finite(op.operands[1]) && has(op.operands[0])) || (is_finite(op.operands[0]) && has(op.operands[1]));
+      case ops::ZeroWhere::BothSidesAre: return has(op.operands[1]) && has(op.operands[2]);
+      case ops::ZeroWhere::BranchesAre:
+        return op.attrs.yields[info.result_index] == ir::Yield::Element &&
+               std::ranges::all_of(op.regions, [&](ir::RegionId region) {
+                 return has(ir::yielded(graph_, op, region)[info.result_index].value);
+               });
+    }
+    return false;
+  }
+
+  bool is_finite(ValueId v) const {
+    const ir::ValueInfo& info = graph_.value(v);
+    if (!info.op.valid() || graph_.op(info.op).kind != OpKind::Const) return false;
+    return std::ranges::all_of(graph_.op(info.op).attrs.floats, [](double x) { return std::isfinite(x); });
+  }
+
+  // Or +Inf, but no NaN:  select(0 < x, x, 1)
+  bool is_positive(ValueId v) const {
+    const ir::ValueInfo& info = graph_.value(v);
+    if (!info.op.valid()) return false;
+    const Op& op = graph_.op(info.op);
+    if (op.kind == OpKind::Const) return std::ranges::all_of(op.attrs.floats, [](double x) { return x > 0; });
+    if (is_same(op.kind)) return is_positive(op.operands[0]);
+    if (op.kind != OpKind::Select) return false;
+    const ir::ValueInfo& by = graph_.value(op.operands[0]);
+    if (!by.op.valid() || graph_.op(by.op).kind != OpKind::Less) return false;
+    const Op& compared = graph_.op(by.op);
+    return compared.operands[1] == op.operands[1] && is_zero(compared.operands[0]) && is_positive(op.operands[2]);
+  }
+
+  // Each component is the operand, or one of its own.
+  static bool is_same(OpKind kind) {
+    return kind == OpKind::Broadcast || kind == OpKind::Splat || kind == OpKind::Pin || kind == OpKind::Detach;
+  }
+
+  bool is_zero(ValueId v) const {
+    const ir::ValueInfo& info = graph_.value(v);
+    if (!info.op.valid()) return false;
+    const Op& op = graph_.op(info.op);
+    if (is_same(op.kind)) return is_zero(op.operands[0]);
+    return op.kind == OpKind::Const && std::ranges::all_of(op.attrs.floats, [](double x) { return x == 0; });
+  }
+
+  const ir::Graph& graph_;
+  std::span<const ir::OpId> branches_;
+  std::map<ValueId, bool> known_;
+};
+
+}  // namespace
+
+bool is_zero_without(const ir::Graph& graph, ValueId value, std::span<const ir::OpId> branches) {
+  return Zeros(graph, branches).has(value);
+}
+
+}  // namespace dr::backend

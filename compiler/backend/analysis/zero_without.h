@@ -1,0 +1,15 @@
+// SPDX-License-Identifier: Apache-2.0
+// What an element does not get where it takes none of some branches.
+//   %g = if %seen { %x } else { 0 }    %h = smul %g, %y    =>    without the branch, %h is zero
+#pragma once
+
+#include <span>
+
+#include "compiler/ir/graph.h"
+
+namespace dr::backend {
+
+// Whether a value is zero at each element for which the conditions of all these `if`s are false.
+bool is_zero_without(const ir::Graph& graph, ir::ValueId value, std::span<const ir::OpId> branches);
+
+}  // namespace dr::backend
