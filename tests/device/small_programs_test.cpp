@@ -79,7 +79,7 @@ const Case kCases[] = {
     {"a quotient by zero is infinite",
      R"(
       input a : float[W, H];
-      step go { output inf = a / 0.0, both = vec2(a, -a) / vec2(0.0, 2.0); })",
+      step go { output inf = a / 0.0, both = vec2(a, -a) / vec2(0.0, 2.0), part = vec2(a, -a) / vec2(0.0, 2.0 + a); })",
      {"go"}},
     {"an output stays what its step saw",
      R"(

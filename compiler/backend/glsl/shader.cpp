@@ -357,8 +357,9 @@ void Shader::op(const Op& op) {
   switch (op.kind) {
     case OpKind::Const: {
       const Type& type = graph_.value(op.results[0]).type;
-      hides_zeros_ = hides_zeros_ || (schedule_.code.hidden_zeros && type.is_float());
-      define(op.results[0], literal(type, op.attrs.floats, hides_zeros_ && type.is_float() ? "hidden_zero" : ""));
+      const bool hides = schedule_.code.hidden_zeros && type.is_float();
+      hides_ = hides_ || hides;
+      define(op.results[0], literal(type, op.attrs.floats, hides ? "hidden_0" : ""));
       return;
     }
     case OpKind::DimValue: define(op.results[0], dim_expression(op.attrs.dims[0])); return;
@@ -435,9 +436,11 @@ void Shader::elementwise_op(const Op& op) {
     types.push_back(graph_.value(v).type);
   }
   const bool divides = op.kind == OpKind::Div && types[1].is_float();
-  // pc.c is 0 always.
-  if (divides && is_hidden(op.operands[1]))
-    operands[1] = "uintBitsToFloat(floatBitsToUint(" + operands[1] + ") ^ uint(pc.c))";
+  if (divides && is_hidden(op.operands[1])) {
+    hides_ = true;
+    // By `|`: what is hidden already stays so, as x | x is x.
+    operands[1] = "uintBitsToFloat(floatBitsToUint(" + operands[1] + ") | hidden_0u)";
+  }
   const ops::GlslInput input{operands, types, op.attrs, graph_.value(op.results[0]).type};
   if (divides && schedule_.code.moderate_divisors.contains(op.operands[1])) {
     result(op.results[0], operands[0] + " / " + operands[1]);
@@ -568,7 +571,7 @@ std::string Shader::finish(const std::string& layout) {
   if (cut_) out += "layout(constant_id = " + std::to_string(symbols_.size() + 1) + ") const int part_trips = 0;\n";
   out += "layout(push_constant) uniform Push { int layer; int a; int b; int c; } pc;\n";
   // pc.c is 0 always.
-  if (hides_zeros_) out += "#define hidden_zero uintBitsToFloat(uint(pc.c))\n";
+  if (hides_) out += "#define hidden_0u uint(pc.c)\n#define hidden_0 uintBitsToFloat(hidden_0u)\n";
   for (size_t k = 0; k < declared_.size(); ++k) {
     const bool image = declared_[k].text.starts_with("uniform");
     const auto input = std::find(inputs_.begin(), inputs_.end(), bindings_[k]->resource);

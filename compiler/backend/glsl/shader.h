@@ -244,7 +244,7 @@ class Shader {
   std::vector<std::unique_ptr<bundle::BindingT>> bindings_;
   std::map<uint32_t, Bound> bound_;
   bool native_;
-  bool hides_zeros_ = false;
+  bool hides_ = false;  // a value from the driver's compiler
   SumsReader sums_reader_;
   // Functions that read; how is known when all writes are.
   std::vector<uint32_t> loaded_;  // resources of the schedule
