@@ -43,6 +43,26 @@ let x = if on { reduce(sum, k in 0..3) { a.at(place + ivec2(k, 0)) * float(k + 1
 step go { a <- a - 0.01 * grad(sum((x - 0.3) * (x - 0.3)), a); }
 )";
 
+// What pixels add waits for those beside them, so that the scatter runs by itself: invocations share their loops.
+// Before and between these something is added once.
+const char* const kShared = R"(edition 1;
+param a : float[W, H] = 0.5;
+input seen : float[P, Q];
+input place : ivec2[P, Q];
+let count = int(seen * 12.0);
+let x = if seen > 0.5 {
+  let first = a.at(place.yx) * seen;
+  let some = fold(k in 0..count, s = 0.0, max = 12) {
+    let inner = reduce(sum, j in 0..k % 3) { a.at(place + ivec2(j, k)) };
+    s + a.at(place + ivec2(k, 0)) * float(k + 1) + inner
+  };
+  let more = reduce(sum, k in 0..count / 2) { a.at(place - ivec2(k, 1)) * seen };
+  first + some * a.at(place) + more
+} else { 0.0 };
+let y = x - 0.5 * x.at(coord(P, Q).xy + ivec2(1, 0));
+step go { a <- a - 0.01 * grad(sum((y - 0.3) * (y - 0.3)), a); }
+)";
+
 std::string in_build(const std::string& name) { return (std::filesystem::path(DR_BUILD_DIR) / name).string(); }
 
 // A GPU as its compiler sees it, with what any device has.
@@ -89,6 +109,11 @@ void check_same(const char* text, int width, int height, const std::string& part
 }  // namespace
 
 TEST_CASE("sums of what loops add are the same by guesses") { check_same(kText, 96, 80, "guesses"); }
+
+TEST_CASE("sums are the same where invocations share loops, of few elements and of many") {
+  for (const auto& [width, height] : {std::pair{20, 11}, {96, 80}, {200, 130}, {500, 300}})
+    check_same(kShared, width, height, "guesses");
+}
 
 TEST_CASE("sums of what listed elements add are the same without a list") {
   for (const char* part : {"guesses", "branches"}) check_same(kHeavy, 1024, 1024, part);

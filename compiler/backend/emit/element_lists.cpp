@@ -38,10 +38,12 @@ std::string members(const std::string& list) { return "members_of_" + list; }
 
 }  // namespace
 
-std::string append(Shader& s, const std::string& list, const std::string& element, bool together) {
+std::string append(Shader& s, const std::string& list, const std::string& element, bool together, int shares) {
   const std::string end = list + ".d[" + std::to_string(kListEnd) + "]";
   // All atomics of a list wait for each other. Workgroups that find nothing to do end at once on a GPU.
-  const std::string step = together ? "1024u" : "64u", last = together ? "(place / 64u + 15u)" : "place / 64u";
+  const std::string each = std::to_string(64 / shares) + "u",
+                    step = together ? std::to_string(1024 / shares) + "u" : each,
+                    last = together ? "(place / " + each + " + 15u)" : "place / " + each;
   s.prelude("uint append_to_" + list + "(int element) {\n" +
             (together ? "  uvec4 lanes = subgroupBallot(true);\n  uint place = 0u;\n"
                         "  if (subgroupElect()) place = atomicAdd(" +
@@ -81,9 +83,9 @@ ListingLoop::ListingLoop(Shader& shader, const ir::Extent& extent, bool runs, bo
 
 int ListingLoop::each() const { return runs_ ? kRun : 1; }
 
-void ListingLoop::add(const std::string& list, bool together) {
+void ListingLoop::add(const std::string& list, bool together, int shares) {
   if (!runs_) {
-    shader_.body().line(append(shader_, list, "index", together) + ";");
+    shader_.body().line(append(shader_, list, "index", together, shares) + ";");
     return;
   }
   if (std::ranges::find(lists_, list) == lists_.end()) {

@@ -12,8 +12,10 @@ namespace dr::backend {
 using bundle::kListEnd, bundle::kListHead, bundle::kRestingBlock;
 
 // A call that adds an element to a list and gives its place there. Workgroups go on in the next row as those of other
-// dispatches do. `together`: the lanes of a subgroup that are here take their places by one atomic.
-std::string append(glsl::Shader& s, const std::string& list, const std::string& element, bool together = false);
+// dispatches do. `together`: the lanes of a subgroup that are here take their places by one atomic. `shares`: so many
+// invocations have an element, a power of two up to 64.
+std::string append(glsl::Shader& s, const std::string& list, const std::string& element, bool together = false,
+                   int shares = 1);
 
 // Changes `index` so that 32 invocations that follow each other have a rectangle of 8 x 4 elements, and 256 a square;
 // in one dimension it stays.
@@ -27,8 +29,8 @@ class ListingLoop {
  public:
   // Opens it: behind, `at` is an element's place.
   ListingLoop(glsl::Shader& shader, const ir::Extent& extent, bool runs, bool tiles = false);
-  // Adds the element to a list, whose words are bound. `together`: see append().
-  void add(const std::string& list, bool together = false);
+  // Adds the element to a list, whose words are bound. `together`, `shares`: see append().
+  void add(const std::string& list, bool together = false, int shares = 1);
   // A statement: is done with the element.
   const char* skip() const { return runs_ ? "continue;" : "return;"; }
   const char* element() const { return runs_ ? "element" : "index"; }

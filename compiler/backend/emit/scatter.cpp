@@ -44,6 +44,16 @@ std::string add_maximum(const std::string& to, const std::string& x, bool joins)
          to + ", most);\n  }\n";
 }
 
+// Invocations beside each other have an element: as many as a GPU runs at once, of the first run. The second, which few
+// runs need, goes over the list alone.
+void share_loops(Shader& s) {
+  constexpr int kAtOnce = 1 << 16;
+  s.body().line("int shares = pc.a == 0 ? clamp(" + std::to_string(kAtOnce) + " / max(end, 1), 1, " +
+                std::to_string(kLoopShares) + ") : 1, share = index % shares;");
+  s.body().line("index /= shares;");
+  s.share_loops("share", "shares");
+}
+
 }  // namespace
 
 int Generator::contributions(const ScatterSum& sum) const {
@@ -145,10 +155,11 @@ void Generator::store_results(Shader& s, const Pass& pass, const std::vector<con
     const std::string list =
         s.bind_words(active_lists_.at(scatter), "active_elements" + list_suffix(*scatter), bundle::Access::ReadWrite);
     s.body().line("if (" + active_condition(s, how.clauses()) + ") {");
+    const int shares = how.shares_loops() ? kLoopShares : 1;
     if (loop != nullptr)
-      loop->add(list);
+      loop->add(list, false, shares);
     else
-      s.body().line(append(s, list, Shader::element_index(pass.domain, "at")) + ";");
+      s.body().line(append(s, list, Shader::element_index(pass.domain, "at"), false, shares) + ";");
     store_partial(s, pass, *scatter);
     s.body().line("}");
   }
@@ -330,7 +341,8 @@ void Generator::scatter_pass(const Pass& pass) {
                               : strides ? looking_for_guesses(pass.domain)
                                         : element_count(pass.domain);
   Shader s = shader();
-  linear_index(s, dim_expression(invocations));
+  // Where elements have several invocations each, the list says where they end.
+  linear_index(s, scatter.shares_loops() ? std::string() : dim_expression(invocations));
   if (!lists && !listed && !strides) {
     // Pixels of a square share more elements than those of a row do.
     if (joins_parts && !scatter.cut()) index_in_tiles(s, pass.domain);
@@ -386,6 +398,7 @@ void Generator::scatter_pass(const Pass& pass) {
         s.body().line("for (" + (keeps ? "index += " + room : "") + "; index < end; index += " + room + ") {");
         s.push_scope();
       } else {
+        if (scatter.shares_loops()) share_loops(s);
         s.body().line("if (index >= end) return;");
       }
       s.body().line("int element = int(" + elements + "(" + std::to_string(kListHead) + " + index));");

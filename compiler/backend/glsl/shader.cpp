@@ -4,6 +4,7 @@
 
 #include <algorithm>
 
+#include "compiler/backend/analysis/shared_loops.h"
 #include "compiler/backend/glsl/inside.h"
 #include "compiler/ir/yields.h"
 #include "compiler/ops/native.h"
@@ -508,11 +509,18 @@ void Shader::combine(const Op& op, const std::vector<std::string>& names, const 
       case Yield::Scatter:
         if (auto it = accumulators_.find(op.results[k]); all[k].of.valid() && it != accumulators_.end()) {
           const std::string statement = scatter(it->second, all[k].of, all[k].index, y);
-          in_loop ? body_.line(statement) : effect(statement);
+          in_loop ? body_.line(by_one(statement)) : effect(statement);
         }
         break;
     }
   }
+}
+
+// Whether the invocations of an element share the trips of a loop, which begins now.
+bool Shader::begin_shared(const Op& op) {
+  const bool shared = sharing_ && !sharing_->in_loop && !cut_ && only_scatters(graph_, op);
+  if (shared) sharing_->in_loop = true;
+  return shared;
 }
 
 // What begins the second branch.

@@ -124,6 +124,10 @@ class Shader {
   };
   void read_together(SharedReads reads);
 
+  // From here on the invocations of an element share the trips of loops that only scatter: `share` is the number of
+  // one, of `shares`. What else is scattered the first one scatters.
+  void share_loops(std::string share, std::string shares) { sharing_ = {std::move(share), std::move(shares), false}; }
+
   // From here on loops may stop and go on later, see cut_loops.h.
   CutLoops& cut_loops() { return cut_ ? *cut_ : cut_.emplace(); }
 
@@ -217,7 +221,17 @@ class Shader {
   void fold_count_trips(FoldLoops& loops, const std::vector<std::string>& results);
   void fold_from_checkpoints(FoldLoops& loops, int64_t slots, const std::vector<std::string>& results);
   // A statement that takes effect outside of the shader.
-  void effect(const std::string& statement) { body_.line(cut_ ? cut_->once(statement) : statement); }
+  void effect(const std::string& statement) { body_.line(cut_ ? cut_->once(statement) : by_one(statement)); }
+  std::string by_one(const std::string& statement) const {
+    return sharing_ && !sharing_->in_loop ? "if (" + sharing_->share + " == 0) " + statement : statement;
+  }
+  // Of share_loops().
+  struct Sharing {
+    std::string share, shares;
+    bool in_loop = false;  // in one that is shared
+  };
+  bool begin_shared(const ir::Op& op);
+  void end_shared() { sharing_->in_loop = false; }
   struct Part {
     std::string index, value;
     ir::ValueId of;  // the index, where it scatters
@@ -256,6 +270,7 @@ class Shader {
   std::set<ir::ValueId> left_out_;  // first results
   std::optional<CutLoops> cut_;
   std::optional<Common> common_;
+  std::optional<Sharing> sharing_;
   // Members; without any, there is one.
   ChangingAxes* changing_ = nullptr;
   std::vector<Member> members_;

@@ -121,7 +121,11 @@ void Shader::fold_storing(FoldLoops& loops, const std::vector<std::string>& resu
   for (size_t s = 0; s <= last; ++s) {
     const std::string trip = s == 0 ? loops.trips : unique("trip");
     std::vector<std::string> enter;
-    if (s == 0) {
+    const bool shared = s == last && begin_shared(op);
+    if (shared) {
+      loop_variable(enter, ir::kInt, trip, sharing_->share);
+      open_loop(enter, trip + " < " + loops.trips, trip + " += " + sharing_->shares);
+    } else if (s == 0) {
       open_loop(loops.enter, fold_goes_on(loops, trip), "");
     } else if (s % 2 == 1) {
       loop_variable(enter, ir::kInt, trip, loops.trips + " - 1");
@@ -134,6 +138,7 @@ void Shader::fold_storing(FoldLoops& loops, const std::vector<std::string>& resu
     fold_trip(loops, s, trip, results);
     pop_scope();
     close_loop();
+    if (shared) end_shared();
   }
 }
 

@@ -138,7 +138,11 @@ void Shader::reduce_op(const Op& op) {
     end = "min(" + begin + " + " + std::to_string(together_->trips) + ", " + end + ")";
   }
   const std::string trip = unique("i");
-  if (cut_) {
+  const bool shared = begin_shared(op);
+  if (shared) {
+    body_.line("for (int " + trip + " = " + begin + " + " + sharing_->share + "; " + trip + " < " + end + "; " + trip +
+               " += " + sharing_->shares + ") {");
+  } else if (cut_) {
     loop_variable(enter, ir::kInt, trip, begin);
     open_loop(enter, trip + " < " + end, "++" + trip);
   } else {
@@ -164,6 +168,7 @@ void Shader::reduce_op(const Op& op) {
     pop_scope();
   }
   close_loop();
+  if (shared) end_shared();
   if (together) body_.line("}");
   for (size_t g = 0; g < groups.size(); ++g)
     for (const size_t m : groups[g]) {

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+#include "compiler/backend/analysis/shared_loops.h"
 #include "compiler/backend/lowering/scatter_costs.h"
 #include "compiler/backend/schedule/limits.h"
 #include "compiler/backend/schedule/trips.h"
@@ -53,6 +54,8 @@ void guess_exponents(const ir::Graph& graph, const target::Profile& profile, Sch
         exact.joins_groups = groups_may_join(graph, profile, step, pass);
       } else {
         std::get<OwnFirstRun>(exact.first_run).relists = false;
+        exact.shares_loops = scatter->leaves_list() && have_loop_that_only_scatters(graph, pass.ops) &&
+                             !needs_cut(trips_of(graph, pass.ops), profile);
       }
     }
 }

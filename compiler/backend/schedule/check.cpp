@@ -174,10 +174,15 @@ class StepChecker {
     const auto* scatter = pass().as<ScatterPass>();
     if (scatter == nullptr) return;
     if (scatter->joins_pairs()) check_pairs(*scatter);
-    if (!scatter->guesses()) return;
+    if (!scatter->guesses()) {
+      if (scatter->shares_loops()) unsound("shares loops in a run that lists what adds");
+      return;
+    }
     if (schedule_.code.native || scatter->keeps_terms() || scatter->relists() ||
         !may_guess(graph_, schedule_.resources, step_, pass()))
       unsound("guesses exponents of sums that need two runs");
+    if (scatter->shares_loops() && (!scatter->leaves_list() || scatter->joined_run() != nullptr || scatter->cut()))
+      unsound("shares loops of elements that no map lists");
     if (scatter->joins_groups() && scatter->joined_run() == nullptr) unsound("joins what workgroups of no map add");
     for (const ScatterSum& sum : scatter->sums)
       if (scatter->joins_groups() &&

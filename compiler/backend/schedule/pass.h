@@ -174,6 +174,9 @@ struct JoinedFirstRun : JoinedRun {
   bool again = false;  // the second run computes what the map does again, and needs no list
 };
 
+// Invocations that share an element's loops, at most: where many elements are listed, each has one.
+inline constexpr int kLoopShares = 8;
+
 // Float sums in fixed point, by two runs: the first finds the largest contribution, the second adds.
 struct ExactScatter {
   std::variant<OwnFirstRun, JoinedFirstRun> first_run;
@@ -181,6 +184,7 @@ struct ExactScatter {
   bool joins_lanes = false;   // lanes of a subgroup list elements, and find the largest contribution, together
   bool joins_parts = false;   // those that add to the same element join what they add
   bool joins_groups = false;  // where a map adds, the invocations of a workgroup do (emit/group_sums.cpp)
+  bool shares_loops = false;  // in the first run several invocations share an element's loops that only scatter
   bool joins_pairs = false;   // where the second run adds, two lanes beside each other do (emit/pair_sums.cpp)
   std::string no_rows;        // why it has no table of rows, where one was asked for
   std::optional<LoopCut> cut;
@@ -252,6 +256,7 @@ struct ScatterPass {
   bool runs_again() const;  // see JoinedFirstRun::again
   bool guesses() const { return exact() != nullptr && exact()->guesses; }
   bool joins_lanes() const { return exact() != nullptr && exact()->joins_lanes; }
+  bool shares_loops() const { return exact() != nullptr && exact()->shares_loops; }
   bool joins_groups() const { return exact() != nullptr && exact()->joins_groups; }
   bool joins_pairs() const { return exact() != nullptr && exact()->joins_pairs; }
   bool joins_parts() const;

@@ -244,6 +244,8 @@ bool PassReader::decides(ScatterPass& scatter, ExactScatter& exact, bool& ok) {
     own->relists = true;
   } else if (take_word("guesses")) {
     ok = exact.guesses = expect_word("exponents");
+  } else if (own != nullptr && take_word("shares")) {
+    ok = exact.shares_loops = expect_word("loops");
   } else if (take_word("join")) {
     if (take_word("parts"))
       exact.joins_parts = true;

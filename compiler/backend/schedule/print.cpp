@@ -187,6 +187,7 @@ class Writer {
     if (scatter.keeps_terms()) out_ += "    keeps terms\n";
     if (scatter.runs_again()) out_ += "    again\n";
     if (scatter.guesses()) out_ += "    guesses exponents\n";
+    if (scatter.shares_loops()) out_ += "    shares loops\n";
     if (scatter.joins_lanes()) out_ += "    join lanes\n";
     if (scatter.joins_parts()) out_ += "    join parts\n";
     if (scatter.joins_groups()) out_ += "    join workgroups\n";

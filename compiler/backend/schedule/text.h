@@ -33,6 +33,7 @@
 //   set up by clip_pixel, twice where listed
 //   keeps terms                                 // or: again
 //   guesses exponents
+//   shares loops
 //   join lanes                                  // and: join parts, join workgroups, join pairs
 //   relist
 //   no rows "why"

@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "compiler/backend/analysis/shared_loops.h"
+
+#include <algorithm>
+
+#include "compiler/ir/yields.h"
+
+namespace dr::backend {
+
+using ir::Op;
+using ir::OpKind;
+using ir::Yield;
+
+bool only_scatters(const ir::Graph& graph, const Op& op) {
+  const auto scatters = [](Yield yield) { return yield == Yield::Scatter; };
+  if (op.kind == OpKind::Reduce) return std::ranges::all_of(op.attrs.yields, scatters);
+  if (op.kind != OpKind::Fold || ir::fold_sweeps(op) != 2 || ir::fold_stops(op) || ir::fold_states(op, 0) != 0)
+    return false;
+  const size_t states = ir::fold_states(op, 1);
+  return std::ranges::all_of(std::span(op.attrs.yields).subspan(states), scatters) &&
+         std::ranges::equal(ir::fold_next(graph, op, 1), ir::fold_params(graph, op, 1, 1));
+}
+
+bool have_loop_that_only_scatters(const ir::Graph& graph, std::span<const ir::OpId> ops) {
+  return std::ranges::any_of(ops, [&](ir::OpId id) {
+    const Op& op = graph.op(id);
+    return only_scatters(graph, op) || std::ranges::any_of(op.regions, [&](ir::RegionId region) {
+             return have_loop_that_only_scatters(graph, graph.region(region).ops);
+           });
+  });
+}
+
+}  // namespace dr::backend
