@@ -240,9 +240,12 @@ step run { texels <- texels - 0.01 * pull; }
 }
 
 // Where lanes go in turn, a map adds by itself to texels and vertices, in a dispatch of its own where a heavy branch is
-// taken. Elsewhere it adds nothing to the texels, but something to the vertices, and to the tones in any case.
+// taken, or for what a select chooses. Elsewhere it adds nothing to the texels; in the first program it adds something
+// to the vertices and to the tones in any case.
 TEST_CASE("a map of lanes in turn adds what scatters of their own add") {
-  const auto path = (std::filesystem::path(DR_BUILD_DIR) / "added_in_turn_test.dr").string();
+  const std::string path = (std::filesystem::path(DR_BUILD_DIR) / "added_in_turn_test.dr").string();
+  const bool by_select = GENERATE(false, true);
+  // What shines is computed in a branch, or everywhere and then chosen.
   std::ofstream(path) << R"(edition 1;
 input size : vec2[W, H];
 input corner : ivec3[W, H];
@@ -251,14 +254,25 @@ param texels : vec3[T, R] = vec3(0.7);
 param vertex : vec3[V] = vec3(0.2);
 param tone : float[K] = 0.4;
 let n = vertex.at(corner.x) * size.y + vertex.at(corner.y) * 0.5 + vertex.at(corner.z) * size.x;
-let shine = if size.y > 0.3005 {
+let seen = size.y > 0.3005;
+let base = texels.at(corner.xy) + 0.5 * texels.at(corner.zx / 4);
+fn shining(n: vec3) -> float {
   exp(-dot(n, n)) + pow(abs(n.x) + 0.1, 2.5) + sin(3.0 * n.y) * cos(n.z) + atan(n.y, n.x + 2.0) + tanh(n.z)
-} else {
-  0.0
-};
-let color = shine * (texels.at(corner.xy) + 0.5 * texels.at(corner.zx / 4));
+}
+)"
+                      << (by_select ? R"(
+let everywhere = shining(n) * base;
+let color = if seen { everywhere } else { vec3(0.0) };
+let glowing = (size.x + everywhere.y) * tone.at(corner.x);
+let pale = if seen { glowing } else { 0.0 };
+let error = sum(factor * size.y * color * color) + sum(pale * pale);
+)"
+                                    : R"(
+let shine = if seen { shining(n) } else { 0.0 };
+let color = shine * base;
 let pale = (size.x + shine) * tone.at(corner.x);
 let error = sum(factor * size.y * color * color) + sum(factor * dot(n, n) * size.x) + sum(pale * pale);
+)") << R"(
 step run {
   texels <- texels - 0.01 * grad(error, texels);
   vertex <- vertex - 0.01 * grad(error, vertex);

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <set>
 
 #include "compiler/ir/yields.h"
 #include "compiler/ops/op.h"
@@ -18,7 +19,9 @@ namespace {
 
 class Zeros {
  public:
-  Zeros(const ir::Graph& graph, std::span<const ir::OpId> branches) : graph_(graph), branches_(branches) {}
+  Zeros(const ir::Graph& graph, std::span<const ir::OpId> branches) : graph_(graph) {
+    for (const ir::OpId id : branches) conditions_.insert(graph.op(id).operands[0]);
+  }
 
   bool has(ValueId v) {
     const auto [at, is_new] = known_.emplace(v, false);
@@ -31,8 +34,9 @@ class Zeros {
     const ir::ValueInfo& info = graph_.value(v);
     if (!info.op.valid()) return false;
     const Op& op = graph_.op(info.op);
-    if (op.kind == OpKind::If && std::ranges::find(branches_, info.op) != branches_.end())
+    if (op.kind == OpKind::If && conditions_.contains(op.operands[0]))
       return has(ir::yielded(graph_, op, op.regions[1])[info.result_index].value);
+    if (op.kind == OpKind::Select && conditions_.contains(op.operands[0])) return has(op.operands[2]);
     switch (ops::info(op.kind).zero) {
       case ops::ZeroWhere::Unknown:
         return op.kind == OpKind::Div && graph_.value(v).type.is_float() && has(op.operands[0]) &&
@@ -86,7 +90,7 @@ class Zeros {
   }
 
   const ir::Graph& graph_;
-  std::span<const ir::OpId> branches_;
+  std::set<ValueId> conditions_;
   std::map<ValueId, bool> known_;
 };
 

@@ -9,7 +9,7 @@
 
 namespace dr::backend {
 
-// Whether a value is zero at each element for which the conditions of all these `if`s are false.
+// Whether a value is zero at each element for which the conditions of all these `if`s and selects are false.
 bool is_zero_without(const ir::Graph& graph, ir::ValueId value, std::span<const ir::OpId> branches);
 
 }  // namespace dr::backend

@@ -87,7 +87,7 @@ class StepCode {
     MapCode code;
     if (set_up_for(step_, id) == nullptr) {
       const Trips trips = trips_of(graph_, pass.ops);
-      if (options_.list_branches && !map.block && !map.rest) code.heavy = heavy(pass, trips);
+      if (options_.list_branches && !map.block && !map.rest) code.heavy = heavy(pass, id, trips);
       const bool lists = std::ranges::any_of(
           listed_for(step_, id), [](const Pass* scatter) { return scatter->get<ScatterPass>().leaves_list(); });
       code.lists_in_runs = profile_.lanes_in_turn && (code.heavy || lists);
@@ -147,9 +147,11 @@ class StepCode {
     return each;
   }
 
-  std::optional<HeavyBranches> heavy(const Pass& pass, const Trips& trips) const {
+  std::optional<HeavyBranches> heavy(const Pass& pass, PassId id, const Trips& trips) const {
     HeavyBranches heavy;
     heavy.ops = heavy_branches(graph_, pass, trips, profile_);
+    if (heavy.ops.empty())
+      if (const auto select = heavy_select(graph_, pass, sinks(pass, id), trips, profile_)) heavy.ops = {*select};
     if (heavy.ops.empty()) return std::nullopt;
     heavy.cut = cut(trips, 1);
     heavy.by_subgroups = profile_.subgroup_arithmetic && !profile_.lanes_in_turn;
@@ -158,11 +160,25 @@ class StepCode {
     return heavy;
   }
 
+  // What a map stores, and adds where it does so itself.
+  std::vector<ValueId> sinks(const Pass& pass, PassId id) const {
+    std::vector<ValueId> out = pass.writes;
+    for (const Pass* scatter : listed_for(step_, id)) {
+      const auto& how = scatter->get<ScatterPass>();
+      for (const std::vector<ValueId>& clause : how.clauses()) out.insert(out.end(), clause.begin(), clause.end());
+      for (const ScatterSum& sum : how.sums)
+        for (const ValueId term : sum.terms)
+          if (const ir::Op& op = graph_.op(graph_.value(term).op); op.kind == OpKind::ScatterAdd)
+            out.push_back(op.operands[1]);
+    }
+    return out;
+  }
+
   // What loops of the first dispatch take, which leaves the heavy branches out.
   Trips light_trips(const Pass& pass, const HeavyBranches& heavy) const {
     Trips all;
     for (const ir::OpId id : pass.ops) {
-      const bool left_out = std::ranges::find(heavy.ops, id) != heavy.ops.end();
+      const bool left_out = graph_.op(id).kind == OpKind::If && std::ranges::find(heavy.ops, id) != heavy.ops.end();
       all += left_out ? trips_of(graph_, graph_.region(graph_.op(id).regions[1]).ops) : trips_of(graph_, {&id, 1});
     }
     return all;

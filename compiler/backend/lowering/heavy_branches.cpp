@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "compiler/backend/lowering/heavy_branches.h"
 
+#include <set>
+
+#include "compiler/backend/analysis/uses.h"
+#include "compiler/backend/analysis/zero_without.h"
 #include "compiler/backend/cost/cost.h"
 #include "compiler/ir/yields.h"
 
@@ -25,6 +29,43 @@ int region_cost(const ir::Graph& graph, ir::RegionId region) {
   }
   return cost;
 }
+
+// What ops cost of which sinks are made, if a condition is false. None: whatever conditions are.
+class Needed {
+ public:
+  Needed(const ir::Graph& graph, const Pass& pass) : graph_(graph), here_(pass.ops.begin(), pass.ops.end()) {}
+
+  int cost(std::span<const ir::ValueId> sinks, std::optional<ir::OpId> select) {
+    seen_.clear();
+    cost_ = 0;
+    const ir::ValueId no = select ? graph_.op(*select).operands[0] : ir::ValueId{};
+    for (const ir::ValueId v : sinks)
+      if (!select || !is_zero_without(graph_, v, {&*select, 1})) add(v, no);
+    return cost_;
+  }
+
+ private:
+  void add(ir::ValueId v, ir::ValueId no) {
+    const ir::OpId id = graph_.value(v).op;
+    if (!id.valid() || here_.count(id) == 0 || !seen_.insert(id).second) return;
+    const ir::Op& op = graph_.op(id);
+    if (op.kind == ir::OpKind::Select && op.operands[0] == no) {
+      for (const size_t k : {size_t{0}, size_t{2}}) add(op.operands[k], no);
+      return;
+    }
+    cost_ += op.regions.empty() ? op_cost(op.kind) : 0;
+    for (const ir::RegionId region : op.regions)
+      cost_ += region_cost(graph_, region) * (ir::is_loop(op.kind) ? kLoopTrips : 1);
+    const Uses uses = uses_of(graph_, op);
+    for (const auto* list : {&uses.at_element, &uses.elsewhere})
+      for (const ir::ValueId operand : *list) add(operand, no);
+  }
+
+  const ir::Graph& graph_;
+  const std::set<ir::OpId> here_;
+  std::set<ir::OpId> seen_;
+  int cost_ = 0;
+};
 
 // Whether there surely are more elements than a GPU runs at once. A heavy branch needs registers, so that fewer run at
 // once, whether they take it or not; a dispatch more costs as much as some hundred thousand elements. Loops within
@@ -53,6 +94,25 @@ std::vector<ir::OpId> heavy_branches(const ir::Graph& graph, const Pass& pass, c
   }
   if (!profile.lanes_in_turn && !is_large(pass.domain, saved)) return {};
   return saved < kWorthListing ? std::vector<ir::OpId>() : heavy;
+}
+
+std::optional<ir::OpId> heavy_select(const ir::Graph& graph, const Pass& pass, std::span<const ir::ValueId> sinks,
+                                     const Trips& trips, const target::Profile& profile) {
+  if (!profile.lanes_in_turn || may_pass_limit(trips, profile)) return std::nullopt;
+  Needed needed(graph, pass);
+  const int all = needed.cost(sinks, std::nullopt);
+  int least = all;
+  std::optional<ir::OpId> best;
+  std::set<ir::ValueId> conditions;
+  for (const ir::OpId id : pass.ops) {
+    const ir::Op& op = graph.op(id);
+    if (op.kind != ir::OpKind::Select || graph.value(op.operands[0]).type != ir::kBool ||
+        !conditions.insert(op.operands[0]).second)
+      continue;
+    if (const int without = needed.cost(sinks, id); without < least) best = id, least = without;
+  }
+  const int saved = all - least;
+  return saved >= kWorthListing && saved >= kTimesLighter * (least + 1) ? best : std::nullopt;
 }
 
 }  // namespace dr::backend

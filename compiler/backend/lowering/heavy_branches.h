@@ -3,6 +3,8 @@
 // (Profile::lanes_in_turn), and for large pictures on others.
 #pragma once
 
+#include <optional>
+#include <span>
 #include <vector>
 
 #include "compiler/backend/schedule/schedule.h"
@@ -14,5 +16,10 @@ namespace dr::backend {
 // it is not. `trips`: of the pass.
 std::vector<ir::OpId> heavy_branches(const ir::Graph& graph, const Pass& pass, const Trips& trips,
                                      const target::Profile& profile);
+
+// Where there are none: a select of the map by whose condition most of its work is for nothing where that does not
+// hold, as all that shades a pixel is where it sees nothing. Where lanes go in turn; `sinks` are what the map is for.
+std::optional<ir::OpId> heavy_select(const ir::Graph& graph, const Pass& pass, std::span<const ir::ValueId> sinks,
+                                     const Trips& trips, const target::Profile& profile);
 
 }  // namespace dr::backend

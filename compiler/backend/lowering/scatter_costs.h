@@ -27,7 +27,7 @@ bool joining_pays(const ir::Graph& graph, const target::Profile& profile, const 
 bool many_share(const ir::Graph& graph, const Pass& pass, const ScatterPass& scatter);
 
 // A GPU adds to sums that its caches hold where they are computed; to larger ones it adds faster in a run of its own,
-// whose lanes all add. So do processors to all.
+// whose lanes all add.
 bool are_cached(const ir::Graph& graph, std::span<const ScatterSum> sums);
 
 // Whether no condition of the program decides which elements of a scatter pass add.

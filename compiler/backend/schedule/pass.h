@@ -63,7 +63,8 @@ struct Block {
   }
 };
 
-// `if`s whose first branch runs in a second dispatch, for the elements that take it (emit/listed.cpp).
+// `if`s whose first branch runs in a second dispatch, for the elements that take it (emit/listed.cpp); or a select, for
+// all of its condition.
 struct HeavyBranches {
   std::vector<ir::OpId> ops;
   bool by_subgroups = false;   // lanes of a subgroup take their places on the list together

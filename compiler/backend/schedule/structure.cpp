@@ -148,7 +148,8 @@ class StructureChecker {
     if (map.code.each < 1 || (map.code.each > 1 && !plain)) bad("takes elements in turn and is no plain map");
     if (!map.code.heavy) return;
     for (const OpId id : map.code.heavy->ops)
-      if (std::ranges::find(pass_->ops, id) == pass_->ops.end() || graph_.op(id).kind != OpKind::If)
+      if (std::ranges::find(pass_->ops, id) == pass_->ops.end() ||
+          (graph_.op(id).kind != OpKind::If && graph_.op(id).kind != OpKind::Select))
         bad("runs in two dispatches by what is no branch of it");
     check_cut(map.code.heavy->cut);
   }
