@@ -53,10 +53,10 @@ let count = int(seen * 12.0);
 let x = if seen > 0.5 {
   let first = a.at(place.yx) * seen;
   let some = fold(k in 0..count, s = 0.0, max = 12) {
-    let inner = reduce(sum, j in 0..k % 3) { a.at(place + ivec2(j, k)) };
+    let inner = reduce(sum, j in 0..min(k % 3, 2)) { a.at(place + ivec2(j, k)) };
     s + a.at(place + ivec2(k, 0)) * float(k + 1) + inner
   };
-  let more = reduce(sum, k in 0..count / 2) { a.at(place - ivec2(k, 1)) * seen };
+  let more = reduce(sum, k in 0..min(count / 2, 6)) { a.at(place - ivec2(k, 1)) * seen };
   first + some * a.at(place) + more
 } else { 0.0 };
 let y = x - 0.5 * x.at(coord(P, Q).xy + ivec2(1, 0));

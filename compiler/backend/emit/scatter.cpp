@@ -100,7 +100,7 @@ uint32_t Generator::list_active(const Pass& pass) {
   const std::string active = active_condition(s, elements.clauses);
   const std::string words = s.bind_words(list, "active_elements", bundle::Access::ReadWrite);
   s.body().line("if (" + active + ") {");
-  loop.add(words);
+  loop.add(words, false, pass.get<ScatterPass>().shares_loops() ? kLoopShares : 1);
   s.body().line("}");
   const std::string invocations = loop.close();
   dispatch(pass, "_active", s, invocations);

@@ -88,7 +88,7 @@ std::string Shader::fold_goes_on(const FoldLoops& loops, const std::string& coun
 
 // An array that loops keep, and its items.
 std::string Shader::kept_array(const Type& type, int64_t count) {
-  const std::string name = unique("kept");
+  std::string name = unique("kept");
   if (cut_) return cut_->keep_array(type, name, count);
   body_.line(type.str() + " " + name + "[" + std::to_string(count) + "];");
   return name;

@@ -234,7 +234,7 @@ std::string Shader::first_place(const ReadPart& part, const std::string& trip) {
 
 // Opens a loop over the parts of a loop's trips, in which the workgroup reads what they need; gives the first trip.
 std::string Shader::open_together(const std::string& begin, const std::string& end) {
-  const std::string first = unique("first");
+  std::string first = unique("first");
   body_.line("for (int " + first + " = " + begin + "; " + first + " < " + end + "; " + first +
              " += " + std::to_string(together_->trips) + ") {");
   body_.line("barrier();");

@@ -54,7 +54,7 @@ void guess_exponents(const ir::Graph& graph, const target::Profile& profile, Sch
         exact.joins_groups = groups_may_join(graph, profile, step, pass);
       } else {
         std::get<OwnFirstRun>(exact.first_run).relists = false;
-        exact.shares_loops = scatter->leaves_list() && have_loop_that_only_scatters(graph, pass.ops) &&
+        exact.shares_loops = scatter->active_list() != nullptr && have_loop_that_only_scatters(graph, pass.ops) &&
                              !needs_cut(trips_of(graph, pass.ops), profile);
       }
     }

@@ -181,8 +181,8 @@ class StepChecker {
     if (schedule_.code.native || scatter->keeps_terms() || scatter->relists() ||
         !may_guess(graph_, schedule_.resources, step_, pass()))
       unsound("guesses exponents of sums that need two runs");
-    if (scatter->shares_loops() && (!scatter->leaves_list() || scatter->joined_run() != nullptr || scatter->cut()))
-      unsound("shares loops of elements that no map lists");
+    if (scatter->shares_loops() && (scatter->active_list() == nullptr || scatter->cut()))
+      unsound("shares loops of elements that are not listed");
     if (scatter->joins_groups() && scatter->joined_run() == nullptr) unsound("joins what workgroups of no map add");
     for (const ScatterSum& sum : scatter->sums)
       if (scatter->joins_groups() &&
