@@ -245,7 +245,7 @@ class StepLegalizer {
     }
 
     writes.insert(sum.value);
-    Pass& united = unite(group, std::move(reads), std::move(writes), adds);
+    Pass& united = unite(group, reads, writes, adds);
     std::vector<ScatterSum>& sums = united.get<ScatterPass>().sums;
     std::erase_if(sums, [&](const ScatterSum& other) {
       return std::find(sum.terms.begin(), sum.terms.end(), other.value) != sum.terms.end();
@@ -320,7 +320,7 @@ class StepLegalizer {
         sums.insert(sums.end(), own.begin(), own.end());
       }
       if (!may_add_in_map(step_.pass(lister), reads, sums)) continue;
-      Pass& into = unite(group, std::move(reads), std::move(writes), {});
+      Pass& into = unite(group, reads, writes, {});
       auto& scatter = into.get<ScatterPass>();
       choose_joining(into, scatter);
       std::get<OwnFirstRun>(scatter.exact()->first_run).active = ActiveList{active_elements(graph_, into), OwnList{}};
