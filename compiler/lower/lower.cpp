@@ -234,7 +234,7 @@ void Elaborator::warn_of_shared_counts() {
     for (const ir::Update& update : step.updates) roots.push_back(update.value);
     const std::vector<bool> live = ir::live_ops(b_.graph(), roots);
     for (const auto& [op, let, prefix] : counts_) {
-      if (b_.graph().op(op).parent != b_.graph().root() || !live[op.index]) continue;
+      if (!live[op.index]) continue;
       Users& found = users[{prefix, let.begin}];
       found.let = let;
       found.changes = found.changes || !step.updates.empty();

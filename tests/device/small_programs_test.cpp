@@ -290,6 +290,20 @@ const Case kCases[] = {
       state n : int = 0;
       step go { n <- n + step_index; output n, index = step_index, sum = sum(a); })",
      {"go", "go", "go", "go"}},
+    {"counters named first in a branch, in a loop and in a reduction",
+     R"(
+      input a : float[W, H];
+      let branch = if a > 0.5 { float(step_index) * sin(a) } else { a };
+      fn looped(x: float) -> float {
+        var s = x;
+        for k in 0..3 { s = 0.5 * s + float(step_index + k); }
+        s
+      }
+      let loop = looped(a);
+      step branches { output branch; }
+      step loops { output loop; }
+      step sums { output all = sum(if a > 0.25 { a * float(step_index) } else { 1.0 }); })",
+     {"branches", "branches", "branches", "loops", "loops", "sums", "sums", "sums"}},
 };
 
 constexpr int kWidth = 7, kHeight = 5;

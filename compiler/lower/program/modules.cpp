@@ -354,7 +354,8 @@ Value Elaborator::found_name(const std::string& name, const Span& span, Span& de
   }
   if (name == "seed") return seed_value(span);
   if (name == "step_index") {
-    const ValueId count = ops::emit(b_, OpKind::StepIndex, {});
+    ValueId count;  // one number, which passes read as they read a leaf: never in a branch or a loop
+    b_.at_root([&] { count = ops::emit(b_, OpKind::StepIndex, {}); });
     if (!step_ && let_.valid()) counts_.push_back({b_.value(count).op, let_, running_->prefix});
     return Image{count};
   }
