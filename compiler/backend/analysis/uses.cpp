@@ -73,6 +73,13 @@ std::vector<OpId> ops_of(const Graph& graph, std::span<const OpId> ops, std::spa
   return out;
 }
 
+std::vector<OpId> in_order(const Graph& graph, const std::set<OpId>& ops) {
+  std::vector<OpId> out;
+  for (const OpId id : graph.region(graph.root()).ops)
+    if (ops.contains(id)) out.push_back(id);
+  return out;
+}
+
 std::vector<bool> steady_ops(const Graph& graph, const ir::Step& step, std::span<const OpId> order,
                              std::span<const Uses> uses, std::set<std::string> moving) {
   std::vector<bool> is_steady(graph.op_count(), false);

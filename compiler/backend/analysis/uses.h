@@ -33,6 +33,9 @@ Uses uses_of(const ir::Graph& graph, const ir::Op& op);
 std::vector<ir::OpId> ops_of(const ir::Graph& graph, std::span<const ir::OpId> ops,
                              std::span<const ir::ValueId> values);
 
+// Ops of the root region in its order.
+std::vector<ir::OpId> in_order(const ir::Graph& graph, const std::set<ir::OpId>& ops);
+
 // Which ops depend on a leaf that the step updates or that is among the `moving` ones, or on its counter, by OpId
 // index; the others are its prologue. `order`: root ops, operands before users; `uses` by OpId index.
 std::vector<bool> steady_ops(const ir::Graph& graph, const ir::Step& step, std::span<const ir::OpId> order,

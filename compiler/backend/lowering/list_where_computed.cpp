@@ -21,7 +21,7 @@ namespace {
 // nothing that the lister writes is read at other places, and one shader may bind it all. Where lanes run both branches
 // of every `if`, few elements would make all pay.
 bool may_join(const ir::Graph& graph, const target::Profile& profile, const Schedule& schedule,
-              const StepSchedule& step, const Pass& scatter, const std::set<ValueId>& elsewhere) {
+              const StepSchedule& step, const Pass& scatter) {
   if (profile.lanes_in_turn) return false;
   const PassId lister = *scatter.lister();
   // Behind the lister's loops its shader has stored where it stopped, so loops that follow must not be cut with them.
@@ -40,10 +40,8 @@ bool may_join(const ir::Graph& graph, const target::Profile& profile, const Sche
     const bool sum = std::ranges::any_of(sums, [&](const ScatterSum& s) { return s.value == v; });
     if (!sum || !graph.value(v).type.is_float()) return false;
   }
-  if (std::ranges::any_of(step.pass(lister).writes, [&](ValueId v) { return elsewhere.count(v) != 0; })) return false;
-  for (size_t k = lister.index + 1; &step.passes[k] != &scatter; ++k)
-    if (std::ranges::any_of(step.passes[k].writes, [&](ValueId v) { return contains(scatter.reads, v); })) return false;
-  return fits(profile, joined_bindings(schedule.resources, step, scatter));
+  return is_computed_by_then(graph, step, lister, scatter) &&
+         fits(profile, joined_bindings(schedule.resources, step, scatter));
 }
 
 // Whether what elements add may be kept: each term adds once at most, and shaders may bind one more buffer a sum.
@@ -80,16 +78,6 @@ void forget_conditions(const ir::Graph& graph, StepSchedule& step, Pass& lister,
     unused.insert(step.stored.at(v).index);
     step.stored.erase(v);
   }
-}
-
-// Values that a pass reads at other places.
-std::set<ValueId> read_elsewhere(const ir::Graph& graph, const Pass& pass) {
-  std::set<ValueId> out;
-  for (const ir::OpId id : pass.ops) {
-    const Uses uses = uses_of(graph, graph.op(id));
-    out.insert(uses.elsewhere.begin(), uses.elsewhere.end());
-  }
-  return out;
 }
 
 void choose_listers(const ir::Graph& graph, const target::Profile& profile, const Schedule& schedule,
@@ -141,7 +129,7 @@ void list_where_computed(const ir::Graph& graph, const target::Profile& profile,
       if (!lister || scatter.get<ScatterPass>().joined_run() != nullptr) continue;
       auto& sums = scatter.get<ScatterPass>();
       forget_conditions(graph, step, step.pass(*lister), scatter, unused);
-      if (!may_join(graph, profile, schedule, step, scatter, read_elsewhere(graph, scatter))) continue;
+      if (!may_join(graph, profile, schedule, step, scatter)) continue;
       sums.join_lister();
       if (ExactScatter* exact = sums.exact()) {
         exact->joins_pairs = pairs_may_join(graph, profile, scatter);

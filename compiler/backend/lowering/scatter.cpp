@@ -11,6 +11,7 @@
 #include "compiler/backend/lowering/heavy_branches.h"
 #include "compiler/backend/lowering/scatter_active.h"
 #include "compiler/backend/lowering/scatter_costs.h"
+#include "compiler/backend/lowering/unite_passes.h"
 #include "compiler/backend/pack/stages.h"
 #include "compiler/backend/schedule/joined_sums.h"
 #include "compiler/backend/schedule/limits.h"
@@ -68,8 +69,6 @@ class StepLegalizer {
         schedule_(schedule),
         step_(step),
         unused_(unused) {
-    const std::vector<OpId>& order = graph.region(graph.root()).ops;
-    for (size_t k = 0; k < order.size(); ++k) position_[order[k]] = k;
     steady_ = steady_ops(graph, graph.steps[*graph.step_index(step.name)]);
   }
 
@@ -207,21 +206,16 @@ class StepLegalizer {
     for (const size_t k : group)
       if (step_.passes[k].domain != step_.passes[*group.begin()].domain) return false;
     if (wait_for_each_other(group)) return false;
-    std::set<ValueId> reads, writes;
-    for (const size_t k : group) {
-      reads.insert(step_.passes[k].reads.begin(), step_.passes[k].reads.end());
-      writes.insert(step_.passes[k].writes.begin(), step_.passes[k].writes.end());
-    }
-    for (const ValueId v : sum.terms) writes.erase(v);
+    Pass pass = united(graph_, step_, group);
+    std::erase_if(pass.writes, [&](ValueId v) { return contains(sum.terms, v); });
     const auto stored = step_.stored.find(sum.value);
     const bool was_stored = stored != step_.stored.end();
-    const std::vector<ValueId> read(reads.begin(), reads.end());
-    if (!fits(profile_, bindings(read, writes.size() + 1, false, 0))) return false;
+    if (!fits(profile_, bindings(pass.reads, pass.writes.size() + 1, false, 0))) return false;
     // What was an image becomes a buffer of the shaders that read it: where one joins sums, all packings have to.
     if (was_stored && resource(sum.value).is(Resource::Storage::Image)) {
-      for (const Pass& pass : step_.passes) {
-        if (!std::binary_search(pass.reads.begin(), pass.reads.end(), sum.value)) continue;
-        if (!fits(profile_, bindings(pass.reads, pass.writes.size(), pass.is_drawn(), 1))) return false;
+      for (const Pass& reader : step_.passes) {
+        if (!std::binary_search(reader.reads.begin(), reader.reads.end(), sum.value)) continue;
+        if (!fits(profile_, bindings(reader.reads, reader.writes.size(), reader.is_drawn(), 1))) return false;
       }
       schedule_.resources[stored->second.index].storage = Resource::Storage::Buffer;
     }
@@ -244,41 +238,28 @@ class StepLegalizer {
       step_.stored.erase(part);
     }
 
-    writes.insert(sum.value);
-    Pass& united = unite(group, reads, writes, adds);
-    std::vector<ScatterSum>& sums = united.get<ScatterPass>().sums;
-    std::erase_if(sums, [&](const ScatterSum& other) {
-      return std::find(sum.terms.begin(), sum.terms.end(), other.value) != sum.terms.end();
-    });
+    std::set<OpId> ops(pass.ops.begin(), pass.ops.end());
+    ops.insert(adds.begin(), adds.end());
+    pass.ops = in_order(graph_, ops);
+    pass.writes.push_back(sum.value);
+    std::ranges::sort(pass.writes);
+    std::vector<ScatterSum>& sums = pass.get<ScatterPass>().sums;
+    std::erase_if(sums, [&](const ScatterSum& other) { return contains(sum.terms, other.value); });
     sums.push_back(sum);
-    std::sort(sums.begin(), sums.end(), [](const auto& a, const auto& b) { return a.value < b.value; });
+    std::ranges::sort(sums, {}, &ScatterSum::value);
+    pass.name.clear();
+    for (const ValueId v : pass.writes) pass.name += (pass.name.empty() ? "" : "_") + resource(v).name;
+    replace(group, std::move(pass));
     return true;
   }
 
-  // Makes the first pass of a group one that does what all of them do, and these additions.
-  Pass& unite(const std::set<size_t>& group, const std::set<ValueId>& reads, const std::set<ValueId>& writes,
-              const std::vector<OpId>& adds) {
-    Pass& into = step_.passes[*group.begin()];
-    std::set<OpId> ops(adds.begin(), adds.end());
-    std::vector<ScatterSum> sums;
-    for (const size_t k : group) {
-      Pass& pass = step_.passes[k];
-      ops.insert(pass.ops.begin(), pass.ops.end());
-      for (ScatterSum& other : pass.get<ScatterPass>().sums) sums.push_back(std::move(other));
-      for (const OpId id : pass.ops) holders_[id].erase(k);
-      if (&pass != &into) pass = {};
-    }
-    into.ops.assign(ops.begin(), ops.end());
-    std::sort(into.ops.begin(), into.ops.end(), [&](OpId a, OpId b) { return position_.at(a) < position_.at(b); });
-    into.reads.assign(reads.begin(), reads.end());
-    into.writes.assign(writes.begin(), writes.end());
-    std::sort(sums.begin(), sums.end(), [](const auto& a, const auto& b) { return a.value < b.value; });
-    into.get<ScatterPass>().sums = std::move(sums);
-    into.name.clear();
-    for (const ValueId v : into.writes) into.name += (into.name.empty() ? "" : "_") + resource(v).name;
-    for (const OpId id : into.ops) holders_[id].insert(*group.begin());
-    for (const ValueId v : into.writes) writer_[v] = *group.begin();
-    return into;
+  // Puts a pass in the place of those that it is made of.
+  void replace(const std::set<size_t>& group, Pass pass) {
+    for (const size_t k : group)
+      for (const OpId id : step_.passes[k].ops) holders_[id].erase(k);
+    for (const OpId id : pass.ops) holders_[id].insert(*group.begin());
+    for (const ValueId v : pass.writes) writer_[v] = *group.begin();
+    put_in_place_of(group, std::move(pass), step_);
   }
 
   // A pass that added the terms up, or some of them, reads their sum.
@@ -307,38 +288,29 @@ class StepLegalizer {
     std::map<PassId, std::set<size_t>> groups;
     for (size_t k = 0; k < step_.passes.size(); ++k)
       if (const auto lister = may_unite(k)) groups[*lister].insert(k);
-    bool united = false;
+    bool joined = false;
     for (const auto& [lister, group] : groups) {
       if (group.size() < 2 || wait_for_each_other(group)) continue;
-      std::set<ValueId> reads, writes;
-      std::vector<ScatterSum> sums;
-      for (const size_t k : group) {
-        const Pass& pass = step_.passes[k];
-        reads.insert(pass.reads.begin(), pass.reads.end());
-        writes.insert(pass.writes.begin(), pass.writes.end());
-        const auto& own = pass.get<ScatterPass>().sums;
-        sums.insert(sums.end(), own.begin(), own.end());
-      }
-      if (!may_add_in_map(step_.pass(lister), reads, sums)) continue;
-      Pass& into = unite(group, reads, writes, {});
-      auto& scatter = into.get<ScatterPass>();
-      choose_joining(into, scatter);
-      std::get<OwnFirstRun>(scatter.exact()->first_run).active = ActiveList{active_elements(graph_, into), OwnList{}};
-      united = true;
+      Pass pass = united(graph_, step_, group);
+      auto& scatter = pass.get<ScatterPass>();
+      if (!may_add_in_map(step_.pass(lister), pass.reads, scatter.sums)) continue;
+      choose_joining(pass, scatter);
+      std::get<OwnFirstRun>(scatter.exact()->first_run).active = ActiveList{active_elements(graph_, pass), OwnList{}};
+      replace(group, std::move(pass));
+      joined = true;
     }
     std::erase_if(step_.passes, [](const Pass& pass) { return pass.writes.empty(); });
-    return united;
+    return joined;
   }
 
   // Whether one shader of the map may add to all these sums, by guesses and workgroups.
-  bool may_add_in_map(const Pass& map, std::set<ValueId> reads, const std::vector<ScatterSum>& sums) const {
+  bool may_add_in_map(const Pass& map, std::vector<ValueId> reads, const std::vector<ScatterSum>& sums) const {
     std::vector<const ScatterSum*> all;
     for (const ScatterSum& sum : sums) all.push_back(&sum);
-    reads.insert(map.reads.begin(), map.reads.end());
-    const std::vector<ValueId> read(reads.begin(), reads.end());
+    reads.insert(reads.end(), map.reads.begin(), map.reads.end());
     const size_t writes = map.writes.size() + 2 * sums.size();  // with their guesses
     return are_cached(graph_, sums) && groups_have_room(graph_, profile_, all) &&
-           fits(profile_, bindings(read, writes, false, lists_bound(1)));
+           fits(profile_, bindings(reads, writes, false, lists_bound(1)));
   }
 
   // The map that a scatter may join with others.
@@ -532,7 +504,6 @@ class StepLegalizer {
   StepSchedule& step_;
   std::set<uint32_t>& unused_;  // resources
   std::vector<bool> steady_;    // ops that depend on what the step changes, by index
-  std::map<OpId, size_t> position_;
   std::map<ValueId, size_t> writer_;
   std::map<OpId, std::set<size_t>> holders_;  // passes that run an op
   std::map<ValueId, std::set<OpId>> users_;

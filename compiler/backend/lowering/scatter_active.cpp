@@ -3,9 +3,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <optional>
-#include <set>
 
+#include "compiler/backend/analysis/uses.h"
 #include "compiler/ir/yields.h"
 #include "compiler/ops/op.h"
 
@@ -149,6 +148,23 @@ std::optional<PassId> find_lister(const ir::Graph& graph, const StepSchedule& st
     if (all) return pass_id(k);
   }
   return std::nullopt;
+}
+
+std::set<ValueId> read_elsewhere(const Graph& graph, const Pass& pass) {
+  std::set<ValueId> out;
+  for (const ir::OpId id : pass.ops) {
+    const Uses uses = uses_of(graph, graph.op(id));
+    out.insert(uses.elsewhere.begin(), uses.elsewhere.end());
+  }
+  return out;
+}
+
+bool is_computed_by_then(const Graph& graph, const StepSchedule& step, PassId map, const Pass& scatter) {
+  const std::set<ValueId> elsewhere = read_elsewhere(graph, scatter);
+  if (std::ranges::any_of(step.pass(map).writes, [&](ValueId v) { return elsewhere.contains(v); })) return false;
+  for (size_t k = map.index + 1; &step.passes[k] != &scatter; ++k)
+    if (std::ranges::any_of(step.passes[k].writes, [&](ValueId v) { return contains(scatter.reads, v); })) return false;
+  return true;
 }
 
 }  // namespace dr::backend

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <optional>
+#include <set>
 #include <vector>
 
 #include "compiler/backend/schedule/schedule.h"
@@ -17,5 +18,12 @@ Clauses active_elements(const ir::Graph& graph, const Pass& pass);
 // The map of the step that computes every value of the clauses of a scatter pass, the last that one of them waits for.
 std::optional<PassId> find_lister(const ir::Graph& graph, const StepSchedule& step, size_t scatter,
                                   const Clauses& clauses);
+
+// Values that a pass reads at other places.
+std::set<ir::ValueId> read_elsewhere(const ir::Graph& graph, const Pass& pass);
+
+// Whether all that a scatter reads at an element is there when a map before it has computed that element: passes
+// between them write none of it, and nothing that the map writes is read at other places.
+bool is_computed_by_then(const ir::Graph& graph, const StepSchedule& step, PassId map, const Pass& scatter);
 
 }  // namespace dr::backend
