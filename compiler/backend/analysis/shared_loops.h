@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Loops whose trips know nothing of each other: they only scatter. Several invocations may share the trips of one.
+// Loops whose trips know nothing of each other: they only scatter, or give integers whose sum has no order. Several
+// invocations may share the trips of one.
 #pragma once
 
 #include <span>
@@ -14,5 +15,11 @@ bool only_scatters(const ir::Graph& graph, const ir::Op& op);
 
 // Whether there is such a loop among these ops or in their branches and loops.
 bool have_loop_that_only_scatters(const ir::Graph& graph, std::span<const ir::OpId> ops);
+
+// Whether a Reduce gives nothing but sums, or least or greatest ones, of integers.
+bool combines_in_any_order(const ir::Graph& graph, const ir::Op& op);
+
+// Whether there is such a loop with loops within among these ops or in their branches.
+bool have_long_loop_in_any_order(const ir::Graph& graph, std::span<const ir::OpId> ops);
 
 }  // namespace dr::backend

@@ -248,8 +248,8 @@ class Reflector {
     // ViewIndex.
     constexpr BuiltIn kKnown[] = {{0, 4, false},   {9, 1, true},    {15, 4, false},  {22, 1, false},  {24, 3, true},
                                   {26, 3, true},   {27, 3, true},   {28, 3, true},   {29, 1, true},   {36, 1, true},
-                                  {41, 1, true},   {42, 1, true},   {4416, 4, true}, {4417, 4, true}, {4418, 4, true},
-                                  {4419, 4, true}, {4420, 4, true}, {4440, 1, true}};
+                                  {40, 1, true},   {41, 1, true},   {42, 1, true},   {4416, 4, true}, {4417, 4, true},
+                                  {4418, 4, true}, {4419, 4, true}, {4420, 4, true}, {4440, 1, true}};
     const auto number = decoration(id, kBuiltIn);
     const auto* known = std::ranges::find(kKnown, number.value_or(UINT32_MAX), &BuiltIn::number);
     if (known == std::end(kKnown)) throw Unfit{"has a built-in variable that no bundle has"};

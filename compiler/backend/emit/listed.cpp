@@ -15,7 +15,8 @@ using ir::ValueId;
 namespace {
 
 // Invocations that share the listed elements of a GPU: where few elements are listed, starting more takes longer.
-constexpr int kWalking = 1 << 14;
+// Those that share loops are as many as it runs at once.
+constexpr int kWalking = 1 << 14, kSharing = 1 << 16;
 
 // Whether a scatter adds nothing where these branches are left out: each clause has one of their conditions, or all
 // that it adds is zero.
@@ -31,6 +32,16 @@ bool adds_nothing(const ir::Graph& graph, const ScatterPass& scatter, const std:
       return op.kind == ir::OpKind::ScatterAdd && is_zero_without(graph, op.operands[1], heavy);
     });
   });
+}
+
+// Lanes that follow each other in a subgroup have an element, a power of two of them.
+void share_by_lanes(Shader& s) {
+  s.extension("GL_KHR_shader_subgroup_shuffle");
+  s.body().line(
+      "index += int(gl_SubgroupID * gl_SubgroupSize + gl_SubgroupInvocationID) - int(gl_LocalInvocationID.x);");
+  s.body().line("apart = 1 << findMSB(min(apart, int(gl_SubgroupSize)));");
+  s.body().line("int share = index % apart;");
+  s.share_loops("share", "apart", true);
 }
 
 }  // namespace
@@ -86,14 +97,19 @@ void Generator::listed_map_pass(const Pass& pass, const HeavyBranches& branches)
   const std::string item = std::to_string(kListHead) + " + ",
                     end = "int(" + words + "(" + std::to_string(kListEnd) + ")) - 1";
   const bool walks = branches.apart > 0;
+  const std::string walking = std::to_string(branches.shares_loops ? kSharing : kWalking);
   if (walks) {
     // Elements side by side would take each other's branches: each gets a subgroup of its own where there are enough.
-    const std::string all = std::to_string(kWalking);
-    linear_index(s, all);
-    s.body().line("int end = " + end + ", apart = clamp(" + all + " / max(end, 1), 1, " +
+    linear_index(s, walking);
+    s.body().line("int end = " + end + ", apart = clamp(" + walking + " / max(end, 1), 1, " +
                   std::to_string(branches.apart) + ");");
-    s.body().line("if (index % apart != 0) return;");
-    s.body().line("for (index /= apart; index < end; index += (" + all + " - 1) / apart + 1) {");
+    if (branches.shares_loops) {
+      subgroup_extensions(s);
+      share_by_lanes(s);
+    } else {
+      s.body().line("if (index % apart != 0) return;");
+    }
+    s.body().line("for (index /= apart; index < end; index += (" + walking + " - 1) / apart + 1) {");
     s.push_scope();
   } else {
     linear_index(s, end);
@@ -104,13 +120,16 @@ void Generator::listed_map_pass(const Pass& pass, const HeavyBranches& branches)
   open_cut(s, cut, "return;");
   s.element_ops(pass.ops);
   close_cut(s, cut);
+  s.share_no_more();
+  if (branches.shares_loops) s.body().line("if (share == 0) {");
   store_results(s, pass, listed_for(pass));
+  if (branches.shares_loops) s.body().line("}");
   end_cut(s, cut);
   if (walks) {
     s.pop_scope();
     s.body().line("}");
   }
-  auto& c = dispatch(pass, "_heavy", s, walks ? std::to_string(kWalking) : count);
+  auto& c = dispatch(pass, "_heavy", s, walks ? walking : count);
   if (!walks) c.indirect = static_cast<int>(list);
   set_trips(c, cut);
 }

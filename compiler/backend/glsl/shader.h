@@ -125,8 +125,12 @@ class Shader {
   void read_together(SharedReads reads);
 
   // From here on the invocations of an element share the trips of loops that only scatter: `share` is the number of
-  // one, of `shares`. What else is scattered the first one scatters.
-  void share_loops(std::string share, std::string shares) { sharing_ = {std::move(share), std::move(shares), false}; }
+  // one, of `shares`. What else is scattered the first one scatters. `combine`: they also share those that combine
+  // integers, which shuffles then join; a power of two of lanes beside each other have an element.
+  void share_loops(std::string share, std::string shares, bool combine = false) {
+    sharing_ = {std::move(share), std::move(shares), combine, false};
+  }
+  void share_no_more() { sharing_.reset(); }
 
   // From here on loops may stop and go on later, see cut_loops.h.
   CutLoops& cut_loops() { return cut_ ? *cut_ : cut_.emplace(); }
@@ -228,10 +232,12 @@ class Shader {
   // Of share_loops().
   struct Sharing {
     std::string share, shares;
+    bool combine = false;
     bool in_loop = false;  // in one that is shared
   };
   bool begin_shared(const ir::Op& op);
-  void end_shared() { sharing_->in_loop = false; }
+  // `names`: what a Reduce combines.
+  void end_shared(const ir::Op& op, const std::vector<std::string>& names);
   struct Part {
     std::string index, value;
     ir::ValueId of;  // the index, where it scatters

@@ -138,7 +138,7 @@ void Shader::fold_storing(FoldLoops& loops, const std::vector<std::string>& resu
     fold_trip(loops, s, trip, results);
     pop_scope();
     close_loop();
-    if (shared) end_shared();
+    if (shared) end_shared(op, {});
   }
 }
 

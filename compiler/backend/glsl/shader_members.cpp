@@ -168,7 +168,7 @@ void Shader::reduce_op(const Op& op) {
     pop_scope();
   }
   close_loop();
-  if (shared) end_shared();
+  if (shared) end_shared(op, names[0]);
   if (together) body_.line("}");
   for (size_t g = 0; g < groups.size(); ++g)
     for (const size_t m : groups[g]) {

@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "compiler/backend/lowering/heavy_branches.h"
 
+#include <algorithm>
 #include <set>
 
+#include "compiler/backend/analysis/shared_loops.h"
 #include "compiler/backend/analysis/uses.h"
 #include "compiler/backend/analysis/zero_without.h"
 #include "compiler/backend/cost/cost.h"
+#include "compiler/backend/lowering/scatter_costs.h"
 #include "compiler/ir/yields.h"
 
 namespace dr::backend {
@@ -19,14 +22,19 @@ constexpr int kWorthListing = 120, kTimesLighter = 4;
 constexpr int kHeavy = 20;
 constexpr int kLoopTrips = 8;
 
+int region_cost(const ir::Graph& graph, ir::RegionId region);
+
+// Of an op with all that its regions do.
+int whole_cost(const ir::Graph& graph, const ir::Op& op) {
+  int cost = op.regions.empty() ? op_cost(op.kind) : 0;
+  for (const ir::RegionId inner : op.regions)
+    cost += region_cost(graph, inner) * (ir::is_loop(op.kind) ? kLoopTrips : 1);
+  return cost;
+}
+
 int region_cost(const ir::Graph& graph, ir::RegionId region) {
   int cost = 0;
-  for (const ir::OpId id : graph.region(region).ops) {
-    const ir::Op& op = graph.op(id);
-    cost += op.regions.empty() ? op_cost(op.kind) : 0;
-    for (const ir::RegionId inner : op.regions)
-      cost += region_cost(graph, inner) * (ir::is_loop(op.kind) ? kLoopTrips : 1);
-  }
+  for (const ir::OpId id : graph.region(region).ops) cost += whole_cost(graph, graph.op(id));
   return cost;
 }
 
@@ -53,9 +61,7 @@ class Needed {
       for (const size_t k : {size_t{0}, size_t{2}}) add(op.operands[k], no);
       return;
     }
-    cost_ += op.regions.empty() ? op_cost(op.kind) : 0;
-    for (const ir::RegionId region : op.regions)
-      cost_ += region_cost(graph_, region) * (ir::is_loop(op.kind) ? kLoopTrips : 1);
+    cost_ += whole_cost(graph_, op);
     const Uses uses = uses_of(graph_, op);
     for (const auto* list : {&uses.at_element, &uses.elsewhere})
       for (const ir::ValueId operand : *list) add(operand, no);
@@ -92,8 +98,16 @@ std::vector<ir::OpId> heavy_branches(const ir::Graph& graph, const Pass& pass, c
     heavy.push_back(id);
     saved += then;
   }
-  if (!profile.lanes_in_turn && !is_large(pass.domain, saved)) return {};
+  if (!profile.lanes_in_turn && !is_large(pass.domain, saved) && !share_loops(graph, heavy, profile)) return {};
   return saved < kWorthListing ? std::vector<ir::OpId>() : heavy;
+}
+
+bool share_loops(const ir::Graph& graph, std::span<const ir::OpId> heavy, const target::Profile& profile) {
+  return profile.subgroup_shuffle && lanes_join(profile) && profile.loop_trips == 0 &&
+         std::ranges::any_of(heavy, [&](ir::OpId id) {
+           const ir::Op& op = graph.op(id);
+           return op.kind == ir::OpKind::If && have_long_loop_in_any_order(graph, graph.region(op.regions[0]).ops);
+         });
 }
 
 std::optional<ir::OpId> heavy_select(const ir::Graph& graph, const Pass& pass, std::span<const ir::ValueId> sinks,

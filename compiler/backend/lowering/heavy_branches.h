@@ -17,6 +17,10 @@ namespace dr::backend {
 std::vector<ir::OpId> heavy_branches(const ir::Graph& graph, const Pass& pass, const Trips& trips,
                                      const target::Profile& profile);
 
+// Whether several lanes of a GPU may have an element of such branches, and share its loops: those that combine integers
+// and have loops within. Few elements, whose loops are long, then take as long as the longest part of one.
+bool share_loops(const ir::Graph& graph, std::span<const ir::OpId> heavy, const target::Profile& profile);
+
 // Where there are none: a select of the map by whose condition most of its work is for nothing where that does not
 // hold, as all that shades a pixel is where it sees nothing. Where lanes go in turn; `sinks` are what the map is for.
 std::optional<ir::OpId> heavy_select(const ir::Graph& graph, const Pass& pass, std::span<const ir::ValueId> sinks,

@@ -162,7 +162,12 @@ class StepChecker {
 
   void check_groups() {
     const auto* map = pass().as<MapPass>();
-    if (map == nullptr || map->code.joining_group == kJoiningGroup) return;
+    if (map == nullptr) return;
+    if (const auto& heavy = map->code.heavy; heavy && heavy->shares_loops) {
+      if (!profile_.subgroup_shuffle) report(Violation::Kind::Limit, "shares loops by lanes, which the profile cannot");
+      if (heavy->apart == 0 || heavy->cut) unsound("shares loops of elements that have an invocation each");
+    }
+    if (map->code.joining_group == kJoiningGroup) return;
     if (map->code.joining_group <= 0 || !std::has_single_bit(static_cast<uint32_t>(map->code.joining_group)))
       return unsound("has workgroups of no power of two");
     if (!groups_have_room(graph_, profile_, joined_in_groups(step_, pass_id(place_)), map->code.joining_group))

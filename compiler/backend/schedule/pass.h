@@ -69,6 +69,7 @@ struct HeavyBranches {
   std::vector<ir::OpId> ops;
   bool by_subgroups = false;   // lanes of a subgroup take their places on the list together
   uint32_t apart = 0;          // a fixed number of invocations, so many lanes apart, share the list; 0: one an element
+  bool shares_loops = false;   // the lanes between share an element's loops that combine integers
   std::optional<LoopCut> cut;  // of the second dispatch
 };
 

@@ -189,6 +189,7 @@ bool PassReader::decides(MapPass& map, bool& ok) {
     ok = comma_list([&] { return op(heavy.ops.emplace_back()); });
     if (ok && take_word("by")) ok = heavy.by_subgroups = expect_word("subgroups");
     if (ok && take_word("apart")) ok = number("a number of lanes", heavy.apart);
+    if (ok && take_word("sharing")) ok = heavy.shares_loops = expect_word("loops");
   } else if (take_word("cut")) {
     ok = map.code.heavy && take_word("heavy") ? cut(map.code.heavy->cut) : cut(map.code.cut);
   } else if (take_word("tells")) {

@@ -237,7 +237,8 @@ class Writer {
   void write_heavy(const HeavyBranches& heavy) {
     for (const OpId& id : heavy.ops) out_ += (&id == heavy.ops.data() ? "    heavy " : ", ") + op(id);
     out_ += std::string(heavy.by_subgroups ? " by subgroups" : "") +
-            (heavy.apart > 0 ? " apart " + std::to_string(heavy.apart) : "") + "\n";
+            (heavy.apart > 0 ? " apart " + std::to_string(heavy.apart) : "") +
+            (heavy.shares_loops ? " sharing loops" : "") + "\n";
   }
 
   static std::string numbers(const std::array<int, 3>& n) {

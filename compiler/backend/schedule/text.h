@@ -41,7 +41,7 @@
 //     place %12 adds %13 in if %40 branch 0 of the table, if %41 branch 1
 //   lists in runs
 //   in tiles                                    // of a reduction: in teams
-//   heavy if %40, if %41 by subgroups apart 32  // branches of a second dispatch
+//   heavy if %40, if %41 by subgroups apart 32  // branches of a second dispatch; `apart 8 sharing loops`
 //   cut loops 8000, watched                     // trips in a dispatch; `cut heavy loops` in the second one
 //   skips zeros
 //   tells loss                                  // whether it is NaN or Inf
