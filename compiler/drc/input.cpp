@@ -2,14 +2,11 @@
 // Reading programs for the commands.
 #include "compiler/drc/input.h"
 
-#include <cerrno>
 #include <cstdio>
-#include <filesystem>
-#include <fstream>
 #include <iostream>
 #include <sstream>
 
-#include "compiler/io/file/unreadable.h"
+#include "compiler/io/program_text.h"
 #include "dsl/diagnostic/diagnostic.h"
 #include "dsl/syntax/dump.h"
 #include "dsl/syntax/parser.h"
@@ -28,21 +25,15 @@ std::optional<std::pair<std::string, std::string>> split_assignment(const std::s
 }
 
 std::optional<std::string> read_text(const std::string& file) {
-  std::ostringstream text;
   if (file == "-") {
+    std::ostringstream text;
     text << std::cin.rdbuf();
     return std::move(text).str();
   }
-  std::error_code error;
-  std::ifstream in;
-  errno = 0;
-  if (!std::filesystem::is_directory(file, error)) in.open(file, std::ios::binary);
-  if (in.is_open()) text << in.rdbuf();
-  if (!in.is_open() || in.bad()) {
-    print_error(io::unreadable(file));
-    return std::nullopt;
-  }
-  return std::move(text).str();
+  auto text = io::program_text(file);
+  if (text) return std::move(*text);
+  print_error(text.error());
+  return std::nullopt;
 }
 
 std::unique_ptr<driver::Compilation> open_program(const InputOptions& options, driver::Hooks hooks) {

@@ -24,6 +24,9 @@ struct Source {
 };
 
 // "a/b.png:raw:r": the selectors start at the first ':' of the last part of the path.
+constexpr std::string_view kExtensions[] = {".obj", ".gltf", ".glb",  ".png", ".jpg", ".jpeg",
+                                            ".hdr", ".tfx",  ".hair", ".npy", ".csv", ".json"};
+
 Source split_source(std::string_view text) {
   const size_t name_start = text.size() - file_name_of(text).size();
   size_t colon = text.find(':', name_start);
@@ -79,8 +82,6 @@ Array load(std::string_view text, int expected_components) {
     const auto bytes = read_file(source.path);
     return parse_literal({reinterpret_cast<const char*>(bytes.data()), bytes.size()}, expected_components);
   }
-  constexpr std::string_view kExtensions[] = {".obj", ".gltf", ".glb",  ".png", ".jpg", ".jpeg",
-                                              ".hdr", ".tfx",  ".hair", ".npy", ".csv", ".json"};
   fail(extension.empty() ? std::string("there is no extension") : cat("unknown extension ", in_quotes(extension)),
        did_you_mean(extension, kExtensions),
        ", expected a .obj, .gltf, .glb, .tfx, .hair, .png, .jpg, .hdr, .npy, .csv or .json file or a number or list "
@@ -96,6 +97,10 @@ void check_expected(const Array& array, int expected_components) {
 
 }  // namespace
 
+bool is_bindable(std::string_view path) {
+  return std::ranges::find(kExtensions, extension_of(path)) != std::end(kExtensions);
+}
+
 Result<Array> load_binding(std::string_view source, int expected_components) {
   assert(expected_components >= 0);
   const bool marked = source.starts_with('=');
@@ -107,8 +112,8 @@ Result<Array> load_binding(std::string_view source, int expected_components) {
       return array;
     });
   }
+  if (source.empty()) return Error{"expected a file, or a number or list, after '='"};
   return guarded(cat("cannot read ", path_in_quotes(source), ": "), [&] {
-    if (source.empty()) fail("the name is empty");
     Array array = load(source, expected_components);
     check_expected(array, expected_components);
     return array;

@@ -186,6 +186,9 @@ class Elaborator {
   bool over_budget(const Span& span);
   bool has_room(const Value& part, size_t& parts, const Span& span);
   static std::string suggestion(std::string_view name, const std::vector<std::string>& known);
+  // "x, y or z"
+  static std::string one_of(const std::vector<std::string>& words);
+  static std::string no_field(const StructType& type, const std::string& found);
 
   // The program (lower.cpp).
   void declare_leaves(ModuleInfo& module);

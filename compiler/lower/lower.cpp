@@ -69,6 +69,19 @@ std::string Elaborator::suggestion(std::string_view name, const std::vector<std:
   return nearest ? "did you mean '" + *nearest + "'?" : "";
 }
 
+std::string Elaborator::one_of(const std::vector<std::string>& words) {
+  std::string all;
+  for (size_t i = 0; i < words.size(); ++i) all += (i == 0 ? "" : i + 1 == words.size() ? " or " : ", ") + words[i];
+  return all;
+}
+
+std::string Elaborator::no_field(const StructType& type, const std::string& found) {
+  constexpr size_t kMost = 12;  // that a message names
+  const bool named = !type.fields.empty() && type.fields.size() <= kMost;
+  return "expected a field of " + type.name + (named ? " (" + one_of(type.fields) + ")" : "") + ", found '" + found +
+         "'";
+}
+
 void Elaborator::set_span(const Span& span) {
   span_ = span;
   b_.set_span(span);

@@ -2,13 +2,9 @@
 // Opens the device, loads or compiles the program, and hands both on.
 #include "runtime/drun/runner.h"
 
-#include <cerrno>
 #include <cstdio>
-#include <filesystem>
-#include <fstream>
-#include <sstream>
 
-#include "compiler/io/file/unreadable.h"
+#include "compiler/io/program_text.h"
 #include "compiler/ir/internal_error.h"
 #include "runtime/drun/session.h"
 #include "runtime/drun/stop.h"
@@ -18,16 +14,6 @@
 namespace dr::drun {
 
 namespace {
-
-std::vector<uint8_t> read_file(const std::string& path) {
-  errno = 0;
-  std::ifstream file(path, std::ios::binary);
-  if (std::filesystem::is_directory(path) || !file) throw Mistake{io::unreadable(path)};
-  std::stringstream text;
-  text << file.rdbuf();
-  const std::string s = text.str();
-  return {s.begin(), s.end()};
-}
 
 bool is_bundle(const std::string& file) { return file.size() > 4 && file.ends_with(".drb"); }
 
@@ -80,7 +66,8 @@ std::vector<uint8_t> load_or_compile(const Options& options, const std::string& 
           "'" + options.file +
           "' is compiled already: --profile, --lower, --raster, --pack, --scatter, --float, --ablate, --no-skip of "
           "what compiling leaves out and -D are for .dr programs"};
-    return read_file(options.file);
+    const std::string bytes = must(io::program_text(options.file));
+    return {bytes.begin(), bytes.end()};
   }
   jit::Options compile = options.compile;
   if (compile.profile.empty()) compile.profile = device_profile;

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/jit/check_indices.h"
 
+#include <algorithm>
+
 #include "compiler/backend/bundle/bundle.h"
 #include "compiler/ir/parse.h"
 
@@ -26,6 +28,15 @@ std::optional<Column> column_of(const ir::Graph& graph, ir::ValueId index) {
   if (op->kind != OpKind::Leaf) return std::nullopt;
   out.leaf = op->attrs.text;
   return out;
+}
+
+// What a user calls an image that is indexed. Of one that a library made, with a point in its name, that is a leaf
+// which has as many elements.
+std::string name_of(const ir::Graph& graph, const ir::ValueInfo& from) {
+  if (!from.name.empty() && from.name.find('.') == std::string::npos) return "'" + from.name + "'";
+  const auto leaf = std::ranges::find(graph.leaves, from.extent.w, [](const ir::Leaf& l) { return l.extent.w; });
+  const bool known = leaf != graph.leaves.end() && from.extent.w.as_symbol();
+  return known ? "'" + leaf->name + "'" : "what it indexes";
 }
 
 }  // namespace
@@ -60,9 +71,8 @@ std::optional<std::string> check_indices(std::span<const uint8_t> bytes, const s
     for (auto k = static_cast<size_t>(column->component); k < numbers.size(); k += static_cast<size_t>(a.components)) {
       if (numbers[k] >= -1 && numbers[k] < static_cast<double>(*count)) continue;
       return "leaf '" + column->leaf + "': element " + std::to_string(k / static_cast<size_t>(a.components)) +
-             " names " + std::to_string(static_cast<int64_t>(numbers[k])) + ", but " +
-             (from.name.empty() ? "what it indexes" : "'" + from.name + "'") + " has " + std::to_string(*count) +
-             " elements";
+             " names " + std::to_string(static_cast<int64_t>(numbers[k])) + ", but " + name_of(*graph, from) + " has " +
+             std::to_string(*count) + " elements";
     }
   }
   return std::nullopt;

@@ -2,16 +2,12 @@
 // The compiler as a library call.
 #include "runtime/jit/jit.h"
 
-#include <cerrno>
-#include <filesystem>
-#include <fstream>
 #include <set>
-#include <sstream>
 
 #include "compiler/backend/skips.h"
 #include "compiler/backend/spirv/shader_cache.h"
 #include "compiler/driver/driver.h"
-#include "compiler/io/file/unreadable.h"
+#include "compiler/io/program_text.h"
 #include "runtime/jit/compile_text.h"
 
 namespace dr::jit {
@@ -42,15 +38,11 @@ std::variant<std::vector<uint8_t>, std::string> compile_text(const std::string& 
 
 std::variant<std::vector<uint8_t>, std::string> compile_file(const std::string& path, const Options& options,
                                                              Told* told) {
-  // A folder opens like an empty file.
-  errno = 0;
-  std::ifstream file(path, std::ios::binary);
-  if (std::filesystem::is_directory(path) || !file) return "error: " + io::unreadable(path) + "\n";
-  std::stringstream text;
-  text << file.rdbuf();
+  const auto text = io::program_text(path);
+  if (!text) return "error: " + text.error() + "\n";
   const auto profile = target::load_profile(options.profile);
   if (const auto* problem = std::get_if<std::string>(&profile)) return *problem + "\n";
-  return compile_text(path, text.str(), std::get<target::Profile>(profile), options, told);
+  return compile_text(path, *text, std::get<target::Profile>(profile), options, told);
 }
 
 std::string cache_folder() { return backend::default_cache_folder().string(); }

@@ -21,6 +21,15 @@ step look { output corner = position.at(face.x); }
 step beside { output edge = topology(face, 3).edge; }
 END_OF_PROGRAM
 grep -v topology mesh.dr > corner.dr
+cat > outline.dr << 'END_OF_PROGRAM'
+edition 1;
+import std.coverage;
+import std.mesh;
+input position : vec3[V];
+input face     : ivec3[F];
+let across = mesh.neighbours(topology(face));
+step look { output drawn = coverage.silhouette(vec4(position, 1.0), face, across, 16, 16); }
+END_OF_PROGRAM
 printf 'v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 7\n' > bad.obj
 printf 'no array' > junk.npy
 printf 'no bundle' > junk.drb
@@ -106,6 +115,10 @@ faults() { # DEVICE
   expect 1 'vertex index 7 is out of range' mesh.dr "${on[@]}" --step look --bind position=bad.obj:position --bind face=bad.obj:indices
   expect 1 "leaf 'face': element 1 names 3, but 'position' has 3 elements; if reading 0 there is meant, give --unchecked" \
     mesh.dr "${on[@]}" --step look --bind 'position=[[0, 0, 0], [1, 0, 0], [0, 1, 0]]' --bind 'face=[[0, 1, 2], [3, -1, 9]]'
+  expect 1 "leaf 'face': element 0 names 3, but 'position' has 3 elements" \
+    outline.dr "${on[@]}" --bind 'position=[[0, 0, 0], [1, 0, 0], [0, 1, 0]]' --bind 'face=[[0, 1, 3]]'
+  expect 1 "expected a file, or a number or list, after '='" mesh.dr "${on[@]}" --step look --bind face=
+  expect 1 "expected a program, found data: 'bad.obj' can be bound to an input" bad.obj "${on[@]}"
   expect 1 'names -2,' \
     mesh.dr "${on[@]}" --step look --bind 'position=[[0, 0, 0], [1, 0, 0], [0, 1, 0]]' --bind 'face=[[-2, 1, 2]]'
   "$drun" corner.dr "${on[@]}" --unchecked --bind 'position=[[0, 0, 0]]' --bind 'face=[[-2, 1, 2]]' > out 2> err ||

@@ -52,6 +52,8 @@ for command in check build eval fmt; do
 done
 expect 1 err 'bad.dr:2:7: error[E0102]' doc bad.dr
 expect 1 err "cannot read 'missing.dr'" doc missing.dr
+printf 'v 0 0 0\n' > point.obj
+expect 1 err "expected a program, found data: 'point.obj' can be bound to an input, as in --bind NAME=point.obj" check point.obj
 expect 2 err 'expected a file' doc
 expect 2 err 'required' inspect
 expect 1 err "cannot read 'missing.drb': no such file" inspect missing.drb

@@ -136,6 +136,8 @@ inline constexpr int64_t kMaxArrayBytes = int64_t{1} << 34;
 // when the last dimension is the expected c > 1, else (layers, height, width) or a tail. With an unknown c, a fourth
 // dimension is the components. So `=[[1, 2], [3, 4]]` is two vec2 in a row, or a float image of 2x2.
 Result<Array> load_binding(std::string_view source, int expected_components = 0);
+// Whether a file's name is one of those that load_binding() reads.
+bool is_bindable(std::string_view path);
 // What is odd about data that was loaded, for a warning: a normal map that was taken for colours.
 std::optional<std::string> doubt_about(std::string_view source, const Array& array);
 

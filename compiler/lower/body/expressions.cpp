@@ -111,8 +111,7 @@ Value Elaborator::found_field(const Value& base, const std::string& name, const 
     }
     std::vector<dsl::Note> notes;
     if (s->type->decl) notes.push_back({s->type->decl->name.span, "'" + s->type->name + "' is declared here"});
-    return fail(Code::E0307, span, "expected a field of " + s->type->name + ", found '" + name + "'", std::move(notes),
-                suggestion(name, known));
+    return fail(Code::E0307, span, no_field(*s->type, name), std::move(notes), suggestion(name, known));
   }
   if (const auto* tuple = base.get<TupleValue>()) {
     size_t index = 0;

@@ -211,8 +211,7 @@ Value Elaborator::assigned(const Value& current, std::span<const Expr* const> pa
   if (const auto* s = current.get<StructValue>(); s && step.kind == Expr::Kind::Field) {
     place = static_cast<size_t>(std::ranges::find(s->type->fields, step.name) - s->type->fields.begin());
     if (place == parts.size()) {
-      return fail(Code::E0307, step.span, "expected a field of " + s->type->name + ", found '" + step.name + "'", {},
-                  suggestion(step.name, s->type->fields));
+      return fail(Code::E0307, step.span, no_field(*s->type, step.name), {}, suggestion(step.name, s->type->fields));
     }
   } else if (current.is<ArrayValue>() && step.kind == Expr::Kind::Index) {
     const auto index = evaluate_known_int(*step.b, "the place of an assignment");

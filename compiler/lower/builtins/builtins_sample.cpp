@@ -25,10 +25,8 @@ std::optional<size_t> Elaborator::chosen_word(const BuiltinCall& call, std::stri
   const bool named = expr->kind == Expr::Kind::NameRef;
   const auto found = named ? std::ranges::find(words, expr->name) : words.end();
   if (found != words.end()) return static_cast<size_t>(found - words.begin());
-  std::string all;
-  for (size_t i = 0; i < words.size(); ++i) all += (i == 0 ? "" : i + 1 == words.size() ? " or " : ", ") + words[i];
   report(Code::E0323, expr->span,
-         "expected " + all + " after '" + std::string(name) + "', found " +
+         "expected " + one_of(words) + " after '" + std::string(name) + "', found " +
              (named ? "'" + expr->name + "'" : "something else"),
          {}, named ? suggestion(expr->name, words) : "");
   return std::nullopt;

@@ -464,7 +464,7 @@ TEST_CASE("sources that name nothing are refused with what to do", "[io][malform
         "cannot read 'data.pngg': unknown extension '.pngg' (did you mean '.png'?), expected a .obj, .gltf, .glb, "
         ".tfx, .hair, "
         ".png, .jpg, .hdr, .npy, .csv or .json file or a number or list after '='");
-  CHECK(load_binding("").error() == "cannot read '': the name is empty");
+  CHECK(load_binding("").error() == "expected a file, or a number or list, after '='");
   CHECK(load_mesh(folder / "x.npy").error() ==
         "cannot read '" + (folder / "x.npy") + "': unknown extension '.npy', a mesh is .obj, .gltf or .glb");
   CHECK(load_binding(std::string("a\0.npy", 6)).error() == "cannot read 'a\\x00.npy': the name holds a zero byte");
