@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <optional>
 #include <set>
 
 #include "compiler/ir/yields.h"
@@ -37,6 +38,11 @@ class Zeros {
     if (op.kind == OpKind::If && conditions_.contains(op.operands[0]))
       return has(ir::yielded(graph_, op, op.regions[1])[info.result_index].value);
     if (op.kind == OpKind::Select && conditions_.contains(op.operands[0])) return has(op.operands[2]);
+    if (const auto taken = branch_by_zero(op)) {
+      const size_t branch = *taken ? 0 : 1;
+      return op.kind == OpKind::Select ? has(op.operands[1 + branch])
+                                       : has(ir::yielded(graph_, op, op.regions[branch])[info.result_index].value);
+    }
     switch (ops::info(op.kind).zero) {
       case ops::ZeroWhere::Unknown:
         return op.kind == OpKind::Div && graph_.value(v).type.is_float() && has(op.operands[0]) &&
@@ -54,6 +60,19 @@ class Zeros {
                });
     }
     return false;
+  }
+
+  // Which branch an `if` or a select takes that asks whether something is zero, which it is:  if g != 0 { g * x }
+  std::optional<bool> branch_by_zero(const Op& op) {
+    const bool element = op.kind == OpKind::Select && graph_.value(op.operands[0]).type == ir::kBool;
+    if (!element && op.kind != OpKind::If) return std::nullopt;
+    const ir::OpId by = graph_.value(op.operands[0]).op;
+    if (!by.valid()) return std::nullopt;
+    const Op& asks = graph_.op(by);
+    if (asks.kind != OpKind::Equal && asks.kind != OpKind::NotEqual) return std::nullopt;
+    for (const size_t k : {size_t{0}, size_t{1}})
+      if (is_zero(asks.operands[1 - k]) && has(asks.operands[k])) return asks.kind == OpKind::Equal;
+    return std::nullopt;
   }
 
   bool is_finite(ValueId v) const {

@@ -75,12 +75,12 @@ class Needed {
 
 // Whether there surely are more elements than a GPU runs at once. A heavy branch needs registers, so that fewer run at
 // once, whether they take it or not; a dispatch more costs as much as some hundred thousand elements. Loops within
-// loops need them all.
-bool is_large(const ir::Extent& domain, int saved) {
+// loops need them all. Where lanes share loops, it pays unless there surely are fewer.
+bool is_large(const ir::Extent& domain, int saved, bool shares) {
   constexpr int kManyRegisters = 1 << 16;
-  const int64_t kLarge = saved < kManyRegisters ? 1 << 20 : 1 << 18;
+  const int64_t large = shares ? 1 << 17 : saved < kManyRegisters ? 1 << 20 : 1 << 18;
   const auto elements = (domain.w * domain.h * domain.l).evaluate({});
-  return elements && *elements >= kLarge;
+  return elements ? *elements >= large : shares;
 }
 
 }  // namespace
@@ -98,7 +98,7 @@ std::vector<ir::OpId> heavy_branches(const ir::Graph& graph, const Pass& pass, c
     heavy.push_back(id);
     saved += then;
   }
-  if (!profile.lanes_in_turn && !is_large(pass.domain, saved) && !share_loops(graph, heavy, profile)) return {};
+  if (!profile.lanes_in_turn && !is_large(pass.domain, saved, share_loops(graph, heavy, profile))) return {};
   return saved < kWorthListing ? std::vector<ir::OpId>() : heavy;
 }
 
