@@ -84,7 +84,7 @@ Value Elaborator::evaluate_field(const Expr& expr) {
 }
 
 Value Elaborator::field_of(const Value& base, const std::string& name, const Span& span, const Expr* base_expr) {
-  const Value value = found_field(base, name, span, base_expr);
+  Value value = found_field(base, name, span, base_expr);
   observe_field(base, name, span, value);
   return value;
 }

@@ -207,7 +207,7 @@ Value Elaborator::assigned(const Value& current, std::span<const Expr* const> pa
   }
   // A field of a struct or an item of an array.
   std::vector<Value> parts = parts_of(current);
-  size_t place = parts.size();
+  size_t place = 0;
   if (const auto* s = current.get<StructValue>(); s && step.kind == Expr::Kind::Field) {
     place = static_cast<size_t>(std::ranges::find(s->type->fields, step.name) - s->type->fields.begin());
     if (place == parts.size()) {

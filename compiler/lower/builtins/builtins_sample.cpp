@@ -61,7 +61,7 @@ Value Elaborator::builtin_sample(BuiltinCall& call) {
   Value turn = uv;
   if (*wrap == kRepeat) turn = apply(OpKind::Fract, {uv});
   if (*wrap == kMirror) {
-    const Value twice = mul(make_float(2), apply(OpKind::Fract, {mul(make_float(0.5), uv)}));
+    Value twice = mul(make_float(2), apply(OpKind::Fract, {mul(make_float(0.5), uv)}));
     if (twice.is_error()) return twice;
     const Value back = sub(make_float(2), twice);
     turn = select(apply(OpKind::Less, {splat(make_float(1), ir::vec(2)), twice}), back, twice);
@@ -92,7 +92,7 @@ Value Elaborator::builtin_sample(BuiltinCall& call) {
     std::vector<Value> parts{component(x, 0), component(y, 1)};
     if (layer) parts.push_back(*layer);
     const Type type = ir::vec(static_cast<int>(parts.size()), Scalar::Int);
-    const Value index = compose(std::move(parts), type);
+    Value index = compose(std::move(parts), type);
     if (index.is_error()) return index;
     return gather(base, index, call.spans[0], call.spans[1], "for 'sample'");
   };
