@@ -24,7 +24,7 @@ struct Source {
 };
 
 // "a/b.png:raw:r": the selectors start at the first ':' of the last part of the path.
-constexpr std::string_view kExtensions[] = {".obj", ".gltf", ".glb",  ".png", ".jpg", ".jpeg",
+constexpr std::string_view kBindable[] = {".obj", ".gltf", ".glb",  ".png", ".jpg", ".jpeg",
                                             ".hdr", ".tfx",  ".hair", ".npy", ".csv", ".json"};
 
 Source split_source(std::string_view text) {
@@ -83,7 +83,7 @@ Array load(std::string_view text, int expected_components) {
     return parse_literal({reinterpret_cast<const char*>(bytes.data()), bytes.size()}, expected_components);
   }
   fail(extension.empty() ? std::string("there is no extension") : cat("unknown extension ", in_quotes(extension)),
-       did_you_mean(extension, kExtensions),
+       did_you_mean(extension, kBindable),
        ", expected a .obj, .gltf, .glb, .tfx, .hair, .png, .jpg, .hdr, .npy, .csv or .json file or a number or list "
        "after '='");
 }
@@ -98,7 +98,7 @@ void check_expected(const Array& array, int expected_components) {
 }  // namespace
 
 bool is_bindable(std::string_view path) {
-  return std::ranges::find(kExtensions, extension_of(path)) != std::end(kExtensions);
+  return std::ranges::find(kBindable, extension_of(path)) != std::end(kBindable);
 }
 
 Result<Array> load_binding(std::string_view source, int expected_components) {
