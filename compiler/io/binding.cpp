@@ -25,7 +25,7 @@ struct Source {
 
 // "a/b.png:raw:r": the selectors start at the first ':' of the last part of the path.
 constexpr std::string_view kBindable[] = {".obj", ".gltf", ".glb",  ".png", ".jpg", ".jpeg",
-                                            ".hdr", ".tfx",  ".hair", ".npy", ".csv", ".json"};
+                                          ".hdr", ".tfx",  ".hair", ".npy", ".csv", ".json"};
 
 Source split_source(std::string_view text) {
   const size_t name_start = text.size() - file_name_of(text).size();
