@@ -9,6 +9,8 @@
 #include <unistd.h>
 #include <unwind.h>
 
+#include <algorithm>
+#include <array>
 #include <cerrno>
 #include <cstdarg>
 #include <cstdio>
@@ -28,9 +30,18 @@ struct Range {
   bool holds(uintptr_t address) const { return begin <= address && address < end; }
 };
 
-// Where the code of the executable and of libstdc++ stands.
+// Of libraries that call on behalf of others.
+bool only_passes(const char* library) {
+  for (const char* known : {"libdr_faults", "libc.so", "libgcc", "ld-linux"})
+    if (std::strstr(library, known) != nullptr) return true;
+  return false;
+}
+
+// Where the code of the executable, of libstdc++ and of what only passes calls on stands. All are there from the start.
 struct Places {
   Range executable, library;
+  std::array<Range, 8> passing;
+  size_t passing_count = 0;
   Places() {
     dl_iterate_phdr(
         [](dl_phdr_info* info, size_t, void* places) {
@@ -40,6 +51,8 @@ struct Places {
             range = &all.executable;  // it comes first
           else if (std::strstr(info->dlpi_name, "libstdc++") != nullptr)
             range = &all.library;
+          else if (only_passes(info->dlpi_name) && all.passing_count < all.passing.size())
+            range = &all.passing[all.passing_count++];
           if (range == nullptr) return 0;
           for (int k = 0; k < info->dlpi_phnum; ++k) {
             const ElfW(Phdr)& header = info->dlpi_phdr[k];
@@ -50,6 +63,9 @@ struct Places {
           return 0;
         },
         this);
+  }
+  bool passes(uintptr_t at) const {
+    return std::any_of(passing.begin(), passing.begin() + passing_count, [&](const Range& r) { return r.holds(at); });
   }
 };
 
@@ -84,11 +100,11 @@ bool is_ours(void* caller) {
 bool is_all_ours() {
   const auto look = [](_Unwind_Context* context, void* found) {
     const uintptr_t at = _Unwind_GetIP(context);
-    if (places().library.holds(at) || places().executable.holds(at)) return _URC_NO_REASON;
+    if (places().library.holds(at) || places().executable.holds(at) || places().passes(at)) return _URC_NO_REASON;
+    // Looking for a name takes long, and few frames come here.
     Dl_info info = {};
-    if (dladdr(reinterpret_cast<void*>(at), &info) == 0 || info.dli_fname == nullptr) return _URC_NO_REASON;
-    for (const char* known : {"libdr_faults", "libc.so", "libgcc", "ld-linux"})
-      if (std::strstr(info.dli_fname, known) != nullptr) return _URC_NO_REASON;
+    if (dladdr(reinterpret_cast<void*>(at), &info) == 0 || info.dli_fname == nullptr || only_passes(info.dli_fname))
+      return _URC_NO_REASON;
     *static_cast<bool*>(found) = false;
     return _URC_END_OF_STACK;
   };
