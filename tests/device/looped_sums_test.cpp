@@ -43,8 +43,8 @@ let x = if on { reduce(sum, k in 0..3) { a.at(place + ivec2(k, 0)) * float(k + 1
 step go { a <- a - 0.01 * grad(sum((x - 0.3) * (x - 0.3)), a); }
 )";
 
-// What pixels add waits for those beside them, so that the scatter runs by itself: invocations share their loops.
-// Before and between these something is added once.
+// What pixels add waits for those beside them, so that the scatter runs by itself: invocations share their loops, of
+// which one ends at the last integer. Before and between these something is added once.
 const char* const kShared = R"(edition 1;
 param a : float[W, H] = 0.5;
 input seen : float[P, Q];
@@ -56,7 +56,8 @@ let x = if seen > 0.5 {
     let inner = reduce(sum, j in 0..min(k % 3, 2)) { a.at(place + ivec2(j, k)) };
     s + a.at(place + ivec2(k, 0)) * float(k + 1) + inner
   };
-  let more = reduce(sum, k in 0..min(count / 2, 6)) { a.at(place - ivec2(k, 1)) * seen };
+  let last = 2147483647;
+  let more = reduce(sum, k in last - min(count / 2, 6)..last, max = 6) { a.at(place - ivec2(last - k, 1)) * seen };
   first + some * a.at(place) + more
 } else { 0.0 };
 let y = x - 0.5 * x.at(coord(P, Q).xy + ivec2(1, 0));
@@ -64,7 +65,7 @@ step go { a <- a - 0.01 * grad(sum((y - 0.3) * (y - 0.3)), a); }
 )";
 
 // Integers that listed pixels combine in loops, which lanes share: sums, vectors, least and largest ones, within an
-// inner branch and before a loop that has an order. What is made of them adds to texels.
+// inner branch and before a loop that has an order; one ends at the last integer. What is made of them adds to texels.
 const char* const kIntegers = R"(edition 1;
 param a : float[W, H] = 0.5;
 input seen : float[P, Q];
@@ -75,8 +76,9 @@ fn much(p: ivec2, count: int) -> float {
     ivec3(inner - 7 * k, inner & 3, 1)
   };
   let least = if turns.y % 2 == 0 {
-    reduce(min, k in 0..count, max = 13) {
-      reduce(max, j in 0..k + 1) { int(1000.0 * a.at(p + ivec2(k, j))) }
+    reduce(min, k in 2147483647 - count..2147483647, max = 13) {
+      let back = 2147483647 - k;
+      reduce(max, j in 0..back) { int(1000.0 * a.at(p + ivec2(back, j))) }
     }
   } else { turns.x };
   let most = reduce(max, k in 0..turns.z + 1, max = 14) {

@@ -140,8 +140,12 @@ void Shader::reduce_op(const Op& op) {
   const std::string trip = unique("i");
   const bool shared = begin_shared(op);
   if (shared) {
-    body_.line("for (int " + trip + " = " + begin + " + " + sharing_->share + "; " + trip + " < " + end + "; " + trip +
-               " += " + sharing_->shares + ") {");
+    // Counted from 0, since a range may end at the last integer.
+    const std::string trips = unique("trips"), k = unique("k");
+    body_.line("uint " + trips + " = " + begin + " < " + end + " ? uint(" + end + ") - uint(" + begin + ") : 0u;");
+    body_.line("for (uint " + k + " = uint(" + sharing_->share + "); " + k + " < " + trips + "; " + k + " += uint(" +
+               sharing_->shares + ")) {");
+    body_.line("int " + trip + " = " + begin + " + int(" + k + ");");
   } else if (cut_) {
     loop_variable(enter, ir::kInt, trip, begin);
     open_loop(enter, trip + " < " + end, "++" + trip);
