@@ -44,14 +44,16 @@ std::string add_maximum(const std::string& to, const std::string& x, bool joins)
          to + ", most);\n  }\n";
 }
 
-// Invocations beside each other have an element: as many as a GPU runs at once, of the first run. The second, which few
-// runs need, goes over the list alone.
+// Invocations beside each other have an element: as many as a GPU runs at once. The first run has them all, the second,
+// which has nothing to do as a rule, so many that go over the list.
+constexpr int kAtOnce = 1 << 16;
 void share_loops(Shader& s) {
-  constexpr int kAtOnce = 1 << 16;
-  s.body().line("int shares = pc.a == 0 ? clamp(" + std::to_string(kAtOnce) + " / max(end, 1), 1, " +
-                std::to_string(kLoopShares) + ") : 1, share = index % shares;");
-  s.body().line("index /= shares;");
+  const std::string at_once = std::to_string(kAtOnce);
+  s.body().line("int shares = 1 << findMSB(clamp(" + at_once + " / max(end, 1), 1, " + std::to_string(kLoopShares) +
+                ")), share = index % shares;");
   s.share_loops("share", "shares");
+  s.body().line("for (index /= shares; index < end; index += pc.a == 0 ? end : " + at_once + " / shares) {");
+  s.push_scope();
 }
 
 }  // namespace
@@ -397,8 +399,9 @@ void Generator::scatter_pass(const Pass& pass) {
         if (keeps) add_kept_terms(s, pass, targets);
         s.body().line("for (" + (keeps ? "index += " + room : "") + "; index < end; index += " + room + ") {");
         s.push_scope();
+      } else if (scatter.shares_loops()) {
+        share_loops(s);
       } else {
-        if (scatter.shares_loops()) share_loops(s);
         s.body().line("if (index >= end) return;");
       }
       s.body().line("int element = int(" + elements + "(" + std::to_string(kListHead) + " + index));");
@@ -411,7 +414,7 @@ void Generator::scatter_pass(const Pass& pass) {
     close_cut(s, cut);
     if (scatter.joins_pairs())
       for (const Target& t : targets) s.body().line(join_in_pair(s, t));
-    if (strides) {
+    if (strides || scatter.shares_loops()) {
       s.pop_scope();
       s.body().line("}");
     }
@@ -433,7 +436,7 @@ void Generator::scatter_pass(const Pass& pass) {
     auto& sums_run = command(bundle::CommandKind::Dispatch, pass.name + " add");
     sums_run.compute = magnitudes.compute;
     for (const auto& b : magnitudes.bindings) sums_run.bindings.push_back(std::make_unique<bundle::BindingT>(*b));
-    sums_run.elements = magnitudes.elements;
+    sums_run.elements = scatter.shares_loops() ? std::to_string(kAtOnce) : magnitudes.elements;
     if (lists) sums_run.indirect = static_cast<int>(adding);
     sums_run.push = {1, 0, 0};
     set_trips(sums_run, cut);
