@@ -151,7 +151,7 @@ bool is_short(const char* name, size_t size, void* caller) {
 }  // namespace
 
 #define DR_CALLER __builtin_return_address(0)
-#define DR_NEXT(name) static const auto real = next<decltype(&name)>(#name)
+#define DR_NEXT(name) static const auto real = next<decltype(&(name))>(#name)
 
 void* operator new(size_t size) { return allocate_or_throw(size, DR_CALLER); }
 void* operator new[](size_t size) { return allocate_or_throw(size, DR_CALLER); }
@@ -166,6 +166,7 @@ void operator delete[](void* memory, const std::nothrow_t&) noexcept { std::free
 
 extern "C" {
 
+// NOLINTNEXTLINE(bugprone-reserved-identifier): of libc, which calls it
 int __libc_start_main(int (*main)(int, char**, char**), int argc, char** argv, void (*init)(), void (*fini)(),
                       void (*loader)(), void* stack) {
   using Start = int (*)(int (*)(int, char**, char**), int, char**, void (*)(), void (*)(), void (*)(), void*);
