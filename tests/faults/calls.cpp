@@ -65,7 +65,7 @@ struct Places {
         this);
   }
   bool passes(uintptr_t at) const {
-    return std::any_of(passing.begin(), passing.begin() + passing_count, [&](const Range& r) { return r.holds(at); });
+    return std::ranges::any_of(passing, [&](const Range& r) { return r.holds(at); });
   }
 };
 

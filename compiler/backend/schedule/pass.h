@@ -186,7 +186,7 @@ struct ExactScatter {
   bool joins_lanes = false;   // lanes of a subgroup list elements, and find the largest contribution, together
   bool joins_parts = false;   // those that add to the same element join what they add
   bool joins_groups = false;  // where a map adds, the invocations of a workgroup do (emit/group_sums.cpp)
-  bool shares_loops = false;  // in the first run several invocations share an element's loops that only scatter
+  bool shares_loops = false;  // several invocations share an element's loops that only scatter
   bool joins_pairs = false;   // where the second run adds, two lanes beside each other do (emit/pair_sums.cpp)
   std::string no_rows;        // why it has no table of rows, where one was asked for
   std::optional<LoopCut> cut;
