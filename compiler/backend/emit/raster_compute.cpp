@@ -74,14 +74,16 @@ struct Walk {
       closures.key_from_depth();
       s.body().line("if (no_depth) continue;");
     }
-    s.body().line("int pixel = (at.z * " + h + " + at.y) * " + w + " + at.x;");
+    const std::string pixel = "(at.z * " + h + " + at.y) * " + w + " + at.x";
     if (presence) {
       // The upper word is 0 in no empty entry. All who write it write the same.
       const std::string entries = s.bind_words(keys, "slots", bundle::Access::ReadWrite);
-      s.body().line(entries + ".d[2 * pixel + 1] = 0u;");
+      s.body().line("int word = " + s.at_once(ir::kInt, "2 * (" + pixel + ") + 1") + ";");
+      s.body().line(entries + ".d[word] = 0u;");
       closures.end_of_candidates();
       return;
     }
+    s.body().line("int pixel = " + s.at_once(ir::kInt, pixel) + ";");
     const bool words = parts.listed || !wide;
     const std::string type = words ? "uint" : "uint64_t", suffix = words ? "u" : "ul";
     const std::string key_words =
@@ -161,8 +163,8 @@ struct Walk {
     set_up();
     closures.set_up();
     const std::string area = box(s, closures, leave);
+    s.body().line(area);
     if (lists.used()) {
-      s.body().line(area);
       s.body().line("if (area > " + lists.small_box() + ") {");
       s.body().line("if (pc.a == 0 && pc.b == 0) {");
       store();
@@ -174,9 +176,12 @@ struct Walk {
     }
     closures.load_fields("at");
     closures.begin_candidates(false);
-    s.body().line("for (at.y = first.y; at.y < last.y; ++at.y)");
-    s.body().line("for (at.x = first.x; at.x < last.x; ++at.x) {");
+    // One loop over all rows: lanes whose boxes have other widths would wait for each other at the end of each row.
+    s.body().line("at.xy = ivec2(first.x - 1, first.y);");
+    s.body().line("for (; area > 0; --area) {");
     s.push_scope();
+    s.body().line("bool next_row = ++at.x == last.x;");
+    s.body().line("at.xy = next_row ? ivec2(first.x, at.y + 1) : at.xy;");
     pixel(s, closures);
     s.pop_scope();
     s.body().line("}");

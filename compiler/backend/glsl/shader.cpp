@@ -199,7 +199,7 @@ void Shader::elementwise_op(const Op& op) {
     operands[1] = "uintBitsToFloat(floatBitsToUint(" + operands[1] + ") | hidden_0u)";
   }
   const ops::GlslInput input{operands, types, op.attrs, graph_.value(op.results[0]).type};
-  if (divides && schedule_.code.moderate_divisors.contains(op.operands[1])) {
+  if (divides && divides_as_is(op.operands[1])) {
     result(op.results[0], operands[0] + " / " + operands[1]);
     return;
   }

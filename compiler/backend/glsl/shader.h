@@ -178,6 +178,10 @@ class Shader {
   void op(const ir::Op& op);
   void elementwise_op(const ir::Op& op);
   bool is_hidden(ir::ValueId divisor) const;
+  // Whether the device's own quotient by it is right, however large it is.
+  bool divides_as_is(ir::ValueId divisor) const {
+    return schedule_.code.divides_by_any || schedule_.code.moderate_divisors.contains(divisor);
+  }
   void otherwise(const std::string& condition);
   void if_op(const ir::Op& op);
   // shader_common.cpp

@@ -35,7 +35,7 @@ void Shader::begin_sharing(const std::vector<ir::OpId>& ops, std::span<const ir:
                                [this](const Op& op) {
                                  if (op.kind != OpKind::Div) return 0;
                                  return (is_hidden(op.operands[1]) ? 2 : 0) +
-                                        (schedule_.code.moderate_divisors.contains(op.operands[1]) ? 1 : 0);
+                                        (divides_as_is(op.operands[1]) ? 1 : 0);
                                }),
                   std::vector<std::map<uint32_t, std::string>>(scopes_.size()), nullptr);
 }

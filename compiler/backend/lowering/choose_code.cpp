@@ -357,7 +357,7 @@ void choose_divisors(const Graph& graph, Code& code) {
       code.hidden_divisors.insert(by);
     else if (hide_as_divisor(graph, by, false))
       code.strict_hidden_divisors.insert(by);
-    if (is_moderate(graph, by)) code.moderate_divisors.insert(by);
+    if (!code.divides_by_any && is_moderate(graph, by)) code.moderate_divisors.insert(by);
   }
 }
 
@@ -366,7 +366,7 @@ void choose_divisors(const Graph& graph, Code& code) {
 void choose_code(const Graph& graph, const target::Profile& profile, const CodeOptions& options, Schedule& schedule) {
   Code& code = schedule.code = {};
   code.native = options.native_floats;
-  code.texel_reads = code.hidden_stores = profile.lanes_in_turn;
+  code.texel_reads = code.hidden_stores = code.divides_by_any = profile.lanes_in_turn;
   code.hidden_zeros = profile.lanes_in_turn && !code.native;
   code.no_else = profile.else_doubles_compile;
   code.wide_words = profile.shader_int64 && profile.shader_buffer_int64_atomics;

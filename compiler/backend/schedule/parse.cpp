@@ -49,11 +49,12 @@ class Parser : private PassReader {
       if (take_word("hidden"))
         return take_word("zeros") ? (code.hidden_zeros = true) : (code.hidden_stores = expect_word("stores"));
       if (take_word("no")) return code.no_else = expect_word("else");
+      if (take_word("divides")) return code.divides_by_any = expect_word("by") && expect_word("any");
       if (take_word("wide")) return code.wide_words = expect_word("words");
       if (take_word("layers")) return code.layers_at_once = expect_word("at") && expect_word("once");
       if (take_word("clears")) return expect_word("of") && number("a number of fills", code.clears);
       if (take_word("loops")) return expect_word("of") && number("a number of trips", code.loop_trips);
-      return expected("'native', 'texel', 'hidden', 'no', 'wide', 'layers', 'clears' or 'loops'");
+      return expected("'native', 'texel', 'hidden', 'no', 'divides', 'wide', 'layers', 'clears' or 'loops'");
     });
   }
 

@@ -57,6 +57,7 @@ class Writer {
     add(code.hidden_stores, "hidden stores");
     add(code.hidden_zeros, "hidden zeros");
     add(code.no_else, "no else");
+    add(code.divides_by_any, "divides by any");
     add(code.wide_words, "wide words");
     add(code.layers_at_once, "layers at once");
     add(code.clears > 0, "clears of " + std::to_string(code.clears));

@@ -62,6 +62,7 @@ struct Code {
   bool hidden_stores = false;   // what is stored stands behind a choice that the driver's compiler cannot foresee
   bool hidden_zeros = false;    // so do constants that are zero: drivers take a NaN or Inf times zero for zero
   bool no_else = false;         // a branch otherwise is an `if` of its own
+  bool divides_by_any = false;  // quotients by divisors beyond 2^126 are right, as processors' are
   bool wide_words = false;      // sums and rasters' entries are words of 64 bits, with atomics
   bool layers_at_once = false;  // a render pass draws several layers (multiview)
   uint32_t clears = 0;          // so many small fills, at most, become one dispatch (emit/clears.cpp); 0: fills stay
