@@ -2,6 +2,7 @@
 #include "compiler/backend/analysis/raster_parts.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "compiler/ir/raster.h"
 
@@ -42,6 +43,19 @@ bool presence_alone(const Graph& graph, ValueId face, ir::RegionId region) {
   return std::ranges::count(graph.region(region).yields, face) == 0;
 }
 
+bool is_surely_number(const Graph& graph, ValueId v) {
+  const Op& op = graph.op(graph.value(v).op);
+  const auto is = [&](size_t k) { return is_surely_number(graph, op.operands[k]); };
+  switch (op.kind) {
+    case OpKind::Const:
+      return std::ranges::none_of(op.attrs.floats, [](double x) { return std::isnan(x); });
+    case OpKind::Max:
+    case OpKind::Min: return is(0) || is(1);
+    case OpKind::Clamp: return is(1) && is(2);
+    default: return false;
+  }
+}
+
 bool is_used(const Graph& graph, ValueId v, ir::RegionId region) {
   return std::ranges::any_of(graph.region(region).ops,
                              [&](ir::OpId id) {
@@ -54,6 +68,10 @@ bool is_used(const Graph& graph, ValueId v, ir::RegionId region) {
 }
 
 }  // namespace
+
+bool has_depth_always(const Graph& graph, const Op& op) {
+  return is_surely_number(graph, graph.region(op.regions[kDepth]).yields[0]);
+}
 
 bool is_asked_for_presence(const Graph& graph, const Op& op) {
   return op.results.size() == 2 && !is_used(graph, op.results[1], graph.root()) &&

@@ -9,6 +9,9 @@
 
 namespace dr::backend {
 
+// The op's regions.
+enum RasterRegion : size_t { kDepth, kKeep, kTag };
+
 struct RasterParts {
   size_t count;  // K
   bool listed;   // one result holds the faces of all ranks
@@ -23,5 +26,9 @@ RasterParts raster_parts(const ir::Op& op);
 // Whether a raster of one rank is only asked if a pixel sees a face, not which one: what reads its faces, at their own
 // element or elsewhere, tells -1 from the others and no more.
 bool is_asked_for_presence(const ir::Graph& graph, const ir::Op& op);
+
+// Whether each candidate surely has a depth, as what is clamped has: NaN loses against a bound. Else a candidate without one
+// is rejected.
+bool has_depth_always(const ir::Graph& graph, const ir::Op& op);
 
 }  // namespace dr::backend

@@ -12,8 +12,6 @@
 
 namespace dr::backend {
 
-enum RasterRegion : size_t { kDepth, kKeep, kTag };
-
 inline constexpr const char* kIsNan = R"(
 bool dr_no_number(float x) { return (floatBitsToUint(x) & 0x7fffffffu) > 0x7f800000u; }
 bool dr_no_number(vec2 x) { return dr_no_number(x.x) || dr_no_number(x.y); }
@@ -63,10 +61,13 @@ class RasterClosures {
     shader_.leave_unless(op_.regions[kKeep], otherwise);
   }
   void end_of_candidates() { shader_.end_sharing(); }
-  void key_from_depth() {
+  // A candidate without a depth is left by the statement `otherwise`.
+  void key_from_depth(const std::string& otherwise) {
     const std::string depth = closure(kDepth);
     shader_.body().line("uint key = uint(floor(clamp(" + depth + ", 0.0, 1.0) * 16777215.0));");
+    if (has_depth_always(graph_, op_)) return;
     shader_.body().line("bool no_depth = dr_no_number(" + depth + ");");
+    shader_.body().line("if (no_depth) " + otherwise + ";");
   }
 
  private:

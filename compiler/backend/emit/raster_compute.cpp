@@ -70,10 +70,7 @@ struct Walk {
     s.body().line("vec2 p = vec2(at.xy) + 0.5;");
     closures.captured();
     closures.leave_unless_kept("continue");
-    if (!parts.listed) {
-      closures.key_from_depth();
-      s.body().line("if (no_depth) continue;");
-    }
+    if (!parts.listed && !(presence && has_depth_always(graph, op))) closures.key_from_depth("continue");
     const std::string pixel = "(at.z * " + h + " + at.y) * " + w + " + at.x";
     if (presence) {
       // The upper word is 0 in no empty entry. All who write it write the same.

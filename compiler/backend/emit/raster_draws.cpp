@@ -107,8 +107,7 @@ void Generator::raster_hardware(const Pass& pass, const ir::Op& op) {
     closures.begin_candidates(false);
     closures.captured();
     closures.leave_unless_kept("discard");
-    closures.key_from_depth();
-    f.body().line("if (no_depth) discard;");
+    closures.key_from_depth("discard");
     if (k > 0) {
       const std::string key = f.bind_image(keys[k - 1], "previous_key", "u");
       const std::string face = f.bind(step_->stored.at(op.results[2 * (k - 1)]), bundle::Access::Read);
