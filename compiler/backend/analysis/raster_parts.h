@@ -27,8 +27,8 @@ RasterParts raster_parts(const ir::Op& op);
 // element or elsewhere, tells -1 from the others and no more.
 bool is_asked_for_presence(const ir::Graph& graph, const ir::Op& op);
 
-// Whether each candidate surely has a depth, as what is clamped has: NaN loses against a bound. Else a candidate without one
-// is rejected.
+// Whether each candidate surely has a depth, as what is clamped has: NaN loses against a bound. Else a candidate
+// without one is rejected.
 bool has_depth_always(const ir::Graph& graph, const ir::Op& op);
 
 }  // namespace dr::backend

@@ -34,8 +34,7 @@ void Shader::begin_sharing(const std::vector<ir::OpId>& ops, std::span<const ir:
   common_.emplace(ValueNumbers(graph_,
                                [this](const Op& op) {
                                  if (op.kind != OpKind::Div) return 0;
-                                 return (is_hidden(op.operands[1]) ? 2 : 0) +
-                                        (divides_as_is(op.operands[1]) ? 1 : 0);
+                                 return (is_hidden(op.operands[1]) ? 2 : 0) + (divides_as_is(op.operands[1]) ? 1 : 0);
                                }),
                   std::vector<std::map<uint32_t, std::string>>(scopes_.size()), nullptr);
 }
