@@ -41,13 +41,21 @@ void Shader::begin_sharing(const std::vector<ir::OpId>& ops, std::span<const ir:
 
 void Shader::compute_ahead(std::span<const ir::RegionId> regions) {
   if (!common_) return;
+  // Constants may stand outside of the regions.
+  const auto is_constant = [&](ValueId v) {
+    const ir::OpId by = graph_.value(v).op;
+    return by.valid() && graph_.op(by).kind == OpKind::Const;
+  };
   for (const ir::RegionId region : regions)
     for (const ir::OpId id : graph_.region(region).ops) {
       const Op& op = graph_.op(id);
       const bool plain = op.regions.empty() && (op.kind == OpKind::Const || ops::info(op.kind).glsl != nullptr);
-      if (plain && std::ranges::all_of(op.operands, [&](ValueId v) { return is_known(v); })) {
+      if (plain && std::ranges::all_of(op.operands, [&](ValueId v) { return is_known(v) || is_constant(v); })) {
         for (const ValueId v : op.operands)
-          if (!is_defined(v)) define(v, std::string(*known(v)));
+          if (const std::string* name = is_defined(v) ? nullptr : known(v))
+            define(v, std::string(*name));
+          else if (!is_defined(v))
+            this->op(graph_.op(graph_.value(v).op));
         this->op(op);
       }
       compute_ahead(op.regions);

@@ -238,13 +238,13 @@ Value Elaborator::coverage(std::span<const Value> edges, const Value& p) {
       return sub(to, from);
     };
     const Value x = apart(0), y = apart(1);
-    const Value taken = mul(dy, x), side = sub(mul(dx, y), taken);
-    const Value on_edge = apply(OpKind::Equal, {side, zero});
     const Value level = apply(OpKind::Equal, {dy, zero});
     const Value top = both(level, less(zero, dx)), top_left = either(less(dy, zero), top);
     const Value bottom = both(level, less(dx, zero)), bottom_right = either(less(zero, dy), bottom);
-    const Value on_left = both(on_edge, top_left), left = either(less(zero, side), on_left);
-    const Value on_right = both(on_edge, bottom_right), right = either(less(side, zero), on_right);
+    const Value beside = select(bottom_right, make_float(-1), zero), on_edge = select(top_left, make_float(1), beside);
+    const Value taken = mul(dy, x), exact = sub(mul(dx, y), taken);
+    const Value side = select(apply(OpKind::Equal, {exact, zero}), on_edge, exact);
+    const Value left = less(zero, side), right = less(side, zero);
     all_left = i == 0 ? left : both(all_left, left);
     all_right = i == 0 ? right : both(all_right, right);
   }
