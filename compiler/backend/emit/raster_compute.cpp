@@ -90,7 +90,7 @@ struct Walk {
       s.body().line(type + " entry = " + (words ? "" : "(uint64_t(key) << 36) | ") + "(" + number + " << 4) | " + type +
                     "(" + closures.closure(kTag) + " & 15);");
       if (epochs) s.body().line("entry |= epoch << 60;");
-      if (hidden_stores) s.body().line("entry = pc.c == 0 ? entry : 0" + suffix + ";");
+      if (hidden_stores) s.body().line("entry = pushed_zero == 0 ? entry : 0" + suffix + ";");
       // Each slot keeps the smaller entry and hands the other on, so that the K smallest end up sorted whatever the
       // order. Slots behind the first empty one are empty, too.
       s.body().line("for (int k = 0; k < " + std::to_string(parts.count) + "; ++k) {");

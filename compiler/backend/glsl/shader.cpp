@@ -349,8 +349,12 @@ std::string Shader::finish(const std::string& layout) {
     out += "layout(constant_id = " + std::to_string(k) + ") const int " + symbol_name(symbols_[k]) + " = 1;\n";
   if (cut_) out += "layout(constant_id = " + std::to_string(symbols_.size() + 1) + ") const int part_trips = 0;\n";
   out += "layout(push_constant) uniform Push { int layer; int a; int b; int c; } pc;\n";
-  // pc.c is 0 always.
-  if (hides_) out += "#define hidden_0u uint(pc.c)\n#define hidden_0 uintBitsToFloat(hidden_0u)\n";
+  // pc.c is 0 always. llvmpipe would read it lane by lane where a loop first does: here it reads it once.
+  const bool stores = schedule_.code.hidden_stores;
+  if (stores) out += "int pushed_zero = pc.c;\n";
+  if (hides_)
+    out += std::string("#define hidden_0u uint(") + (stores ? "pushed_zero" : "pc.c") +
+           ")\n#define hidden_0 uintBitsToFloat(hidden_0u)\n";
   for (size_t k = 0; k < declared_.size(); ++k) {
     const bool image = declared_[k].text.starts_with("uniform");
     const auto input = std::find(inputs_.begin(), inputs_.end(), bindings_[k]->resource);

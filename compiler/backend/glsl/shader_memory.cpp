@@ -229,7 +229,7 @@ std::string Shader::gather(ValueId value, const std::string& place) {
 // LLVM would move the arithmetic before a store into the loop over lanes that llvmpipe makes of it; not through a
 // choice that it cannot foresee (pc.c is 0 always).
 std::string Shader::at_once(const Type& type, const std::string& expression) const {
-  return schedule_.code.hidden_stores ? "(pc.c == 0 ? " + expression + " : " + zero(type) + ")" : expression;
+  return schedule_.code.hidden_stores ? "(pushed_zero == 0 ? " + expression + " : " + zero(type) + ")" : expression;
 }
 
 void Shader::store(ValueId value, const std::string& place, const std::string& expression) {
