@@ -91,6 +91,11 @@ struct Walk {
                     "(" + closures.closure(kTag) + " & 15);");
       if (epochs) s.body().line("entry |= epoch << 60;");
       if (hidden_stores) s.body().line("entry = pushed_zero == 0 ? entry : 0" + suffix + ";");
+      if (parts.count == 1) {
+        s.body().line("atomicMin(" + key_words + ".d[pixel], entry);");
+        closures.end_of_candidates();
+        return;
+      }
       // Each slot keeps the smaller entry and hands the other on, so that the K smallest end up sorted whatever the
       // order. Slots behind the first empty one are empty, too.
       s.body().line("for (int k = 0; k < " + std::to_string(parts.count) + "; ++k) {");
