@@ -432,6 +432,7 @@ class Elaborator {
   bool check_record(const Value& value, const RasterCall& call, const dsl::FnDecl& fn);
   std::optional<ir::RegionId> raster_region(const RasterCall& call, const RasterBody& body);
   Value coverage_edge(const Value& a, const Value& b);
+  Value coverage_tie(const Value& edge);
   Value coverage(std::span<const Value> edges, const Value& p);
 
   // Steps and gradients (steps.cpp).

@@ -44,6 +44,7 @@ bool presence_alone(const Graph& graph, ValueId face, ir::RegionId region) {
 }
 
 bool is_surely_number(const Graph& graph, ValueId v) {
+  if (!graph.value(v).op.valid()) return false;
   const Op& op = graph.op(graph.value(v).op);
   const auto is = [&](size_t k) { return is_surely_number(graph, op.operands[k]); };
   switch (op.kind) {

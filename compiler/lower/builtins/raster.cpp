@@ -223,13 +223,24 @@ Value Elaborator::coverage_edge(const Value& a, const Value& b) {
   return compose({component(low, 0), component(low, 1), component(forward, 0), component(forward, 1)}, ir::vec(4));
 }
 
-// Whether p lies on the same side of all three edges of a triangle. A point on an edge belongs to the side for which
-// the edge is a top or left one; a triangle without area has no inside.
+// The side of an edge to which a point on it belongs, as its sign: the one for which the edge is a top or left one. An
+// edge without length has none, 0, so that a triangle without area has no inside.
+Value Elaborator::coverage_tie(const Value& edge) {
+  const Value zero = make_float(0), dx = component(edge, 2), dy = component(edge, 3);
+  const auto less = [&](const Value& a, const Value& b) { return apply(OpKind::Less, {a, b}); };
+  const auto both = [&](const Value& a, const Value& b) { return apply(OpKind::LogicalAnd, {a, b}); };
+  const auto either = [&](const Value& a, const Value& b) { return apply(OpKind::LogicalOr, {a, b}); };
+  const Value level = apply(OpKind::Equal, {dy, zero});
+  const Value top_left = either(less(dy, zero), both(level, less(zero, dx)));
+  const Value bottom_right = either(less(zero, dy), both(level, less(dx, zero)));
+  return select(top_left, make_float(1), select(bottom_right, make_float(-1), zero));
+}
+
+// Whether p lies on the same side of all three edges of a triangle.
 Value Elaborator::coverage(std::span<const Value> edges, const Value& p) {
   const Value zero = make_float(0);
   const auto less = [&](const Value& a, const Value& b) { return apply(OpKind::Less, {a, b}); };
   const auto both = [&](const Value& a, const Value& b) { return apply(OpKind::LogicalAnd, {a, b}); };
-  const auto either = [&](const Value& a, const Value& b) { return apply(OpKind::LogicalOr, {a, b}); };
   Value all_left, all_right;
   for (size_t i = 0; i < edges.size(); ++i) {
     const Value dx = component(edges[i], 2), dy = component(edges[i], 3);
@@ -238,17 +249,13 @@ Value Elaborator::coverage(std::span<const Value> edges, const Value& p) {
       return sub(to, from);
     };
     const Value x = apart(0), y = apart(1);
-    const Value level = apply(OpKind::Equal, {dy, zero});
-    const Value top = both(level, less(zero, dx)), top_left = either(less(dy, zero), top);
-    const Value bottom = both(level, less(dx, zero)), bottom_right = either(less(zero, dy), bottom);
-    const Value beside = select(bottom_right, make_float(-1), zero), on_edge = select(top_left, make_float(1), beside);
     const Value taken = mul(dy, x), exact = sub(mul(dx, y), taken);
-    const Value side = select(apply(OpKind::Equal, {exact, zero}), on_edge, exact);
+    const Value side = select(apply(OpKind::Equal, {exact, zero}), coverage_tie(edges[i]), exact);
     const Value left = less(zero, side), right = less(side, zero);
     all_left = i == 0 ? left : both(all_left, left);
     all_right = i == 0 ? right : both(all_right, right);
   }
-  return either(all_left, all_right);
+  return apply(OpKind::LogicalOr, {all_left, all_right});
 }
 
 // ---- the op ----
