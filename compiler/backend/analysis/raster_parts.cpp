@@ -47,13 +47,9 @@ bool is_surely_number(const Graph& graph, ValueId v) {
   if (!graph.value(v).op.valid()) return false;
   const Op& op = graph.op(graph.value(v).op);
   const auto is = [&](size_t k) { return is_surely_number(graph, op.operands[k]); };
-  switch (op.kind) {
-    case OpKind::Const: return std::ranges::none_of(op.attrs.floats, [](double x) { return std::isnan(x); });
-    case OpKind::Max:
-    case OpKind::Min: return is(0) || is(1);
-    case OpKind::Clamp: return is(1) && is(2);
-    default: return false;
-  }
+  if (op.kind == OpKind::Const) return std::ranges::none_of(op.attrs.floats, [](double x) { return std::isnan(x); });
+  if (op.kind == OpKind::Max || op.kind == OpKind::Min) return is(0) || is(1);
+  return op.kind == OpKind::Clamp && is(1) && is(2);
 }
 
 bool is_used(const Graph& graph, ValueId v, ir::RegionId region) {
