@@ -230,10 +230,14 @@ Value Elaborator::coverage_tie(const Value& edge) {
   const auto less = [&](const Value& a, const Value& b) { return apply(OpKind::Less, {a, b}); };
   const auto both = [&](const Value& a, const Value& b) { return apply(OpKind::LogicalAnd, {a, b}); };
   const auto either = [&](const Value& a, const Value& b) { return apply(OpKind::LogicalOr, {a, b}); };
+  // Each op by itself: C++ leaves open which argument of a call comes first.
   const Value level = apply(OpKind::Equal, {dy, zero});
-  const Value top_left = either(less(dy, zero), both(level, less(zero, dx)));
-  const Value bottom_right = either(less(zero, dy), both(level, less(dx, zero)));
-  return select(top_left, make_float(1), select(bottom_right, make_float(-1), zero));
+  const Value rightward = less(zero, dx), top = both(level, rightward);
+  const Value upward = less(dy, zero), top_left = either(upward, top);
+  const Value leftward = less(dx, zero), bottom = both(level, leftward);
+  const Value downward = less(zero, dy), bottom_right = either(downward, bottom);
+  const Value one = make_float(1), minus_one = make_float(-1), otherwise = select(bottom_right, minus_one, zero);
+  return select(top_left, one, otherwise);
 }
 
 // Whether p lies on the same side of all three edges of a triangle.
@@ -249,8 +253,8 @@ Value Elaborator::coverage(std::span<const Value> edges, const Value& p) {
       return sub(to, from);
     };
     const Value x = apart(0), y = apart(1);
-    const Value taken = mul(dy, x), exact = sub(mul(dx, y), taken);
-    const Value side = select(apply(OpKind::Equal, {exact, zero}), coverage_tie(edges[i]), exact);
+    const Value taken = mul(dy, x), exact = sub(mul(dx, y), taken), tie = coverage_tie(edges[i]);
+    const Value on_edge = apply(OpKind::Equal, {exact, zero}), side = select(on_edge, tie, exact);
     const Value left = less(zero, side), right = less(side, zero);
     all_left = i == 0 ? left : both(all_left, left);
     all_right = i == 0 ? right : both(all_right, right);
