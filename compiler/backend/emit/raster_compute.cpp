@@ -34,8 +34,7 @@ struct Walk {
   bool watched;
 
   // `leave`: a statement for faces that have none, where there may be such.
-  std::string box(Shader& s, RasterClosures& closures, const std::string& leave) const {
-    std::string area = "int across = last.x - first.x, area = across * (last.y - first.y);";
+  void box(Shader& s, RasterClosures& closures, const std::string& leave) const {
     if (!leave.empty()) s.body().line("if (" + closures.record(parts.cull, "at") + ") " + leave);
     s.body().line("vec2 low = vec2(uintBitsToFloat(0x7f800000u)), high = -low, corner;");
     for (const ValueId value : parts.corners) {
@@ -50,7 +49,7 @@ struct Walk {
     s.body().line("vec2 room = 0.5625 + 9.5367432e-7 * max(abs(low), abs(high));");
     s.body().line("ivec2 first = ivec2(clamp(ceil(low - room), vec2(0.0), size));");
     s.body().line("ivec2 last = ivec2(clamp(floor(high + room), vec2(0.0), size));");
-    return area;
+    s.body().line("int across = last.x - first.x, area = across * (last.y - first.y);");
   }
 
   // The epoch of entries of all that an invocation does, and, once for all faces, the next one.
@@ -61,6 +60,22 @@ struct Walk {
     s.body().line("uint64_t epoch = " + entries + ".d[" + dim_expression(behind) + "];");
     if (first)
       s.body().line("if (index == 0) " + entries + ".d[" + dim_expression(behind + Dim(1)) + "] = epoch - 1ul;");
+  }
+
+  // Puts the variable `entry` among the least of its pixel.
+  void keep_least(Shader& s, const std::string& slots, const std::string& type) const {
+    if (parts.count == 1) return s.body().line("atomicMin(" + slots + ".d[pixel], entry);");
+    // Each slot keeps the smaller entry and hands the other on, so that the K smallest end up sorted whatever the
+    // order. Slots behind the first empty one are empty, too.
+    s.body().line("for (int k = 0; k < " + std::to_string(parts.count) + "; ++k) {");
+    s.body().line(type + " old = atomicMin(" + slots + ".d[k * " + dim_expression(element_count(parts.extent())) +
+                  " + pixel], entry);");
+    s.body().line("entry = old > entry ? old : entry;");
+    const std::string none = type == "uint" ? "entry == 0xffffffffu"
+                             : epochs       ? "entry >> 60 != epoch"
+                                            : "entry == 0xfffffffffffffffful";
+    s.body().line("if (" + none + ") break;");
+    s.body().line("}");
   }
 
   // What one pixel of a box takes: `at` is there.
@@ -91,21 +106,7 @@ struct Walk {
                     "(" + closures.closure(kTag) + " & 15);");
       if (epochs) s.body().line("entry |= epoch << 60;");
       if (hidden_stores) s.body().line("entry = pushed_zero == 0 ? entry : 0" + suffix + ";");
-      if (parts.count == 1) {
-        s.body().line("atomicMin(" + key_words + ".d[pixel], entry);");
-        closures.end_of_candidates();
-        return;
-      }
-      // Each slot keeps the smaller entry and hands the other on, so that the K smallest end up sorted whatever the
-      // order. Slots behind the first empty one are empty, too.
-      s.body().line("for (int k = 0; k < " + std::to_string(parts.count) + "; ++k) {");
-      s.body().line(type + " old = atomicMin(" + key_words + ".d[k * " + n + " + pixel], entry);");
-      s.body().line("entry = old > entry ? old : entry;");
-      const std::string none = words    ? "entry == 0xffffffffu"
-                               : epochs ? "entry >> 60 != epoch"
-                                        : "entry == 0xfffffffffffffffful";
-      s.body().line("if (" + none + ") break;");
-      s.body().line("}");
+      keep_least(s, key_words, type);
       closures.end_of_candidates();
       return;
     }
@@ -164,8 +165,7 @@ struct Walk {
     s.body().line("ivec3 at = ivec3(face, 0, index / " + count + ");");
     set_up();
     closures.set_up();
-    const std::string area = box(s, closures, leave);
-    s.body().line(area);
+    box(s, closures, leave);
     if (lists.used()) {
       s.body().line("if (area > " + lists.small_box() + ") {");
       s.body().line("if (pc.a == 0 && pc.b == 0) {");
@@ -198,7 +198,7 @@ struct Walk {
     s.body().line("ivec3 at = ivec3(face, 0, entry_index / " + count + ");");
     set_up();
     closures.set_up();
-    s.body().line(box(s, closures, ""));
+    box(s, closures, "");
     closures.load_fields("at");
     closures.begin_candidates(hidden_stores);
     s.body().line("int down = quotient(stride, across), right = stride - down * across;");
