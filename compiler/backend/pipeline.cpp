@@ -46,7 +46,7 @@ Outcome run_pack(Compilation& c) {
     c.out.schedule = pack(c.graph(), c.profile, options);
     // What a raster found is one buffer to those that read it.
     Schedule counted = c.out.schedule;
-    keep_entries(c.graph(), counted);
+    keep_entries(c.graph(), c.profile, counted);
     auto joined = join_captures(c.graph(), counted, c.profile);
     if (!joined) return std::nullopt;
     take(std::move(*joined));
@@ -81,7 +81,7 @@ Outcome run_list_where_computed(Compilation& c) {
 }
 
 Outcome run_keep_entries(Compilation& c) {
-  keep_entries(c.graph(), c.out.schedule);
+  keep_entries(c.graph(), c.profile, c.out.schedule);
   return std::nullopt;
 }
 

@@ -4,7 +4,6 @@
 #include <cstdio>
 
 #include "compiler/backend/bundle/check_shaders.h"
-#include "compiler/backend/bundle/entries.h"
 #include "compiler/ir/initial_step.h"
 #include "runtime/program/check_trips.h"
 #include "runtime/program/state.h"
@@ -68,12 +67,17 @@ std::vector<io::Array> parts_of_entries(const io::Array& entries, size_t ranks) 
       const uint32_t low = words[static_cast<size_t>(2 * i)], high = words[static_cast<size_t>(2 * i + 1)];
       const bool none = high == 0xffffffffu;
       face.push_back(none ? -1 : static_cast<int32_t>(low >> 4 | high << 28));
-      tag.push_back(none || face.back() == bundle::kSomeFace ? 0 : static_cast<int32_t>(low & 15));
+      tag.push_back(none ? 0 : static_cast<int32_t>(low & 15));
     }
     for (const std::vector<int32_t>& part : {face, tag})
       out.push_back(io::Array::from<int32_t>(part, 1, entries.width, entries.height, entries.layers / count));
   }
   return out;
+}
+
+io::Array no_tags(io::Array faces) {
+  std::ranges::fill(faces.bytes, std::byte{0});
+  return faces;
 }
 
 std::string output_text(const std::string& step, const std::string& name) {
@@ -412,7 +416,9 @@ Result<std::vector<std::vector<io::Array>>> Program::rasters(const std::string& 
       out.emplace_back();
       for (size_t k = 0; k < raster->resources.size(); ++k) {
         const uint32_t r = raster->resources[k];
-        if (s.bundle.resources[r]->type->rows == 1)
+        if (k % 2 == 1 && r == raster->resources[k - 1] && s.bundle.resources[r]->type->rows == 1)
+          out.back().push_back(no_tags(out.back().back()));
+        else if (s.bundle.resources[r]->type->rows == 1)
           out.back().push_back(s.on_device->transfer.download(r));
         else if (k == 0)
           out.back() = parts_of_entries(s.on_device->transfer.download(r), raster->resources.size() / 2);

@@ -6,7 +6,7 @@
 
 namespace dr::bundle {
 
-// The face of an entry that says no more than that there is one.
+// What a raster of one rank gives where it says no more than that there is a face.
 inline constexpr int32_t kSomeFace = (1 << 28) - 1;
 
 }  // namespace dr::bundle

@@ -6,6 +6,7 @@
 #include <functional>
 
 #include "compiler/backend/analysis/uses.h"
+#include "compiler/backend/bundle/entries.h"
 #include "compiler/backend/emit/face_lists.h"
 #include "compiler/backend/emit/raster_closures.h"
 
@@ -88,10 +89,10 @@ struct Walk {
     if (!parts.listed && !(presence && has_depth_always(graph, op))) closures.key_from_depth("continue");
     const std::string pixel = "(at.z * " + h + " + at.y) * " + w + " + at.x";
     if (presence) {
-      // The upper word is 0 in no empty entry. All who write it write the same.
-      const std::string entries = s.bind_words(keys, "slots", bundle::Access::ReadWrite);
-      s.body().line("int word = " + s.at_once(ir::kInt, "2 * (" + pixel + ") + 1") + ";");
-      s.body().line(entries + ".d[word] = 0u;");
+      // All who write it write the same.
+      const std::string faces = s.bind_words(keys, "faces", bundle::Access::ReadWrite);
+      s.body().line("int pixel = " + s.at_once(ir::kInt, pixel) + ";");
+      s.body().line(faces + ".d[pixel] = " + std::to_string(bundle::kSomeFace) + "u;");
       closures.end_of_candidates();
       return;
     }
@@ -243,7 +244,7 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
   const Dim slots = pixels * Dim(static_cast<int64_t>(parts.count));
   const Dim faces = parts.faces * parts.l;
   const bool wide = wide_atomics() && !parts.listed, at_once = wide || parts.listed;
-  const bool stay = parts.listed || resource(op.results[0]).is_entries();
+  const bool stay = parts.listed || raster.presence || resource(op.results[0]).is_entries();
   const uint32_t keys =
       at_once && stay ? resource_index(op.results[0])
                       : add_scratch(pass.name + (wide ? "_slots" : "_keys"), (wide ? slots * Dim(2) : slots).str());

@@ -73,10 +73,7 @@ class StepCode {
       std::visit(Overloaded{[&](MapPass& own) { own.code = map(pass, own, pass_id(place)); }, [](FragmentPass&) {},
                             [&](ReducePass& own) { own.in_teams = in_teams(pass); },
                             [&](ScatterPass& own) { scatter(pass, own); },
-                            [&](RasterPass& own) {
-                              own.walk = walk(pass, own);
-                              own.presence = presence(pass);
-                            },
+                            [&](RasterPass& own) { own.walk = walk(pass, own); },
                             [](DrawnRasterPass&) {}},
                  pass.of_kind);
     }
@@ -285,13 +282,6 @@ class StepCode {
     if (!trips.pixel.is_constant() || !trips.face.is_constant()) return box;
     const int64_t steps = (limit / kBoxes - trips.face.constant() - 3) / (trips.pixel.constant() + 1);
     return static_cast<int>(std::clamp<int64_t>(steps * team, team, box));
-  }
-
-  // Lanes take turns at atomics of 64 bits.
-  bool presence(const Pass& pass) const {
-    const ir::Op& op = graph_.op(pass.ops.back());
-    return profile_.lanes_in_turn && schedule_.code.wide_words &&
-           resource(op.results[0]).is(Resource::Storage::Entries) && is_asked_for_presence(graph_, op);
   }
 
   // Conditions without each of which a face is culled, where `cull` is `!(a && b)`.

@@ -3,25 +3,37 @@
 
 #include <algorithm>
 
+#include "compiler/backend/analysis/raster_parts.h"
+#include "compiler/backend/analysis/uses.h"
+
 namespace dr::backend {
 
 using ir::ValueId;
 
-void keep_entries(const ir::Graph& graph, Schedule& schedule) {
+void keep_entries(const ir::Graph& graph, const target::Profile& profile, Schedule& schedule) {
+  // Lanes take turns at the atomics by which faces are compared.
+  const bool asks = profile.lanes_in_turn && profile.shader_int64 && profile.shader_buffer_int64_atomics;
   std::set<uint32_t> unused;
   for (StepSchedule& step : schedule.steps) {
     const std::set<ValueId> kept = read_afterwards(graph, step);
-    for (const Pass& pass : step.passes) {
-      if (!pass.is<RasterPass>()) continue;
-      const std::vector<ValueId>& results = graph.op(pass.ops.back()).results;
+    for (Pass& pass : step.passes) {
+      auto* raster = pass.as<RasterPass>();
+      if (raster == nullptr) continue;
+      const ir::Op& op = graph.op(pass.ops.back());
+      const std::vector<ValueId>& results = op.results;
       if (results.size() == 1) continue;  // faces are listed: what the walk leaves is the result
       if (std::ranges::any_of(results, [&](ValueId v) { return kept.count(v) != 0; })) continue;
       const ResourceId id = step.stored.at(results[0]);
       Resource& entries = schedule.resources[id.index];
-      entries.name += "_entries";
-      entries.storage = Resource::Storage::Entries;
-      entries.type = ir::vec(2, ir::Scalar::Uint);
-      entries.extent.l = entries.extent.l * ir::Dim(static_cast<int64_t>(results.size() / 2));
+      raster->presence = asks && is_asked_for_presence(graph, op);
+      if (raster->presence) {
+        entries.storage = Resource::Storage::Buffer;
+      } else {
+        entries.name += "_entries";
+        entries.storage = Resource::Storage::Entries;
+        entries.type = ir::vec(2, ir::Scalar::Uint);
+        entries.extent.l = entries.extent.l * ir::Dim(static_cast<int64_t>(results.size() / 2));
+      }
       for (size_t k = 1; k < results.size(); ++k) {
         unused.insert(step.stored.at(results[k]).index);
         step.stored.at(results[k]) = id;

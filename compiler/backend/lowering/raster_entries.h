@@ -6,11 +6,13 @@
 #pragma once
 
 #include "compiler/backend/schedule/schedule.h"
+#include "compiler/target/profile.h"
 
 namespace dr::backend {
 
 // Gives all results of a raster by compute shaders one resource, its entries; unless one of them is an output, an
-// update or pinned, and so needs memory of its own.
-void keep_entries(const ir::Graph& graph, Schedule& schedule);
+// update or pinned, and so needs memory of its own. Where lanes take turns at atomics, a raster that is only asked if a
+// pixel sees a face has no entries but a word a pixel, which says that (RasterPass::presence).
+void keep_entries(const ir::Graph& graph, const target::Profile& profile, Schedule& schedule);
 
 }  // namespace dr::backend

@@ -307,7 +307,7 @@ struct FaceWalk {
 struct RasterPass {
   std::optional<FaceSetup> setup;
   FaceWalk walk;
-  // An entry says that there is a face, not which one, so that none are compared: its face is bundle::kSomeFace.
+  // Its result says that there is a face, not which one, so that none are compared: bundle::kSomeFace or -1.
   bool presence = false;
 };
 

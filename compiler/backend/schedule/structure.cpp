@@ -161,12 +161,13 @@ class StructureChecker {
   void check_walk(const RasterPass& raster) {
     const FaceWalk& walk = raster.walk;
     const Op& op = graph_.op(pass_->ops.back());
-    const auto keeps_entries = [&] {
-      const auto stored = step_->stored.find(op.results[0]);
-      return stored != step_->stored.end() && schedule_.resources[stored->second.index].is(Resource::Storage::Entries);
+    const auto share_a_word = [&] {
+      const auto face = step_->stored.find(op.results[0]), tag = step_->stored.find(op.results[1]);
+      return face != step_->stored.end() && tag != step_->stored.end() && face->second == tag->second &&
+             schedule_.resources[face->second.index].is(Resource::Storage::Buffer);
     };
-    if (raster.presence && (!schedule_.code.wide_words || op.results.size() != 2 || !keeps_entries()))
-      bad("tells presence alone without entries of one rank and wide words");
+    if (raster.presence && (op.results.size() != 2 || !share_a_word()))
+      bad("tells presence alone without one word for both of its results");
     if (walk.in_turn) {
       const Pass* setup = raster.setup ? &step_->pass(raster.setup->pass) : nullptr;
       if (setup == nullptr || walk.in_turn->each < 2 || walk.in_turn->each > kMostInTurn ||
