@@ -116,7 +116,8 @@ std::vector<vk::MemoryRequirements> Memory::create_buffer(uint32_t k) {
   const vk::ExternalMemoryBufferCreateInfo outside(vk::ExternalMemoryHandleTypeFlagBits::eOpaqueFd);
   if (shared_.contains(r.slot)) info.pNext = &outside;
   for (vk::DeviceSize first = 0; first == 0 || first < object.bytes; first += object.each) {
-    info.size = std::min(object.each, object.bytes - first);
+    // The last words may be read as a texel of four (bundle.fbs).
+    info.size = (std::min(object.each, object.bytes - first) + 15) / 16 * 16;
     try {
       object.buffers.emplace_back(d, info);
     } catch (const vk::SystemError&) {

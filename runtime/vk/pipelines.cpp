@@ -81,6 +81,11 @@ vk::Format texel_format(const bundle::ResourceT& r, uint32_t texel) {
   return kFormats[scalar][texel - 1];
 }
 
+// Bytes, or texels, of which the last one may go beyond the value.
+vk::DeviceSize units_of(const BufferObject& buffer, uint32_t texel) {
+  return texel == 0 ? buffer.bytes : (buffer.bytes + texel * 4 - 1) / (texel * 4);
+}
+
 }  // namespace
 
 vk::DeviceSize Pipelines::most_of(const Descriptor& descriptor) const {
@@ -106,7 +111,7 @@ std::vector<bundle::Split> Pipelines::splits_of(const std::vector<Descriptor>& d
     // A part begins where a binding may.
     const vk::DeviceSize least = texel == 0 ? std::max<vk::DeviceSize>(l.minStorageBufferOffsetAlignment, 16)
                                             : std::max<vk::DeviceSize>(l.minTexelBufferOffsetAlignment / 4, 4),
-                         has = buffer.bytes / (texel == 0 ? 1 : texel * 4);
+                         has = units_of(buffer, texel);
     vk::DeviceSize most = std::max(most_of(descriptors[k]), least);
     // None is in two buffers.
     if (buffer.in_pieces())
@@ -186,7 +191,7 @@ Bound Pipelines::bind(const std::vector<Descriptor>& descriptors, vk::ShaderStag
   };
   for (uint32_t k = 0; k < descriptors.size(); ++k) {
     const auto [resource, texel] = descriptors[k];
-    const vk::DeviceSize all = memory_.buffer(resource).bytes / (texel == 0 ? 1 : texel * 4);
+    const vk::DeviceSize all = units_of(memory_.buffer(resource), texel);
     const auto split = std::ranges::find(splits, k, &bundle::Split::binding);
     if (split == splits.end()) {
       write(k, k, 0, texel == 0 ? VK_WHOLE_SIZE : all);

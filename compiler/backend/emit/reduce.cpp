@@ -48,8 +48,7 @@ class ReduceWriter {
 
   // Folds what `read` gives for r = begin .. end - 1 into a variable `into`, in groups of eight.
   void fold(Shader& s, const std::string& into, const std::string& read) const {
-    const std::string first =
-        kind_ == OpKind::ReduceSum ? glsl::zero(type_) : glsl::limit(type_, kind_ == OpKind::ReduceMin);
+    const std::string first = first_of();
     s.body().line(type_.str() + " " + into + " = " + first + ";");
     s.body().line("for (int g = begin; g < end; g += 8) {");
     s.body().line(type_.str() + " part = " + first + ";");
@@ -58,6 +57,24 @@ class ReduceWriter {
     s.body().line(type_.str() + " x = " + read + ";");
     combine(s, "part", "x");
     s.body().line("}");
+    combine(s, into, "part");
+    s.body().line("}");
+  }
+
+  // The same of scalars 0, 1, ..., which the function `fours` gives four at a time. Where lanes take turns at memory, a
+  // read of four words takes as long as one of one word.
+  void fold_fours(Shader& s, const std::string& into, const std::string& fours) const {
+    const std::string first = first_of();
+    s.body().line(type_.str() + " " + into + " = " + first + ";");
+    s.body().line("for (int g = begin; g < end; g += 8) {");
+    s.body().line(type_.str() + " part = " + first + ", x;");
+    const std::string four = ir::vec(4, type_.scalar).str();
+    s.body().line(four + " low = " + fours + "(g >> 2), high = " + fours + "((g >> 2) + 1);");
+    for (int k = 0; k < 8; ++k) {
+      const std::string read = (k < 4 ? "low[" : "high[") + std::to_string(k % 4) + "]";
+      s.body().line("x = g + " + std::to_string(k) + " < end ? " + read + " : " + first + ";");
+      combine(s, "part", "x");
+    }
     combine(s, into, "part");
     s.body().line("}");
   }
@@ -101,6 +118,11 @@ class ReduceWriter {
     for (int c = 0; c < n; ++c)
       s.body().line(target + ".d[partial * " + std::to_string(n) + " + " + std::to_string(c) +
                     "] = " + glsl::component(type_, "all", c) + ";");
+  }
+
+  // What changes no result.
+  std::string first_of() const {
+    return kind_ == OpKind::ReduceSum ? glsl::zero(type_) : glsl::limit(type_, kind_ == OpKind::ReduceMin);
   }
 
   void combine(Shader& s, const std::string& into, const std::string& what) const {
@@ -161,16 +183,27 @@ void Generator::reduce_pass(const Pass& pass) {
   };
   Shader first = strict_shader();
   open(first);
-  first.load(source, "at");
-  first.declare(source_place(op, axes));
-  const std::string load = first.load(source, "source_place(o, r)");
+  const Resource& stored = resource(source);
+  const bool in_fours = schedule_.code.texel_reads && !in_teams && outs.is_one() && type.is_scalar() &&
+                        (stored.is(Resource::Storage::Buffer) || stored.is(Resource::Storage::Leaf));
+  std::string read;
+  if (in_fours) {
+    read = first.read_fours(source);
+  } else {
+    first.load(source, "at");
+    first.declare(source_place(op, axes));
+    read = first.load(source, "source_place(o, r)");
+  }
   // The target is bound by number: the first stage may write it or scratch.
   const Dim partials = (count + Dim(kInputs - 1)).divided_by(kInputs),
             later = (count + Dim(kInputs * kInputs - 1)).divided_by(kInputs * kInputs);
   const uint32_t a = add_scratch(pass.name + "_partials", (partials * outs * Dim(n)).str());
   const uint32_t b = add_scratch(pass.name + "_partials_2", (later * outs * Dim(n)).str());
   const std::string out_name = first.bind_words(a, "partials", bundle::Access::Write, word.c_str());
-  writer.fold(first, "total", load);
+  if (in_fours)
+    writer.fold_fours(first, "total", read);
+  else
+    writer.fold(first, "total", read);
   close(first, out_name);
 
   Shader next = strict_shader();
