@@ -11,6 +11,7 @@
 
 #include "tests/catch.h"
 #include "tests/exact_sum.h"
+#include "tests/sanitized.h"
 
 namespace dr::backend::glsl {
 
@@ -84,7 +85,7 @@ uint32_t sum_in_bins(std::span<const float> terms) {
 
 TEST_CASE("sums in bins are rounded once, in any order and from any ranks") {
   std::mt19937 random(11);
-  for (int k = 0; k < 100000; ++k) {
+  for (int k = 0; k < dr::repeats(100000); ++k) {
     std::vector<float> terms = dr::test::wild_terms(random);
     const uint32_t truth = dr::test::rounded_sum(terms);
     REQUIRE(sum_in_bins(terms) == truth);
