@@ -18,6 +18,7 @@
 #include "compiler/backend/lowering/list_where_computed.h"
 #include "compiler/backend/lowering/raster_entries.h"
 #include "compiler/backend/lowering/recompute_second_run.h"
+#include "compiler/backend/lowering/reduce_where_computed.h"
 #include "compiler/backend/lowering/scatter.h"
 #include "compiler/backend/lowering/set_up_in_raster.h"
 #include "compiler/backend/lowering/update_in_place.h"
@@ -51,6 +52,13 @@ Outcome run_pack(Compilation& c) {
     if (!joined) return std::nullopt;
     take(std::move(*joined));
   }
+}
+
+Outcome run_reduce_where_computed(Compilation& c) {
+  // What the driver's own floats give differs from shader to shader.
+  if (pack_options(c.profile, c.options).fused && !c.options.native_floats)
+    reduce_where_computed(c.graph(), c.profile, c.out.schedule);
+  return std::nullopt;
 }
 
 Outcome run_choose_sums(Compilation& c) {
@@ -187,6 +195,8 @@ constexpr Facts only(Fact fact) { return static_cast<Facts>(fact); }
 
 constexpr BackendPass kPasses[] = {
     {"pack", run_pack, 0, only(Fact::Packed), only(Fact::PlacesFixed)},
+    {"reduce-where-computed", run_reduce_where_computed, only(Fact::Packed), 0,
+     Fact::PlacesFixed | Fact::SumsChosen | Fact::EntriesKept | Fact::Lowered},
     {"keep-entries", run_keep_entries, only(Fact::Packed), only(Fact::EntriesKept), only(Fact::Lowered)},
     {"choose-sums", run_choose_sums, only(Fact::Packed), only(Fact::SumsChosen), only(Fact::PlacesFixed)},
     {"update-in-place", run_update_in_place, Fact::Packed | Fact::SumsChosen, 0, only(Fact::Lowered)},

@@ -97,8 +97,13 @@ class Bound {
         made.stage = std::max(made.stage, of.stage + 1);
       }
     }
+    const bool folds = ops::info(op.kind).runs_as == ops::RunsAs::Reduce;
     for (ValueId v : uses.elsewhere) {
       const Op& from = graph_.op(maker(v));
+      if (folds && !is_memory(from) && counts_[maker(v).index] && made_[v.index].how == Made::How::Map) {
+        made.stage = std::max(made.stage, made_[v.index].stage);  // it may compute what it folds
+        continue;
+      }
       store(v);
       if (!is_memory(from) && counts_[maker(v).index]) made.stage = std::max(made.stage, made_[v.index].stage + 1);
     }

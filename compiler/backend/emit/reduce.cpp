@@ -3,6 +3,7 @@
 // workgroup, fold what they found: a dispatch leaves one partial of 4,096 inputs. The tree is the same on every device:
 // groups of eight, of eight groups, of 64 of those, and so on. In teams an invocation folds eight inputs, one of eight
 // invocations what these found, and so on: the same tree.
+#include <functional>
 #include <string>
 
 #include "compiler/backend/emit/generator.h"
@@ -46,16 +47,19 @@ class ReduceWriter {
     s.body().line("int begin = block + lane * 8, end = min(begin + 8, block + count);");
   }
 
-  // Folds what `read` gives for r = begin .. end - 1 into a variable `into`, in groups of eight.
-  void fold(Shader& s, const std::string& into, const std::string& read) const {
+  // Folds what `read` gives for r = begin .. end - 1 into a variable `into`, in groups of eight; statements before may
+  // compute it.
+  void fold(Shader& s, const std::string& into, const std::function<std::string()>& read) const {
     const std::string first = first_of();
     s.body().line(type_.str() + " " + into + " = " + first + ";");
     s.body().line("for (int g = begin; g < end; g += 8) {");
     s.body().line(type_.str() + " part = " + first + ";");
     s.body().line("int stop = min(g + 8, end);");
     s.body().line("for (int r = g; r < stop; ++r) {");
-    s.body().line(type_.str() + " x = " + read + ";");
+    s.push_scope();
+    s.body().line(type_.str() + " x = " + read() + ";");
     combine(s, "part", "x");
+    s.pop_scope();
     s.body().line("}");
     combine(s, into, "part");
     s.body().line("}");
@@ -92,7 +96,7 @@ class ReduceWriter {
       const std::string next = last == std::string("total")     ? "total_2"
                                : last == std::string("total_2") ? "total_3"
                                                                 : "all";
-      fold(s, next, "totals[r]");
+      fold(s, next, [] { return "totals[r]"; });
     }
     s.body().line("if (lane != 0 || !is_due) return;");
     store(s, target);
@@ -108,7 +112,7 @@ class ReduceWriter {
     s.body().line("if (lane != 0 || !is_due) return;");
     s.body().line("begin = here;");
     s.body().line("end = here + min(lanes, (pc.a - block + 63) / 64);");
-    fold(s, "all", "totals[r]");
+    fold(s, "all", [] { return "totals[r]"; });
     store(s, target);
   }
 
@@ -164,10 +168,11 @@ std::string source_place(const ir::Op& op, const Dim* const (&axes)[3]) {
 
 void Generator::reduce_pass(const Pass& pass) {
   constexpr int64_t kInputs = 4096;  // of a partial
-  const ir::Op& op = graph_.op(pass.ops[0]);
+  const ir::Op& op = graph_.op(pass.ops.back());
+  const std::vector<ir::OpId> computing(pass.ops.begin(), pass.ops.end() - 1);  // what is folded
   const ValueId source = op.operands[0], target = op.results[0];
   const ir::Type type = resource(target).type;
-  const ir::Extent& from = resource(source).extent;
+  const ir::Extent& from = graph_.value(source).extent;
   const Dim* const axes[] = {&from.w, &from.h, &from.l};
   Dim outs = 1, count = 1;
   for (size_t a = 0; a < 3; ++a)
@@ -183,28 +188,28 @@ void Generator::reduce_pass(const Pass& pass) {
   };
   Shader first = strict_shader();
   open(first);
-  const Resource& stored = resource(source);
-  const bool in_fours = schedule_.code.texel_reads && !in_teams && outs.is_one() && type.is_scalar() &&
-                        (stored.is(Resource::Storage::Buffer) || stored.is(Resource::Storage::Leaf));
-  std::string read;
-  if (in_fours) {
-    read = first.read_fours(source);
-  } else {
-    first.load(source, "at");
-    first.declare(source_place(op, axes));
-    read = first.load(source, "source_place(o, r)");
-  }
+  const auto in_fours = [&] {
+    if (!schedule_.code.texel_reads || in_teams || !outs.is_one() || !type.is_scalar() || !computing.empty())
+      return false;
+    const Resource& stored = resource(source);
+    return stored.is(Resource::Storage::Buffer) || stored.is(Resource::Storage::Leaf);
+  };
   // The target is bound by number: the first stage may write it or scratch.
   const Dim partials = (count + Dim(kInputs - 1)).divided_by(kInputs),
             later = (count + Dim(kInputs * kInputs - 1)).divided_by(kInputs * kInputs);
   const uint32_t a = add_scratch(pass.name + "_partials", (partials * outs * Dim(n)).str());
   const uint32_t b = add_scratch(pass.name + "_partials_2", (later * outs * Dim(n)).str());
-  const std::string out_name = first.bind_words(a, "partials", bundle::Access::Write, word.c_str());
-  if (in_fours)
-    writer.fold_fours(first, "total", read);
-  else
-    writer.fold(first, "total", read);
-  close(first, out_name);
+  if (in_fours()) {
+    writer.fold_fours(first, "total", first.read_fours(source));
+  } else {
+    first.declare(source_place(op, axes));
+    writer.fold(first, "total", [&] {
+      first.body().line("ivec3 at = source_place(o, r);");
+      first.element_ops(computing);
+      return computing.empty() ? first.load(source, "at") : first.use(source);
+    });
+  }
+  close(first, first.bind_words(a, "partials", bundle::Access::Write, word.c_str()));
 
   Shader next = strict_shader();
   open(next);
@@ -213,7 +218,7 @@ void Generator::reduce_pass(const Pass& pass) {
   std::string words;
   for (int c = 0; c < n; ++c)
     words += (c ? ", " : "") + in + ".d[(o * pc.a + r) * " + std::to_string(n) + " + " + std::to_string(c) + "]";
-  writer.fold(next, "total", type.is_scalar() ? words : type.str() + "(" + words + ")");
+  writer.fold(next, "total", [&] { return type.is_scalar() ? words : type.str() + "(" + words + ")"; });
   close(next, out);
 
   auto& c = command(bundle::CommandKind::Reduce, pass.name);

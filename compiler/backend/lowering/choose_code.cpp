@@ -101,7 +101,7 @@ class StepCode {
 
   // A GPU waits for the 64 inputs of an invocation, few of which run where one number is asked for.
   bool in_teams(const Pass& pass) const {
-    const ir::Op& op = graph_.op(pass.ops[0]);
+    const ir::Op& op = graph_.op(pass.ops.back());
     const ir::ValueInfo& result = graph_.value(op.results[0]);
     constexpr int kMostComponents = 4;  // that a workgroup's memory holds
     return profile_.is_gpu() && profile_.max_compute_work_group_invocations >= static_cast<uint32_t>(kReducingGroup) &&
