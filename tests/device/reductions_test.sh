@@ -11,7 +11,9 @@ edition 1;
 input w : float[N, 3];
 step look {
   output all = sum(w), least = min(w), most = max(w), rows = sum(w, over = x), columns = sum(w, over = y),
-         pairs = sum(vec2(w, -w), over = (x, y));
+         pairs = sum(vec2(w, -w), over = (x, y)),
+         // Lists that the reductions compute themselves.
+         second = sum(-w.at(ivec2(coord(N).x, 1))), third = min(2.0 * w.at(ivec2(coord(N).x, 2)));
 }
 END
 # Where subgroups are a GPU's, eight invocations share what one folds on a processor.
@@ -58,12 +60,12 @@ for n, profile in ((n, profile) for profile in ("lavapipe", "teams.json") for n 
     npy("w.npy", w, (3, n))
     subprocess.run([os.environ["drun"], "sums.dr", "--bind", "w=w.npy", "--step", "look", "--out", "out", "--profile", profile], check=True,
                    stdout=subprocess.DEVNULL)
-    got = {name: read(f"out/look.{name}.npy") for name in ("all", "least", "most", "rows", "columns", "pairs")}
+    got = {name: read(f"out/look.{name}.npy") for name in ("all", "least", "most", "rows", "columns", "pairs", "second", "third")}
     total = tree(w)
     expected = {"all": [total], "least": [min(w)], "most": [max(w)],
                 "rows": [tree(w[y * n:(y + 1) * n]) for y in range(3)],
                 "columns": [tree(array("f", [w[x], w[n + x], w[2 * n + x]])) for x in range(n)],
-                "pairs": [total, -total]}
+                "pairs": [total, -total], "second": [-tree(w[n:2 * n])], "third": [2 * min(w[2 * n:])]}
     for name, values in expected.items():
         assert list(got[name]) == list(values), f"{n}, {profile}: {name} is {got[name][:3]}, expected {values[:3]}"
 END

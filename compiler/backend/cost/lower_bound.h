@@ -10,7 +10,8 @@
 namespace dr::backend {
 
 struct LowerBound {
-  // The longest chain of rasters, reductions, scatters and reads at other places, each of which waits for the last.
+  // The longest chain of rasters, reductions, scatters and reads at other places, each of which waits for the last. A
+  // reduction may compute what it folds.
   size_t stages = 0;
   // Each leaf that is used read once; each result, and each value that one of those ops makes or reads, written and
   // where it is used read once.

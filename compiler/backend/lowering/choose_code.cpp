@@ -73,8 +73,7 @@ class StepCode {
       std::visit(Overloaded{[&](MapPass& own) { own.code = map(pass, own, pass_id(place)); }, [](FragmentPass&) {},
                             [&](ReducePass& own) { own.in_teams = in_teams(pass); },
                             [&](ScatterPass& own) { scatter(pass, own); },
-                            [&](RasterPass& own) { own.walk = walk(pass, own); },
-                            [](DrawnRasterPass&) {}},
+                            [&](RasterPass& own) { own.walk = walk(pass, own); }, [](DrawnRasterPass&) {}},
                  pass.of_kind);
     }
   }

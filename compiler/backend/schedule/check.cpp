@@ -155,7 +155,8 @@ class StepChecker {
   void check_teams() {
     const auto* reduce = pass().as<ReducePass>();
     if (reduce == nullptr || !reduce->in_teams) return;
-    if (!graph_.value(graph_.op(pass().ops.back()).results[0]).extent.is_unit()) unsound("shares inputs of many results");
+    if (!graph_.value(graph_.op(pass().ops.back()).results[0]).extent.is_unit())
+      unsound("shares inputs of many results");
     if (profile_.max_compute_work_group_invocations < static_cast<uint32_t>(kReducingGroup))
       report(Violation::Kind::Limit, "has workgroups of " + std::to_string(kReducingGroup) + " invocations");
   }
