@@ -498,9 +498,9 @@ step go { tone <- tone * 0.5 + slow; output slow, twice = tone * 2.0; })",
        .bound = {{"x", ramp(8)}},
        .leaf = "x",
        .data = ramp(8, 1, 0.7f),
-       .with = {7, 8},
-       .without = {15, 0},
-       .woken = {7, 8}},
+       .with = {6, 4},
+       .without = {10, 0},
+       .woken = {6, 4}},
       // A sky that stands still is filtered once.
       {.id = "cache",
        .text = R"(
@@ -535,9 +535,9 @@ input x : float[W];
 step go { output y = sum(sin(x)) * factor * x; })",
        .bound = {{"x", ramp(8)}},
        .define = "factor=3.0",
-       .with = {0, 3},
-       .without = {3, 0},
-       .woken = {3, 0},
+       .with = {0, 2},
+       .without = {2, 0},
+       .woken = {2, 0},
        .only_on = "lavapipe"},
       {.id = "shaders",
        .text = R"(
@@ -546,9 +546,9 @@ input x : float[W];
 step go { output y = sum(cos(x)) * factor * x; })",
        .bound = {{"x", ramp(8)}},
        .define = "factor=3.0",
-       .with = {0, 4},
-       .without = {4, 0},
-       .woken = {1, 3}},
+       .with = {0, 3},
+       .without = {3, 0},
+       .woken = {1, 2}},
   };
 }
 
