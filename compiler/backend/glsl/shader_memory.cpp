@@ -112,7 +112,8 @@ std::string Shader::read_fours(ValueId value) {
   const Resource& r = resource(value);
   DR_ASSERT(schedule_.code.texel_reads && r.type.is_scalar() &&
             (r.is(Resource::Storage::Buffer) || r.is(Resource::Storage::Leaf)));
-  const std::string name = bind(step_.stored.at(value), bundle::Access::Read), function = "fours_of_" + name;
+  const std::string name = bind(step_.stored.at(value), bundle::Access::Read);
+  std::string function = "fours_of_" + name;
   declared_[bound_.at(step_.stored.at(value).index).binding].texel = 4;
   declare(ir::vec(4, r.type.scalar).str() + " " + function + "(int k) { return texelFetch(" + name + ", k); }\n");
   return function;
