@@ -49,6 +49,13 @@ const Case kCases[] = {
       @vjp(square) fn square_vjp(x: float, g: float) -> float { 2.0 * x * g + 0.5 * g }
       step go { output d = grad(sum(if a > 0.25 { square(a) } else { 0.0 }), a); })",
      {"go"}},
+    {"a gradient through a loop in a branch that names its own element",
+     R"(
+      input a : float[W, H];
+      let low = min(a) < -1e9;
+      let y = if low { 0.0 } else { tanh(reduce(sum, i in 0..3) { a.at(coord(W, H, 2)) }) };
+      step go { output d = grad(sum(y), a); })",
+     {"go"}},
     {"branches alike but for a number that stands elsewhere in them too",
      R"(
       input a : float[W, H];

@@ -67,8 +67,14 @@ Variables AtPlaces::depends(ValueId v, int c) {
     } else {
       for (const auto& [operand, part] : parts(*op, c)) out |= depends(operand, part);
     }
-    for (const RegionId inner : op->regions)
-      for (const ValueId captured : captures(from_, inner)) out |= depends(captured);
+    for (const RegionId inner : op->regions) {
+      // What is in there may be elements' places, too, which no region captures. Its own trips are known there.
+      Variables inside = 0;
+      for (const ValueId asked : asked_for(*op, inner)) inside |= depends(asked);
+      for (const ValueId param : from_.region(inner).params)
+        if (const auto trip = trips_.find(param); trip != trips_.end()) inside &= ~only(trip->second);
+      out |= inside;
+    }
   }  // else a parameter of a region inside, which is known there
   depends_[{v, c}] = out;
   return out;
@@ -159,6 +165,20 @@ ValueId AtPlaces::at(ValueId v, int c) {
   return ops::extract(to_, at(v), c);
 }
 
+// What a region yields but for what is scattered, which is not what is asked for.
+std::vector<ValueId> AtPlaces::asked_for(const Op& op, RegionId id) const {
+  const std::vector<ValueId>& yields = from_.region(id).yields;
+  const auto combining = yielding_regions(op);
+  if (std::ranges::find(combining, id) == combining.end()) return yields;
+  const std::vector<Yielded> all = yielded(from_, op, id);
+  size_t combined = 0;
+  for (const Yielded& part : all) combined += part.index.valid() ? 2 : 1;
+  std::vector<ValueId> out(yields.begin(), yields.end() - static_cast<std::ptrdiff_t>(combined));
+  for (size_t k = 0; k < all.size(); ++k)
+    if (op.attrs.yields[k] != Yield::Scatter) out.push_back(all[k].value);
+  return out;
+}
+
 RegionId AtPlaces::region(const Op& op, RegionId id) {
   const Region& old = from_.region(id);
   std::vector<ResultType> params;
@@ -167,18 +187,7 @@ RegionId AtPlaces::region(const Op& op, RegionId id) {
   enter();
   for (size_t k = 0; k < params.size(); ++k) scopes_.back().values[old.params[k]] = to_.graph().region(made).params[k];
   std::vector<ValueId> yields;
-  const auto combining = yielding_regions(op);
-  if (std::ranges::find(combining, id) == combining.end()) {
-    for (const ValueId v : old.yields) yields.push_back(at(v));
-  } else {
-    // What is scattered is not what is asked for.
-    const std::vector<Yielded> all = yielded(from_, op, id);
-    size_t combined = 0;
-    for (const Yielded& part : all) combined += part.index.valid() ? 2 : 1;
-    for (const ValueId v : std::span(old.yields).first(old.yields.size() - combined)) yields.push_back(at(v));
-    for (size_t k = 0; k < all.size(); ++k)
-      if (op.attrs.yields[k] != Yield::Scatter) yields.push_back(at(all[k].value));
-  }
+  for (const ValueId v : asked_for(op, id)) yields.push_back(at(v));
   leave();
   to_.end_region(std::move(yields));
   return made;

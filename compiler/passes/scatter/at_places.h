@@ -57,6 +57,7 @@ class AtPlaces {
 
   bool is_root(ir::ValueId v) const { return from_.value(v).region == from_.root(); }
   const ir::Op* maker(ir::ValueId v) const;
+  std::vector<ir::ValueId> asked_for(const ir::Op& op, ir::RegionId region) const;
   bool is_computed(ir::ValueId v);
   bool is_pure(ir::ValueId v);
   bool is_cheap(ir::ValueId v, int depth, std::set<ir::ValueId>& loads);
