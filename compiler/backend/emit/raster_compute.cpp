@@ -243,8 +243,9 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
   const Dim pixels = element_count(parts.extent());
   const Dim slots = pixels * Dim(static_cast<int64_t>(parts.count));
   const Dim faces = parts.faces * parts.l;
-  const bool wide = wide_atomics() && !parts.listed, at_once = wide || parts.listed;
-  const bool stay = parts.listed || raster.presence || resource(op.results[0]).is_entries();
+  const bool words = parts.listed || raster.presence;  // of 32 bits are all that a pixel has
+  const bool wide = wide_atomics() && !words, at_once = wide || words;
+  const bool stay = words || resource(op.results[0]).is_entries();
   const uint32_t keys =
       at_once && stay ? resource_index(op.results[0])
                       : add_scratch(pass.name + (wide ? "_slots" : "_keys"), (wide ? slots * Dim(2) : slots).str());
@@ -253,7 +254,7 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
   if (!at_once) fill("clear " + pass.name + " faces", ids, 0xffffffffu);
   const Pass* const setup = raster.setup ? &step_->pass(raster.setup->pass) : nullptr;
   const bool sets_up_again = raster.setup && raster.setup->again;
-  const WalkTrips trips = walk_trips(graph_, pass, op, sets_up_again ? setup : nullptr, wide);
+  const WalkTrips trips = walk_trips(graph_, pass, op, sets_up_again ? setup : nullptr, wide_atomics());
   const FaceLists lists(raster.walk.lists, schedule_.code.loop_trips, parts, trips);
   const bool watched = raster.walk.watched;
   const uint32_t list_words = lists.used() ? add_scratch(pass.name + "_lists", lists.words().str()) : keys;

@@ -188,18 +188,12 @@ void Generator::reduce_pass(const Pass& pass) {
   };
   Shader first = strict_shader();
   open(first);
-  const auto in_fours = [&] {
-    if (!schedule_.code.texel_reads || in_teams || !outs.is_one() || !type.is_scalar() || !computing.empty())
-      return false;
-    const Resource& stored = resource(source);
-    return stored.is(Resource::Storage::Buffer) || stored.is(Resource::Storage::Leaf);
-  };
   // The target is bound by number: the first stage may write it or scratch.
   const Dim partials = (count + Dim(kInputs - 1)).divided_by(kInputs),
             later = (count + Dim(kInputs * kInputs - 1)).divided_by(kInputs * kInputs);
   const uint32_t a = add_scratch(pass.name + "_partials", (partials * outs * Dim(n)).str());
   const uint32_t b = add_scratch(pass.name + "_partials_2", (later * outs * Dim(n)).str());
-  if (in_fours()) {
+  if (!in_teams && outs.is_one() && computing.empty() && first.may_read_fours(source)) {
     writer.fold_fours(first, "total", first.read_fours(source));
   } else {
     first.declare(source_place(op, axes));

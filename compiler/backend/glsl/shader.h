@@ -94,8 +94,10 @@ class Shader {
   void accumulate_into(ir::ValueId scatter_result, Accumulator accumulator) {
     accumulators_[scatter_result] = std::move(accumulator);
   }
-  // Four scalars at a time of a value that this shader only reads, where reads are by texels: a function whose value
-  // for k are elements 4 k to 4 k + 3, as a vector. What it gives beyond the last element means nothing.
+  // Four scalars at a time of a value that this shader only reads: a function whose value for k are elements 4 k to
+  // 4 k + 3, as a vector. What it gives beyond the last element means nothing. Reads by texels may do so, of scalars
+  // that lie in memory as they are.
+  bool may_read_fours(ir::ValueId value) const;
   std::string read_fours(ir::ValueId value);
   // A statement that adds a value at an index to a result.
   std::string scatter(const Accumulator& accumulator, ir::ValueId index_value, const std::string& index,

@@ -108,10 +108,15 @@ std::string Shader::read_words(uint32_t bundle_resource, const std::string& name
   return function;
 }
 
-std::string Shader::read_fours(ValueId value) {
+bool Shader::may_read_fours(ValueId value) const {
   const Resource& r = resource(value);
-  DR_ASSERT(schedule_.code.texel_reads && r.type.is_scalar() &&
-            (r.is(Resource::Storage::Buffer) || r.is(Resource::Storage::Leaf)));
+  return schedule_.code.texel_reads && r.type.is_scalar() &&
+         (r.is(Resource::Storage::Buffer) || r.is(Resource::Storage::Leaf));
+}
+
+std::string Shader::read_fours(ValueId value) {
+  DR_ASSERT(may_read_fours(value));
+  const Resource& r = resource(value);
   const std::string name = bind(step_.stored.at(value), bundle::Access::Read);
   std::string function = "fours_of_" + name;
   declared_[bound_.at(step_.stored.at(value).index).binding].texel = 4;

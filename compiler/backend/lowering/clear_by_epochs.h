@@ -14,10 +14,6 @@
 
 namespace dr::backend {
 
-// Whether a raster's entries may have epochs. Entries that tell presence alone have no bits to spare, and the clear has
-// to be a dispatch.
-bool may_have_epochs(const Schedule& schedule, const RasterPass& raster);
-
 void clear_by_epochs(const ir::Graph& graph, const target::Profile& profile, Schedule& schedule);
 
 }  // namespace dr::backend

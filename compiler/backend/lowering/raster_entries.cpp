@@ -4,15 +4,12 @@
 #include <algorithm>
 
 #include "compiler/backend/analysis/raster_parts.h"
-#include "compiler/backend/analysis/uses.h"
 
 namespace dr::backend {
 
 using ir::ValueId;
 
 void keep_entries(const ir::Graph& graph, const target::Profile& profile, Schedule& schedule) {
-  // Lanes take turns at the atomics by which faces are compared.
-  const bool asks = profile.lanes_in_turn && profile.shader_int64 && profile.shader_buffer_int64_atomics;
   std::set<uint32_t> unused;
   for (StepSchedule& step : schedule.steps) {
     const std::set<ValueId> kept = read_afterwards(graph, step);
@@ -25,7 +22,7 @@ void keep_entries(const ir::Graph& graph, const target::Profile& profile, Schedu
       if (std::ranges::any_of(results, [&](ValueId v) { return kept.count(v) != 0; })) continue;
       const ResourceId id = step.stored.at(results[0]);
       Resource& entries = schedule.resources[id.index];
-      raster->presence = asks && is_asked_for_presence(graph, op);
+      raster->presence = profile.lanes_in_turn && is_asked_for_presence(graph, op);
       if (raster->presence) {
         entries.storage = Resource::Storage::Buffer;
       } else {
