@@ -4,6 +4,7 @@
 #include <cstdio>
 
 #include "compiler/backend/bundle/check_shaders.h"
+#include "compiler/backend/bundle/entries.h"
 #include "compiler/ir/initial_step.h"
 #include "runtime/program/check_trips.h"
 #include "runtime/program/state.h"
@@ -75,9 +76,21 @@ std::vector<io::Array> parts_of_entries(const io::Array& entries, size_t ranks) 
   return out;
 }
 
-io::Array no_tags(io::Array faces) {
-  std::ranges::fill(faces.bytes, std::byte{0});
-  return faces;
+// Face and tag where bits say if there is a face, in a picture so wide.
+std::vector<io::Array> parts_of_bits(const io::Array& bits, int64_t width) {
+  if (bits.kind != io::ElementKind::UInt32 || bits.components != 1 || bits.width != (width + 31) / 32)
+    throw Failure{"the bundle's raster bits are no bits"};
+  const auto words = bits.as<uint32_t>();
+  const int64_t rows = bits.height * bits.layers;
+  std::vector<int32_t> face;
+  for (int64_t row = 0; row < rows; ++row)
+    for (int64_t x = 0; x < width; ++x) {
+      const uint32_t word = words[static_cast<size_t>(row * bits.width + x / 32)];
+      face.push_back((word >> (x % 32) & 1) != 0 ? bundle::kSomeFace : -1);
+    }
+  const std::vector<int32_t> tag(face.size());
+  return {io::Array::from<int32_t>(face, 1, width, bits.height, bits.layers),
+          io::Array::from<int32_t>(tag, 1, width, bits.height, bits.layers)};
 }
 
 std::string output_text(const std::string& step, const std::string& name) {
@@ -413,15 +426,15 @@ Result<std::vector<std::vector<io::Array>>> Program::rasters(const std::string& 
     s.require_run(step);
     std::vector<std::vector<io::Array>> out;
     for (const auto& raster : table.rasters) {
-      out.emplace_back();
-      for (size_t k = 0; k < raster->resources.size(); ++k) {
-        const uint32_t r = raster->resources[k];
-        if (k % 2 == 1 && r == raster->resources[k - 1] && s.bundle.resources[r]->type->rows == 1)
-          out.back().push_back(no_tags(out.back().back()));
-        else if (s.bundle.resources[r]->type->rows == 1)
-          out.back().push_back(s.on_device->transfer.download(r));
-        else if (k == 0)
-          out.back() = parts_of_entries(s.on_device->transfer.download(r), raster->resources.size() / 2);
+      const auto download = [&](uint32_t r) { return s.on_device->transfer.download(r); };
+      const uint32_t first = raster->resources[0];
+      if (!raster->width.empty()) {
+        out.push_back(parts_of_bits(download(first), s.sizes.evaluate(raster->width, "a raster's width")));
+      } else if (s.bundle.resources[first]->type->rows == 2) {
+        out.push_back(parts_of_entries(download(first), raster->resources.size() / 2));
+      } else {
+        out.emplace_back();
+        std::ranges::transform(raster->resources, std::back_inserter(out.back()), download);
       }
     }
     return out;

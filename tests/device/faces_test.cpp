@@ -75,6 +75,7 @@ TEST_CASE("a raster that is asked for presence alone does not say which face, an
   std::ofstream(profile) << target::write_profile(others);
   const auto path = (folder / "presence_test.dr").string();
   std::ofstream(path) << R"(edition 1;
+import std.tiles;
 input corner : vec3[F, 3];
 struct Corners { a: vec3; b: vec3; c: vec3; }
 // A depth that is no number is that of no face.
@@ -86,7 +87,10 @@ let seen = raster(F, 80, 60, 1) {
 }[0].face;
 let here = if seen >= 0 { 1.0 } else { 0.0 };
 let beside = if seen.at(coord(80, 60).xy + ivec2(1, 0)) < 0 { 2.0 } else { 3.0 };
-step presence { output here, beside; }
+let rows = tiles.rows(seen);
+let odd = if tiles.bit(rows, coord(80, 60).xy) != (seen < 0) { 1.0 } else { 0.0 };
+let ends = tiles.border(rows, 80, 2);
+step presence { output here, beside, odd, ends; }
 step which { output seen, again = here; }
 )";
   std::vector<float> corners;  // of faces of all sizes: rows are corners

@@ -63,7 +63,81 @@ bool is_used(const Graph& graph, ValueId v, ir::RegionId region) {
          std::ranges::count(graph.region(region).yields, v) > 0;
 }
 
+// Finds out whether a value is a form of others, op by op.
+class Form {
+ public:
+  explicit Form(const Graph& graph) : graph_(graph) {}
+
+  const Op* made_by(ValueId v, OpKind kind) const {
+    const ir::OpId id = graph_.value(v).op;
+    return id.valid() && graph_.op(id).kind == kind ? &graph_.op(id) : nullptr;
+  }
+  bool is_number(ValueId v, double number) const {
+    const Op* op = made_by(v, OpKind::Const);
+    return op != nullptr && op->attrs.floats.size() == 1 && op->attrs.floats[0] == number;
+  }
+  bool is_extent(ValueId v, const ir::Dim& dim) const {
+    if (dim.is_constant()) return is_number(v, static_cast<double>(dim.constant()));
+    const Op* op = made_by(v, OpKind::DimValue);
+    return op != nullptr && op->attrs.dims[0] == dim;
+  }
+  bool is_place(ValueId v, int axis) const {
+    const Op* op = made_by(v, OpKind::Coord);
+    return op != nullptr && op->attrs.ints[0] == axis;
+  }
+  // Whether it is `kind` of what `first` and `second` hold for, in either order.
+  template <class First, class Second>
+  bool is_both(ValueId v, OpKind kind, const First& first, const Second& second) const {
+    const Op* op = made_by(v, kind);
+    if (op == nullptr || op->operands.size() != 2) return false;
+    const ValueId a = op->operands[0], b = op->operands[1];
+    return (first(a) && second(b)) || (first(b) && second(a));
+  }
+
+ private:
+  const Graph& graph_;
+};
+
 }  // namespace
+
+ir::Extent bits_extent(const ir::Extent& pixels) {
+  return {(pixels.w + ir::Dim(kBitsOfWord - 1)).divided_by(kBitsOfWord), pixels.h, pixels.l};
+}
+
+bool is_rows_of(const Graph& graph, ValueId value, ValueId face) {
+  const Form form(graph);
+  const ir::ValueInfo& info = graph.value(value);
+  const ir::Extent& pixels = graph.value(face).extent;
+  const Op* sum = form.made_by(value, OpKind::Reduce);
+  if (sum == nullptr || sum->results.size() != 1 || sum->attrs.yields[0] != ir::Yield::Sum || info.type != ir::kUint ||
+      info.extent != bits_extent(pixels))
+    return false;
+  const ir::Region& body = graph.region(sum->regions[0]);
+  const ValueId x = body.params[0];
+  const auto is_bits = [&](ValueId v) { return form.is_number(v, kBitsOfWord); };
+  const auto is_across = [&](ValueId v) { return form.is_place(v, 0); };
+  const auto is_x = [&](ValueId v) { return v == x; };
+  const auto is_begin = [&](ValueId v) { return form.is_both(v, OpKind::Mul, is_bits, is_across); };
+  const auto is_rest = [&](ValueId v) {
+    const Op* op = form.made_by(v, OpKind::Sub);
+    return op != nullptr && form.is_extent(op->operands[0], pixels.w) && is_begin(op->operands[1]);
+  };
+  if (!form.is_number(sum->operands[0], 0) || !form.is_both(sum->operands[1], OpKind::Min, is_bits, is_rest))
+    return false;
+  const Op* chosen = form.made_by(body.yields[0], OpKind::If);
+  if (chosen == nullptr || chosen->results.size() != 1) return false;
+  const ValueId bit = graph.region(chosen->regions[0]).yields[0], none = graph.region(chosen->regions[1]).yields[0];
+  const Op* covered = form.made_by(chosen->operands[0], OpKind::LessEqual);
+  if (covered == nullptr || !form.is_number(covered->operands[0], 0) || !form.is_number(none, 0)) return false;
+  const Op* read = form.made_by(covered->operands[1], OpKind::Gather);
+  const Op* place = read == nullptr ? nullptr : form.made_by(read->operands[1], OpKind::Compose);
+  if (place == nullptr || read->operands[0] != face || place->operands.size() != 2 ||
+      !form.is_both(place->operands[0], OpKind::Add, is_begin, is_x) || !form.is_place(place->operands[1], 1))
+    return false;
+  const Op* shifted = form.made_by(bit, OpKind::ShiftLeft);
+  const Op* by = shifted == nullptr ? nullptr : form.made_by(shifted->operands[1], OpKind::Convert);
+  return by != nullptr && form.is_number(shifted->operands[0], 1) && by->operands[0] == x;
+}
 
 bool has_depth_always(const Graph& graph, const Op& op) {
   return is_surely_number(graph, graph.region(op.regions[kDepth]).yields[0]);

@@ -268,12 +268,15 @@ bool Checker::raster(const RasterResultsT& raster, const std::string& where) {
     if (!kept(index, where)) return false;
   const TypeT& first = *b_.resources[all[0]]->type;
   const bool entries = first.rows == 2 && first.scalar == Scalar::Uint;
+  const bool bits = first.rows == 1 && first.scalar == Scalar::Uint && all.size() == 2;
+  if (bits != !raster.width.empty()) return fail(where + " has a width, or bits without one");
+  if (bits && !expression(raster.width, where)) return false;
   for (const uint32_t index : all) {
     const ResourceT& r = *b_.resources[index];
     const bool well =
         (r.role == Role::Value || (r.role == Role::EpochEntries && entries)) && r.storage != Storage::Depth &&
         r.type->cols == 1 &&
-        (entries ? index == all[0] && all.size() > 1 : r.type->rows == 1 && r.type->scalar == Scalar::Int);
+        (entries || bits ? index == all[0] && all.size() > 1 : r.type->rows == 1 && r.type->scalar == Scalar::Int);
     if (!well) return fail(where + " has '" + r.name + "', which holds neither faces nor entries");
   }
   return true;

@@ -47,7 +47,7 @@ void FaceLists::declare_teams(Shader& s) const {
     const std::string row_teams = std::to_string(row() / list.team),
                       teams = std::to_string(list.invocations / list.team);
     const std::string all = dim_expression((list.area + Dim(list.team - 1)).divided_by(list.team));
-    const std::string pixel = dim_expression(trips_.pixel + Dim(1)), face = dim_expression(trips_.face + Dim(2));
+    const std::string pixel = dim_expression(trips_.listed + Dim(1)), face = dim_expression(trips_.face + Dim(2));
     // No functions, as these are specialization constants.
     const auto constant = [&](const std::string& what, const std::string& value, bool positive) {
       s.declare("const int " + what + (positive ? "_or_less" : "") + " = " + value + ";\n");

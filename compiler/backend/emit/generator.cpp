@@ -72,7 +72,8 @@ void Generator::process(bundle::BundleT& bundle, std::vector<GlslShader>& shader
       case Resource::Storage::Leaf: out->role = bundle::Role::Leaf; break;
       case Resource::Storage::StepIndex: out->role = bundle::Role::StepIndex; break;
       case Resource::Storage::Buffer:
-      case Resource::Storage::Entries: break;
+      case Resource::Storage::Entries:
+      case Resource::Storage::Bits: break;
       case Resource::Storage::EpochEntries: out->role = bundle::Role::EpochEntries; break;
       case Resource::Storage::Halves: out->type = bundle_type(ir::vec(r.words(), ir::Scalar::Uint)); break;
       case Resource::Storage::Sums:
@@ -146,6 +147,7 @@ void Generator::step(const StepSchedule& schedule) {
   for (const ir::Op* op : rasters) {
     auto results = std::make_unique<bundle::RasterResultsT>();
     for (ValueId v : op->results) results->resources.push_back(resource_index(v));
+    if (resource(op->results[0]).is(Resource::Storage::Bits)) results->width = op->attrs.dims[0].str();
     out_->rasters.push_back(std::move(results));
   }
   for (const auto& [value, name] : ir::pin_names(graph_)) {

@@ -24,11 +24,10 @@ struct Walk {
   const Pass& pass;
   const ir::Op& op;
   RasterParts parts;
-  bool wide;           // 64-bit entries
+  KeptPixels kept;
   uint32_t keys, ids;  // of entries, or listed faces, both the slots
   const FaceLists& lists;
   uint32_t list_words;
-  bool presence;       // see RasterPass
   bool epochs;         // see lowering/clear_by_epochs.h
   bool hidden_stores;  // and no driver that moves what is one value for a face out of loops
   // The loops of closures are watched; see Generator::Cut.
@@ -79,25 +78,37 @@ struct Walk {
     s.body().line("}");
   }
 
-  // What one pixel of a box takes: `at` is there.
-  void pixel(Shader& s, RasterClosures& closures) const {
-    const std::string w = dim_expression(parts.w), h = dim_expression(parts.h);
-    const std::string n = dim_expression(element_count(parts.extent()));
+  // A pixel of a box is left that the face has no part of: `at` is there.
+  void leave_pixel_unless_seen(Shader& s, RasterClosures& closures) const {
     s.body().line("vec2 p = vec2(at.xy) + 0.5;");
     closures.captured();
     closures.leave_unless_kept("continue");
-    if (!parts.listed && !(presence && has_depth_always(graph, op))) closures.key_from_depth("continue");
-    const std::string pixel = "(at.z * " + h + " + at.y) * " + w + " + at.x";
-    if (presence) {
-      // All who write it write the same.
-      const std::string faces = s.bind_words(keys, "faces", bundle::Access::ReadWrite);
-      s.body().line("int pixel = " + s.at_once(ir::kInt, pixel) + ";");
-      s.body().line(faces + ".d[pixel] = " + std::to_string(bundle::kSomeFace) + "u;");
+    if (!parts.listed && !(kept == KeptPixels::Bits && has_depth_always(graph, op)))
+      closures.key_from_depth("continue");
+  }
+
+  // Sets `bits` of the word `word` of the row `at`.
+  void set_bits(Shader& s, const std::string& word, const std::string& bits) const {
+    const ir::Extent extent = bits_extent(parts.extent());
+    const std::string words = s.bind_words(keys, "words", bundle::Access::ReadWrite);
+    const std::string place =
+        "(at.z * " + dim_expression(extent.h) + " + at.y) * " + dim_expression(extent.w) + " + " + word;
+    s.body().line("int place = " + s.at_once(ir::kInt, place) + ";");
+    s.body().line("atomicOr(" + words + ".d[place], " + bits + ");");
+  }
+
+  // What one pixel of a box takes: `at` is there.
+  void pixel(Shader& s, RasterClosures& closures) const {
+    leave_pixel_unless_seen(s, closures);
+    if (kept == KeptPixels::Bits) {
+      set_bits(s, "(at.x >> 5)", "1u << uint(at.x & 31)");
       closures.end_of_candidates();
       return;
     }
-    s.body().line("int pixel = " + s.at_once(ir::kInt, pixel) + ";");
-    const bool words = parts.listed || !wide;
+    const std::string w = dim_expression(parts.w), h = dim_expression(parts.h);
+    const std::string n = dim_expression(element_count(parts.extent()));
+    s.body().line("int pixel = " + s.at_once(ir::kInt, "(at.z * " + h + " + at.y) * " + w + " + at.x") + ";");
+    const bool wide = kept == KeptPixels::WideWords, words = !wide;
     const std::string type = words ? "uint" : "uint64_t", suffix = words ? "u" : "ul";
     const std::string key_words =
         s.bind_words(keys, parts.listed || wide ? "slots" : "keys", bundle::Access::ReadWrite, type.c_str());
@@ -190,6 +201,24 @@ struct Walk {
     s.body().line("}");
   }
 
+  // The pixels of a row that have their bits in one word. So few lanes have them to share, but each pixel takes less:
+  // it stores nothing.
+  void word_of_row(Shader& s, RasterClosures& closures) const {
+    s.body().line("int word = left + x, end = min(last.x, 32 * word + 32);");
+    s.body().line("uint bits = 0u;");
+    s.body().line("at.xy = ivec2(max(first.x, 32 * word), first.y + y);");
+    s.body().line("for (; at.x < end; ++at.x) {");
+    s.push_scope();
+    leave_pixel_unless_seen(s, closures);
+    s.body().line("bits |= 1u << uint(at.x & 31);");
+    closures.end_of_candidates();
+    s.pop_scope();
+    s.body().line("}");
+    if (watched) s.body().line("if (at.x < end) unfinished = true;");
+    s.body().line("if (bits == 0u) continue;");
+    set_bits(s, "word", "bits");
+  }
+
   // Lanes that share the faces of a list and the pixels of each. `set_up` computes what is not stored of a face.
   void listed(Shader& s, const std::function<void()>& set_up) const {
     const std::string count = dim_expression(parts.faces);
@@ -202,6 +231,11 @@ struct Walk {
     box(s, closures, "");
     closures.load_fields("at");
     closures.begin_candidates(hidden_stores);
+    if (kept == KeptPixels::Bits) {
+      s.body().line("int left = first.x >> 5;");
+      s.body().line("across = ((last.x + 31) >> 5) - left;");
+      s.body().line("area = across * (last.y - first.y);");
+    }
     s.body().line("int down = quotient(stride, across), right = stride - down * across;");
     s.body().line("int y = quotient(lane, across), x = lane - y * across, i = lane;");
     s.body().line("for (; i < area; i += stride, x += right, y += down) {");
@@ -210,8 +244,12 @@ struct Walk {
     s.body().line("x -= across;");
     s.body().line("++y;");
     s.body().line("}");
-    s.body().line("at.xy = first + ivec2(x, y);");
-    pixel(s, closures);
+    if (kept == KeptPixels::Bits) {
+      word_of_row(s, closures);
+    } else {
+      s.body().line("at.xy = first + ivec2(x, y);");
+      pixel(s, closures);
+    }
     s.pop_scope();
     s.body().line("}");
     if (watched) s.body().line("if (i < area) unfinished = true;");
@@ -231,7 +269,7 @@ void Generator::tell_unfinished(Shader& s, uint32_t watch) {
 void Generator::set_walk_trips(bundle::CommandT& c, const WalkTrips& trips, std::optional<uint32_t> watch) const {
   const uint32_t limit = schedule_.code.loop_trips;
   if (limit == 0) return;
-  const Dim most = trips.pixel + trips.face + Dim(16);
+  const Dim most = trips.listed + trips.face + Dim(16);
   if (most.is_constant() && most.constant() <= limit && !watch) return;
   c.trips = most.str();
   c.most_trips = limit;
@@ -243,18 +281,19 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
   const Dim pixels = element_count(parts.extent());
   const Dim slots = pixels * Dim(static_cast<int64_t>(parts.count));
   const Dim faces = parts.faces * parts.l;
-  const bool words = parts.listed || raster.presence;  // of 32 bits are all that a pixel has
-  const bool wide = wide_atomics() && !words, at_once = wide || words;
+  const KeptPixels kept = kept_pixels(schedule_, *step_, op);
+  const bool words = parts.listed || kept == KeptPixels::Bits;  // are all that there is
+  const bool wide = kept == KeptPixels::WideWords, at_once = wide || words;
   const bool stay = words || resource(op.results[0]).is_entries();
   const uint32_t keys =
       at_once && stay ? resource_index(op.results[0])
                       : add_scratch(pass.name + (wide ? "_slots" : "_keys"), (wide ? slots * Dim(2) : slots).str());
   const uint32_t ids = at_once ? keys : add_scratch(pass.name + "_faces", slots.str());
-  fill("clear " + pass.name, keys, 0xffffffffu);
+  fill("clear " + pass.name, keys, kept == KeptPixels::Bits ? 0u : 0xffffffffu);
   if (!at_once) fill("clear " + pass.name + " faces", ids, 0xffffffffu);
   const Pass* const setup = raster.setup ? &step_->pass(raster.setup->pass) : nullptr;
   const bool sets_up_again = raster.setup && raster.setup->again;
-  const WalkTrips trips = walk_trips(graph_, pass, op, sets_up_again ? setup : nullptr, wide_atomics());
+  const WalkTrips trips = walk_trips(graph_, pass, op, sets_up_again ? setup : nullptr, kept);
   const FaceLists lists(raster.walk.lists, schedule_.code.loop_trips, parts, trips);
   const bool watched = raster.walk.watched;
   const uint32_t list_words = lists.used() ? add_scratch(pass.name + "_lists", lists.words().str()) : keys;
@@ -264,12 +303,11 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
                   pass,
                   op,
                   parts,
-                  wide,
+                  kept,
                   keys,
                   ids,
                   lists,
                   list_words,
-                  raster.presence,
                   resource(op.results[0]).is(Resource::Storage::EpochEntries),
                   schedule_.code.hidden_stores,
                   watched};

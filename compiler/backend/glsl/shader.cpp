@@ -55,7 +55,7 @@ std::string Shader::use(ValueId value) {
   for (auto scope = scopes_.rbegin(); scope != scopes_.rend(); ++scope)
     if (auto it = scope->find(value); it != scope->end()) return it->second;
   DR_ASSERT(step_.stored.count(value) != 0);
-  std::string name = unique(resource(value).is_entries() ? part_name(value) : resource(value).name);
+  std::string name = unique(resource(value).is_entries() || is_bit(value) ? part_name(value) : resource(value).name);
   body_.line(graph_.value(value).type.str() + " " + name + " = " + load(value, at_) + ";");
   define(value, name);
   return name;

@@ -177,6 +177,7 @@ class Shader {
                      int texel);
   // The stem of the names of functions that read a value: of its resource, or of the part of it that the value is.
   std::string part_name(ir::ValueId value) const;
+  bool is_bit(ir::ValueId value) const;  // of a raster's bits
   std::string load_function(const Resource& resource, const Bound& bound) const;
   void choose_texels();
   const Resource& resource(ir::ValueId v) const { return schedule_.resources[step_.stored.at(v).index]; }

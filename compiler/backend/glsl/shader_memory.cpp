@@ -2,6 +2,7 @@
 // What a generated shader binds, loads and stores.
 #include <algorithm>
 
+#include "compiler/backend/bundle/entries.h"
 #include "compiler/backend/glsl/shader.h"
 #include "compiler/ops/prelude.h"
 
@@ -174,6 +175,12 @@ std::string Shader::load(ValueId value, const std::string& place) {
   const uint32_t index = step_.stored.at(value).index;
   const std::string whole = "load_" + bind(step_.stored.at(value), bundle::Access::Read).substr(2);
   if (whole == function || functions_.insert(whole).second) loaded_.push_back(index);
+  if (is_bit(value)) {
+    declarations_ += "int " + function + "(ivec3 at) { return ((" + whole +
+                     "(ivec3(at.x >> 5, at.yz)) >> uint(at.x & 31)) & 1u) == 1u ? " +
+                     std::to_string(bundle::kSomeFace) + " : -1; }\n";
+    return call;
+  }
   if (!r.is_entries()) return call;
   const RasterPart part = raster_part(graph_, value);
   const ir::Dim& layers = graph_.value(value).extent.l;
@@ -184,9 +191,14 @@ std::string Shader::load(ValueId value, const std::string& place) {
   return call;
 }
 
+bool Shader::is_bit(ValueId value) const {
+  return resource(value).is(Resource::Storage::Bits) && graph_.op(graph_.value(value).op).kind == ir::OpKind::Raster;
+}
+
 std::string Shader::part_name(ValueId value) const {
   const Resource& r = resource(value);
   std::string name = sanitize(r.name) + "_" + std::to_string(step_.stored.at(value).index);
+  if (is_bit(value)) return name + "_bit";
   if (!r.is_entries()) return name;
   const RasterPart part = raster_part(graph_, value);
   return name + (part.tag ? "_tag_" : "_face_") + std::to_string(part.rank);

@@ -247,7 +247,7 @@ class StepCode {
   FaceWalk walk(const Pass& pass, const RasterPass& raster) const {
     const ir::Op& op = graph_.op(pass.ops.back());
     const Pass* setup = raster.setup && raster.setup->again ? &step_.pass(raster.setup->pass) : nullptr;
-    const WalkTrips trips = walk_trips(graph_, pass, op, setup, schedule_.code.wide_words);
+    const WalkTrips trips = walk_trips(graph_, pass, op, setup, kept_pixels(schedule_, step_, op));
     const RasterParts parts = raster_parts(op);
     const Dim pixels = parts.w * parts.h;
     const int64_t limit = profile_.loop_trips;
@@ -278,8 +278,8 @@ class StepCode {
   // do.
   static int bounded_box(int box, int team, int64_t limit, const WalkTrips& trips) {
     constexpr int64_t kBoxes = 7;
-    if (!trips.pixel.is_constant() || !trips.face.is_constant()) return box;
-    const int64_t steps = (limit / kBoxes - trips.face.constant() - 3) / (trips.pixel.constant() + 1);
+    if (!trips.listed.is_constant() || !trips.face.is_constant()) return box;
+    const int64_t steps = (limit / kBoxes - trips.face.constant() - 3) / (trips.listed.constant() + 1);
     return static_cast<int>(std::clamp<int64_t>(steps * team, team, box));
   }
 

@@ -307,8 +307,8 @@ struct FaceWalk {
 struct RasterPass {
   std::optional<FaceSetup> setup;
   FaceWalk walk;
-  // Its result says that there is a face, not which one, so that none are compared: bundle::kSomeFace or -1.
-  bool presence = false;
+  // Where it writes bits, the value that is the same words, which no pass computes; see analysis/raster_parts.h.
+  std::optional<ir::ValueId> rows;
 };
 
 // By draws.

@@ -215,8 +215,8 @@ bool PassReader::decides(RasterPass& raster, bool& ok) {
     FacesInTurn& turn = raster.walk.in_turn.emplace();
     ok = expect_word("to") && number("how many faces", turn.each) && expect_word("faces") && expect_word("in") &&
          expect_word("turn") && expect_word("where") && values(turn.shown);
-  } else if (take_word("presence")) {
-    ok = raster.presence = expect_word("alone");
+  } else if (take_word("gives")) {
+    ok = expect_word("rows") && value(raster.rows.emplace());
   } else if (take_word("walks")) {
     ok = expect_word("faces") && walk(raster.walk) && watched(raster.walk.watched);
   } else {

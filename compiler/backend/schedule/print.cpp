@@ -22,6 +22,7 @@ std::string_view storage_words(Resource::Storage storage) {
     case Resource::Storage::Halves: return "half buffer";
     case Resource::Storage::Entries: return "entries buffer";
     case Resource::Storage::EpochEntries: return "epoch entries buffer";
+    case Resource::Storage::Bits: return "bits buffer";
     case Resource::Storage::Sums: return "sums buffer";
     case Resource::Storage::EmptiedSums: return "emptied sums buffer";
     case Resource::Storage::Emptied: return "emptied buffer";
@@ -211,7 +212,7 @@ class Writer {
       out_ += "    up to " + std::to_string(turn->each) + " faces in turn";
       write_values(" where", turn->shown);
     }
-    if (raster.presence) out_ += "    presence alone\n";
+    if (raster.rows) out_ += "    gives rows " + at(*raster.rows) + "\n";
     const std::string watched = raster.walk.watched ? ", watched\n" : "\n";
     if (const auto& bins = raster.walk.lists)
       out_ += "    walks faces of " + std::to_string(bins->small_box) + " alone, " +

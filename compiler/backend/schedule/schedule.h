@@ -20,7 +20,7 @@ using ResourceId = ir::Id<struct ResourceTag>;
 
 // A value that is stored. See compiler/backend/bundle/bundle.fbs for the layouts.
 struct Resource {
-  // What it is: a buffer of one of nine kinds, or an image.
+  // What it is: a buffer of one of ten kinds, or an image.
   enum class Storage : uint8_t {
     Leaf,          // the memory of the leaf with its number
     StepIndex,     // the counter of a step's runs
@@ -28,6 +28,7 @@ struct Resource {
     Halves,        // float16, two components a word; an element begins with a word
     Entries,       // of a raster, faces and tags of all its ranks; see lowering/raster_entries.h
     EpochEntries,  // cleared once in several runs; see lowering/clear_by_epochs.h
+    Bits,          // of a raster, whether pixels see a face, 32 of a row in a word; see lowering/raster_entries.h
     Sums,          // fixed point sums; see lowering/keep_sums.h
     EmptiedSums,   // that their reader leaves zeros; see lowering/empty_sums.h
     Emptied,       // sums by float atomics, a word a component, that their reader leaves zeros

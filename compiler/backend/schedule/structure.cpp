@@ -7,6 +7,7 @@
 #include <set>
 
 #include "compiler/backend/analysis/axes.h"
+#include "compiler/backend/analysis/raster_parts.h"
 #include "compiler/backend/analysis/read_part.h"
 #include "compiler/backend/analysis/uses.h"
 #include "compiler/ops/op.h"
@@ -97,7 +98,8 @@ class StructureChecker {
     const Resource& r = schedule_.resources[id.index];
     const ir::ValueInfo& info = graph_.value(v);
     const Op& op = graph_.op(info.op);
-    if (r.is_entries() ? op.kind != OpKind::Raster : info.type != r.type || info.extent != r.extent)
+    const bool of_raster = op.kind == OpKind::Raster && (r.is_entries() || r.is(Resource::Storage::Bits));
+    if (!of_raster && (r.is_entries() || info.type != r.type || info.extent != r.extent))
       bad("stores a value of another type in '" + r.name + "'");
     if (op.kind == OpKind::Leaf ? graph_.leaf_index(op.attrs.text) != id.index
                                 : is_memory(op) != r.is(Resource::Storage::StepIndex))
@@ -161,13 +163,18 @@ class StructureChecker {
   void check_walk(const RasterPass& raster) {
     const FaceWalk& walk = raster.walk;
     const Op& op = graph_.op(pass_->ops.back());
-    const auto share_a_word = [&] {
-      const auto face = step_->stored.find(op.results[0]), tag = step_->stored.find(op.results[1]);
-      return face != step_->stored.end() && tag != step_->stored.end() && face->second == tag->second &&
-             schedule_.resources[face->second.index].is(Resource::Storage::Buffer);
+    const auto resource_of = [&](ValueId v) {
+      const auto stored = step_->stored.find(v);
+      return stored == step_->stored.end() ? nullptr : &schedule_.resources[stored->second.index];
     };
-    if (raster.presence && (op.results.size() != 2 || !share_a_word()))
-      bad("tells presence alone without one word for both of its results");
+    const Resource* bits = resource_of(op.results[0]);
+    const bool in_bits = bits != nullptr && bits->is(Resource::Storage::Bits);
+    if (in_bits && (op.results.size() != 2 || resource_of(op.results[1]) != bits || bits->type != ir::kUint ||
+                    bits->extent != bits_extent(pass_->domain)))
+      bad("has no bit a pixel for both of its results");
+    if (raster.rows &&
+        (!in_bits || !is_rows_of(graph_, *raster.rows, op.results[0]) || resource_of(*raster.rows) != bits))
+      bad("gives rows that are not its bits");
     if (walk.in_turn) {
       const Pass* setup = raster.setup ? &step_->pass(raster.setup->pass) : nullptr;
       if (setup == nullptr || walk.in_turn->each < 2 || walk.in_turn->each > kMostInTurn ||

@@ -4,7 +4,7 @@
 //   schedule after keep-sums                    // the pass that left it; compiling goes on with the next one
 //   code wide words, clears of 31               // how shaders are written, where that is chosen: see below
 //   leaf position : vec3[V]                     // resources: leaves first, in the graph's order
-//   half buffer normal : vec3[V]                // or a plain buffer, step_index, entries, epoch entries or sums
+//   half buffer normal : vec3[V]                // or a plain buffer, step_index, entries, epoch entries, bits or sums
 //   buffer, tile image shade : float[W, H] step fit {
 //     %0 in position                            // values that are stored, and where
 //     %normal.7 in normal
@@ -45,7 +45,7 @@
 //   cut loops 8000, watched                     // trips in a dispatch; `cut heavy loops` in the second one
 //   skips zeros
 //   tells loss                                  // whether it is NaN or Inf
-//   presence alone                              // of a raster: whether a pixel sees a face, not which one
+//   gives rows %12                              // of a raster: what a map would read off its bits, word by word
 //   walks faces of 64 alone, or of 8 if few, of 4096 by 8 in 8192, others in 4096, watched
 //
 // Of all shaders, behind the first line:
@@ -68,10 +68,10 @@ namespace dr::backend {
 
 // Every storage, and the words of it: "half buffer".
 inline constexpr std::array kStorages = {
-    Resource::Storage::Leaf,   Resource::Storage::StepIndex,   Resource::Storage::Buffer,
-    Resource::Storage::Halves, Resource::Storage::Entries,     Resource::Storage::EpochEntries,
-    Resource::Storage::Sums,   Resource::Storage::EmptiedSums, Resource::Storage::Emptied,
-    Resource::Storage::Image,  Resource::Storage::Tile};
+    Resource::Storage::Leaf,    Resource::Storage::StepIndex, Resource::Storage::Buffer,
+    Resource::Storage::Halves,  Resource::Storage::Entries,   Resource::Storage::EpochEntries,
+    Resource::Storage::Bits,    Resource::Storage::Sums,      Resource::Storage::EmptiedSums,
+    Resource::Storage::Emptied, Resource::Storage::Image,     Resource::Storage::Tile};
 std::string_view storage_words(Resource::Storage storage);
 
 // The graph's text and the schedule's.

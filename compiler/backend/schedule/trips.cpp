@@ -269,14 +269,29 @@ Trips trips_of(const Graph& graph, std::span<const ir::OpId> ops) {
   return all;
 }
 
-WalkTrips walk_trips(const Graph& graph, const Pass& pass, const Op& op, const Pass* setup, bool wide) {
+KeptPixels kept_pixels(const Schedule& schedule, const StepSchedule& step, const Op& raster) {
+  const Resource& faces = schedule.resources[step.stored.at(raster.results[0]).index];
+  if (faces.is(Resource::Storage::Bits)) return KeptPixels::Bits;
+  return schedule.code.wide_words && !raster_parts(raster).listed ? KeptPixels::WideWords : KeptPixels::Words;
+}
+
+WalkTrips walk_trips(const Graph& graph, const Pass& pass, const Op& op, const Pass* setup, KeptPixels kept) {
   const Trips closures = trips_of_regions(graph, op);
   const Trips captured = trips_of(graph, {pass.ops.begin(), pass.ops.end() - 1});
   WalkTrips trips;
   const RasterParts parts = raster_parts(op);
-  const bool at_once = wide || parts.listed;  // all ranks
+  const bool at_once = kept == KeptPixels::WideWords || parts.listed;  // all ranks
   trips.pixel = closures.most + captured.most + Dim(at_once ? static_cast<int64_t>(parts.count) + 1 : 0);
+  trips.listed = trips.pixel;
   trips.face = setup == nullptr ? Dim(0) : trips_of(graph, setup->ops).most;
+  if (kept == KeptPixels::Bits) {
+    // Lanes share words of rows, not pixels. A box of 33 pixels a row lies in up to three words, of which a lane may
+    // have all the full ones: a lane has less than three times its share of pixels, and a word more. A word takes a
+    // trip, and its loop ends in one, even if there is but one pixel in it.
+    const Dim pixel = trips.pixel + Dim(3);
+    trips.face = trips.face + Dim(kBitsOfWord) * pixel;
+    trips.listed = Dim(3) * pixel;
+  }
   trips.watched = closures.unknown + closures.promised + captured.unknown + captured.promised > 0;
   return trips;
 }

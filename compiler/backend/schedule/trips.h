@@ -34,13 +34,18 @@ Trips trips_of_regions(const ir::Graph& graph, const ir::Op& op);
 
 // What the loops of the shader that walks a raster's faces take, beside those of the walk itself.
 struct WalkTrips {
-  ir::Dim pixel;         // for a pixel
+  ir::Dim pixel;         // for a pixel, by the invocation that finds the face
+  ir::Dim listed;        // for one of a lane's share of a listed face
   ir::Dim face;          // to set a face up again
   bool watched = false;  // whether nothing but data, or the program's word, bounds them
 };
 
-// `setup`: the pass that is run again for each face, or null. `wide`: entries are of 64 bits (Code::wide_words).
-WalkTrips walk_trips(const ir::Graph& graph, const Pass& pass, const ir::Op& op, const Pass* setup, bool wide);
+// How a raster's pixels are kept: in words of 32 or 64 bits (Code::wide_words), or in bits.
+enum class KeptPixels : uint8_t { Words, WideWords, Bits };
+KeptPixels kept_pixels(const Schedule& schedule, const StepSchedule& step, const ir::Op& raster);
+
+// `setup`: the pass that is run again for each face, or null.
+WalkTrips walk_trips(const ir::Graph& graph, const Pass& pass, const ir::Op& op, const Pass* setup, KeptPixels kept);
 
 // The walk of one row's items (emit/rows.cpp), for a pass that sums by rows. A row is walked twice, by blocks that
 // other invocations have summed, and item by item where it begins and ends within a block.

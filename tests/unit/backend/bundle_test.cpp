@@ -321,6 +321,25 @@ TEST_CASE("a raster is entries, or faces and tags") {
                               {[](auto& b) { b.resources[1]->type->rows = 1; }, neither}});
 }
 
+TEST_CASE("a raster's bits are of a picture of some width") {
+  const auto sample_with_bits = [] {
+    BundleT b = sample_with_raster();
+    b.resources[1]->type->rows = 1;
+    b.steps[0]->rasters[0]->resources = {1, 1};
+    b.steps[0]->rasters[0]->width = "32 * V - 1";
+    return b;
+  };
+  const std::string other = "has a width, or bits without one";
+  expect(sample_with_bits, {{[](auto& b) { b.steps[0]->rasters[0]->width.clear(); }, other},
+                            {[](auto& b) { b.steps[0]->rasters[0]->width = "32 *"; }, "which is no expression"},
+                            {[](auto& b) { b.steps[0]->rasters[0]->width = "Q"; }, "uses the unknown symbol 'Q'"},
+                            {[](auto& b) { b.resources[1]->type->rows = 2; }, other},
+                            {[](auto& b) {
+                               b.steps[0]->rasters[0]->resources = {1, 0};
+                             },
+                             "holds neither faces nor entries"}});
+}
+
 TEST_CASE("entries with epochs are a raster's own, and shaders alone touch them") {
   const auto sample_with_epochs = [] {
     BundleT b = sample_with_raster();

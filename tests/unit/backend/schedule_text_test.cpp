@@ -173,10 +173,11 @@ TEST_CASE("the text of a schedule is what it says") {
 
 TEST_CASE("what is wrong with a schedule's text is said with its line") {
   CHECK(error_of(changed("", "")) == "none");
-  CHECK(
-      error_of(changed("buffer exp :", "bufer exp :")) ==
-      "14: expected a storage (leaf, step_index buffer, buffer, half buffer, entries buffer, epoch entries buffer, "
-      "sums buffer, emptied sums buffer, emptied buffer, image, tile) and a resource's name before ':', found 'bufer'");
+  CHECK(error_of(changed("buffer exp :", "bufer exp :")) ==
+        "14: expected a storage (leaf, step_index buffer, buffer, half buffer, entries buffer, epoch entries buffer, "
+        "bits "
+        "buffer, sums buffer, emptied sums buffer, emptied buffer, image, tile) and a resource's name before ':', "
+        "found 'bufer'");
   CHECK(error_of(changed("buffer sum :", "buffer exp :")) == "15: resource 'exp' is defined twice");
   CHECK(error_of(changed("%2 in exp", "%9 in exp")) == "19: the graph has no value %9");
   CHECK(error_of(changed("%2 in exp", "%2 in ex")) == "19: there is no resource 'ex'");
