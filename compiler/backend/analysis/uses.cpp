@@ -73,6 +73,11 @@ std::vector<OpId> ops_of(const Graph& graph, std::span<const OpId> ops, std::spa
   return out;
 }
 
+std::vector<OpId> without(std::vector<OpId> ops, std::span<const OpId> others) {
+  std::erase_if(ops, [&](OpId id) { return std::ranges::find(others, id) != others.end(); });
+  return ops;
+}
+
 std::vector<OpId> in_order(const Graph& graph, const std::set<OpId>& ops) {
   std::vector<OpId> out;
   for (const OpId id : graph.region(graph.root()).ops)

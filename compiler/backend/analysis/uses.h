@@ -33,6 +33,9 @@ Uses uses_of(const ir::Graph& graph, const ir::Op& op);
 std::vector<ir::OpId> ops_of(const ir::Graph& graph, std::span<const ir::OpId> ops,
                              std::span<const ir::ValueId> values);
 
+// Those of `ops` that are not among others.
+std::vector<ir::OpId> without(std::vector<ir::OpId> ops, std::span<const ir::OpId> others);
+
 // Ops of the root region in its order.
 std::vector<ir::OpId> in_order(const ir::Graph& graph, const std::set<ir::OpId>& ops);
 

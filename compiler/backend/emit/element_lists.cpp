@@ -64,7 +64,8 @@ void index_in_tiles(Shader& s, const ir::Extent& extent) {
                 ");");
 }
 
-ListingLoop::ListingLoop(Shader& shader, const ir::Extent& extent, bool runs, bool tiles)
+ListingLoop::ListingLoop(Shader& shader, const ir::Extent& extent, bool runs, bool tiles,
+                         const std::vector<ir::OpId>& shared)
     : shader_(shader), count_(element_count(extent)), runs_(runs) {
   if (!runs_) {
     linear_index(shader_, dim_expression(count_));
@@ -76,6 +77,10 @@ ListingLoop::ListingLoop(Shader& shader, const ir::Extent& extent, bool runs, bo
   linear_index(shader_, dim_expression((count_ + ir::Dim(kRun - 1)).divided_by(kRun)));
   shader_.body().line("int begin = index * " + run + ", end = min(begin + " + run + ", " + dim_expression(count_) +
                       ");");
+  if (!shared.empty()) {
+    place_from_index(shader_, extent, "begin");
+    shader_.element_ops(shared);
+  }
   shader_.body().line("for (int element = begin; element < end; ++element) {");
   shader_.push_scope();
   place_from_index(shader_, extent, "element");

@@ -23,12 +23,13 @@ void index_in_tiles(glsl::Shader& s, const ir::Extent& extent);
 
 // The main of a shader that computes the elements of an extent and lists some of them. With `runs` an invocation
 // computes 32 that follow each other, and lists them together: where lanes access memory in turn, an atomic costs a
-// subgroup that lists nothing as much as any other. With `tiles`: see
-// index_in_tiles().
+// subgroup that lists nothing as much as any other; `shared` are ops that are the same for all of them, of which the
+// shader computes others for each (analysis/same_in_run.h). With `tiles`: see index_in_tiles().
 class ListingLoop {
  public:
   // Opens it: behind, `at` is an element's place.
-  ListingLoop(glsl::Shader& shader, const ir::Extent& extent, bool runs, bool tiles = false);
+  ListingLoop(glsl::Shader& shader, const ir::Extent& extent, bool runs, bool tiles = false,
+              const std::vector<ir::OpId>& shared = {});
   // Adds the element to a list, whose words are bound. `together`, `shares`: see append().
   void add(const std::string& list, bool together = false, int shares = 1);
   // A statement: is done with the element.

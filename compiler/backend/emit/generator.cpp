@@ -7,6 +7,8 @@
 #include <set>
 #include <utility>
 
+#include "compiler/backend/analysis/same_in_run.h"
+#include "compiler/backend/analysis/uses.h"
 #include "compiler/ir/pins.h"
 
 namespace dr::backend {
@@ -339,6 +341,11 @@ void place_from_index(Shader& s, const Extent& e, const std::string& index) {
                 " / (" + w + " * " + h + "));");
 }
 
+std::vector<ir::OpId> Generator::shared_in_runs(const Pass& pass, const std::set<ValueId>& but) const {
+  const MapCode& code = pass.get<MapPass>().code;
+  return code.lists_in_runs && !code.cut ? reads_of_runs(graph_, pass, but) : std::vector<ir::OpId>();
+}
+
 void Generator::map_pass(const Pass& pass) {
   const auto& map = pass.get<MapPass>();
   const std::vector<const Pass*> scatters = listed_for(pass);
@@ -354,11 +361,12 @@ void Generator::map_pass(const Pass& pass) {
   if (map.code.each > 1) return strided_map_pass(pass);
   if (map.code.heavy) return listed_map_pass(pass, *map.code.heavy);
   Shader s = shader();
-  ListingLoop loop(s, pass.domain, map.code.lists_in_runs, map.code.in_tiles);
+  const std::vector<ir::OpId> shared = shared_in_runs(pass);
+  ListingLoop loop(s, pass.domain, map.code.lists_in_runs, map.code.in_tiles, shared);
   const Cut cut = this->cut(s, pass, map.code.cut, loop.element(), loop.each());
   open_cut(s, cut, loop.skip());
   take_sums(s, pass);
-  s.element_ops(pass.ops);
+  s.element_ops(without(pass.ops, shared));
   close_cut(s, cut);
   store_results(s, pass, scatters, &loop);
   end_cut(s, cut);

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <set>
 
+#include "compiler/backend/analysis/same_in_run.h"
+#include "compiler/backend/analysis/uses.h"
 #include "compiler/backend/analysis/zero_without.h"
 #include "compiler/backend/emit/generator.h"
 
@@ -53,11 +55,12 @@ void Generator::listed_map_pass(const Pass& pass, const HeavyBranches& branches)
   const std::string count = element_count(pass.domain).str();
   {
     Shader s = shader();
-    ListingLoop loop(s, pass.domain, code.lists_in_runs);
     // Where no condition holds, `false` stands for all: nothing is read that only a branch left out needs. Elsewhere
     // what follows a condition that holds is wrong, another condition too, and does not count.
     std::set<ValueId> conditions;
     for (const ir::OpId id : heavy) conditions.insert(graph_.op(id).operands[0]);
+    const std::vector<ir::OpId> shared = shared_in_runs(pass, conditions);
+    ListingLoop loop(s, pass.domain, code.lists_in_runs, false, shared);
     std::set<std::string> found;
     const auto suppose = [&](ValueId v) {
       if (conditions.erase(v) == 0) return;
@@ -71,7 +74,7 @@ void Generator::listed_map_pass(const Pass& pass, const HeavyBranches& branches)
     for (const ir::OpId id : heavy) s.leave_out_branch(id);
     const Cut cut = this->cut(s, pass, code.cut, loop.element(), loop.each());
     open_cut(s, cut, loop.skip());
-    for (const ir::OpId id : pass.ops) {
+    for (const ir::OpId id : without(pass.ops, shared)) {
       s.element_ops({id});
       for (const ValueId v : graph_.op(id).results) suppose(v);
     }
