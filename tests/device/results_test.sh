@@ -173,7 +173,7 @@ if [[ -n ${DR_LAVAPIPE_ICD-} ]]; then
   # Where nothing depends on what changed, nothing runs again.
   "$drun" two.dr --device llvmpipe --symbol W=4 --step second=3 --timing > timing.txt
   grep -q '^second: nothing ran: all that it gives was there from the run before' timing.txt || fail "--timing: $(cat timing.txt)"
-  # A clear is said to touch what it writes: here the words of all pixels and the five words at a list's head, by two fills or by one
+  # A clear is said to touch what it writes: here the bits of all pixels and the five words at a list's head, by two fills or by one
   # dispatch.
   cat > drawn.dr << 'END'
 edition 1;
@@ -194,8 +194,8 @@ END
     "$drun" drawn.dr --device llvmpipe --profile $profile --raster compute --timing > timing.txt
     awk '/  clear / { print $3 }' timing.txt | sort -n | paste -s -d ' ' > "cleared_$profile"
   done
-  same 'bytes of two clears' '20 16384' "$(cat cleared_lavapipe)"
-  same 'bytes of two clears in one' '16404' "$(cat cleared_wide.json)"
+  same 'bytes of two clears' '20 512' "$(cat cleared_lavapipe)"
+  same 'bytes of two clears in one' '532' "$(cat cleared_wide.json)"
 fi
 if [[ -n ${DR_SWIFTSHADER_ICD-} ]]; then
   VK_ICD_FILENAMES=$DR_SWIFTSHADER_ICD VK_DRIVER_FILES=$DR_SWIFTSHADER_ICD at_once SwiftShader

@@ -16,24 +16,24 @@ using ir::ValueId;
 
 namespace {
 
-constexpr int kRunBits = std::countr_zero(static_cast<unsigned>(kListedRun));
-
-// The place in a row without its last bits: the number of a run in it.
-bool is_number_of_run(const Graph& graph, const Op& op) {
+// The place in a row without so many bits at least: the number of a run in it.
+bool is_number_of_run(const Graph& graph, const Op& op, int bits) {
   if (op.kind != OpKind::ShiftRight) return false;
   const Op& place = graph.op(graph.value(op.operands[0]).op);
   const Op& by = graph.op(graph.value(op.operands[1]).op);
   return place.kind == OpKind::Coord && place.attrs.ints[0] == 0 && by.kind == OpKind::Const &&
-         by.attrs.floats.size() == 1 && by.attrs.floats[0] >= kRunBits && by.attrs.floats[0] < 32;
+         by.attrs.floats.size() == 1 && by.attrs.floats[0] >= bits && by.attrs.floats[0] < 32;
 }
 
 }  // namespace
 
-std::vector<ir::OpId> reads_of_runs(const Graph& graph, const Pass& pass, const std::set<ValueId>& but) {
-  if (!pass.domain.w.is_constant() || pass.domain.w.constant() % kListedRun != 0) return {};
+std::vector<ir::OpId> reads_of_runs(const Graph& graph, std::span<const ir::OpId> ops, const ir::Dim& width, int run,
+                                    const std::set<ValueId>& but) {
+  if (!width.is_constant() || width.constant() % run != 0) return {};
+  const int bits = std::countr_zero(static_cast<unsigned>(run));
   std::set<ValueId> same;
   std::vector<ValueId> reads;
-  for (const ir::OpId id : pass.ops) {
+  for (const ir::OpId id : ops) {
     const Op& op = graph.op(id);
     const bool plain = op.regions.empty() && op.results.size() == 1 && !but.contains(op.results[0]);
     const auto is_same = [&](ValueId v) { return same.contains(v); };
@@ -42,11 +42,11 @@ std::vector<ir::OpId> reads_of_runs(const Graph& graph, const Pass& pass, const 
                          !op.operands.empty() && std::ranges::all_of(op.operands, is_same);
     const bool is_place = op.kind == OpKind::Coord && op.attrs.ints[0] != 0;
     const bool is_number = op.kind == OpKind::Const || op.kind == OpKind::DimValue;
-    if (!plain || !(is_place || is_number || reads_one || is_made || is_number_of_run(graph, op))) continue;
+    if (!plain || !(is_place || is_number || reads_one || is_made || is_number_of_run(graph, op, bits))) continue;
     same.insert(op.results[0]);
     if (reads_one) reads.push_back(op.results[0]);
   }
-  return reads.empty() ? std::vector<ir::OpId>() : ops_of(graph, pass.ops, reads);
+  return reads.empty() ? std::vector<ir::OpId>() : ops_of(graph, ops, reads);
 }
 
 }  // namespace dr::backend

@@ -1,18 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
-// What elements have in common that an invocation computes one after the other: kListedRun that follow each other.
+// What elements have in common that an invocation computes one after the other.
 #pragma once
 
 #include <set>
+#include <span>
 #include <vector>
 
-#include "compiler/backend/schedule/pass.h"
 #include "compiler/ir/graph.h"
 
 namespace dr::backend {
 
 // Reads at other places that are the same for all elements of a run, and what they need, of a map's ops and in order:
-// of a word of bits that the pixels of a run share, or of a camera for each layer. None where rows are not of whole
-// runs. `but`: values that are no part of it, nor is what is made of them.
-std::vector<ir::OpId> reads_of_runs(const ir::Graph& graph, const Pass& pass, const std::set<ir::ValueId>& but = {});
+// of a word of bits that the pixels of a run share, or of a camera for each layer. A run is of `run` elements, a power
+// of two, that follow each other in a row `width` wide; where rows are not of whole runs there are none. `but`: values
+// that are no part of it, nor is what is made of them.
+std::vector<ir::OpId> reads_of_runs(const ir::Graph& graph, std::span<const ir::OpId> ops, const ir::Dim& width,
+                                    int run, const std::set<ir::ValueId>& but = {});
 
 }  // namespace dr::backend

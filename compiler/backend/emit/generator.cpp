@@ -343,7 +343,8 @@ void place_from_index(Shader& s, const Extent& e, const std::string& index) {
 
 std::vector<ir::OpId> Generator::shared_in_runs(const Pass& pass, const std::set<ValueId>& but) const {
   const MapCode& code = pass.get<MapPass>().code;
-  return code.lists_in_runs && !code.cut ? reads_of_runs(graph_, pass, but) : std::vector<ir::OpId>();
+  if (!code.lists_in_runs || code.cut) return {};
+  return reads_of_runs(graph_, pass.ops, pass.domain.w, kListedRun, but);
 }
 
 void Generator::map_pass(const Pass& pass) {
