@@ -143,6 +143,10 @@ bool has_depth_always(const Graph& graph, const Op& op) {
   return is_surely_number(graph, graph.region(op.regions[kDepth]).yields[0]);
 }
 
+bool uses_field(const Graph& graph, const Op& op, RasterRegion closure, size_t field) {
+  return is_used(graph, graph.region(op.regions[closure]).params[field], op.regions[closure]);
+}
+
 bool is_asked_for_presence(const Graph& graph, const Op& op) {
   return op.results.size() == 2 && !is_used(graph, op.results[1], graph.root()) &&
          presence_alone(graph, op.results[0], graph.root());

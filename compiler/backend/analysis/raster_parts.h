@@ -23,6 +23,9 @@ struct RasterParts {
 
 RasterParts raster_parts(const ir::Op& op);
 
+// Whether a closure is made of a field.
+bool uses_field(const ir::Graph& graph, const ir::Op& op, RasterRegion closure, size_t field);
+
 // Whether a raster of one rank is only asked if a pixel sees a face, not which one: what reads its faces, at their own
 // element or elsewhere, tells -1 from the others and no more.
 bool is_asked_for_presence(const ir::Graph& graph, const ir::Op& op);

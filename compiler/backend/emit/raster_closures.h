@@ -3,6 +3,8 @@
 // raster_*.cpp.
 #pragma once
 
+#include <algorithm>
+#include <initializer_list>
 #include <span>
 #include <string>
 #include <vector>
@@ -31,9 +33,14 @@ class RasterClosures {
     if (def.kind == ir::OpKind::Const) return glsl::literal(graph_.value(value).type, def.attrs.floats);
     return set_up_ && shader_.is_defined(value) ? shader_.use(value) : shader_.load(value, place);
   }
-  // Loads the fields once, for all three closures.
-  void load_fields(const std::string& place) {
+  // Loads the fields once, those that some of these closures are made of.
+  void load_fields(const std::string& place, std::initializer_list<RasterRegion> closures) {
     for (size_t k = 0; k < parts_.fields.size(); ++k) {
+      const auto uses = [&](RasterRegion which) { return uses_field(graph_, op_, which, k); };
+      if (std::ranges::none_of(closures, uses)) {
+        fields_.emplace_back();
+        continue;
+      }
       const std::string name = shader_.unique("field");
       shader_.body().line(graph_.value(parts_.fields[k]).type.str() + " " + name + " = " +
                           record(parts_.fields[k], place) + ";");
@@ -73,7 +80,8 @@ class RasterClosures {
  private:
   void define_fields(RasterRegion which) {
     const ir::Region& region = graph_.region(op_.regions[which]);
-    for (size_t k = 0; k < fields_.size(); ++k) shader_.define(region.params[k], fields_[k]);
+    for (size_t k = 0; k < fields_.size(); ++k)
+      if (!fields_[k].empty()) shader_.define(region.params[k], fields_[k]);
   }
   void define_parameters(RasterRegion which) {
     define_fields(which);

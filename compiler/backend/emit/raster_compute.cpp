@@ -78,6 +78,18 @@ struct Walk {
     s.body().line("}");
   }
 
+  // Whether the walk computes depths.
+  bool has_depths() const {
+    return !parts.listed && !(kept == KeptPixels::Bits && has_depth_always(graph, op));
+  }
+
+  void load_fields(RasterClosures& closures) const {
+    if (has_depths())
+      closures.load_fields("at", {kDepth, kKeep, kTag});
+    else
+      closures.load_fields("at", {kKeep, kTag});
+  }
+
   // A pixel of a box is left that the face has no part of: `at` is there.
   void leave_pixel_unless_seen(Shader& s, RasterClosures& closures) const {
     s.body().line("vec2 p = vec2(at.xy) + 0.5;");
@@ -188,7 +200,7 @@ struct Walk {
       s.body().line("}");
       if (!lists.walks_alone()) return;
     }
-    closures.load_fields("at");
+    load_fields(closures);
     closures.begin_candidates(false);
     // One loop over all rows: lanes whose boxes have other widths would wait for each other at the end of each row.
     s.body().line("at.xy = ivec2(first.x - 1, first.y);");
@@ -229,7 +241,7 @@ struct Walk {
     set_up();
     closures.set_up();
     box(s, closures, "");
-    closures.load_fields("at");
+    load_fields(closures);
     closures.begin_candidates(hidden_stores);
     if (kept == KeptPixels::Bits) {
       s.body().line("int left = first.x >> 5;");
@@ -426,7 +438,7 @@ void Generator::resolve(const Pass& pass, const ir::Op& op, uint32_t ids, bool s
     r.push_scope();
     RasterClosures tags(r, graph_, pass, op);
     if (!constant) {
-      tags.load_fields("ivec3(" + face + ", 0, at.z)");
+      tags.load_fields("ivec3(" + face + ", 0, at.z)", {kTag});
       tags.captured();
     }
     const std::string found = constant ? glsl::literal(ir::kInt, graph_.op(info.op).attrs.floats) : tags.closure(kTag);

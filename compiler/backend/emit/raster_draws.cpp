@@ -103,7 +103,7 @@ void Generator::raster_hardware(const Pass& pass, const ir::Op& op) {
     f.body().line("int face = in_face;");
     f.body().line("ivec3 at = ivec3(ivec2(gl_FragCoord.xy), " + drawn_layer(f, parts.l) + ");");
     f.body().line("vec2 p = vec2(at.xy) + 0.5;");
-    closures.load_fields("ivec3(face, 0, at.z)");
+    closures.load_fields("ivec3(face, 0, at.z)", {kDepth, kKeep, kTag});
     closures.begin_candidates(false);
     closures.captured();
     closures.leave_unless_kept("discard");

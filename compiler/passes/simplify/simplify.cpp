@@ -86,6 +86,10 @@ class Round {
         find_needed_of_fold(op);
         continue;
       }
+      if (op.kind == OpKind::Raster) {
+        find_needed_of_raster(op);
+        continue;
+      }
       for (ValueId operand : op.operands) need(operand);
       if (op.kind == OpKind::Grad) {
         for (size_t k = 2; k < op.operands.size(); ++k) target_[op.operands[k].index] = true;
@@ -104,6 +108,27 @@ class Round {
         find_needed(inner);
       }
     }
+  }
+
+  // A field of a face is needed where one of the closures is made of it.
+  void find_needed_of_raster(const Op& op) {
+    for (RegionId inner : op.regions) {
+      for (ValueId yield : from_.region(inner).yields) need(yield);
+      find_needed(inner);
+    }
+    const std::vector<bool> fields = needed_fields(op);
+    if (std::ranges::count(fields, false) > 0) is_unfinished_ = true;
+    for (size_t k = 0; k < op.operands.size(); ++k)
+      if (k >= fields.size() || fields[k]) need(op.operands[k]);
+  }
+
+  std::vector<bool> needed_fields(const Op& op) const {
+    std::vector<bool> fields(static_cast<size_t>(op.attrs.ints[1]), false);
+    for (size_t k = 0; k < fields.size(); ++k)
+      fields[k] = std::ranges::any_of(op.regions, [&](RegionId inner) {
+        return static_cast<bool>(needed_[from_.region(inner).params[k].index]);
+      });
+    return fields;
   }
 
   // A state is needed where a result that it becomes is, or where what is needed is made of it.
@@ -195,9 +220,31 @@ class Round {
     }
   }
 
-  // If, Reduce, Raster, without the results that nobody needs; Raster's come as a whole.
+  // A Raster without the fields that nobody needs.
+  void rebuild_raster(const Op& op) {
+    std::vector<bool> params = needed_fields(op);
+    Attrs attrs = op.attrs;
+    attrs.ints[1] = std::ranges::count(params, true);
+    std::vector<ValueId> operands;
+    for (size_t k = 0; k < op.operands.size(); ++k)
+      if (k >= params.size() || params[k]) operands.push_back(map_[op.operands[k]]);
+    params.push_back(true);  // the point
+    std::vector<RegionId> regions;
+    for (RegionId region : op.regions) regions.push_back(rebuild_region(op, region, {}, params));
+    std::vector<ResultType> types;
+    bool shared = true;
+    for (ValueId result : op.results) {
+      types.push_back({from_.value(result).type, from_.value(result).extent});
+      if (target_[result.index]) shared = false;
+    }
+    const OpId now = to_.add(op.kind, std::move(operands), types, std::move(attrs), std::move(regions), op.span);
+    finish(op.results, shared ? emitter_.share(now) : now);
+  }
+
+  // If and Reduce, without the results that nobody needs.
   void rebuild_structured(const Op& op) {
     if (op.kind == OpKind::Fold) return rebuild_fold(op);
+    if (op.kind == OpKind::Raster) return rebuild_raster(op);
     std::vector<bool> kept(op.results.size(), true);
     Attrs attrs = op.attrs;
     if (combines_yields(op.kind)) {
@@ -331,13 +378,18 @@ class Round {
     return now;
   }
 
-  RegionId rebuild_region(const Op& op, RegionId old, const std::vector<bool>& kept) {
+  // With the results `kept`, where the op combines yields, and the parameters `params`; empty: all of them.
+  RegionId rebuild_region(const Op& op, RegionId old, const std::vector<bool>& kept,
+                          const std::vector<bool>& params = {}) {
     const Region& region = from_.region(old);
-    std::vector<ResultType> params;
-    for (ValueId param : region.params) params.push_back({from_.value(param).type, from_.value(param).extent});
-    const RegionId now = to_.begin_region(params);
+    std::vector<ValueId> left;
+    for (size_t i = 0; i < region.params.size(); ++i)
+      if (params.empty() || params[i]) left.push_back(region.params[i]);
+    std::vector<ResultType> types;
+    for (ValueId param : left) types.push_back({from_.value(param).type, from_.value(param).extent});
+    const RegionId now = to_.begin_region(types);
     emitter_.open_scope();
-    for (size_t i = 0; i < params.size(); ++i) enter(region.params[i], to_.graph().region(now).params[i], true);
+    for (size_t i = 0; i < left.size(); ++i) enter(left[i], to_.graph().region(now).params[i], true);
     for (OpId inner : region.ops) rebuild(inner);
 
     std::vector<ValueId> yields;
