@@ -79,9 +79,7 @@ struct Walk {
   }
 
   // Whether the walk computes depths.
-  bool has_depths() const {
-    return !parts.listed && !(kept == KeptPixels::Bits && has_depth_always(graph, op));
-  }
+  bool has_depths() const { return !parts.listed && !(kept == KeptPixels::Bits && has_depth_always(graph, op)); }
 
   void load_fields(RasterClosures& closures) const {
     if (has_depths())

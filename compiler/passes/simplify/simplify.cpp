@@ -125,9 +125,8 @@ class Round {
   std::vector<bool> needed_fields(const Op& op) const {
     std::vector<bool> fields(static_cast<size_t>(op.attrs.ints[1]), false);
     for (size_t k = 0; k < fields.size(); ++k)
-      fields[k] = std::ranges::any_of(op.regions, [&](RegionId inner) {
-        return static_cast<bool>(needed_[from_.region(inner).params[k].index]);
-      });
+      fields[k] = std::ranges::any_of(
+          op.regions, [&](RegionId inner) { return static_cast<bool>(needed_[from_.region(inner).params[k].index]); });
     return fields;
   }
 
