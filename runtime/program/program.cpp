@@ -78,15 +78,16 @@ std::vector<io::Array> parts_of_entries(const io::Array& entries, size_t ranks) 
 
 // Face and tag where bits say if there is a face, in a picture so wide.
 std::vector<io::Array> parts_of_bits(const io::Array& bits, int64_t width) {
-  if (bits.kind != io::ElementKind::UInt32 || bits.components != 1 || bits.width != (width + 31) / 32)
+  if (bits.kind != io::ElementKind::UInt32 || bits.components != 1 ||
+      bits.width != (width + bundle::kBitsOfWord - 1) / bundle::kBitsOfWord)
     throw Failure{"the bundle's raster bits are no bits"};
   const auto words = bits.as<uint32_t>();
   const int64_t rows = bits.height * bits.layers;
   std::vector<int32_t> face;
   for (int64_t row = 0; row < rows; ++row)
     for (int64_t x = 0; x < width; ++x) {
-      const uint32_t word = words[static_cast<size_t>(row * bits.width + x / 32)];
-      face.push_back((word >> (x % 32) & 1) != 0 ? bundle::kSomeFace : -1);
+      const uint32_t word = words[static_cast<size_t>(row * bits.width + x / bundle::kBitsOfWord)];
+      face.push_back((word >> (x % bundle::kBitsOfWord) & 1) != 0 ? bundle::kSomeFace : -1);
     }
   const std::vector<int32_t> tag(face.size());
   return {io::Array::from<int32_t>(face, 1, width, bits.height, bits.layers),

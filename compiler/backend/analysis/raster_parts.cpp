@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "compiler/backend/analysis/form.h"
+#include "compiler/backend/bundle/entries.h"
 #include "compiler/ir/raster.h"
 
 namespace dr::backend {
@@ -17,10 +19,7 @@ namespace {
 
 // Whether a comparison of a face with a constant tells -1 from the others and no more.
 bool tells_presence(const Graph& graph, const Op& op, ValueId face) {
-  const auto is_constant = [&](size_t k, double number) {
-    const Op& by = graph.op(graph.value(op.operands[k]).op);
-    return by.kind == OpKind::Const && by.attrs.floats.size() == 1 && by.attrs.floats[0] == number;
-  };
+  const auto is_constant = [&](size_t k, double number) { return Form(graph).is_number(op.operands[k], number); };
   const bool first = op.operands[0] == face;
   if (op.kind == OpKind::Less) return first ? is_constant(1, 0) : is_constant(0, -1);
   if (op.kind == OpKind::LessEqual) return first ? is_constant(1, -1) : is_constant(0, 0);
@@ -63,45 +62,10 @@ bool is_used(const Graph& graph, ValueId v, ir::RegionId region) {
          std::ranges::count(graph.region(region).yields, v) > 0;
 }
 
-// Finds out whether a value is a form of others, op by op.
-class Form {
- public:
-  explicit Form(const Graph& graph) : graph_(graph) {}
-
-  const Op* made_by(ValueId v, OpKind kind) const {
-    const ir::OpId id = graph_.value(v).op;
-    return id.valid() && graph_.op(id).kind == kind ? &graph_.op(id) : nullptr;
-  }
-  bool is_number(ValueId v, double number) const {
-    const Op* op = made_by(v, OpKind::Const);
-    return op != nullptr && op->attrs.floats.size() == 1 && op->attrs.floats[0] == number;
-  }
-  bool is_extent(ValueId v, const ir::Dim& dim) const {
-    if (dim.is_constant()) return is_number(v, static_cast<double>(dim.constant()));
-    const Op* op = made_by(v, OpKind::DimValue);
-    return op != nullptr && op->attrs.dims[0] == dim;
-  }
-  bool is_place(ValueId v, int axis) const {
-    const Op* op = made_by(v, OpKind::Coord);
-    return op != nullptr && op->attrs.ints[0] == axis;
-  }
-  // Whether it is `kind` of what `first` and `second` hold for, in either order.
-  template <class First, class Second>
-  bool is_both(ValueId v, OpKind kind, const First& first, const Second& second) const {
-    const Op* op = made_by(v, kind);
-    if (op == nullptr || op->operands.size() != 2) return false;
-    const ValueId a = op->operands[0], b = op->operands[1];
-    return (first(a) && second(b)) || (first(b) && second(a));
-  }
-
- private:
-  const Graph& graph_;
-};
-
 }  // namespace
 
 ir::Extent bits_extent(const ir::Extent& pixels) {
-  return {(pixels.w + ir::Dim(kBitsOfWord - 1)).divided_by(kBitsOfWord), pixels.h, pixels.l};
+  return {(pixels.w + ir::Dim(bundle::kBitsOfWord - 1)).divided_by(bundle::kBitsOfWord), pixels.h, pixels.l};
 }
 
 bool is_rows_of(const Graph& graph, ValueId value, ValueId face) {
@@ -114,7 +78,7 @@ bool is_rows_of(const Graph& graph, ValueId value, ValueId face) {
     return false;
   const ir::Region& body = graph.region(sum->regions[0]);
   const ValueId x = body.params[0];
-  const auto is_bits = [&](ValueId v) { return form.is_number(v, kBitsOfWord); };
+  const auto is_bits = [&](ValueId v) { return form.is_number(v, bundle::kBitsOfWord); };
   const auto is_across = [&](ValueId v) { return form.is_place(v, 0); };
   const auto is_x = [&](ValueId v) { return v == x; };
   const auto is_begin = [&](ValueId v) { return form.is_both(v, OpKind::Mul, is_bits, is_across); };

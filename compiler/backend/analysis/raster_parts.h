@@ -30,12 +30,12 @@ bool uses_field(const ir::Graph& graph, const ir::Op& op, RasterRegion closure, 
 // element or elsewhere, tells -1 from the others and no more.
 bool is_asked_for_presence(const ir::Graph& graph, const ir::Op& op);
 
-// The bits that say so, 32 pixels of a row in a word, the leftmost one the lowest.
-inline constexpr int kBitsOfWord = 32;
+// The words of bits that say so: see bundle::kBitsOfWord.
 ir::Extent bits_extent(const ir::Extent& pixels);
 // Whether a value is these bits of `face`, as std.tiles.rows sums them up:
-//   reduce(sum, x in 0..min(32, W - 32 * p.x)) { if face.at(ivec2(32 * p.x + x, p.y)) >= 0 { 1u << uint(x) } else { 0u
-//   } }
+//   reduce(sum, x in 0..min(32, W - 32 * p.x)) {
+//     if face.at(ivec2(32 * p.x + x, p.y)) >= 0 { 1u << uint(x) } else { 0u }
+//   }
 bool is_rows_of(const ir::Graph& graph, ir::ValueId value, ir::ValueId face);
 
 // Whether each candidate surely has a depth, as what is clamped has: NaN loses against a bound. Else a candidate

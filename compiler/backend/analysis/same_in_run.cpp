@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <bit>
 
+#include "compiler/backend/analysis/form.h"
 #include "compiler/backend/analysis/uses.h"
 #include "compiler/ops/op.h"
 
@@ -14,23 +15,11 @@ using ir::Op;
 using ir::OpKind;
 using ir::ValueId;
 
-namespace {
-
-// The place in a row without so many bits at least: the number of a run in it.
-bool is_number_of_run(const Graph& graph, const Op& op, int bits) {
-  if (op.kind != OpKind::ShiftRight) return false;
-  const Op& place = graph.op(graph.value(op.operands[0]).op);
-  const Op& by = graph.op(graph.value(op.operands[1]).op);
-  return place.kind == OpKind::Coord && place.attrs.ints[0] == 0 && by.kind == OpKind::Const &&
-         by.attrs.floats.size() == 1 && by.attrs.floats[0] >= bits && by.attrs.floats[0] < 32;
-}
-
-}  // namespace
-
 std::vector<ir::OpId> reads_of_runs(const Graph& graph, std::span<const ir::OpId> ops, const ir::Dim& width, int run,
                                     const std::set<ValueId>& but) {
   if (!width.is_constant() || width.constant() % run != 0) return {};
   const int bits = std::countr_zero(static_cast<unsigned>(run));
+  const Form form(graph);
   std::set<ValueId> same;
   std::vector<ValueId> reads;
   for (const ir::OpId id : ops) {
@@ -42,7 +31,7 @@ std::vector<ir::OpId> reads_of_runs(const Graph& graph, std::span<const ir::OpId
                          !op.operands.empty() && std::ranges::all_of(op.operands, is_same);
     const bool is_place = op.kind == OpKind::Coord && op.attrs.ints[0] != 0;
     const bool is_number = op.kind == OpKind::Const || op.kind == OpKind::DimValue;
-    if (!plain || !(is_place || is_number || reads_one || is_made || is_number_of_run(graph, op, bits))) continue;
+    if (!plain || !(is_place || is_number || reads_one || is_made || form.is_number_of_run(op, bits))) continue;
     same.insert(op.results[0]);
     if (reads_one) reads.push_back(op.results[0]);
   }

@@ -23,8 +23,8 @@ void index_in_tiles(glsl::Shader& s, const ir::Extent& extent);
 
 // The main of a shader that computes the elements of an extent and lists some of them. With `runs` an invocation
 // computes 32 that follow each other, and lists them together: where lanes access memory in turn, an atomic costs a
-// subgroup that lists nothing as much as any other; `shared` are ops that are the same for all of them, of which the
-// shader computes others for each (analysis/same_in_run.h). With `tiles`: see index_in_tiles().
+// subgroup that lists nothing as much as any other; `shared` are ops that give all of
+// them the same, which it runs once (analysis/same_in_run.h). With `tiles`: see index_in_tiles().
 class ListingLoop {
  public:
   // Opens it: behind, `at` is an element's place.

@@ -13,7 +13,7 @@ namespace dr::backend {
 // Gives all results of a raster by compute shaders one resource, its entries; unless one of them is an output, an
 // update or pinned, and so needs memory of its own. Where lanes take turns at atomics, a raster that is only asked if a
 // pixel sees a face has no entries but a bit a pixel, which says that, and the maps are gone that would have made these
-// bits of its faces (RasterPass::rows).
+// bits of its faces (RasterPass::rows). Requires that no pass refers to another.
 void keep_entries(const ir::Graph& graph, const target::Profile& profile, Schedule& schedule);
 
 }  // namespace dr::backend

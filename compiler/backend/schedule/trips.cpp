@@ -9,6 +9,7 @@
 #include "compiler/backend/analysis/apart.h"
 #include "compiler/backend/analysis/fold_memory.h"
 #include "compiler/backend/analysis/raster_parts.h"
+#include "compiler/backend/bundle/entries.h"
 #include "compiler/ir/dim_bound.h"
 #include "compiler/ir/yields.h"
 
@@ -289,7 +290,7 @@ WalkTrips walk_trips(const Graph& graph, const Pass& pass, const Op& op, const P
     // have all the full ones: a lane has less than three times its share of pixels, and a word more. A word takes a
     // trip, and its loop ends in one, even if there is but one pixel in it.
     const Dim pixel = trips.pixel + Dim(3);
-    trips.face = trips.face + Dim(kBitsOfWord) * pixel;
+    trips.face = trips.face + Dim(bundle::kBitsOfWord) * pixel;
     trips.listed = Dim(3) * pixel;
   }
   trips.watched = closures.unknown + closures.promised + captured.unknown + captured.promised > 0;
