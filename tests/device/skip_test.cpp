@@ -31,7 +31,7 @@ std::string gpu(const std::string& profile, const std::string& folder) {
   p.subgroup_size = 32;
   p.lanes_in_turn = false;
   p.loop_trips = 0;
-  const auto path = (fs::path(folder) / "gpu.json").string();
+  auto path = (fs::path(folder) / "gpu.json").string();
   std::ofstream(path) << target::write_profile(p);
   return path;
 }
