@@ -28,9 +28,12 @@ constexpr uint32_t kGroup = 64;
 constexpr vk::DeviceSize kLeftBytes = 16;  // of the numbers of workgroups of a dispatch that goes on
 
 // A workgroup of 64 spreads few elements over many processors; where there are enough anyway, starting so many
-// workgroups takes longer than their work.
-uint32_t group_size(const vk::PhysicalDeviceProperties& device, int64_t elements) {
-  constexpr uint32_t kLargeGroup = 256;
+// workgroups takes longer than their work. Invocations that may take several elements, up to `each`, are spread by
+// smaller ones while they are few.
+uint32_t group_size(const vk::PhysicalDeviceProperties& device, int64_t elements, uint32_t each) {
+  constexpr uint32_t kLargeGroup = 256, kSmallGroup = 16;
+  constexpr int64_t kFew = 4096;
+  if (each > 1 && elements < kFew) return kSmallGroup;
   const int64_t many = int64_t{1} << (device.deviceType == vk::PhysicalDeviceType::eCpu ? 12 : 18);
   const bool large = elements >= many && device.limits.maxComputeWorkGroupInvocations >= kLargeGroup &&
                      device.limits.maxComputeWorkGroupSize[0] >= kLargeGroup;
@@ -114,7 +117,9 @@ void Commands::dispatch(const bundle::CommandT& c, std::vector<Primitive>& out) 
     p.accesses.push_back({static_cast<uint32_t>(c.indirect), Use::IndirectRead});
   }
   const int64_t invocations = invocations_for(elements, c.each);
-  const uint32_t group = c.group != 0 ? c.group : indirect ? kGroup : group_size(device_->properties, invocations);
+  const uint32_t group = c.group != 0 ? c.group
+                         : indirect   ? kGroup
+                                      : group_size(device_->properties, invocations, c.each);
   const int64_t parts = parts_of(c);
   const size_t pipeline = pipelines_.compute(c.compute, bound, group, parts > 1 ? c.part_trips : 0);
   p.pipeline = static_cast<int>(pipeline), p.group = static_cast<int>(group);
@@ -202,7 +207,7 @@ void Commands::reduce(const bundle::CommandT& c, std::vector<Primitive>& out) {
     descriptors.push_back({target, 0});
     p.accesses.push_back({target, Use::ComputeWrite});
     const Bound bound = pipelines_.bind(descriptors, vk::ShaderStageFlagBits::eCompute);
-    const uint32_t group = c.group != 0 ? c.group : group_size(device_->properties, invocations);
+    const uint32_t group = c.group != 0 ? c.group : group_size(device_->properties, invocations, 1);
     const size_t pipeline = pipelines_.compute(stage == 0 ? c.compute : c.next, bound, group);
     p.pipeline = static_cast<int>(pipeline), p.group = static_cast<int>(group);
     const std::array<int32_t, 4> push{0, static_cast<int32_t>(n), static_cast<int32_t>(partials), 0};

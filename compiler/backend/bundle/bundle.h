@@ -24,8 +24,8 @@ inline constexpr int kListEnd = 3, kListHead = 4;
 inline constexpr int kRestingBlock = 64;
 
 // Where invocations may take several elements (Command.each), so many are started at least: they keep the threads of a
-// large processor busy.
-inline constexpr int64_t kLeastInvocations = 8192;
+// large processor busy, in small workgroups.
+inline constexpr int64_t kLeastInvocations = 512;
 // Invocations of a Reduce with a `group` that share the inputs of one of others.
 inline constexpr int64_t kReducingTeam = 8;
 // Faces whose numbers an int holds beside a tag.
