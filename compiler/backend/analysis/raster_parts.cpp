@@ -2,6 +2,7 @@
 #include "compiler/backend/analysis/raster_parts.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 
 #include "compiler/backend/analysis/form.h"
@@ -16,6 +17,8 @@ using ir::OpKind;
 using ir::ValueId;
 
 namespace {
+
+constexpr int kShiftOfWord = std::countr_zero(static_cast<uint32_t>(bundle::kBitsOfWord));
 
 // Whether a comparison of a face with a constant tells -1 from the others and no more.
 bool tells_presence(const Graph& graph, const Op& op, ValueId face) {
@@ -101,6 +104,44 @@ bool is_rows_of(const Graph& graph, ValueId value, ValueId face) {
   const Op* shifted = form.made_by(bit, OpKind::ShiftLeft);
   const Op* by = shifted == nullptr ? nullptr : form.made_by(shifted->operands[1], OpKind::Convert);
   return by != nullptr && form.is_number(shifted->operands[0], 1) && by->operands[0] == x;
+}
+
+std::optional<WantedPixels> wanted_pixels(const Graph& graph, const Op& op) {
+  const Form form(graph);
+  const ir::Region& keep = graph.region(op.regions[kKeep]);
+  const ValueId p = keep.params.back();
+  const Op* chosen = form.made_by(keep.yields[0], OpKind::If);
+  if (chosen == nullptr || !form.is_number(graph.region(chosen->regions[1]).yields[0], 0)) return std::nullopt;
+  const auto is_number = [&](double number) { return [=](ValueId v) { return form.is_number(v, number); }; };
+  // Of the pixel that `p` is the middle of, the place on an axis.
+  const auto is_place = [&](ValueId v, int axis) {
+    const Op* part = form.made_by(v, OpKind::Extract);
+    const Op* pixel = part == nullptr ? nullptr : form.made_by(part->operands[0], OpKind::Convert);
+    return pixel != nullptr && part->attrs.ints[0] == axis && pixel->operands[0] == p;
+  };
+  const Op* read = nullptr;
+  const auto is_shifted = [&](ValueId v) {
+    const Op* shift = form.made_by(v, OpKind::ShiftRight);
+    if (shift == nullptr) return false;
+    read = form.made_by(shift->operands[0], OpKind::Gather);
+    const Op* by = form.made_by(shift->operands[1], OpKind::Convert);
+    return read != nullptr && by != nullptr &&
+           form.is_both(
+               by->operands[0], OpKind::BitAnd, [&](ValueId x) { return is_place(x, 0); },
+               is_number(bundle::kBitsOfWord - 1));
+  };
+  const auto is_last_bit = [&](ValueId v) { return form.is_both(v, OpKind::BitAnd, is_shifted, is_number(1)); };
+  if (!form.is_both(chosen->operands[0], OpKind::Equal, is_last_bit, is_number(1))) return std::nullopt;
+  const Op* at = form.made_by(read->operands[1], OpKind::Compose);
+  if (at == nullptr || at->operands.size() != 2 || !is_place(at->operands[1], 1)) return std::nullopt;
+  const Op* word = form.made_by(at->operands[0], OpKind::ShiftRight);
+  if (word == nullptr || !is_place(word->operands[0], 0) || !form.is_number(word->operands[1], kShiftOfWord))
+    return std::nullopt;
+  const ValueId bits = read->operands[0];
+  const RasterParts parts = raster_parts(op);
+  if (graph.value(bits).type != ir::kUint || graph.value(bits).extent != bits_extent(parts.extent()))
+    return std::nullopt;
+  return WantedPixels{bits, chosen->operands[0]};
 }
 
 bool has_depth_always(const Graph& graph, const Op& op) {

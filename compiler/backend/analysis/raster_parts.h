@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstddef>
+#include <optional>
 #include <vector>
 
 #include "compiler/ir/graph.h"
@@ -37,6 +38,14 @@ ir::Extent bits_extent(const ir::Extent& pixels);
 //     if face.at(ivec2(32 * p.x + x, p.y)) >= 0 { 1u << uint(x) } else { 0u }
 //   }
 bool is_rows_of(const ir::Graph& graph, ir::ValueId value, ir::ValueId face);
+
+// Bits of pixels, of `bits_extent`, without which no face is kept there: `keep` begins with
+//   if tiles.bit(bits, ivec2(p)) { ... } else { false }
+struct WantedPixels {
+  ir::ValueId bits;
+  ir::ValueId is_set;  // in `keep`
+};
+std::optional<WantedPixels> wanted_pixels(const ir::Graph& graph, const ir::Op& op);
 
 // Whether each candidate surely has a depth, as what is clamped has: NaN loses against a bound. Else a candidate
 // without one is rejected.

@@ -62,10 +62,10 @@ class RasterClosures {
     for (const RasterRegion which : {kDepth, kKeep, kTag}) define_fields(which);
     shader_.compute_ahead(regions);
   }
-  // A candidate that the face does not keep is left by the statement `otherwise`.
-  void leave_unless_kept(const std::string& otherwise) {
+  // A candidate that the face does not keep is left by the statement `otherwise`. `holds`: a condition that does.
+  void leave_unless_kept(const std::string& otherwise, std::optional<ir::ValueId> holds = {}) {
     define_parameters(kKeep);
-    shader_.leave_unless(op_.regions[kKeep], otherwise);
+    shader_.leave_unless(op_.regions[kKeep], otherwise, holds);
   }
   void end_of_candidates() { shader_.end_sharing(); }
   // A candidate without a depth is left by the statement `otherwise`.

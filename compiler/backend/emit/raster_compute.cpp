@@ -28,8 +28,9 @@ struct Walk {
   uint32_t keys, ids;  // of entries, or listed faces, both the slots
   const FaceLists& lists;
   uint32_t list_words;
-  bool epochs;         // see lowering/clear_by_epochs.h
-  bool hidden_stores;  // and no driver that moves what is one value for a face out of loops
+  bool epochs;                         // see lowering/clear_by_epochs.h
+  bool hidden_stores;                  // and no driver that moves what is one value for a face out of loops
+  std::optional<WantedPixels> wanted;  // if no others are looked at
   // The loops of closures are watched; see Generator::Cut.
   bool watched;
 
@@ -92,7 +93,7 @@ struct Walk {
   void leave_pixel_unless_seen(Shader& s, RasterClosures& closures) const {
     s.body().line("vec2 p = vec2(at.xy) + 0.5;");
     closures.captured();
-    closures.leave_unless_kept("continue");
+    closures.leave_unless_kept("continue", wanted ? std::optional(wanted->is_set) : std::nullopt);
     if (!parts.listed && !(kept == KeptPixels::Bits && has_depth_always(graph, op)))
       closures.key_from_depth("continue");
   }
@@ -200,13 +201,77 @@ struct Walk {
     }
     load_fields(closures);
     closures.begin_candidates(false);
+    if (wanted) return wanted_of_box(s, closures);
+    const bool in_register = kept == KeptPixels::Bits && lists.walks_alone();
+    if (in_register) s.body().line("uint64_t seen = 0ul, bit = 1ul;");
     // One loop over all rows: lanes whose boxes have other widths would wait for each other at the end of each row.
     s.body().line("at.xy = ivec2(first.x - 1, first.y);");
-    s.body().line("for (; area > 0; --area) {");
+    s.body().line(std::string("for (; area > 0; --area") + (in_register ? ", bit += bit" : "") + ") {");
     s.push_scope();
     s.body().line("bool next_row = ++at.x == last.x;");
     s.body().line("at.xy = next_row ? ivec2(first.x, at.y + 1) : at.xy;");
+    if (in_register) {
+      leave_pixel_unless_seen(s, closures);
+      s.body().line("seen |= bit;");
+      closures.end_of_candidates();
+    } else {
+      pixel(s, closures);
+    }
+    s.pop_scope();
+    s.body().line("}");
+    if (in_register) set_bits_of_box(s);
+  }
+
+  // The bits of the word `word` of the row `at` that are wanted, of those of the box.
+  std::string wanted_of_word(Shader& s) const {
+    return s.load(wanted->bits, "ivec3(word, at.yz)") + " & 0xffffffffu << (begin & 31) & 0xffffffffu >> (-end & 31)";
+  }
+
+  // The wanted pixels of a box. In one loop, so that lanes whose boxes have other rows need not wait for each other.
+  void wanted_of_box(Shader& s, RasterClosures& closures) const {
+    s.body().line("uint wanted = 0u;");
+    s.body().line(
+        "int left = first.x >> 5, right = (last.x + 31) >> 5, word = left, row = area > 0 ? first.y : last.y;");
+    s.body().line("for (;;) {");
+    s.push_scope();
+    s.body().line("while (wanted == 0u && row < last.y) {");
+    s.push_scope();
+    s.body().line("int begin = max(first.x, 32 * word), end = min(last.x, 32 * word + 32);");
+    s.body().line("at.xy = ivec2(begin, row);");
+    s.body().line("wanted = " + wanted_of_word(s) + ";");
+    s.body().line("bool next_row = ++word >= right;");
+    s.body().line("word = next_row ? left : word;");
+    s.body().line("row += next_row ? 1 : 0;");
+    s.pop_scope();
+    s.body().line("}");
+    s.body().line("if (wanted == 0u) break;");
+    s.body().line("at.x = (at.x & ~31) + findLSB(wanted);");
+    s.body().line("wanted &= wanted - 1u;");
     pixel(s, closures);
+    s.pop_scope();
+    s.body().line("}");
+  }
+
+  // Adds the bits `seen` of a small box, of one row after the other: a trip for each word of a row.
+  void set_bits_of_box(Shader& s) const {
+    s.body().line("uint64_t row = 0ul, of_row = 0xfffffffffffffffful >> ((64 - across) & 63);");
+    s.body().line("int word = 0, skipped = 0;");
+    s.body().line("at.y = first.y - 1;");
+    s.body().line("while (seen != 0ul || row != 0ul) {");
+    s.push_scope();
+    s.body().line("if (row == 0ul) {");
+    s.body().line("row = seen & of_row;");
+    s.body().line("seen = (seen >> ((across - 1) & 63)) >> 1;");
+    s.body().line("++at.y;");
+    s.body().line("word = first.x >> 5;");
+    s.body().line("skipped = first.x & 31;");
+    s.body().line("}");
+    s.body().line("uint bits = uint(row << skipped);");
+    s.body().line("row >>= 32 - skipped;");
+    s.body().line("skipped = 0;");
+    s.body().line("++word;");
+    s.body().line("if (bits == 0u) continue;");
+    set_bits(s, "word - 1", "bits");
     s.pop_scope();
     s.body().line("}");
   }
@@ -214,9 +279,20 @@ struct Walk {
   // The pixels of a row that have their bits in one word. So few lanes have them to share, but each pixel takes less:
   // it stores nothing.
   void word_of_row(Shader& s, RasterClosures& closures) const {
-    s.body().line("int word = left + x, end = min(last.x, 32 * word + 32);");
+    s.body().line("int word = left + x, begin = max(first.x, 32 * word), end = min(last.x, 32 * word + 32);");
+    s.body().line("at.xy = ivec2(begin, first.y + y);");
+    if (wanted) {
+      s.body().line("uint wanted = " + wanted_of_word(s) + ";");
+      s.body().line("for (; wanted != 0u; wanted &= wanted - 1u) {");
+      s.push_scope();
+      s.body().line("at.x = 32 * word + findLSB(wanted);");
+      pixel(s, closures);
+      s.pop_scope();
+      s.body().line("}");
+      if (watched) s.body().line("if (wanted != 0u) unfinished = true;");
+      return;
+    }
     s.body().line("uint bits = 0u;");
-    s.body().line("at.xy = ivec2(max(first.x, 32 * word), first.y + y);");
     s.body().line("for (; at.x < end; ++at.x) {");
     s.push_scope();
     leave_pixel_unless_seen(s, closures);
@@ -241,7 +317,8 @@ struct Walk {
     box(s, closures, "");
     load_fields(closures);
     closures.begin_candidates(hidden_stores);
-    if (kept == KeptPixels::Bits) {
+    const bool in_words = kept == KeptPixels::Bits || wanted;
+    if (in_words) {
       s.body().line("int left = first.x >> 5;");
       s.body().line("across = ((last.x + 31) >> 5) - left;");
       s.body().line("area = across * (last.y - first.y);");
@@ -254,7 +331,7 @@ struct Walk {
     s.body().line("x -= across;");
     s.body().line("++y;");
     s.body().line("}");
-    if (kept == KeptPixels::Bits) {
+    if (in_words) {
       word_of_row(s, closures);
     } else {
       s.body().line("at.xy = first + ivec2(x, y);");
@@ -303,7 +380,8 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
   if (!at_once) fill("clear " + pass.name + " faces", ids, 0xffffffffu);
   const Pass* const setup = raster.setup ? &step_->pass(raster.setup->pass) : nullptr;
   const bool sets_up_again = raster.setup && raster.setup->again;
-  const WalkTrips trips = walk_trips(graph_, pass, op, sets_up_again ? setup : nullptr, kept);
+  const WalkTrips trips = walk_trips(graph_, pass, op, sets_up_again ? setup : nullptr, kept,
+                                     kept == KeptPixels::Bits || raster.walk.wanted.has_value());
   const FaceLists lists(raster.walk.lists, schedule_.code.loop_trips, parts, trips);
   const bool watched = raster.walk.watched;
   const uint32_t list_words = lists.used() ? add_scratch(pass.name + "_lists", lists.words().str()) : keys;
@@ -320,6 +398,7 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
                   list_words,
                   resource(op.results[0]).is(Resource::Storage::EpochEntries),
                   schedule_.code.hidden_stores,
+                  raster.walk.wanted ? wanted_pixels(graph_, op) : std::nullopt,
                   watched};
   // Without wide words a rank of entries takes two runs; see Walk::pixel.
   std::vector<size_t> first_run;
@@ -339,7 +418,7 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
   };
   const auto run = [&](bool listed, const char* suffix, const Dim& elements) {
     Shader s = strict_shader();
-    if (wide) wide_extensions(s);
+    if (wide || kept == KeptPixels::Bits) wide_extensions(s);
     s.prelude(kIsNan);
     const bool in_rows = listed && lists.bounded(), in_turn = !listed && raster.walk.in_turn;
     linear_index(s, in_rows || in_turn ? std::string() : dim_expression(elements));

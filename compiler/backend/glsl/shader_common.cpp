@@ -117,7 +117,7 @@ bool Shader::common_op(const Op& op) {
   return true;
 }
 
-void Shader::leave_unless(ir::RegionId id, const std::string& otherwise) {
+void Shader::leave_unless(ir::RegionId id, const std::string& otherwise, std::optional<ValueId> holds) {
   const ir::Region* region = &graph_.region(id);
   while (common_) {
     if (region->ops.empty()) break;
@@ -127,9 +127,17 @@ void Shader::leave_unless(ir::RegionId id, const std::string& otherwise) {
     const ValueId if_not = graph_.region(last.regions[1]).yields[0];
     const ir::OpId by = graph_.value(if_not).op;
     if (!by.valid() || graph_.op(by).kind != OpKind::Const || graph_.op(by).attrs.floats[0] != 0) break;
-    for (size_t k = 0; k + 1 < region->ops.size(); ++k) op(graph_.op(region->ops[k]));
-    body_.line("if (!" + use(last.operands[0]) + ") " + otherwise + ";");
-    region = &graph_.region(last.regions[0]);
+    const ir::Region& then = graph_.region(last.regions[0]);
+    const bool told = holds == last.operands[0];
+    std::set<ValueId> needed;
+    if (told) needed = needed_for(graph_, id, needed_for(graph_, last.regions[0], {then.yields[0]}));
+    for (size_t k = 0; k + 1 < region->ops.size(); ++k) {
+      const Op& one = graph_.op(region->ops[k]);
+      if (!told || std::ranges::any_of(one.results, [&](ValueId v) { return needed.contains(v); })) op(one);
+    }
+    if (!told) body_.line("if (!" + use(last.operands[0]) + ") " + otherwise + ";");
+    id = last.regions[0];
+    region = &then;
   }
   element_ops(region->ops);
   body_.line("if (!" + use(region->yields[0]) + ") " + otherwise + ";");

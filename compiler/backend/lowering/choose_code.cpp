@@ -38,6 +38,12 @@ constexpr Bins kCpu{64, 0, 4096, 1 << 11, 1 << 12, 1};
 // those beside it, whose faces are on a list: so there are few invocations, and few boxes are small where faces are
 // large.
 constexpr Bins kInTurn{64, 8, 16384, 1 << 9, 1 << 10, 1};
+// Pixels of a box that an invocation walks alone where it looks at wanted ones only: lanes that do so side by side have
+// a pixel each all the time, those of a team share few.
+constexpr int kWantedBox = 256;
+// Lanes that walk small boxes of different shapes take trips for the rows and columns of them all: for boxes of 64
+// pixels the sum over y of 64 / (y + 1).
+constexpr int64_t kSmallPixels = 320;
 // A raster that keeps so many faces of a pixel lists what few faces have, as outlines are. On a CPU, whose lanes take
 // each other's branches, a lane that walks its box alone makes all lanes beside it go over that; a team walks the few
 // that are left.
@@ -247,30 +253,39 @@ class StepCode {
   FaceWalk walk(const Pass& pass, const RasterPass& raster) const {
     const ir::Op& op = graph_.op(pass.ops.back());
     const Pass* setup = raster.setup && raster.setup->again ? &step_.pass(raster.setup->pass) : nullptr;
-    const WalkTrips trips = walk_trips(graph_, pass, op, setup, kept_pixels(schedule_, step_, op));
+    const KeptPixels kept = kept_pixels(schedule_, step_, op);
+    FaceWalk walk;
+    if (const auto wanted = wanted_pixels(graph_, op); wanted && kept != KeptPixels::Bits && profile_.lanes_in_turn)
+      walk.wanted = wanted->bits;
+    const WalkTrips trips =
+        walk_trips(graph_, pass, op, setup, kept, kept == KeptPixels::Bits || walk.wanted.has_value());
     const RasterParts parts = raster_parts(op);
     const Dim pixels = parts.w * parts.h;
     const int64_t limit = profile_.loop_trips;
     const Bins bins = profile_.is_gpu() ? gpu_bins(pixels, parts.listed) : profile_.lanes_in_turn ? kInTurn : kCpu;
-    // Lanes that walk small boxes of different shapes take trips for the rows and columns of them all: for boxes of 64
-    // pixels the sum over y of 64 / (y + 1).
-    constexpr int64_t kSmallPixels = 320;
-    const bool short_ones = trips.pixel.is_constant() && kSmallPixels * (trips.pixel.constant() + 1) < limit / 2;
-    FaceWalk walk;
+    const Dim alone = walk.wanted ? wanted_trips(trips.pixel) : Dim(kSmallPixels) * trips.pixel;
+    const bool short_ones = alone.is_constant() && alone.constant() + kSmallPixels < limit / 2;
     const bool sets_up_unknown = raster.setup && trips_of(graph_, step_.pass(raster.setup->pass).ops).unknown > 0;
     walk.watched = limit > 0 && (trips.watched || sets_up_unknown);
     if (profile_.subgroup_size <= 1 && limit == 0) return walk;
     const bool few_faces = bins.small_box == kCpu.small_box && static_cast<int64_t>(parts.count) >= kManyKept;
     FaceBins& lists = walk.lists.emplace();
-    lists.small_box = !few_faces && (limit == 0 || short_ones) ? bins.small_box : 0;
+    const int small_box = walk.wanted ? kWantedBox : bins.small_box;
+    lists.small_box = !few_faces && (limit == 0 || short_ones) ? small_box : 0;
     lists.few_box = lists.small_box > 0 ? bins.few_box : 0;
     // A power of two, so that teams share the invocations evenly whatever the profile says.
     lists.team = static_cast<int>(std::bit_floor(std::clamp(profile_.subgroup_size / bins.teams, 1u, 128u)));
     lists.middle_box = limit > 0 ? bounded_box(bins.middle_box, lists.team, limit, trips) : bins.middle_box;
     lists.middle_invocations = bins.middle_invocations;
     lists.large_invocations = bins.large_invocations;
-    walk.in_turn = in_turn(raster, walk, parts.cull, trips.pixel * Dim(lists.small_box > 0 ? kSmallPixels : 0));
+    walk.in_turn = in_turn(raster, walk, parts.cull, lists.small_box > 0 ? alone : Dim(0));
     return walk;
+  }
+
+  // What an invocation takes that walks a box of `kWantedBox` pixels: the wanted ones, and all words of its rows to
+  // find them, for which lanes wait one after the other.
+  Dim wanted_trips(const Dim& pixel) const {
+    return Dim(kWantedBox) * (pixel + Dim(1) + Dim(static_cast<int64_t>(profile_.subgroup_size)));
   }
 
   // Where a device lets an invocation take so many trips only, a team can walk some boxes of the middle list one after

@@ -55,7 +55,7 @@ void keep_entries(const ir::Graph& graph, const target::Profile& profile, Schedu
       if (std::ranges::any_of(results, [&](ValueId v) { return kept.count(v) != 0; })) continue;
       const ResourceId id = step.stored.at(results[0]);
       Resource& entries = schedule.resources[id.index];
-      if (profile.lanes_in_turn && is_asked_for_presence(graph, op)) {
+      if (profile.lanes_in_turn && profile.shader_int64 && is_asked_for_presence(graph, op)) {
         keep_bits(graph, kept, step, entries, pass, unused);
       } else {
         entries.name += "_entries";

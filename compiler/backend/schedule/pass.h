@@ -300,6 +300,9 @@ struct FacesInTurn {
 struct FaceWalk {
   std::optional<FaceBins> lists;
   std::optional<FacesInTurn> in_turn;
+  // Bits of the pixels that faces are looked for at, a word of 32 read at once; see analysis/raster_parts.h. Lanes that
+  // share a face then share words, not pixels.
+  std::optional<ir::ValueId> wanted;
   bool watched = false;  // loops of closures; as of LoopCut
 };
 

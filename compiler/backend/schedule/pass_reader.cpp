@@ -215,6 +215,8 @@ bool PassReader::decides(RasterPass& raster, bool& ok) {
     FacesInTurn& turn = raster.walk.in_turn.emplace();
     ok = expect_word("to") && number("how many faces", turn.each) && expect_word("faces") && expect_word("in") &&
          expect_word("turn") && expect_word("where") && values(turn.shown);
+  } else if (take_word("looks")) {
+    ok = expect_word("at") && expect_word("bits") && expect_word("of") && value(raster.walk.wanted.emplace());
   } else if (take_word("gives")) {
     ok = expect_word("rows") && value(raster.rows.emplace());
   } else if (take_word("walks")) {

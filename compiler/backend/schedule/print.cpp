@@ -212,6 +212,7 @@ class Writer {
       out_ += "    up to " + std::to_string(turn->each) + " faces in turn";
       write_values(" where", turn->shown);
     }
+    if (raster.walk.wanted) out_ += "    looks at bits of " + at(*raster.walk.wanted) + "\n";
     if (raster.rows) out_ += "    gives rows " + at(*raster.rows) + "\n";
     const std::string watched = raster.walk.watched ? ", watched\n" : "\n";
     if (const auto& bins = raster.walk.lists)

@@ -183,8 +183,13 @@ class StructureChecker {
           }))
         bad("takes faces in turn by what does not set them up");
     }
+    const auto wanted = wanted_pixels(graph_, op);
+    if (walk.wanted && (in_bits || !wanted || wanted->bits != *walk.wanted))
+      bad("looks for faces at pixels that its closures do not tell");
     if (!walk.lists) return;
     const FaceBins& bins = *walk.lists;
+    constexpr int kRegister = 64;
+    if (in_bits && bins.small_box > kRegister) bad("has no register for the bits of large boxes");
     if (bins.team < 1 || bins.middle_box < 1 || bins.middle_invocations < bins.team ||
         bins.large_invocations < kLargeTeam)
       bad("has too few invocations for the faces on its lists");

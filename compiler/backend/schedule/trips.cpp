@@ -276,7 +276,8 @@ KeptPixels kept_pixels(const Schedule& schedule, const StepSchedule& step, const
   return schedule.code.wide_words && !raster_parts(raster).listed ? KeptPixels::WideWords : KeptPixels::Words;
 }
 
-WalkTrips walk_trips(const Graph& graph, const Pass& pass, const Op& op, const Pass* setup, KeptPixels kept) {
+WalkTrips walk_trips(const Graph& graph, const Pass& pass, const Op& op, const Pass* setup, KeptPixels kept,
+                     bool in_words) {
   const Trips closures = trips_of_regions(graph, op);
   const Trips captured = trips_of(graph, {pass.ops.begin(), pass.ops.end() - 1});
   WalkTrips trips;
@@ -285,7 +286,7 @@ WalkTrips walk_trips(const Graph& graph, const Pass& pass, const Op& op, const P
   trips.pixel = closures.most + captured.most + Dim(at_once ? static_cast<int64_t>(parts.count) + 1 : 0);
   trips.listed = trips.pixel;
   trips.face = setup == nullptr ? Dim(0) : trips_of(graph, setup->ops).most;
-  if (kept == KeptPixels::Bits) {
+  if (in_words) {
     // Lanes share words of rows, not pixels. A box of 33 pixels a row lies in up to three words, of which a lane may
     // have all the full ones: a lane has less than three times its share of pixels, and a word more. A word takes a
     // trip, and its loop ends in one, even if there is but one pixel in it.

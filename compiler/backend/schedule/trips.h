@@ -44,8 +44,10 @@ struct WalkTrips {
 enum class KeptPixels : uint8_t { Words, WideWords, Bits };
 KeptPixels kept_pixels(const Schedule& schedule, const StepSchedule& step, const ir::Op& raster);
 
-// `setup`: the pass that is run again for each face, or null.
-WalkTrips walk_trips(const ir::Graph& graph, const Pass& pass, const ir::Op& op, const Pass* setup, KeptPixels kept);
+// `setup`: the pass that is run again for each face, or null. `in_words`: lanes share words of pixels
+// (FaceWalk::wanted, KeptPixels::Bits).
+WalkTrips walk_trips(const ir::Graph& graph, const Pass& pass, const ir::Op& op, const Pass* setup, KeptPixels kept,
+                     bool in_words);
 
 // The walk of one row's items (emit/rows.cpp), for a pass that sums by rows. A row is walked twice, by blocks that
 // other invocations have summed, and item by item where it begins and ends within a block.

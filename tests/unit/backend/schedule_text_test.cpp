@@ -89,8 +89,8 @@ std::vector<BackendPass> passes_to_glsl() {
 }
 
 // GLSL and bundle of a graph; nullopt where a limit does not allow them.
-std::optional<std::string> product(const ir::Graph& graph, const target::Profile& profile, const CompileOptions& options,
-                                   Schedule schedule = {}) {
+std::optional<std::string> product(const ir::Graph& graph, const target::Profile& profile,
+                                   const CompileOptions& options, Schedule schedule = {}) {
   Compilation compilation(graph, profile, options, std::move(schedule));
   if (run_backend(compilation, passes_to_glsl())) return std::nullopt;
   const std::vector<uint8_t> bytes = bundle::write(compilation.out.bundle);
