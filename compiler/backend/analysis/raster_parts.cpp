@@ -152,6 +152,16 @@ bool uses_field(const Graph& graph, const Op& op, RasterRegion closure, size_t f
   return is_used(graph, graph.region(op.regions[closure]).params[field], op.regions[closure]);
 }
 
+std::set<ValueId> walked_record(const Graph& graph, const Op& op, bool depths) {
+  const RasterParts parts = raster_parts(op);
+  std::set<ValueId> out(parts.corners.begin(), parts.corners.end());
+  for (size_t k = 0; k < parts.fields.size(); ++k)
+    if ((depths && uses_field(graph, op, kDepth, k)) || uses_field(graph, op, kKeep, k) ||
+        uses_field(graph, op, kTag, k))
+      out.insert(parts.fields[k]);
+  return out;
+}
+
 bool is_asked_for_presence(const Graph& graph, const Op& op) {
   return op.results.size() == 2 && !is_used(graph, op.results[1], graph.root()) &&
          presence_alone(graph, op.results[0], graph.root());

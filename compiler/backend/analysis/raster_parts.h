@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <optional>
+#include <set>
 #include <vector>
 
 #include "compiler/ir/graph.h"
@@ -26,6 +27,9 @@ RasterParts raster_parts(const ir::Op& op);
 
 // Whether a closure is made of a field.
 bool uses_field(const ir::Graph& graph, const ir::Op& op, RasterRegion closure, size_t field);
+
+// What a walk takes of a face's record: corners, and what closures are made of, that of depths if it computes `depths`.
+std::set<ir::ValueId> walked_record(const ir::Graph& graph, const ir::Op& op, bool depths);
 
 // Whether a raster of one rank is only asked if a pixel sees a face, not which one: what reads its faces, at their own
 // element or elsewhere, tells -1 from the others and no more.

@@ -84,6 +84,10 @@ std::string FaceLists::append(Shader& s, const std::string& list) const {
   return "list_face(area > " + std::to_string(bins_.middle_box) + ", index);";
 }
 
+std::string FaceLists::tiny() const {
+  return dim_expression(parts_.faces) + " > " + dim_expression(parts_.w * parts_.h);
+}
+
 std::string FaceLists::small_box() const {
   std::string box = std::to_string(bins_.small_box);
   if (bins_.few_box == 0) return box;

@@ -22,6 +22,8 @@ class FaceLists {
   bool used() const { return used_; }
   // Whether boxes of up to `small_box` pixels are walked by the invocation that finds them.
   bool walks_alone() const { return bins_.small_box > 0; }
+  // Whether there are more faces than pixels, so that boxes have one or two: known before a driver compiles the shader.
+  std::string tiny() const;
   std::string small_box() const;
   // Whether the numbers of workgroups stand in the first words.
   bool bounded() const { return limit_ > 0; }

@@ -79,11 +79,8 @@ struct Walk {
     s.body().line("}");
   }
 
-  // Whether the walk computes depths.
-  bool has_depths() const { return !parts.listed && !(kept == KeptPixels::Bits && has_depth_always(graph, op)); }
-
   void load_fields(RasterClosures& closures) const {
-    if (has_depths())
+    if (has_depths(graph, op, kept))
       closures.load_fields("at", {kDepth, kKeep, kTag});
     else
       closures.load_fields("at", {kKeep, kTag});
@@ -94,8 +91,7 @@ struct Walk {
     s.body().line("vec2 p = vec2(at.xy) + 0.5;");
     closures.captured();
     closures.leave_unless_kept("continue", wanted ? std::optional(wanted->is_set) : std::nullopt);
-    if (!parts.listed && !(kept == KeptPixels::Bits && has_depth_always(graph, op)))
-      closures.key_from_depth("continue");
+    if (has_depths(graph, op, kept)) closures.key_from_depth("continue");
   }
 
   // Sets `bits` of the word `word` of the row `at`.
@@ -202,24 +198,56 @@ struct Walk {
     load_fields(closures);
     closures.begin_candidates(false);
     if (wanted) return wanted_of_box(s, closures);
-    const bool in_register = kept == KeptPixels::Bits && lists.walks_alone();
-    if (in_register) s.body().line("uint64_t seen = 0ul, bit = 1ul;");
-    // One loop over all rows: lanes whose boxes have other widths would wait for each other at the end of each row.
+    if (kept == KeptPixels::Bits && lists.walks_alone()) return bits_of_box(s, closures);
+    pixels_of_box(s, "", [&] { pixel(s, closures); });
+  }
+
+  // One loop over all rows: lanes whose boxes have other widths would wait for each other at the end of each row.
+  static void pixels_of_box(Shader& s, const std::string& behind, const std::function<void()>& pixel) {
     s.body().line("at.xy = ivec2(first.x - 1, first.y);");
-    s.body().line(std::string("for (; area > 0; --area") + (in_register ? ", bit += bit" : "") + ") {");
+    s.body().line("for (; area > 0; --area" + behind + ") {");
     s.push_scope();
     s.body().line("bool next_row = ++at.x == last.x;");
     s.body().line("at.xy = next_row ? ivec2(first.x, at.y + 1) : at.xy;");
-    if (in_register) {
-      leave_pixel_unless_seen(s, closures);
-      s.body().line("seen |= bit;");
-      closures.end_of_candidates();
-    } else {
-      pixel(s, closures);
-    }
+    pixel();
     s.pop_scope();
     s.body().line("}");
-    if (in_register) set_bits_of_box(s);
+  }
+
+  // The pixels of a small box, whose bits are collected in a register: then a word of a row takes one atomic. Where
+  // faces are tiny, that takes longer than an atomic for each pixel.
+  void bits_of_box(Shader& s, RasterClosures& closures) const {
+    s.body().line("const bool tiny = " + lists.tiny() + ";");
+    s.body().line("uint64_t seen = 0ul, bit = 1ul;");
+    pixels_of_box(s, ", bit += bit", [&] {
+      leave_pixel_unless_seen(s, closures);
+      s.body().line("if (tiny) {");
+      set_bits(s, "(at.x >> 5)", "1u << uint(at.x & 31)");
+      s.body().line("} else {");
+      s.body().line("seen |= bit;");
+      s.body().line("}");
+      closures.end_of_candidates();
+    });
+    s.body().line("uint64_t row = 0ul, of_row = 0xfffffffffffffffful >> ((64 - across) & 63);");
+    s.body().line("int word = 0, skipped = 0;");
+    s.body().line("at.y = first.y - 1;");
+    s.body().line("while (seen != 0ul || row != 0ul) {");
+    s.push_scope();
+    s.body().line("if (row == 0ul) {");
+    s.body().line("row = seen & of_row;");
+    s.body().line("seen = (seen >> ((across - 1) & 63)) >> 1;");
+    s.body().line("++at.y;");
+    s.body().line("word = first.x >> 5;");
+    s.body().line("skipped = first.x & 31;");
+    s.body().line("}");
+    s.body().line("uint bits = uint(row << skipped);");
+    s.body().line("row >>= 32 - skipped;");
+    s.body().line("skipped = 0;");
+    s.body().line("++word;");
+    s.body().line("if (bits == 0u) continue;");
+    set_bits(s, "word - 1", "bits");
+    s.pop_scope();
+    s.body().line("}");
   }
 
   // The bits of the word `word` of the row `at` that are wanted, of those of the box.
@@ -248,30 +276,6 @@ struct Walk {
     s.body().line("at.x = (at.x & ~31) + findLSB(wanted);");
     s.body().line("wanted &= wanted - 1u;");
     pixel(s, closures);
-    s.pop_scope();
-    s.body().line("}");
-  }
-
-  // Adds the bits `seen` of a small box, of one row after the other: a trip for each word of a row.
-  void set_bits_of_box(Shader& s) const {
-    s.body().line("uint64_t row = 0ul, of_row = 0xfffffffffffffffful >> ((64 - across) & 63);");
-    s.body().line("int word = 0, skipped = 0;");
-    s.body().line("at.y = first.y - 1;");
-    s.body().line("while (seen != 0ul || row != 0ul) {");
-    s.push_scope();
-    s.body().line("if (row == 0ul) {");
-    s.body().line("row = seen & of_row;");
-    s.body().line("seen = (seen >> ((across - 1) & 63)) >> 1;");
-    s.body().line("++at.y;");
-    s.body().line("word = first.x >> 5;");
-    s.body().line("skipped = first.x & 31;");
-    s.body().line("}");
-    s.body().line("uint bits = uint(row << skipped);");
-    s.body().line("row >>= 32 - skipped;");
-    s.body().line("skipped = 0;");
-    s.body().line("++word;");
-    s.body().line("if (bits == 0u) continue;");
-    set_bits(s, "word - 1", "bits");
     s.pop_scope();
     s.body().line("}");
   }
@@ -379,9 +383,8 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
   fill("clear " + pass.name, keys, kept == KeptPixels::Bits ? 0u : 0xffffffffu);
   if (!at_once) fill("clear " + pass.name + " faces", ids, 0xffffffffu);
   const Pass* const setup = raster.setup ? &step_->pass(raster.setup->pass) : nullptr;
-  const bool sets_up_again = raster.setup && raster.setup->again;
-  const WalkTrips trips = walk_trips(graph_, pass, op, sets_up_again ? setup : nullptr, kept,
-                                     kept == KeptPixels::Bits || raster.walk.wanted.has_value());
+  const WalkTrips trips =
+      walk_trips(graph_, pass, op, setup, kept, kept == KeptPixels::Bits || raster.walk.wanted.has_value());
   const FaceLists lists(raster.walk.lists, schedule_.code.loop_trips, parts, trips);
   const bool watched = raster.walk.watched;
   const uint32_t list_words = lists.used() ? add_scratch(pass.name + "_lists", lists.words().str()) : keys;
@@ -428,7 +431,9 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
     walk.begin_epoch(s, !listed);
     if (listed)
       walk.listed(s, [&] {
-        if (sets_up_again) set_up(s, watch);
+        const std::vector<ir::OpId> ops = set_up_again(graph_, pass, setup, kept);
+        s.element_ops(ops);
+        if (watch && trips_of(graph_, ops).loops > 0) tell_unfinished(s, *watch);
       });
     else if (in_turn)
       walk.faces_in_turn(

@@ -40,7 +40,7 @@ constexpr Bins kCpu{64, 0, 4096, 1 << 11, 1 << 12, 1};
 constexpr Bins kInTurn{64, 8, 16384, 1 << 9, 1 << 10, 1};
 // Pixels of a box that an invocation walks alone where it looks at wanted ones only: lanes that do so side by side have
 // a pixel each all the time, those of a team share few.
-constexpr int kWantedBox = 256;
+constexpr int kWantedBox = 128;
 // Lanes that walk small boxes of different shapes take trips for the rows and columns of them all: for boxes of 64
 // pixels the sum over y of 64 / (y + 1).
 constexpr int64_t kSmallPixels = 320;
@@ -252,7 +252,7 @@ class StepCode {
 
   FaceWalk walk(const Pass& pass, const RasterPass& raster) const {
     const ir::Op& op = graph_.op(pass.ops.back());
-    const Pass* setup = raster.setup && raster.setup->again ? &step_.pass(raster.setup->pass) : nullptr;
+    const Pass* setup = raster.setup ? &step_.pass(raster.setup->pass) : nullptr;
     const KeptPixels kept = kept_pixels(schedule_, step_, op);
     FaceWalk walk;
     if (const auto wanted = wanted_pixels(graph_, op); wanted && kept != KeptPixels::Bits && profile_.lanes_in_turn)
@@ -278,7 +278,10 @@ class StepCode {
     lists.middle_box = limit > 0 ? bounded_box(bins.middle_box, lists.team, limit, trips) : bins.middle_box;
     lists.middle_invocations = bins.middle_invocations;
     lists.large_invocations = bins.large_invocations;
-    walk.in_turn = in_turn(raster, walk, parts.cull, lists.small_box > 0 ? alone : Dim(0));
+    walk.in_turn = in_turn(raster, walk, parts.cull,
+                           lists.small_box == 0 ? Dim(0)
+                           : walk.wanted        ? alone
+                                                : Dim(2) * alone);
     return walk;
   }
 
@@ -329,10 +332,10 @@ class StepCode {
       if (here && ops_in(first) <= most && trips_of(graph_, first).loops == 0) turn.shown = std::move(more);
     }
     if (turn.shown.empty()) return std::nullopt;
-    const Dim trips = trips_of(graph_, setup.ops).most + walked + Dim(4);
+    const Dim trips = Dim(2) * (trips_of(graph_, setup.ops).most + Dim(4)) + walked;
     if (profile_.loop_trips == 0) return turn;
     if (!trips.is_constant()) return std::nullopt;
-    while (turn.each > 1 && 2 * turn.each * trips.constant() > int64_t{profile_.loop_trips}) turn.each /= 2;
+    while (turn.each > 1 && turn.each * trips.constant() > int64_t{profile_.loop_trips}) turn.each /= 2;
     return turn.each > 1 ? std::optional(turn) : std::nullopt;
   }
 

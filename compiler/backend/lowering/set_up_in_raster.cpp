@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "compiler/backend/analysis/raster_parts.h"
 #include "compiler/backend/analysis/uses.h"
 #include "compiler/backend/schedule/limits.h"
 #include "compiler/backend/schedule/trips.h"
@@ -40,36 +41,65 @@ bool one_shader(const StepSchedule& step, const Schedule& schedule, const target
                                    std::set<uint32_t>(written.begin(), written.end()).size() + kOwn));
 }
 
-// Whether to load what a face is set up from takes no more components than to store the partial results for listed
-// faces and to load those again. What it computes is cheap beside either, a few hundred operations, but for loops on a
-// processor, which takes them again for one lane of a face's team after the other. There each team also loads for all
-// its lanes, and a store is for the face alone.
-bool cheap_again(const ir::Graph& graph, const target::Profile& profile, const Pass& setup) {
-  if (profile.lanes_in_turn && trips_of(graph, setup.ops).loops > 0) return false;
+// Components that `ops` load: of what they read at other places, and of `stored` values.
+int loaded_by(const ir::Graph& graph, std::span<const ir::OpId> ops, const std::set<ValueId>& stored) {
   std::set<ValueId> here;
-  int loaded = 0, kept = 0;
-  for (ir::OpId id : setup.ops) {
+  int loaded = 0;
+  for (ir::OpId id : ops) {
     const ir::Op& op = graph.op(id);
     const Uses uses = uses_of(graph, op);
     if (!uses.elsewhere.empty())
       for (ValueId v : op.results) loaded += graph.value(v).type.components();
     for (ValueId v : uses.at_element)
-      if (std::ranges::find(setup.reads, v) != setup.reads.end() && here.insert(v).second)
-        loaded += graph.value(v).type.components();
+      if (stored.contains(v) && here.insert(v).second) loaded += graph.value(v).type.components();
   }
-  for (ValueId v : setup.get<MapPass>().partial) kept += graph.value(v).type.components();
-  return loaded <= (profile.lanes_in_turn ? kept : 2 * kept);
+  return loaded;
 }
 
-// Takes the partial results of a pass out of memory.
-void forget_partial(StepSchedule& step, Pass& setup, Pass& raster, std::set<uint32_t>& unused) {
-  for (ValueId v : std::exchange(setup.get<MapPass>().partial, {})) {
+// Whether those who walk listed faces compute `values` of their record again, else stored for them: where that loads no
+// more components than to store the values and to load them. What it computes is cheap beside either, a few hundred
+// operations, but for loops on a processor, which takes them again for one lane of a face's team after the other. There
+// each team also loads for all its lanes, and a store is for the face alone.
+bool cheap_again(const ir::Graph& graph, const target::Profile& profile, const Pass& raster, const Pass& setup,
+                 KeptPixels kept, const std::set<ValueId>& record, const std::set<ValueId>& values) {
+  std::set<ValueId> stored;
+  for (const Pass* pass : {&setup, &raster})
+    for (const auto* some : {&pass->reads, &pass->writes}) stored.insert(some->begin(), some->end());
+  for (ValueId v : record) stored.erase(v);  // is loaded anyway
+  const std::vector<ir::OpId> ops = set_up_again(graph, raster, &setup, kept, values);
+  if (profile.lanes_in_turn && trips_of(graph, ops).loops > 0) return false;
+  int components = 0;
+  for (ValueId v : values) components += graph.value(v).type.components();
+  const int loaded =
+      loaded_by(graph, ops, stored) - loaded_by(graph, set_up_again(graph, raster, &setup, kept), stored);
+  return loaded <= (profile.lanes_in_turn ? components : 2 * components);
+}
+
+// Takes partial results of a pass out of memory.
+void forget(StepSchedule& step, Pass& setup, Pass& raster, const std::set<ValueId>& values,
+            std::set<uint32_t>& unused) {
+  for (ValueId v : values) {
+    std::erase(setup.get<MapPass>().partial, v);
     std::erase(setup.writes, v);
     std::erase(raster.reads, v);
     unused.insert(step.stored.at(v).index);
     step.stored.erase(v);
   }
-  raster.get<RasterPass>().setup->again = true;
+}
+
+// Leaves of the partial results what walks of listed faces need and do not compute again: all of it, or one after the
+// other, the last ones first, which are made of others.
+void forget_cheap(const ir::Graph& graph, const target::Profile& profile, StepSchedule& step, Pass& setup, Pass& raster,
+                  KeptPixels kept, std::set<uint32_t>& unused) {
+  const ir::Op& op = graph.op(raster.ops.back());
+  const std::set<ValueId> record = walked_record(graph, op, has_depths(graph, op, kept));
+  std::set<ValueId> needless, needed;
+  for (const ValueId v : setup.get<MapPass>().partial) (record.contains(v) ? needed : needless).insert(v);
+  forget(step, setup, raster, needless, unused);
+  if (cheap_again(graph, profile, raster, setup, kept, record, needed))
+    return forget(step, setup, raster, needed, unused);
+  for (const ValueId v : std::vector(needed.rbegin(), needed.rend()))
+    if (cheap_again(graph, profile, raster, setup, kept, record, {v})) forget(step, setup, raster, {v}, unused);
 }
 
 }  // namespace
@@ -108,7 +138,7 @@ void set_up_in_raster(const ir::Graph& graph, const target::Profile& profile, Sc
           });
           if (!others && kept.count(v) == 0) setup.get<MapPass>().partial.push_back(v);
         }
-        if (cheap_again(graph, profile, setup)) forget_partial(step, setup, raster, unused);
+        forget_cheap(graph, profile, step, setup, raster, kept_pixels(schedule, step, op), unused);
       }
     }
   }

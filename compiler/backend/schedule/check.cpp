@@ -119,9 +119,8 @@ class StepChecker {
     if (setup.steady != pass().steady) unsound("sets up what runs at other times");
     const Trips trips = trips_of(graph_, setup.ops);
     if (may_pass_limit(trips, profile_)) unsound("sets up in loops that may stop and go on later");
-    if (by->again)
-      for (OpId id : setup.ops)
-        for (ValueId v : graph_.op(id).results) here_.insert(v);
+    for (OpId id : setup.ops)
+      for (ValueId v : graph_.op(id).results) here_.insert(v);
   }
 
   void check_ops() {

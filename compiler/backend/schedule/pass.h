@@ -268,10 +268,10 @@ struct ScatterPass {
 
 // ---- One Raster ----
 
-// The earlier map pass of the step that a raster's first dispatch runs, too. See lowering/set_up_in_raster.h.
+// The earlier map pass of the step that a raster's first dispatch runs, too. Its second one computes of each face that
+// it walks what it needs and is not stored; see set_up_again in schedule/trips.h and lowering/set_up_in_raster.h.
 struct FaceSetup {
   PassId pass;
-  bool again = false;  // and so does its second one, of each face that it walks
 };
 
 // Invocations that share a face of the list of large ones at least.

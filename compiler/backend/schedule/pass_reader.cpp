@@ -210,7 +210,6 @@ bool PassReader::decides(RasterPass& raster, bool& ok) {
   if (take_word("set")) {
     FaceSetup& setup = raster.setup.emplace();
     ok = expect_word("up") && expect_word("by") && pass_name(setup.pass);
-    if (ok && take(',')) ok = setup.again = expect_word("twice") && expect_word("where") && expect_word("listed");
   } else if (take_word("up")) {
     FacesInTurn& turn = raster.walk.in_turn.emplace();
     ok = expect_word("to") && number("how many faces", turn.each) && expect_word("faces") && expect_word("in") &&

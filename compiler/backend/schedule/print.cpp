@@ -206,8 +206,7 @@ class Writer {
   }
 
   void write_decisions(const RasterPass& raster) {
-    if (raster.setup)
-      out_ += "    set up by " + pass_at(raster.setup->pass) + (raster.setup->again ? ", twice where listed\n" : "\n");
+    if (raster.setup) out_ += "    set up by " + pass_at(raster.setup->pass) + "\n";
     if (const auto& turn = raster.walk.in_turn) {
       out_ += "    up to " + std::to_string(turn->each) + " faces in turn";
       write_values(" where", turn->shown);

@@ -9,6 +9,7 @@
 #include "compiler/backend/analysis/apart.h"
 #include "compiler/backend/analysis/fold_memory.h"
 #include "compiler/backend/analysis/raster_parts.h"
+#include "compiler/backend/analysis/uses.h"
 #include "compiler/backend/bundle/entries.h"
 #include "compiler/ir/dim_bound.h"
 #include "compiler/ir/yields.h"
@@ -276,6 +277,25 @@ KeptPixels kept_pixels(const Schedule& schedule, const StepSchedule& step, const
   return schedule.code.wide_words && !raster_parts(raster).listed ? KeptPixels::WideWords : KeptPixels::Words;
 }
 
+bool has_depths(const Graph& graph, const Op& raster, KeptPixels kept) {
+  return !raster_parts(raster).listed && !(kept == KeptPixels::Bits && has_depth_always(graph, raster));
+}
+
+std::vector<ir::OpId> set_up_again(const Graph& graph, const Pass& raster, const Pass* setup, KeptPixels kept,
+                                   const std::set<ValueId>& but) {
+  if (setup == nullptr) return {};
+  const auto is_stored = [&](ValueId v) {
+    return !but.contains(v) && (contains(setup->writes, v) || contains(raster.reads, v));
+  };
+  std::vector<ir::OpId> ops = setup->ops;
+  std::erase_if(ops, [&](ir::OpId id) { return std::ranges::all_of(graph.op(id).results, is_stored); });
+  std::vector<ValueId> needed;
+  const Op& op = graph.op(raster.ops.back());
+  for (const ValueId v : walked_record(graph, op, has_depths(graph, op, kept)))
+    if (!is_stored(v)) needed.push_back(v);
+  return ops_of(graph, ops, needed);
+}
+
 WalkTrips walk_trips(const Graph& graph, const Pass& pass, const Op& op, const Pass* setup, KeptPixels kept,
                      bool in_words) {
   const Trips closures = trips_of_regions(graph, op);
@@ -285,7 +305,7 @@ WalkTrips walk_trips(const Graph& graph, const Pass& pass, const Op& op, const P
   const bool at_once = kept == KeptPixels::WideWords || parts.listed;  // all ranks
   trips.pixel = closures.most + captured.most + Dim(at_once ? static_cast<int64_t>(parts.count) + 1 : 0);
   trips.listed = trips.pixel;
-  trips.face = setup == nullptr ? Dim(0) : trips_of(graph, setup->ops).most;
+  trips.face = trips_of(graph, set_up_again(graph, pass, setup, kept)).most;
   if (in_words) {
     // Lanes share words of rows, not pixels. A box of 33 pixels a row lies in up to three words, of which a lane may
     // have all the full ones: a lane has less than three times its share of pixels, and a word more. A word takes a

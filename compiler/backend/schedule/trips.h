@@ -44,8 +44,15 @@ struct WalkTrips {
 enum class KeptPixels : uint8_t { Words, WideWords, Bits };
 KeptPixels kept_pixels(const Schedule& schedule, const StepSchedule& step, const ir::Op& raster);
 
-// `setup`: the pass that is run again for each face, or null. `in_words`: lanes share words of pixels
-// (FaceWalk::wanted, KeptPixels::Bits).
+// Whether a walk computes the depths of pixels.
+bool has_depths(const ir::Graph& graph, const ir::Op& raster, KeptPixels kept);
+
+// What lanes that walk a listed face compute of its record: what no pass stores, from what one does. `setup`:
+// FaceSetup::pass, or null. `but`: taken as not stored.
+std::vector<ir::OpId> set_up_again(const ir::Graph& graph, const Pass& raster, const Pass* setup, KeptPixels kept,
+                                   const std::set<ir::ValueId>& but = {});
+
+// `in_words`: lanes share words of pixels (FaceWalk::wanted, KeptPixels::Bits).
 WalkTrips walk_trips(const ir::Graph& graph, const Pass& pass, const ir::Op& op, const Pass* setup, KeptPixels kept,
                      bool in_words);
 
