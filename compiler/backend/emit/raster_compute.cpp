@@ -231,7 +231,7 @@ struct Walk {
     s.body().line("uint64_t row = 0ul, of_row = 0xfffffffffffffffful >> ((64 - across) & 63);");
     s.body().line("int word = 0, skipped = 0;");
     s.body().line("at.y = first.y - 1;");
-    s.body().line("while (seen != 0ul || row != 0ul) {");
+    s.body().line("while (!tiny && (seen != 0ul || row != 0ul)) {");
     s.push_scope();
     s.body().line("if (row == 0ul) {");
     s.body().line("row = seen & of_row;");
