@@ -36,6 +36,35 @@ int in_tiles(int index, int w, int rows) {
 
 std::string members(const std::string& list) { return "members_of_" + list; }
 
+// Variables that hold a value of the element before, the element and the next one.
+struct Beside {
+  const ReadsBeside* read;
+  std::string before, own, after;
+};
+
+std::vector<Beside> begin_beside(Shader& s, const std::vector<ReadsBeside>& reads) {
+  std::vector<Beside> out;
+  for (const ReadsBeside& read : reads) {
+    const std::string type = s.graph().value(read.value).type.str();
+    Beside& b = out.emplace_back(&read, s.unique("before"), s.unique("own"), s.unique("after"));
+    s.body().line(type + " " + b.before + ", " + b.own + " = " + s.load(read.value, "ivec3(max(at.x - 1, 0), at.yz)") +
+                  ", " + b.after + " = " + s.load(read.value, "at") + ";");
+  }
+  return out;
+}
+
+void read_beside(Shader& s, const std::vector<Beside>& beside) {
+  for (const Beside& b : beside) {
+    const std::string last = dim_expression(s.graph().value(b.read->value).extent.w - ir::Dim(1));
+    s.body().line(b.before + " = " + b.own + ";");
+    s.body().line(b.own + " = " + b.after + ";");
+    s.body().line(b.after + " = " + s.load(b.read->value, "ivec3(min(at.x + 1, " + last + "), at.yz)") + ";");
+    s.define(b.read->value, b.own);
+    if (b.read->before) s.define(s.graph().op(*b.read->before).results[0], b.before);
+    if (b.read->after) s.define(s.graph().op(*b.read->after).results[0], b.after);
+  }
+}
+
 }  // namespace
 
 std::string append(Shader& s, const std::string& list, const std::string& element, bool together, int shares) {
@@ -64,8 +93,7 @@ void index_in_tiles(Shader& s, const ir::Extent& extent) {
                 ");");
 }
 
-ListingLoop::ListingLoop(Shader& shader, const ir::Extent& extent, bool runs, bool tiles,
-                         const std::vector<ir::OpId>& shared)
+ListingLoop::ListingLoop(Shader& shader, const ir::Extent& extent, bool runs, bool tiles, const RunReads& shared)
     : shader_(shader), count_(element_count(extent)), runs_(runs) {
   if (!runs_) {
     linear_index(shader_, dim_expression(count_));
@@ -77,13 +105,13 @@ ListingLoop::ListingLoop(Shader& shader, const ir::Extent& extent, bool runs, bo
   linear_index(shader_, dim_expression((count_ + ir::Dim(kRun - 1)).divided_by(kRun)));
   shader_.body().line("int begin = index * " + run + ", end = min(begin + " + run + ", " + dim_expression(count_) +
                       ");");
-  if (!shared.empty()) {
-    place_from_index(shader_, extent, "begin");
-    shader_.element_ops(shared);
-  }
+  if (!shared.same.empty() || !shared.beside.empty()) place_from_index(shader_, extent, "begin");
+  shader_.element_ops(shared.same);
+  const std::vector<Beside> beside = begin_beside(shader_, shared.beside);
   shader_.body().line("for (int element = begin; element < end; ++element) {");
   shader_.push_scope();
   place_from_index(shader_, extent, "element");
+  read_beside(shader_, beside);
 }
 
 int ListingLoop::each() const { return runs_ ? kRun : 1; }

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "compiler/backend/analysis/same_in_run.h"
 #include "compiler/backend/glsl/shader.h"
 
 namespace dr::backend {
@@ -23,13 +24,13 @@ void index_in_tiles(glsl::Shader& s, const ir::Extent& extent);
 
 // The main of a shader that computes the elements of an extent and lists some of them. With `runs` an invocation
 // computes 32 that follow each other, and lists them together: where lanes access memory in turn, an atomic costs a
-// subgroup that lists nothing as much as any other; `shared` are ops that give all of
-// them the same, which it runs once (analysis/same_in_run.h). With `tiles`: see index_in_tiles().
+// subgroup that lists nothing as much as any other; what they share is computed or read once (analysis/same_in_run.h).
+// With `tiles`: see index_in_tiles().
 class ListingLoop {
  public:
   // Opens it: behind, `at` is an element's place.
   ListingLoop(glsl::Shader& shader, const ir::Extent& extent, bool runs, bool tiles = false,
-              const std::vector<ir::OpId>& shared = {});
+              const RunReads& shared = {});
   // Adds the element to a list, whose words are bound. `together`, `shares`: see append().
   void add(const std::string& list, bool together = false, int shares = 1);
   // A statement: is done with the element.

@@ -341,10 +341,11 @@ void place_from_index(Shader& s, const Extent& e, const std::string& index) {
                 " / (" + w + " * " + h + "));");
 }
 
-std::vector<ir::OpId> Generator::shared_in_runs(const Pass& pass, const std::set<ValueId>& but) const {
+RunReads Generator::reads_in_runs(const Pass& pass, const std::set<ValueId>& but) const {
   const MapCode& code = pass.get<MapPass>().code;
   if (!code.lists_in_runs || code.cut) return {};
-  return reads_of_runs(graph_, pass.ops, pass.domain.w, kListedRun, but);
+  return {reads_of_runs(graph_, pass.ops, pass.domain.w, kListedRun, but),
+          reads_beside(graph_, pass.ops, pass.domain, kListedRun)};
 }
 
 void Generator::map_pass(const Pass& pass) {
@@ -362,12 +363,12 @@ void Generator::map_pass(const Pass& pass) {
   if (map.code.each > 1) return strided_map_pass(pass);
   if (map.code.heavy) return listed_map_pass(pass, *map.code.heavy);
   Shader s = shader();
-  const std::vector<ir::OpId> shared = shared_in_runs(pass);
+  const RunReads shared = reads_in_runs(pass);
   ListingLoop loop(s, pass.domain, map.code.lists_in_runs, map.code.in_tiles, shared);
   const Cut cut = this->cut(s, pass, map.code.cut, loop.element(), loop.each());
   open_cut(s, cut, loop.skip());
   take_sums(s, pass);
-  s.element_ops(without(pass.ops, shared));
+  s.element_ops(without(pass.ops, shared.ops()));
   close_cut(s, cut);
   store_results(s, pass, scatters, &loop);
   end_cut(s, cut);

@@ -44,7 +44,7 @@ class Generator {
   void set_lines(const Pass& pass, const Pass* setup);
   void map_pass(const Pass& pass);
   // Ops of a map that are the same for the elements of an invocation, which it computes once; see same_in_run.h.
-  std::vector<ir::OpId> shared_in_runs(const Pass& pass, const std::set<ir::ValueId>& but = {}) const;
+  RunReads reads_in_runs(const Pass& pass, const std::set<ir::ValueId>& but = {}) const;
   void listed_map_pass(const Pass& pass, const HeavyBranches& heavy);
   // Elements that do not rest (at_rest.cpp): lists those of an update, given where the rows of its gradient start, or
   // marks their blocks; opens a shader that runs for the list, and gives the number of its element; the update itself.

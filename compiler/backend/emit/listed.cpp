@@ -59,7 +59,7 @@ void Generator::listed_map_pass(const Pass& pass, const HeavyBranches& branches)
     // what follows a condition that holds is wrong, another condition too, and does not count.
     std::set<ValueId> conditions;
     for (const ir::OpId id : heavy) conditions.insert(graph_.op(id).operands[0]);
-    const std::vector<ir::OpId> shared = shared_in_runs(pass, conditions);
+    const RunReads shared = reads_in_runs(pass, conditions);
     ListingLoop loop(s, pass.domain, code.lists_in_runs, false, shared);
     std::set<std::string> found;
     const auto suppose = [&](ValueId v) {
@@ -74,7 +74,7 @@ void Generator::listed_map_pass(const Pass& pass, const HeavyBranches& branches)
     for (const ir::OpId id : heavy) s.leave_out_branch(id);
     const Cut cut = this->cut(s, pass, code.cut, loop.element(), loop.each());
     open_cut(s, cut, loop.skip());
-    for (const ir::OpId id : without(pass.ops, shared)) {
+    for (const ir::OpId id : without(pass.ops, shared.ops())) {
       s.element_ops({id});
       for (const ValueId v : graph_.op(id).results) suppose(v);
     }

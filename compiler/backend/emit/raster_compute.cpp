@@ -38,7 +38,9 @@ struct Walk {
   void box(Shader& s, RasterClosures& closures, const std::string& leave) const {
     if (!leave.empty()) s.body().line("if (" + closures.record(parts.cull, "at") + ") " + leave);
     s.body().line("vec2 low = vec2(uintBitsToFloat(0x7f800000u)), high = -low, corner;");
+    std::set<ValueId> seen;
     for (const ValueId value : parts.corners) {
+      if (!seen.insert(value).second) continue;
       s.body().line("corner = " + closures.record(value, "at") + ";");
       if (!leave.empty()) s.body().line("if (dr_no_number(corner)) " + leave);
       s.body().line("low = min(low, corner);");

@@ -151,6 +151,7 @@ class Shader {
   void do_together(std::string statements) { together_at_end_ += std::move(statements); }
   void prelude(std::string_view text);
   bool native() const { return native_; }
+  const ir::Graph& graph() const { return graph_; }
   std::string unique(std::string_view base);
 
   // The whole text; `layout` are the stage's layout lines.
