@@ -62,7 +62,10 @@ void FaceLists::declare_teams(Shader& s) const {
   }
 }
 
-std::string FaceLists::append(Shader& s, const std::string& list) const {
+std::string FaceLists::is_large() const { return "area > " + std::to_string(bins_.middle_box); }
+
+std::string FaceLists::append(Shader& s, const std::string& list, const std::string& large,
+                              const std::string& index) const {
   std::string more;
   if (bounded()) {
     declare_teams(s);
@@ -81,7 +84,7 @@ std::string FaceLists::append(Shader& s, const std::string& list) const {
             ".d[" + count(1) + "]" + one + "  else place = int(atomicAdd(" + list + ".d[" + count(0) + "]" + one +
             "  " + list + ".d[(large ? " + dim_expression(faces_ + Dim(head())) + " : " + std::to_string(head()) +
             ") + place] = uint(index);\n" + more + "}\n");
-  return "list_face(area > " + std::to_string(bins_.middle_box) + ", index);";
+  return "list_face(" + large + ", " + index + ");";
 }
 
 std::string FaceLists::tiny() const {

@@ -3,6 +3,7 @@
 // raster_compute.cpp.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <string>
 
@@ -20,6 +21,8 @@ class FaceLists {
   FaceLists(const std::optional<FaceBins>& bins, uint32_t loop_trips, const RasterParts& parts, const WalkTrips& trips);
 
   bool used() const { return used_; }
+  // Of a team that walks a face of the first list.
+  int lanes() const { return std::max(bins_.team, 1); }
   // Whether boxes of up to `small_box` pixels are walked by the invocation that finds them.
   bool walks_alone() const { return bins_.small_box > 0; }
   // Whether there are more faces than pixels, so that boxes have one or two: known before a driver compiles the shader.
@@ -33,8 +36,11 @@ class FaceLists {
   int cleared() const { return head(); }
   uint32_t clear_value() const { return bounded() ? 1 : 0; }
 
-  // A statement that puts the face and layer `index` on a list, by `area`.
-  std::string append(glsl::Shader& s, const std::string& list) const;
+  // Whether a box of `area` pixels belongs to a face of the second list.
+  std::string is_large() const;
+  // A statement that puts the face and layer `index` on a list.
+  std::string append(glsl::Shader& s, const std::string& list, const std::string& large,
+                     const std::string& index) const;
   // Behind, `item` goes over what `entry_index` of the list the team takes; of a face it takes the pixels `lane`,
   // `lane` + `lanes`, ...
   void open_items(glsl::Shader& s, const std::string& list) const;

@@ -147,39 +147,64 @@ struct Walk {
   // Each invocation a face and layer; where its box is not small, it goes on a list.
   // `set_up` computes what the face takes, if that is not stored yet, and `store` stores it for those who walk lists.
   void faces(Shader& s, const std::function<void()>& set_up, const std::function<void()>& store) const {
-    face(s, set_up, store, "return;");
+    face(s, set_up, store, "return;", false);
   }
 
-  // Each invocation several, those for which `shown` gives true: it computes that for the element at `at`.
+  // Each invocation several; with `shown`, those for which it gives true: it computes that for the element at `at`.
+  // With `later` they are put on lists together, behind all of them.
   void faces_in_turn(Shader& s, const std::function<void()>& set_up, const std::function<void()>& store,
-                     const std::function<std::string()>& shown) const {
+                     const std::function<std::string()>& shown, bool later) const {
     const std::string count = dim_expression(parts.faces), all = dim_expression(parts.faces * parts.l);
-    s.body().line("int group = int(gl_WorkGroupSize.x), groups = int(gl_NumWorkGroups.x * gl_NumWorkGroups.y);");
-    s.body().line("int part = ((" + all + " - 1) / (group * groups) + 1) * group, chunk = index / group * part;");
-    s.body().line("int begin = chunk + index % group, end = min(chunk + part, " + all + ");");
+    // Lanes take faces that follow each other, and then the next ones: memory is read and written in order.
+    s.body().line("const int lanes = " + std::to_string(lists.lanes()) + ";");
+    s.body().line("int invocations = int(gl_WorkGroupSize.x * gl_NumWorkGroups.x * gl_NumWorkGroups.y);");
+    s.body().line("int part = ((" + all + " - 1) / invocations + 1) * lanes, chunk = index / lanes * part;");
+    s.body().line("int begin = chunk + index % lanes, end = min(chunk + part, " + all + ");");
+    if (later) s.body().line("uint listed = 0u, listed_large = 0u;");
+    if (shown) {
+      find_shown(s, shown, count, all);
+      s.body().line("for (; left != 0u; left &= left - 1u) {");
+      s.push_scope();
+      if (later) s.body().line("uint turn = left & (0u - left);");
+      s.body().line("index = begin + findLSB(left) * lanes;");
+    } else {
+      s.body().line("uint turn = 1u;");
+      s.body().line("for (index = begin; index < end; index += lanes, turn += turn) {");
+      s.push_scope();
+    }
+    face(s, set_up, store, "continue;", later);
+    s.pop_scope();
+    s.body().line("}");
+    if (!later) return;
+    s.body().line("for (; listed != 0u; listed &= listed - 1u) {");
+    s.push_scope();
+    s.body().line("int k = findLSB(listed);");
+    s.body().line(lists.append(s, s.bind_words(list_words, "lists", bundle::Access::ReadWrite),
+                               "(listed_large >> k & 1u) != 0u", "begin + k * lanes"));
+    s.pop_scope();
+    s.body().line("}");
+  }
+
+  // The turns of faces that are shown: bits of `left`.
+  static void find_shown(Shader& s, const std::function<std::string()>& shown, const std::string& count,
+                         const std::string& all) {
     s.body().line("uint left = begin < end ? 1u : 0u;");
     // So few have an invocation each, which need not look twice.
     s.body().line("if (" + all + " >= " + std::to_string(2 * bundle::kLeastInvocations) + ") {");
     s.body().line("left = 0u;");
-    s.body().line("for (int k = 0; begin + k * group < end; ++k) {");
+    s.body().line("for (int k = 0; begin + k * lanes < end; ++k) {");
     s.push_scope();
-    s.body().line("index = begin + k * group;");
+    s.body().line("index = begin + k * lanes;");
     s.body().line("ivec3 at = ivec3(index % " + count + ", 0, index / " + count + ");");
     s.body().line("if (" + shown() + ") left |= 1u << uint(k);");
     s.pop_scope();
     s.body().line("}");
     s.body().line("}");
-    s.body().line("for (; left != 0u; left &= left - 1u) {");
-    s.push_scope();
-    s.body().line("index = begin + findLSB(left) * group;");
-    face(s, set_up, store, "continue;");
-    s.pop_scope();
-    s.body().line("}");
   }
 
-  // The one at `index`; `leave` goes on behind it.
+  // The one at `index`; `leave` goes on behind it. `later`: if it belongs on a list, its bit `turn` says so.
   void face(Shader& s, const std::function<void()>& set_up, const std::function<void()>& store,
-            const std::string& leave) const {
+            const std::string& leave, bool later) const {
     const std::string count = dim_expression(parts.faces);
     RasterClosures closures(s, graph, pass, op);
     s.body().line("int face = index % " + count + ";");
@@ -191,7 +216,13 @@ struct Walk {
       s.body().line("if (area > " + lists.small_box() + ") {");
       s.body().line("if (pc.a == 0 && pc.b == 0) {");
       store();
-      s.body().line(lists.append(s, s.bind_words(list_words, "lists", bundle::Access::ReadWrite)));
+      if (later) {
+        s.body().line("listed |= turn;");
+        s.body().line("listed_large |= " + lists.is_large() + " ? turn : 0u;");
+      } else {
+        s.body().line(
+            lists.append(s, s.bind_words(list_words, "lists", bundle::Access::ReadWrite), lists.is_large(), "index"));
+      }
       s.body().line("}");
       if (lists.walks_alone()) s.body().line(leave);
       s.body().line("}");
@@ -421,6 +452,12 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
     if (setup == nullptr) return;
     for (const ValueId v : setup->get<MapPass>().partial) s.store(v, "at", s.use(v));
   };
+  const auto shown = [&](Shader& s) {
+    s.element_ops(ops_of(graph_, setup->ops, raster.walk.in_turn->shown));
+    std::string all;
+    for (const ValueId v : raster.walk.in_turn->shown) all += (all.empty() ? "" : " && ") + s.use(v);
+    return all;
+  };
   const auto run = [&](bool listed, const char* suffix, const Dim& elements) {
     Shader s = strict_shader();
     if (wide || kept == KeptPixels::Bits) wide_extensions(s);
@@ -440,13 +477,8 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
     else if (in_turn)
       walk.faces_in_turn(
           s, [&] { compute(s, watch); }, [&] { store_listed(s); },
-          [&] {
-            const std::vector<ValueId>& shown = raster.walk.in_turn->shown;
-            s.element_ops(ops_of(graph_, setup->ops, shown));
-            std::string all;
-            for (const ValueId v : shown) all += (all.empty() ? "" : " && ") + s.use(v);
-            return all;
-          });
+          raster.walk.in_turn->shown.empty() ? std::function<std::string()>() : [&] { return shown(s); },
+          lists.used() && (setup == nullptr || setup->get<MapPass>().partial.empty()));
     else
       walk.faces(
           s, [&] { compute(s, watch); }, [&] { store_listed(s); });

@@ -312,31 +312,38 @@ class StepCode {
       out.push_back(v);
   }
 
-  // Lanes take each other's branches: faces that are culled early are worth another look where most of the work comes
-  // behind. `walked`: trips of small boxes.
+  // What an invocation costs anyway, and to list a face, lanes pay together, whether one of them does or not: several
+  // faces share it.
   std::optional<FacesInTurn> in_turn(const RasterPass& raster, const FaceWalk& walk, ValueId cull,
                                      const Dim& walked) const {
-    if (!profile_.lanes_in_turn || !raster.setup || walk.watched) return std::nullopt;
-    const Pass& setup = step_.pass(raster.setup->pass);
-    // What is stored of a face is stored of all.
-    if (setup.get<MapPass>().partial.size() != setup.writes.size()) return std::nullopt;
-    std::vector<ValueId> conditions;
-    shown_by(cull, true, conditions);
-    FacesInTurn turn{{}, kMostInTurn};
-    const size_t most = ops_in(setup.ops) / 2;
-    for (const ValueId v : conditions) {
-      std::vector<ValueId> more = turn.shown;
-      more.push_back(v);
-      const std::vector<ir::OpId> first = ops_of(graph_, setup.ops, more);
-      const bool here = std::ranges::find(setup.ops, graph_.value(v).op) != setup.ops.end();
-      if (here && ops_in(first) <= most && trips_of(graph_, first).loops == 0) turn.shown = std::move(more);
-    }
-    if (turn.shown.empty()) return std::nullopt;
-    const Dim trips = Dim(2) * (trips_of(graph_, setup.ops).most + Dim(4)) + walked;
+    if (!profile_.lanes_in_turn || walk.watched) return std::nullopt;
+    const Pass* setup = raster.setup ? &step_.pass(raster.setup->pass) : nullptr;
+    FacesInTurn turn{setup == nullptr ? std::vector<ValueId>() : shown_first(*setup, cull), kMostInTurn};
+    if (turn.shown.empty() && setup != nullptr && !setup->get<MapPass>().partial.empty()) return std::nullopt;
+    const Dim set_up = setup == nullptr ? Dim(0) : trips_of(graph_, setup->ops).most;
+    const Dim trips = Dim(2) * (set_up + Dim(4)) + walked;
     if (profile_.loop_trips == 0) return turn;
     if (!trips.is_constant()) return std::nullopt;
     while (turn.each > 1 && turn.each * trips.constant() > int64_t{profile_.loop_trips}) turn.each /= 2;
     return turn.each > 1 ? std::optional(turn) : std::nullopt;
+  }
+
+  // Lanes take each other's branches: faces that are culled early are worth another look where most of the work comes
+  // behind.
+  std::vector<ValueId> shown_first(const Pass& setup, ValueId cull) const {
+    // What is stored of a face is stored of all.
+    if (setup.get<MapPass>().partial.size() != setup.writes.size()) return {};
+    std::vector<ValueId> conditions, out;
+    shown_by(cull, true, conditions);
+    const size_t most = ops_in(setup.ops) / 2;
+    for (const ValueId v : conditions) {
+      std::vector<ValueId> more = out;
+      more.push_back(v);
+      const std::vector<ir::OpId> first = ops_of(graph_, setup.ops, more);
+      const bool here = std::ranges::find(setup.ops, graph_.value(v).op) != setup.ops.end();
+      if (here && ops_in(first) <= most && trips_of(graph_, first).loops == 0) out = std::move(more);
+    }
+    return out;
   }
 
   size_t ops_in(std::span<const ir::OpId> ops) const {

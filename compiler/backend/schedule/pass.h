@@ -289,8 +289,9 @@ struct FaceBins {
   int middle_invocations = 0, large_invocations = 0;  // that share the faces of a list
 };
 
-// An invocation looks at up to `each` faces first, and goes on with those alone for which all of `shown` hold: without
-// one of them, a face is culled. Else all lanes would set up and walk whatever one beside them does.
+// An invocation takes up to `each` faces. If there are any `shown`, it looks at all of them first and goes on with
+// those alone for which these hold: without one of them, a face is culled. Else all lanes would set up and walk
+// whatever one beside them does.
 struct FacesInTurn {
   std::vector<ir::ValueId> shown;  // computed by the pass that sets up
   int each = 0;

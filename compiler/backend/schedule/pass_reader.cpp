@@ -213,7 +213,7 @@ bool PassReader::decides(RasterPass& raster, bool& ok) {
   } else if (take_word("up")) {
     FacesInTurn& turn = raster.walk.in_turn.emplace();
     ok = expect_word("to") && number("how many faces", turn.each) && expect_word("faces") && expect_word("in") &&
-         expect_word("turn") && expect_word("where") && values(turn.shown);
+         expect_word("turn") && (!take_word("where") || values(turn.shown));
   } else if (take_word("looks")) {
     ok = expect_word("at") && expect_word("bits") && expect_word("of") && value(raster.walk.wanted.emplace());
   } else if (take_word("gives")) {

@@ -209,7 +209,10 @@ class Writer {
     if (raster.setup) out_ += "    set up by " + pass_at(raster.setup->pass) + "\n";
     if (const auto& turn = raster.walk.in_turn) {
       out_ += "    up to " + std::to_string(turn->each) + " faces in turn";
-      write_values(" where", turn->shown);
+      if (turn->shown.empty())
+        out_ += "\n";
+      else
+        write_values(" where", turn->shown);
     }
     if (raster.walk.wanted) out_ += "    looks at bits of " + at(*raster.walk.wanted) + "\n";
     if (raster.rows) out_ += "    gives rows " + at(*raster.rows) + "\n";

@@ -177,9 +177,9 @@ class StructureChecker {
       bad("gives rows that are not its bits");
     if (walk.in_turn) {
       const Pass* setup = raster.setup ? &step_->pass(raster.setup->pass) : nullptr;
-      if (setup == nullptr || walk.in_turn->each < 2 || walk.in_turn->each > kMostInTurn ||
+      if (walk.in_turn->each < 2 || walk.in_turn->each > kMostInTurn ||
           std::ranges::any_of(walk.in_turn->shown, [&](ValueId v) {
-            return std::ranges::find(setup->ops, graph_.value(v).op) == setup->ops.end();
+            return setup == nullptr || std::ranges::find(setup->ops, graph_.value(v).op) == setup->ops.end();
           }))
         bad("takes faces in turn by what does not set them up");
     }
