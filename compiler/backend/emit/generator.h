@@ -43,7 +43,7 @@ class Generator {
   // Source lines behind the ops of a pass, and of what sets it up; they go into the commands made next.
   void set_lines(const Pass& pass, const Pass* setup);
   void map_pass(const Pass& pass);
-  // Ops of a map that are the same for the elements of an invocation, which it computes once; see same_in_run.h.
+  // What the elements of a run share of a map's reads; see same_in_run.h.
   RunReads reads_in_runs(const Pass& pass, const std::set<ir::ValueId>& but = {}) const;
   void listed_map_pass(const Pass& pass, const HeavyBranches& heavy);
   // Elements that do not rest (at_rest.cpp): lists those of an update, given where the rows of its gradient start, or

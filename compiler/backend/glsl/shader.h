@@ -90,6 +90,7 @@ class Shader {
   void compute_ahead(std::span<const ir::RegionId> regions);
   void end_sharing() { common_.reset(); }
   // Runs a region that yields a Bool, and the statement `otherwise`, which leaves the scope, where it is false.
+  // `holds`: a condition in it that is known to be true, and is not computed.
   void leave_unless(ir::RegionId id, const std::string& otherwise, std::optional<ir::ValueId> holds = {});
   void accumulate_into(ir::ValueId scatter_result, Accumulator accumulator) {
     accumulators_[scatter_result] = std::move(accumulator);

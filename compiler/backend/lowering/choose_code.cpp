@@ -265,7 +265,7 @@ class StepCode {
     const Bins bins = profile_.is_gpu() ? gpu_bins(pixels, parts.listed) : profile_.lanes_in_turn ? kInTurn : kCpu;
     const Dim alone = walk.wanted ? wanted_trips(trips.pixel) : Dim(kSmallPixels) * trips.pixel;
     const bool short_ones = alone.is_constant() && alone.constant() + kSmallPixels < limit / 2;
-    const bool sets_up_unknown = raster.setup && trips_of(graph_, step_.pass(raster.setup->pass).ops).unknown > 0;
+    const bool sets_up_unknown = setup != nullptr && trips_of(graph_, setup->ops).unknown > 0;
     walk.watched = limit > 0 && (trips.watched || sets_up_unknown);
     if (profile_.subgroup_size <= 1 && limit == 0) return walk;
     const bool few_faces = bins.small_box == kCpu.small_box && static_cast<int64_t>(parts.count) >= kManyKept;
