@@ -20,7 +20,7 @@ namespace {
 constexpr vk::DeviceSize kListBytes = bundle::kListHead * sizeof(uint32_t);
 
 // Where blocks of elements are marked (compiler/backend/emit/at_rest.cpp), a workgroup of the update has as many
-// invocations as a block has elements, and word 0 is the number of all elements.
+// invocations as a block has elements.
 bool goes_by_marks(const bundle::CommandT& command, const bundle::ResourceT& list) {
   return list.list == bundle::ListKind::Stepped && command.group == bundle::kRestingBlock;
 }
@@ -133,8 +133,9 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
     const bundle::ResourceT& elements = *bundle.resources[*lists[k]];
     t.list = bundle::word(EnumNameListKind(elements.list));
     t.listed = int64_t{list_heads[bundle::kListEnd]} - 1;
-    t.elements = goes_by_marks(command, elements) ? int64_t{list_heads[0]}
-                 : command.indirect >= 0          ? sizes.evaluate(command.elements, "pass '" + command.label + "'")
+    const bool marked = elements.list == bundle::ListKind::Stepped && command.indirect < 0;
+    t.elements = marked                  ? int64_t{list_heads[0]}
+                 : command.indirect >= 0 ? sizes.evaluate(command.elements, "pass '" + command.label + "'")
                                          : sizes.evaluate(elements.extent->w, elements.name) - bundle::kListHead;
     list_heads = list_heads.subspan(bundle::kListHead);
   }

@@ -23,6 +23,11 @@ ir::Dim blocks_of(const Pass& update) {
   return (element_count(update.domain) + ir::Dim(kAll - 1)).divided_by(kAll) * ir::Dim(kBlocksEach);
 }
 
+// Words of an update's bits.
+ir::Dim words_of_bits(const Pass& update) {
+  return (element_count(update.domain) + ir::Dim(kListedRun - 1)).divided_by(kListedRun);
+}
+
 // Whether the bits of some component compare so with a word.
 std::string with_bits(const std::string& value, const ir::Type& type, const char* function, const char* sign,
                       const std::string& word) {
@@ -42,12 +47,13 @@ std::string Generator::has_bits(Shader& s, ValueId v) const {
 void Generator::list_stepped(const Pass& gradient, const Pass& update, uint32_t starts) {
   const AtRest& rest = *update.get<MapPass>().rest;
   const RestFacts facts = facts_at_rest(graph_, *step_, update, rest);
-  const uint32_t list = rest.in_blocks ? add_marks(update) : add_list(update, "stepped", bundle::ListKind::Stepped);
+  const bool marked = rest.in_blocks || rest.in_bits;
+  const uint32_t list = marked ? add_marks(update) : add_list(update, "stepped", bundle::ListKind::Stepped);
   // Elements that are not listed stay as they are, and those that are stay on the list, whatever the step does.
   out_->commands.back()->foresees = true;
   stepped_lists_[&update] = list;
   Shader s = shader();
-  ListingLoop loop(s, update.domain, rest.lists_in_runs);
+  ListingLoop loop(s, update.domain, rest.lists_in_runs || rest.in_bits);
   const std::string element = loop.element();
   std::string moves = "false";
   if (starts != 0) {
@@ -79,9 +85,9 @@ void Generator::list_stepped(const Pass& gradient, const Pass& update, uint32_t 
   // The reader of the first element leaves what the next run guesses.
   if (gradient.get<ScatterPass>().guesses()) moves += " || " + element + " == 0";
   s.body().line("bool moves = " + moves + ";");
-  if (rest.in_blocks) {
-    const std::string marks = s.bind_words(list, "marked_blocks_" + std::to_string(list), bundle::Access::ReadWrite);
-    s.body().line("if (moves) " + mark_block(s, update, element) + ";");
+  if (marked) {
+    const std::string marks = s.bind_words(list, "marked_" + std::to_string(list), bundle::Access::ReadWrite);
+    s.body().line("if (moves) " + mark(s, update, element) + ";");
     // The first word says how many elements there are, the end of a list is one more than it has elements.
     s.body().line("if (" + element + " == 0) {");
     s.body().line(marks + ".d[0] = uint(" + dim_expression(element_count(update.domain)) + ");");
@@ -104,27 +110,35 @@ void Generator::list_stepped(const Pass& gradient, const Pass& update, uint32_t 
 }
 
 uint32_t Generator::add_marks(const Pass& update) {
-  const uint32_t marks = add_scratch(update.name + "_stepped", (blocks_of(update) + ir::Dim(kListHead)).str());
+  const ir::Dim words = update.get<MapPass>().rest->in_bits ? words_of_bits(update) : blocks_of(update);
+  const uint32_t marks = add_scratch(update.name + "_stepped", (words + ir::Dim(kListHead)).str());
   bundle_->resources[marks]->list = bundle::ListKind::Stepped;
   fill("clear " + update.name + " stepped", marks, 0);
   return marks;
 }
 
-// The head counts the elements of marked blocks.
-std::string Generator::mark_block(Shader& s, const Pass& update, const std::string& element) const {
-  const std::string block = std::to_string(kRestingBlock), id = std::to_string(stepped_lists_.at(&update)),
-                    marks = s.bind_words(stepped_lists_.at(&update), "marked_blocks_" + id, bundle::Access::ReadWrite);
-  s.prelude("void mark_block_" + id + "(int element) {\n  int at = " + std::to_string(kListHead) + " + element / " +
-            block + ";\n  if (" + marks + ".d[at] == 0u && atomicExchange(" + marks +
-            ".d[at], 1u) == 0u)\n    atomicAdd(" + marks + ".d[" + std::to_string(kListEnd) + "], uint(min(" + block +
-            ", " + dim_expression(element_count(update.domain)) + " - element / " + block + " * " + block +
-            ")));\n}\n");
-  return "mark_block_" + id + "(" + element + ")";
+// The head counts the elements that are marked, or those of marked blocks.
+std::string Generator::mark(Shader& s, const Pass& update, const std::string& element) const {
+  const bool in_bits = update.get<MapPass>().rest->in_bits;
+  const std::string id = std::to_string(stepped_lists_.at(&update)),
+                    marks = s.bind_words(stepped_lists_.at(&update), "marked_" + id, bundle::Access::ReadWrite),
+                    each = std::to_string(in_bits ? kListedRun : kRestingBlock),
+                    count = dim_expression(element_count(update.domain)),
+                    end = marks + ".d[" + std::to_string(kListEnd) + "]",
+                    word = marks + ".d[" + std::to_string(kListHead) + " + element / " + each + "]";
+  s.prelude("void mark_" + id + "(int element) {\n" +
+            (in_bits ? "  uint bit = 1u << uint(element % " + each + ");\n  if ((" + word +
+                           " & bit) == 0u && (atomicOr(" + word + ", bit) & bit) == 0u) atomicAdd(" + end + ", 1u);\n"
+                     : "  if (" + word + " == 0u && atomicExchange(" + word + ", 1u) == 0u)\n    atomicAdd(" + end +
+                           ", uint(min(" + each + ", " + count + " - element / " + each + " * " + each + ")));\n") +
+            "}\n");
+  return "mark_" + id + "(" + element + ")";
 }
 
 std::string Generator::wake(Shader& s, const Target& t, const std::string& added) {
   const std::string is_added = "  if ((" + added + ") != 0u";
-  if (t.update->get<MapPass>().rest->in_blocks) return is_added + ") " + mark_block(s, *t.update, "element") + ";\n";
+  if (const AtRest& rest = *t.update->get<MapPass>().rest; rest.in_blocks || rest.in_bits)
+    return is_added + ") " + mark(s, *t.update, "element") + ";\n";
   const std::string id = t.accumulator.name;
   const std::string list =
       s.bind_words(stepped_lists_.at(t.update), "stepped_elements_" + id, bundle::Access::ReadWrite);
@@ -140,6 +154,7 @@ std::string Generator::stepped_index(Shader& s, uint32_t list) {
 }
 
 void Generator::stepped_map_pass(const Pass& pass) {
+  if (pass.get<MapPass>().rest->in_bits) return strided_map_pass(pass);
   if (pass.get<MapPass>().rest->in_blocks) return marked_map_pass(pass);
   const uint32_t list = stepped_lists_.at(&pass);
   Shader s = shader();
@@ -188,7 +203,7 @@ void Generator::marked_map_pass(const Pass& pass) {
 void Generator::look_at_gathers(Shader& s, const Pass& pass) {
   const uint32_t list = stepped_lists_.at(&pass);
   const std::vector<ValueId> gathered = gathered_at_rest(graph_, *pass.get<MapPass>().rest);
-  const std::string marks = s.bind_words(list, "marked_blocks_" + std::to_string(list), bundle::Access::ReadWrite);
+  const std::string marks = s.bind_words(list, "marked_" + std::to_string(list), bundle::Access::ReadWrite);
   s.body().line("for (int k = 0; k < " + std::to_string(kBlocksEach) + "; ++k) {");
   s.push_scope();
   s.body().line("int element = (first + k) * " + std::to_string(kRestingBlock) + " + int(gl_LocalInvocationID.x);");
@@ -199,7 +214,7 @@ void Generator::look_at_gathers(Shader& s, const Pass& pass) {
   for (const ValueId v : gathered) moving += " || " + has_bits(s, v);
   s.body().line("bool moves = " + marks + ".d[" + std::to_string(kListHead) + " + first + k] != 0u;");
   s.body().line("if (!moves && (" + moving + ")) {");
-  s.body().line(mark_block(s, pass, "element") + ";");
+  s.body().line(mark(s, pass, "element") + ";");
   s.body().line("moves = true;");
   s.body().line("}");
   s.body().line("if (moves) marked |= 1u << k;");

@@ -50,7 +50,7 @@ class Generator {
   // marks their blocks; opens a shader that runs for the list, and gives the number of its element; the update itself.
   // `starts`: of rows; 0: sums that wake elements.
   void list_stepped(const Pass& gradient, const Pass& update, uint32_t starts);
-  std::string mark_block(glsl::Shader& shader, const Pass& update, const std::string& element) const;
+  std::string mark(glsl::Shader& shader, const Pass& update, const std::string& element) const;
   std::string has_bits(glsl::Shader& shader, ir::ValueId v) const;
   std::string stepped_index(glsl::Shader& shader, uint32_t list);
   void stepped_map_pass(const Pass& pass);

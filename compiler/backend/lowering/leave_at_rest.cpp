@@ -43,16 +43,31 @@ size_t resting_on(const StepSchedule& step, PassId gradient) {
   }));
 }
 
+// Few elements, as vertices are, which are as many as an image has in one row.
+bool is_list(const Pass& update) { return update.domain.h.is_one(); }
+
+// Of an invocation that takes elements in turn, for one of them.
+Trips trips_of_elements(const ir::Graph& graph, const Pass& update) {
+  Trips out = trips_of(graph, update.ops);
+  out.most = out.most + ir::Dim(2);
+  return out;
+}
+
 // How elements of an update rest without a gradient, if they may.
 std::optional<AtRest> at_rest(const ir::Graph& graph, const target::Profile& profile, const Schedule& schedule,
                               const StepSchedule& step, PassId update, PassId gradient) {
   const ScatterLowering how = step.pass(gradient).get<ScatterPass>().lowering();
   const bool exact = how == ScatterLowering::Exact, rows = how == ScatterLowering::Rows;
-  AtRest rest{gradient, memory_of(graph, step, step.pass(update)), false, false, {}};
+  AtRest rest{gradient, memory_of(graph, step, step.pass(update)), false, false, false, {}};
   // Lanes of a GPU that have nothing to do end together, which takes less than going by a list.
   rest.in_blocks = !rows && profile.is_gpu();
-  rest.lists_in_runs = profile.lanes_in_turn && !rest.in_blocks;
+  // Waking an element takes a list five accesses, which lanes in turn do for all elements alike. A bit takes three, and
+  // few words hold the bits of a list of elements.
+  rest.in_bits = exact && profile.lanes_in_turn && is_list(step.pass(update));
+  if (rest.in_bits && needs_cut(trips_of_elements(graph, step.pass(update)), profile, kListedRun)) return std::nullopt;
+  rest.lists_in_runs = profile.lanes_in_turn && !rest.in_blocks && !rest.in_bits;
   if ((rest.in_blocks || profile.lanes_in_turn || !exact) && may_rest(graph, schedule, step, update, rest)) return rest;
+  if (rest.in_bits) return std::nullopt;
   // What is gathered is looked at for all elements: they are marked.
   rest.gathers = stirring_gathers(graph, step, step.pass(update));
   // An update whose loops are cut goes on with elements that it has taken sums of.
@@ -77,8 +92,10 @@ void leave_at_rest(const ir::Graph& graph, const target::Profile& profile, Sched
                            });
         if (!reads) continue;
         const ScatterLowering how = gradient.get<ScatterPass>().lowering();
-        // Lists, as vertices are, have few elements: looking for those that rest takes longer than stepping them.
-        if (how != ScatterLowering::Rows && update.domain.h.is_one()) continue;
+        // Elsewhere than where lanes are in turn, looking for those of a list that rest takes longer than stepping
+        // them.
+        const bool in_bits = how == ScatterLowering::Exact && profile.lanes_in_turn;
+        if (how != ScatterLowering::Rows && is_list(update) && !in_bits) continue;
         std::optional<AtRest> rest = at_rest(graph, profile, schedule, step, pass_id(u), pass_id(g));
         if (!rest) continue;
         if (!fits_with_lists(schedule, step, update, profile) ||

@@ -96,12 +96,14 @@ struct MapCode {
 // An update whose elements stay as they are where no gradient comes (schedule/rest.h): it does not run for elements
 // that `gradient` adds nothing to, whose memory is zero, and that it would leave as they are. Of a scatter by sorted
 // rows, which does not run for them either, these have no row. One by atomics wakes those that it adds to: they are
-// stepped from then on. Those that do not rest are listed, or blocks (bundle::kRestingBlock) that hold such are marked.
+// stepped from then on. Those that do not rest are listed, or have a bit, or blocks (bundle::kRestingBlock) that hold
+// such are marked.
 struct AtRest {
   PassId gradient;
   std::vector<ir::ValueId> memory;  // values of states, old ones
   bool lists_in_runs = false;       // as of MapCode, of what lists the others
-  bool in_blocks = false;           // they are marked
+  bool in_bits = false;             // they are marked, each by a bit; the update goes from bit to bit
+  bool in_blocks = false;           // their blocks are marked
   // Marked ones only: gathers whose results are zero, too, at an element that rests, as what a level of a pyramid adds
   // is. The update looks at them in each run.
   std::vector<ir::OpId> gathers;

@@ -159,10 +159,12 @@ bool PassReader::decides(MapPass& map, bool& ok) {
     AtRest& rest = map.rest.emplace();
     ok = expect_word("without") && pass_name(rest.gradient);
     if (ok && take(',')) {
-      rest.in_blocks = take_word("marked");
-      rest.lists_in_runs = !rest.in_blocks;
-      ok = (rest.in_blocks || expect_word("listed")) && expect_word("in") &&
-           expect_word(rest.in_blocks ? "blocks" : "runs");
+      const bool marked = take_word("marked");
+      ok = (marked || expect_word("listed")) && expect_word("in");
+      rest.in_bits = ok && marked && take_word("bits");
+      rest.in_blocks = marked && !rest.in_bits;
+      rest.lists_in_runs = !marked;
+      ok = ok && (rest.in_bits || expect_word(marked ? "blocks" : "runs"));
     }
   } else if (map.rest && take_word("memory")) {
     ok = values(map.rest->memory);

@@ -232,6 +232,7 @@ class Writer {
   void write_rest(const AtRest& rest) {
     out_ += "    rests without " + pass_at(rest.gradient) +
             (rest.lists_in_runs ? ", listed in runs\n"
+             : rest.in_bits     ? ", marked in bits\n"
              : rest.in_blocks   ? ", marked in blocks\n"
                                 : "\n");
     write_values("    memory", rest.memory);

@@ -145,7 +145,7 @@ bool may_rest(const Graph& graph, const Schedule& schedule, const StepSchedule& 
       !is_gradient(graph, schedule, step, pass, rest))
     return false;
   // The reader of the first element leaves the exponent that the next run guesses, and may rest where it has no mark.
-  if (step.pass(rest.gradient).get<ScatterPass>().guesses() && !rest.in_blocks) return false;
+  if (step.pass(rest.gradient).get<ScatterPass>().guesses() && !rest.in_blocks && !rest.in_bits) return false;
   const std::vector<ValueId> sums = taken(step.pass(rest.gradient), pass);
   // Places to look at are known before sums are taken.
   for (const OpId id : ops_of(graph, pass.ops, gathered_at_rest(graph, rest)))
