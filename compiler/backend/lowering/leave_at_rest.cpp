@@ -63,7 +63,7 @@ std::optional<AtRest> at_rest(const ir::Graph& graph, const target::Profile& pro
   rest.in_blocks = !rows && profile.is_gpu();
   // Waking an element takes a list five accesses, which lanes in turn do for all elements alike. A bit takes three, and
   // few words hold the bits of a list of elements.
-  rest.in_bits = exact && profile.lanes_in_turn && is_list(step.pass(update));
+  rest.in_bits = !rows && profile.lanes_in_turn && is_list(step.pass(update));
   if (rest.in_bits && needs_cut(trips_of_elements(graph, step.pass(update)), profile, kListedRun)) return std::nullopt;
   rest.lists_in_runs = profile.lanes_in_turn && !rest.in_blocks && !rest.in_bits;
   if ((rest.in_blocks || profile.lanes_in_turn || !exact) && may_rest(graph, schedule, step, update, rest)) return rest;
@@ -94,8 +94,7 @@ void leave_at_rest(const ir::Graph& graph, const target::Profile& profile, Sched
         const ScatterLowering how = gradient.get<ScatterPass>().lowering();
         // Elsewhere than where lanes are in turn, looking for those of a list that rest takes longer than stepping
         // them.
-        const bool in_bits = how == ScatterLowering::Exact && profile.lanes_in_turn;
-        if (how != ScatterLowering::Rows && is_list(update) && !in_bits) continue;
+        if (how != ScatterLowering::Rows && is_list(update) && !profile.lanes_in_turn) continue;
         std::optional<AtRest> rest = at_rest(graph, profile, schedule, step, pass_id(u), pass_id(g));
         if (!rest) continue;
         if (!fits_with_lists(schedule, step, update, profile) ||

@@ -63,7 +63,7 @@ bool is_gradient(const Graph& graph, const Schedule& schedule, const StepSchedul
   const Pass& pass = step.pass(rest.gradient);
   const auto* scatter = pass.as<ScatterPass>();
   if (scatter != nullptr && scatter->lowering() == ScatterLowering::Atomic)
-    return rest.in_blocks && is_atomic_gradient(graph, schedule, step, update, pass);
+    return (rest.in_blocks || rest.in_bits) && is_atomic_gradient(graph, schedule, step, update, pass);
   if (scatter != nullptr && scatter->exact() != nullptr) return is_exact_gradient(graph, schedule, step, update, pass);
   const auto* rows = scatter == nullptr ? nullptr : std::get_if<RowsScatter>(&scatter->how);
   if (rows == nullptr || rows->sorted() == nullptr || !pass.steady) return false;
