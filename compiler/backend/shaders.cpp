@@ -106,16 +106,16 @@ void assemble_shaders(const std::filesystem::path& cache_folder, Compiled& compi
     shuffles = shuffles || uses("GL_KHR_shader_subgroup_shuffle");
     multiview = multiview || uses("GL_EXT_multiview");
   }
-  using bundle::Feature;
+  using bundle::Feature;  // in the order that they have there
   const auto need = [&](bool used, Feature feature) {
     if (used) bundle.features.push_back(feature);
   };
   need(wide, Feature::ShaderInt64);
   need(wide, Feature::ShaderBufferInt64Atomics);
   need(subgroups, Feature::SubgroupArithmetic);
-  need(shuffles, Feature::SubgroupShuffle);
   need(multiview, Feature::Multiview);
   need(float_atomics, Feature::ShaderBufferFloat32AtomicAdd);
+  need(shuffles, Feature::SubgroupShuffle);
 }
 
 }  // namespace dr::backend

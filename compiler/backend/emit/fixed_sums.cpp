@@ -66,6 +66,29 @@ std::string join_lanes(int n, const Part& part) {
   return out;
 }
 
+// Of so many lanes, a power of two, those that follow each other and add to the same element are a run. Its first one,
+// of which `first` is true, adds what all of them have: each takes what the lane one, two, four beyond it has, while
+// all between belong to its run. On a device with other subgroups, too, lanes that are not there are in no run.
+template <class Part>
+std::string join_run(int n, int lanes, const Part& part) {
+  const std::string last = std::to_string(lanes - 1) + "u";
+  const auto from = [&](const std::string& away) { return "lane & ~" + last + " | lane " + away + " & " + last; };
+  std::string out =
+      "  uint lane = gl_SubgroupInvocationID, here = subgroupBallot(true).x;\n"
+      "  int before = subgroupShuffle(element, " +
+      from("- 1u") + "), behind = subgroupShuffle(element, " + from("+ 1u") + ");\n  bool first = (lane & " + last +
+      ") == 0u || ((here << 1) >> lane & 1u) == 0u || before != element;\n  uint same = (lane & " + last +
+      ") != " + last + " && ((here >> 1) >> lane & 1u) != 0u && behind == element ? 0xffffffffu : 0u;\n";
+  for (int away = 1; away < lanes; away *= 2) {
+    const std::string lane = from("+ " + std::to_string(away) + "u");
+    for (int c = 0; c < n; ++c)
+      out += "  " + part(c) + " = fixed_add(" + part(c) + ", subgroupShuffle(" + part(c) + ", " + lane + ") & same);\n";
+    out += "  flags |= subgroupShuffle(flags, " + lane + ") & same;\n";
+    if (2 * away < lanes) out += "  same &= subgroupShuffle(same, " + lane + ");\n";
+  }
+  return out;
+}
+
 }  // namespace
 
 std::string any_bits(const ir::Type& type, const std::string& value) {
@@ -207,8 +230,14 @@ std::string Generator::add_fixed(Shader& s, const Target& t, Runs runs, bool joi
     if (runs == Runs::Both) out += "  }\n";
   }
   if (joins_lanes) out += join_lanes(n, part) + "  if (adds_here) {\n";
+  if (t.run > 0) {
+    subgroup_extensions(s);
+    s.extension("GL_KHR_shader_subgroup_shuffle");
+    s.prelude(glsl::kFixedAdd);
+    out += join_run(n, t.run, part) + "  if (first) {\n";
+  }
   out += add_parts(s, t, buffer);
-  if (joins_lanes) out += "  }\n";
+  if (joins_lanes || t.run > 0) out += "  }\n";
   return out;
 }
 

@@ -90,6 +90,7 @@ class Generator {
     uint32_t terms = 0;            // bundle resource: contributions kept, where the pass keeps them
     uint32_t guess = 0;            // bundle resource: the shift of the run before, where the pass guesses
     int group = 0;                 // invocations of a workgroup that joins what they add; 0: none does
+    int run = 0;                   // lanes of a subgroup whose runs join what they add; 0: none does
     bool emptied = false;          // the pass that reads the words leaves zeros; of fixed point numbers
     const Pass* update = nullptr;  // whose elements the sums wake
     std::string list{};            // behind names of the scatter's list in the shader of the map that makes it

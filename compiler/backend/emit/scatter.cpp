@@ -228,6 +228,7 @@ std::vector<Generator::Target> Generator::scatter_targets(const Pass& pass, size
     t.emptied = r.is(Resource::Storage::EmptiedSums);
     t.update = update;
     if (scatter.joined_run() != nullptr) t.list = list_suffix(pass);
+    t.run = scatter.joins_runs();
     if (scatter.joins_groups()) t.group = step_->pass(*scatter.lister()).get<MapPass>().code.joining_group;
     if (!r.is(Resource::Storage::Emptied))
       fill("clear " + r.name, t.words, maximum ? 0x80000000u : 0u,

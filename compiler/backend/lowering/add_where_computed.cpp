@@ -42,6 +42,7 @@ std::optional<StepSchedule> with_added(const ir::Graph& graph, const target::Pro
   if (!are_cached(graph, sums.sums)) return std::nullopt;
   sums.exact()->first_run = JoinedFirstRun{{active_elements(graph, scatter), map}};
   sums.exact()->guesses = true;
+  sums.exact()->joins_runs = lanes_in_runs(profile);
   std::set<uint32_t> needless;
   if (!compute_again(graph, profile, schedule, step, scatter, needless) || !guesses_have_room(profile, schedule, step))
     return std::nullopt;

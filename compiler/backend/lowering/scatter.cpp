@@ -366,6 +366,7 @@ class StepLegalizer {
     std::visit(Overloaded{[&](ExactScatter& exact) {
                             exact.joins_lanes = joining_pays(graph_, profile_, scatter);
                             exact.joins_parts = exact.joins_lanes && many_share(graph_, pass, scatter);
+                            exact.joins_runs = lanes_in_runs(profile_);
                           },
                           [&](BinnedScatter& binned) {
                             binned.joins_parts =

@@ -2,6 +2,7 @@
 #include "compiler/backend/lowering/scatter_costs.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 
 #include "compiler/backend/analysis/scatter_leaves.h"
@@ -40,6 +41,13 @@ bool joining_pays(const ir::Graph& graph, const target::Profile& profile, const 
   }
   constexpr double kLittle = 0.25;
   return joins / profile.costs.compute_operations_per_ns < kLittle * words * profile.costs.atomic_add_ns;
+}
+
+int lanes_in_runs(const target::Profile& profile) {
+  constexpr uint32_t kMost = 32;
+  const bool joins =
+      profile.lanes_in_turn && profile.subgroup_shuffle && profile.subgroup_size > 1 && profile.subgroup_size <= kMost;
+  return joins ? static_cast<int>(std::bit_floor(profile.subgroup_size)) : 0;
 }
 
 bool many_share(const ir::Graph& graph, const Pass& pass, const ScatterPass& scatter) {

@@ -23,6 +23,11 @@ bool lanes_join(const target::Profile& profile);
 // beside it keeps those of later trips from starting.
 bool joining_pays(const ir::Graph& graph, const target::Profile& profile, const ScatterPass& scatter);
 
+// Lanes of a subgroup that join in runs (ExactScatter::joins_runs). Where lanes access memory in turn, an atomic of
+// each takes longer than all that it takes to join them, and pixels of a row add to the same vertices, and often
+// texels.
+int lanes_in_runs(const target::Profile& profile);
+
 // Whether lanes beside each other often add to one element of a sum: where there are many more of them than elements.
 bool many_share(const ir::Graph& graph, const Pass& pass, const ScatterPass& scatter);
 

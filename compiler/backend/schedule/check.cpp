@@ -179,6 +179,7 @@ class StepChecker {
     const auto* scatter = pass().as<ScatterPass>();
     if (scatter == nullptr) return;
     if (scatter->joins_pairs()) check_pairs(*scatter);
+    if (scatter->joins_runs() != 0) check_runs(*scatter);
     if (!scatter->guesses()) {
       if (scatter->shares_loops()) unsound("shares loops in a run that lists what adds");
       return;
@@ -203,6 +204,14 @@ class StepChecker {
     for (const ScatterSum& sum : scatter.sums)
       if (std::ranges::any_of(sum.terms, [&](ValueId term) { return contributions(graph_, term) != 1; }))
         unsound("joins in pairs what an element adds several times");
+  }
+
+  void check_runs(const ScatterPass& scatter) {
+    if (!profile_.subgroup_shuffle) report(Violation::Kind::Limit, "joins runs of lanes, which the profile cannot");
+    const auto lanes = static_cast<uint32_t>(scatter.joins_runs());
+    if (scatter.joins_runs() < 2 || lanes > 32 || !std::has_single_bit(lanes))
+      unsound("joins runs of lanes that are no power of two up to 32");
+    if (scatter.joins_parts()) unsound("joins lanes in two ways");
   }
 
   void check_emptied() {

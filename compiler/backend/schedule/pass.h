@@ -190,7 +190,10 @@ struct ExactScatter {
   bool joins_groups = false;  // where a map adds, the invocations of a workgroup do (emit/group_sums.cpp)
   bool shares_loops = false;  // several invocations share an element's loops that only scatter
   bool joins_pairs = false;   // where the second run adds, two lanes beside each other do (emit/pair_sums.cpp)
-  std::string no_rows;        // why it has no table of rows, where one was asked for
+  // Of so many lanes of a subgroup, those that follow each other and add to the same element join what they add; 0:
+  // none.
+  int joins_runs = 0;
+  std::string no_rows;  // why it has no table of rows, where one was asked for
   std::optional<LoopCut> cut;
 };
 
@@ -263,6 +266,7 @@ struct ScatterPass {
   bool shares_loops() const { return exact() != nullptr && exact()->shares_loops; }
   bool joins_groups() const { return exact() != nullptr && exact()->joins_groups; }
   bool joins_pairs() const { return exact() != nullptr && exact()->joins_pairs; }
+  int joins_runs() const { return exact() == nullptr ? 0 : exact()->joins_runs; }
   bool joins_parts() const;
   const std::string& no_rows() const;
   std::optional<LoopCut> cut() const;

@@ -257,6 +257,8 @@ bool PassReader::decides(ScatterPass& scatter, ExactScatter& exact, bool& ok) {
       exact.joins_groups = true;
     else if (take_word("pairs"))
       exact.joins_pairs = true;
+    else if (take_word("runs"))
+      ok = expect_word("of") && number("how many lanes", exact.joins_runs);
     else
       ok = exact.joins_lanes = expect_word("lanes");
   } else if (take_word("no")) {
