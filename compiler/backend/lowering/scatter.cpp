@@ -95,6 +95,9 @@ class StepLegalizer {
         choose(pass, *scatter);
         choose_joining(pass, *scatter);
         choose_active(pass, *scatter);
+        // Listed elements are few, and their shaders take longer to compile than joining saves.
+        if (ExactScatter* exact = scatter->exact(); exact != nullptr && scatter->clauses().empty())
+          exact->joins_runs = lanes_in_runs(profile_);
       }
     return (may_list_ && unite_scatters()) || joined;
   }
@@ -366,7 +369,6 @@ class StepLegalizer {
     std::visit(Overloaded{[&](ExactScatter& exact) {
                             exact.joins_lanes = joining_pays(graph_, profile_, scatter);
                             exact.joins_parts = exact.joins_lanes && many_share(graph_, pass, scatter);
-                            exact.joins_runs = lanes_in_runs(profile_);
                           },
                           [&](BinnedScatter& binned) {
                             binned.joins_parts =
