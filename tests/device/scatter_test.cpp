@@ -408,10 +408,20 @@ step run { tone <- tone - 0.01 * pull; few <- few - 0.01 * share; }
 
 // Updates of `tone` and `shade`, images of so many elements in a row and rows, leave the same bits whether elements
 // rest or all are stepped. A factor that is Inf or NaN reaches some; one that is 0 reaches none.
-void check_rest(const std::string& text, const std::string& profile, const runtime::Device& device,
+// `reads`: how the program reads both.
+void check_rest(const std::string& reads, const std::string& profile, const runtime::Device& device,
                 std::array<int, 2> extent, bool guesses) {
   const auto path = (std::filesystem::path(DR_BUILD_DIR) / "scatter_rest_test.dr").string();
-  std::ofstream(path) << text;
+  std::ofstream(path) << R"(edition 1;
+import std.optim;
+input index : ivec2[S];
+input x : vec2[S];
+input factor : float;
+)" << reads << R"(step run {
+  minimize sum(dot(read, read)) over tone with optim.adam(rate = 0.01);
+  shade <- shade + 0.01 * grad(sum(apart), shade);
+}
+)";
   const Data data = data_sets()[1];
   const auto [width, height] = extent;
   std::vector<float> tone, shade;
@@ -461,21 +471,12 @@ TEST_CASE("an update that runs for marked blocks leaves what one for all element
   for (const auto& [name, device] : test::devices())
     for (const bool guesses : {true, false}) {
       INFO(name);
-      check_rest(R"(edition 1;
-import std.optim;
-input index : ivec2[S];
-input x : vec2[S];
-input factor : float;
-param tone : vec3[T, U] = vec3(1.5);
+      check_rest(R"(param tone : vec3[T, U] = vec3(1.5);
 param shade : vec2[U, T] = vec2(0.5);
 let p = ivec2(index.x % 37, index.x / 37 * 4);
 let q = ivec2(index.y % 37, index.y / 37 * 3);
 let read = tone.at(p) * factor * x.x + tone.at(q);
 let apart = shade.at(p.yx).x * shade.at(q.yx).y * x.y * factor;
-step run {
-  minimize sum(dot(read, read)) over tone with optim.adam(rate = 0.01);
-  shade <- shade + 0.01 * grad(sum(apart), shade);
-}
 )",
                  plain, device, {37, 41}, guesses);
     }
@@ -491,21 +492,12 @@ TEST_CASE("an update that goes from bit to bit leaves what one for all elements 
     for (const std::string& profile : {name, plain}) {
       if (name != "lavapipe") continue;
       INFO(profile);
-      check_rest(R"(edition 1;
-import std.optim;
-input index : ivec2[S];
-input x : vec2[S];
-input factor : float;
-param tone : vec3[T] = vec3(1.5);
+      check_rest(R"(param tone : vec3[T] = vec3(1.5);
 param shade : vec2[R] = vec2(0.5);
 let p = index.x % 37 + index.x / 37 * 148;
 let q = index.y % 37 + index.y / 37 * 111;
 let read = tone.at(p) * factor * x.x + tone.at(q);
 let apart = shade.at(p).x * shade.at(q).y * x.y * factor;
-step run {
-  minimize sum(dot(read, read)) over tone with optim.adam(rate = 0.01);
-  shade <- shade + 0.01 * grad(sum(apart), shade);
-}
 )",
                  profile, device, {1517, 1}, true);
     }

@@ -23,11 +23,6 @@ ir::Dim blocks_of(const Pass& update) {
   return (element_count(update.domain) + ir::Dim(kAll - 1)).divided_by(kAll) * ir::Dim(kBlocksEach);
 }
 
-// Words of an update's bits.
-ir::Dim words_of_bits(const Pass& update) {
-  return (element_count(update.domain) + ir::Dim(kListedRun - 1)).divided_by(kListedRun);
-}
-
 // Whether the bits of some component compare so with a word.
 std::string with_bits(const std::string& value, const ir::Type& type, const char* function, const char* sign,
                       const std::string& word) {
@@ -47,8 +42,7 @@ std::string Generator::has_bits(Shader& s, ValueId v) const {
 void Generator::list_stepped(const Pass& gradient, const Pass& update, uint32_t starts) {
   const AtRest& rest = *update.get<MapPass>().rest;
   const RestFacts facts = facts_at_rest(graph_, *step_, update, rest);
-  const bool marked = rest.in_blocks || rest.in_bits;
-  const uint32_t list = marked ? add_marks(update) : add_list(update, "stepped", bundle::ListKind::Stepped);
+  const uint32_t list = rest.is_marked() ? add_marks(update) : add_list(update, "stepped", bundle::ListKind::Stepped);
   // Elements that are not listed stay as they are, and those that are stay on the list, whatever the step does.
   out_->commands.back()->foresees = true;
   stepped_lists_[&update] = list;
@@ -85,7 +79,7 @@ void Generator::list_stepped(const Pass& gradient, const Pass& update, uint32_t 
   // The reader of the first element leaves what the next run guesses.
   if (gradient.get<ScatterPass>().guesses()) moves += " || " + element + " == 0";
   s.body().line("bool moves = " + moves + ";");
-  if (marked) {
+  if (rest.is_marked()) {
     const std::string marks = s.bind_words(list, "marked_" + std::to_string(list), bundle::Access::ReadWrite);
     s.body().line("if (moves) " + mark(s, update, element) + ";");
     // The first word says how many elements there are, the end of a list is one more than it has elements.
@@ -110,7 +104,7 @@ void Generator::list_stepped(const Pass& gradient, const Pass& update, uint32_t 
 }
 
 uint32_t Generator::add_marks(const Pass& update) {
-  const ir::Dim words = update.get<MapPass>().rest->in_bits ? words_of_bits(update) : blocks_of(update);
+  const ir::Dim words = update.get<MapPass>().rest->in_bits ? runs_of(element_count(update.domain)) : blocks_of(update);
   const uint32_t marks = add_scratch(update.name + "_stepped", (words + ir::Dim(kListHead)).str());
   bundle_->resources[marks]->list = bundle::ListKind::Stepped;
   fill("clear " + update.name + " stepped", marks, 0);
@@ -137,8 +131,7 @@ std::string Generator::mark(Shader& s, const Pass& update, const std::string& el
 
 std::string Generator::wake(Shader& s, const Target& t, const std::string& added) {
   const std::string is_added = "  if ((" + added + ") != 0u";
-  if (const AtRest& rest = *t.update->get<MapPass>().rest; rest.in_blocks || rest.in_bits)
-    return is_added + ") " + mark(s, *t.update, "element") + ";\n";
+  if (t.update->get<MapPass>().rest->is_marked()) return is_added + ") " + mark(s, *t.update, "element") + ";\n";
   const std::string id = t.accumulator.name;
   const std::string list =
       s.bind_words(stepped_lists_.at(t.update), "stepped_elements_" + id, bundle::Access::ReadWrite);

@@ -67,6 +67,8 @@ void read_beside(Shader& s, const std::vector<Beside>& beside) {
 
 }  // namespace
 
+ir::Dim runs_of(const ir::Dim& elements) { return (elements + ir::Dim(kRun - 1)).divided_by(kRun); }
+
 std::string append(Shader& s, const std::string& list, const std::string& element, bool together, int shares) {
   const std::string end = list + ".d[" + std::to_string(kListEnd) + "]";
   // All atomics of a list wait for each other. Workgroups that find nothing to do end at once on a GPU.
@@ -102,7 +104,7 @@ ListingLoop::ListingLoop(Shader& shader, const ir::Extent& extent, bool runs, bo
     return;
   }
   const std::string run = std::to_string(kRun);
-  linear_index(shader_, dim_expression((count_ + ir::Dim(kRun - 1)).divided_by(kRun)));
+  linear_index(shader_, dim_expression(runs_of(count_)));
   shader_.body().line("int begin = index * " + run + ", end = min(begin + " + run + ", " + dim_expression(count_) +
                       ");");
   if (!shared.same.empty() || !shared.beside.empty()) place_from_index(shader_, extent, "begin");
@@ -149,7 +151,7 @@ std::string ListingLoop::close() {
                     list + ".d[1], ((place + 63u) / 64u + 65534u) / 65535u);\n  }\n}\n");
     shader_.body().line("append_run_to_" + list + "(begin, " + members(list) + ");");
   }
-  return (count_ + ir::Dim(kRun - 1)).divided_by(kRun).str();
+  return runs_of(count_).str();
 }
 
 }  // namespace dr::backend

@@ -18,6 +18,9 @@ using bundle::kListEnd, bundle::kListHead, bundle::kRestingBlock;
 std::string append(glsl::Shader& s, const std::string& list, const std::string& element, bool together = false,
                    int shares = 1);
 
+// Invocations that have a run of kListedRun elements each, or words that have a bit for each element.
+ir::Dim runs_of(const ir::Dim& elements);
+
 // Changes `index` so that 32 invocations that follow each other have a rectangle of 8 x 4 elements, and 256 a square;
 // in one dimension it stays.
 void index_in_tiles(glsl::Shader& s, const ir::Extent& extent);

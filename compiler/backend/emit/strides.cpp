@@ -54,7 +54,7 @@ void Generator::strided_map_pass(const Pass& pass) {
   const Shares shares = share(graph_, pass);
   const bool by_bits = pass.get<MapPass>().rest.has_value();
   const std::string run = std::to_string(kListedRun), count_text = glsl::dim_expression(count);
-  const ir::Dim words = (count + ir::Dim(kListedRun - 1)).divided_by(kListedRun);
+  const ir::Dim words = runs_of(count);
   Shader s = shader();
   linear_index(s, by_bits ? glsl::dim_expression(words) : "");
   if (!by_bits) {

@@ -107,6 +107,7 @@ struct AtRest {
   // Marked ones only: gathers whose results are zero, too, at an element that rests, as what a level of a pyramid adds
   // is. The update looks at them in each run.
   std::vector<ir::OpId> gathers;
+  bool is_marked() const { return in_bits || in_blocks; }
 };
 
 // By a compute shader.

@@ -63,7 +63,7 @@ bool is_gradient(const Graph& graph, const Schedule& schedule, const StepSchedul
   const Pass& pass = step.pass(rest.gradient);
   const auto* scatter = pass.as<ScatterPass>();
   if (scatter != nullptr && scatter->lowering() == ScatterLowering::Atomic)
-    return (rest.in_blocks || rest.in_bits) && is_atomic_gradient(graph, schedule, step, update, pass);
+    return rest.is_marked() && is_atomic_gradient(graph, schedule, step, update, pass);
   if (scatter != nullptr && scatter->exact() != nullptr) return is_exact_gradient(graph, schedule, step, update, pass);
   const auto* rows = scatter == nullptr ? nullptr : std::get_if<RowsScatter>(&scatter->how);
   if (rows == nullptr || rows->sorted() == nullptr || !pass.steady) return false;
@@ -145,7 +145,7 @@ bool may_rest(const Graph& graph, const Schedule& schedule, const StepSchedule& 
       !is_gradient(graph, schedule, step, pass, rest))
     return false;
   // The reader of the first element leaves the exponent that the next run guesses, and may rest where it has no mark.
-  if (step.pass(rest.gradient).get<ScatterPass>().guesses() && !rest.in_blocks && !rest.in_bits) return false;
+  if (step.pass(rest.gradient).get<ScatterPass>().guesses() && !rest.is_marked()) return false;
   const std::vector<ValueId> sums = taken(step.pass(rest.gradient), pass);
   // Places to look at are known before sums are taken.
   for (const OpId id : ops_of(graph, pass.ops, gathered_at_rest(graph, rest)))
