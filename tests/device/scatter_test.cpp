@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <fstream>
 #include <random>
+#include <tuple>
 
 #include "compiler/backend/bundle/bundle.h"
 #include "compiler/target/profile.h"
@@ -501,6 +502,43 @@ let apart = shade.at(p).x * shade.at(q).y * x.y * factor;
 )",
                  profile, device, {1517, 1}, true);
     }
+}
+
+// Elements without a gradient do not keep what they hold: zero, or what another state makes of them, comes in its place.
+TEST_CASE("an update that does not keep what it gets no gradient for runs for all elements") {
+  auto gpu = std::get<target::Profile>(target::load_profile(narrow()));
+  gpu.subgroup_size = 32;
+  const std::string marked = written(gpu, "forgets");
+  const Data data = data_sets()[1];
+  const std::vector<float> fives(1517, 5.0F);
+  for (const auto& [name, device] : test::devices())
+    for (const auto& [profile, extent, place] :
+         {std::tuple(name, "1517", "index.x % 37 + index.x / 37 * 148"),
+          std::tuple(name, "37, 41", "ivec2(index.x % 37, index.x / 37 * 4)"),
+          std::tuple(marked, "37, 41", "ivec2(index.x % 37, index.x / 37 * 4)")})
+      for (const char* update : {"w <- 0.5 * g;", "w <- 0.5 * detach(v) + g;", "w <- if g != 0.0 { w } else { 0.0 };",
+                                 "w <- g + 0.5 * v; v <- 0.9 * v + g;"}) {
+        INFO(name << ", " << profile << ", [" << extent << "], " << update);
+        const auto path = (std::filesystem::path(DR_BUILD_DIR) / "scatter_forgets_test.dr").string();
+        std::ofstream(path) << "edition 1;\ninput index : ivec2[S];\ninput x : vec2[S];\n"
+                            << "param t : float[" << extent << "] = 0.5;\nparam w : float[" << extent
+                            << "];\nstate v : float[" << extent << "];\nlet read = t.at(" << place
+                            << ") * x.x;\nlet g = grad(sum(read * read), t);\nstep run { " << update << " }\n";
+        const auto once = [&](const std::vector<std::string>& ablate, int runs) {
+          jit::Options options;
+          options.profile = profile, options.scatter = "exact", options.ablate = ablate;
+          auto program = must(runtime::Program::load(device, compile(path, options)));
+          must(program.bind("index", Array::from_ints(data.index, 2)));
+          must(program.bind("x", Array::from_floats(data.x, 2)));
+          const bool row = std::string(extent) == "1517";
+          must(program.bind("w", row ? Array::from_floats(fives) : Array::from_floats(fives, 1, 37, 41)));
+          must(program.run("run", runs));
+          return std::vector<Array>{must(program.leaf("w"))};
+        };
+        for (const int runs : {1, 3}) CHECK(same_bits(once({}, runs), once({"stepped"}, runs)));
+        const auto seen = once({}, 1)[0].as<float>();
+        CHECK(std::ranges::count(seen, 5.0F) < 300);  // those that have a gradient, at most
+      }
 }
 
 TEST_CASE("rows follow an index that is bound anew") {

@@ -2,6 +2,8 @@
 // Updates that leave elements at rest out (lowering/leave_at_rest.h): what lists the others, in the prologue, and the
 // update itself, which runs for the list. So does what sums their gradients (rows.cpp). Or blocks that hold others are
 // marked, a word each behind the head of a list without elements: an invocation of the update ends where there is none.
+#include <algorithm>
+
 #include "compiler/backend/analysis/uses.h"
 #include "compiler/backend/emit/generator.h"
 #include "compiler/backend/schedule/rest.h"
@@ -67,10 +69,12 @@ void Generator::list_stepped(const Pass& gradient, const Pass& update, uint32_t 
   // 0 once 0 is added, whatever a driver makes of a constant 0 here.
   for (const ValueId v : update.writes) {
     const ResourceId id = step_->stored.at(v);
-    if (facts.zero.count(v) != 0) continue;
+    const auto is_it = [&](ValueId old) { return step_->stored.at(old) == id; };
+    // What is remembered was zero, too.
+    if (facts.zero.count(v) != 0 && std::ranges::any_of(rest.memory, is_it)) continue;
     const bool scalar = graph_.value(v).type.is_scalar();
     for (const ValueId old : update.reads) {
-      if (step_->stored.at(old) != id) continue;
+      if (!is_it(old)) continue;
       const std::string a = s.use(v), b = s.load(old, s.at());
       moves += " || " + (scalar ? a + " != " + b : "any(notEqual(" + a + ", " + b + "))");
       moves += " || " + with_bits(b, graph_.value(v).type, "equal", "==", "0x80000000u");

@@ -89,7 +89,10 @@ bool is_plain_update(const Graph& graph, const Schedule& schedule, const StepSch
   return std::ranges::all_of(pass.writes, [&](ValueId v) {
     const auto leaf = leaf_of(step, v);
     const ir::Type& type = graph.value(v).type;
-    return leaf && type.is_float() && type.cols == 1 && schedule.resources[*leaf].extent == pass.domain;
+    // What the leaf holds is there to compare with.
+    const auto is_old = [&](ValueId read) { return step.stored.at(read) == step.stored.at(v); };
+    return leaf && type.is_float() && type.cols == 1 && schedule.resources[*leaf].extent == pass.domain &&
+           std::ranges::any_of(pass.reads, is_old);
   });
 }
 
