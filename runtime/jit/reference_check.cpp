@@ -19,30 +19,42 @@ namespace {
 
 // Of the larger of a number's own magnitude and the root mean square of its value: what tests allow gradients.
 constexpr double kTolerance = 1e-4;
-// What float32 alone makes of the program may be so many times larger on a device, which rounds at other places.
+// What float32 alone makes of the program may be so many times larger on a device, which rounds at other places. Of all
+// numbers but one in a hundred: a few that float32 decides otherwise say nothing of the others.
 constexpr double kOfFloat32 = 16;
+constexpr size_t kFew = 100;
 // Pixels that a raster may give to another face.
 constexpr double kOtherFaces = 0.01;
 
 bool same(double a, double b) { return a == b || (std::isnan(a) && std::isnan(b)); }
 
+// The largest but for one in a hundred.
+double most_but_few(std::vector<double> errors) {
+  if (errors.empty()) return 0;
+  const auto at = errors.end() - 1 - static_cast<std::ptrdiff_t>(errors.size() / kFew);
+  std::ranges::nth_element(errors, at);
+  return *at;
+}
+
 // The numbers of `found` that are not those of `expected`; `float32`: the same computed in float32, or nothing.
 void compare(const Array& found, const std::vector<double>& expected, const std::vector<double>& float32,
              Difference& out) {
   const std::vector<double> numbers = found.to_doubles();
-  double squares = 0, rounding = 0, worst = -1;
+  double squares = 0, worst = -1;
   int64_t finite = 0;
   for (size_t k = 0; k < expected.size(); ++k)
     if (std::isfinite(expected[k])) squares += expected[k] * expected[k], ++finite;
   const double rms = finite > 0 ? std::sqrt(squares / static_cast<double>(finite)) : 0;
+  std::vector<double> own(numbers.size(), 0.0);  // what float32 alone makes of each
   for (size_t k = 0; k < float32.size(); ++k)
-    if (std::isfinite(float32[k] - expected[k])) rounding = std::max(rounding, std::fabs(float32[k] - expected[k]));
+    if (std::isfinite(float32[k] - expected[k])) own[k] = std::fabs(float32[k] - expected[k]);
+  const double rounding = most_but_few(own);
   out.size = static_cast<int64_t>(numbers.size());
   for (size_t k = 0; k < numbers.size(); ++k) {
     if (same(numbers[k], expected[k])) continue;
     if (!float32.empty() && same(numbers[k], float32[k])) continue;
     const double error = std::fabs(numbers[k] - expected[k]);
-    if (error <= kTolerance * std::max(rms, std::fabs(expected[k])) + kOfFloat32 * rounding) continue;
+    if (error <= kTolerance * std::max(rms, std::fabs(expected[k])) + kOfFloat32 * std::max(rounding, own[k])) continue;
     ++out.count;
     const double rank = std::isfinite(error) ? error : HUGE_VAL;
     if (rank <= worst) continue;

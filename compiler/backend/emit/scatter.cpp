@@ -44,6 +44,16 @@ std::string add_maximum(const std::string& to, const std::string& x, bool joins)
          to + ", most);\n  }\n";
 }
 
+// A condition: some component is not zero.
+std::string is_not_zero(const ir::Type& type, const std::string& x) {
+  if (type.is_scalar()) return x + " != " + glsl::zero(type);
+  if (type.cols == 1) return "any(notEqual(" + x + ", " + glsl::zero(type) + "))";
+  std::string any;
+  for (int c = 0; c < type.cols; ++c)
+    any += (c == 0 ? "(" : " || ") + is_not_zero(ir::vec(type.rows, type.scalar), x + "[" + std::to_string(c) + "]");
+  return any + ")";
+}
+
 // Invocations beside each other have an element: as many as a GPU runs at once. The first run has them all, the second,
 // which has nothing to do as a rule, so many that go over the list.
 constexpr int kAtOnce = 1 << 16;
@@ -116,9 +126,7 @@ std::string Generator::active_condition(Shader& s, const Clauses& clauses) const
     for (const ValueId v : clause) {
       const ir::Type& type = graph_.value(v).type;
       const std::string x = s.use(v);
-      all += (all.empty() ? "" : " && ") + (type.is_bool()     ? x
-                                            : type.is_scalar() ? x + " != " + glsl::zero(type)
-                                                               : "any(notEqual(" + x + ", " + glsl::zero(type) + "))");
+      all += (all.empty() ? "" : " && ") + (type.is_bool() ? x : is_not_zero(type, x));
     }
     active += (active.empty() ? "" : " || ") + (clauses.size() > 1 ? "(" + all + ")" : all);
   }

@@ -88,7 +88,7 @@ class StepLegalizer {
         join_maxima(pass, *scatter);
     if (!any) return false;
     index_passes();
-    for (const ScatterSum& sum : find_sums()) joined = join(sum) || joined;
+    for (const ScatterSum& sum : find_sums()) joined = join_most(sum) || joined;
     std::erase_if(step_.passes, [](const Pass& pass) { return pass.writes.empty(); });
     for (Pass& pass : step_.passes)
       if (auto* scatter = pass.as<ScatterPass>(); scatter != nullptr && !scatter->sums.empty()) {
@@ -200,6 +200,16 @@ class StepLegalizer {
     Bindings out = bindings_of(schedule_.resources, resources_of(step_, reads), writes, hardware);
     out.more += more_buffers;
     return out;
+  }
+
+  // All of a sum, or where its terms are scattered by passes that cannot be one, its parts.
+  bool join_most(const ScatterSum& sum) {
+    if (join(sum)) return true;
+    bool joined = false;
+    for (const ValueId part : def(sum.value).operands)
+      if (ScatterSum of{part, {}}; def(part).kind == OpKind::Add && collect(part, of.terms))
+        joined = join_most(of) || joined;
+    return joined;
   }
 
   // Makes one pass of those that scatter the terms, which then stores their sum only.
