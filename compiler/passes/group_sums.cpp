@@ -2,8 +2,10 @@
 // Terms that are scattered stand together in a sum, by the elements that they come from: the backend adds up what one
 // pass scatters as one sum, which rounds once.
 //   %3 = add %x, %s1 ; %4 = add %3, %s2    =>    %3 = add %s1, %s2 ; %4 = add %x, %3
+// Of a larger sum only the part changes that all of them stand in.
 // This is the one place where the order of additions changes: how scattered terms are summed is the compiler's choice.
 // Requires: no Grad op.
+#include <algorithm>
 #include <map>
 #include <optional>
 #include <set>
@@ -20,7 +22,11 @@ namespace {
 class Grouper {
  public:
   explicit Grouper(const Graph& from)
-      : from_(from), map_(from.value_count()), uses_(from.value_count()), inner_(from.op_count()) {
+      : from_(from),
+        map_(from.value_count()),
+        uses_(from.value_count()),
+        adds_scattered_(from.value_count()),
+        inner_(from.op_count()) {
     for (const Step& step : from.steps) {
       for (const Output& output : step.outputs) ++uses_[output.value.index];
       for (const Update& update : step.updates) ++uses_[update.value.index];
@@ -31,6 +37,10 @@ class Grouper {
       for (const RegionId region : from.op(id).regions)
         for (const ValueId v : captures(from, region)) ++uses_[v.index];
     }
+    for (const OpId id : ops)
+      if (const Op& op = from.op(id); op.kind == OpKind::Add)
+        adds_scattered_[op.results[0].index] =
+            std::ranges::any_of(op.operands, [&](ValueId v) { return has_scattered(v, from.value(op.results[0])); });
     // Users first: what another sum adds up is part of that one.
     for (size_t k = ops.size(); k-- > 0;)
       if (from.op(ops[k]).kind == OpKind::Add && !inner_[ops[k].index]) find_terms(from.op(ops[k]));
@@ -63,7 +73,21 @@ class Grouper {
     return Extent{op.attrs.dims[0], op.attrs.dims[1], op.attrs.dims[2]};
   }
 
+  // An addition that nothing but that of `sum` uses.
+  bool is_part(ValueId v, const ValueInfo& sum) const {
+    const ValueInfo& part = from_.value(v);
+    return from_.op(part.op).kind == OpKind::Add && uses_[v.index] == 1 && part.type == sum.type &&
+           part.extent == sum.extent;
+  }
+
+  // Whether an operand of that addition is, or adds up, something that is scattered.
+  bool has_scattered(ValueId v, const ValueInfo& sum) const {
+    return is_part(v, sum) ? adds_scattered_[v.index] : scattered_over(v).has_value();
+  }
+
   void find_terms(const Op& root) {
+    const ValueInfo& sum = from_.value(root.results[0]);
+    if (!std::ranges::all_of(root.operands, [&](ValueId v) { return has_scattered(v, sum); })) return;
     Terms terms;
     std::vector<OpId> adds;
     collect(root, terms, adds);
@@ -82,11 +106,9 @@ class Grouper {
   void collect(const Op& add, Terms& terms, std::vector<OpId>& adds) const {
     const ValueInfo& sum = from_.value(add.results[0]);
     for (const ValueId v : add.operands) {
-      const ValueInfo& part = from_.value(v);
-      const Op& op = from_.op(part.op);
-      if (op.kind == OpKind::Add && uses_[v.index] == 1 && part.type == sum.type && part.extent == sum.extent) {
-        adds.push_back(part.op);
-        collect(op, terms, adds);
+      if (is_part(v, sum)) {
+        adds.push_back(from_.value(v).op);
+        collect(from_.op(from_.value(v).op), terms, adds);
       } else {
         terms.push_back(v);
       }
@@ -120,9 +142,10 @@ class Grouper {
   const Graph& from_;
   Builder to_;
   ValueMap map_;
-  std::vector<int> uses_;       // of root values
-  std::vector<bool> inner_;     // additions that are part of a larger sum, by OpId index
-  std::map<OpId, Terms> sums_;  // by their last addition
+  std::vector<int> uses_;             // of root values
+  std::vector<bool> adds_scattered_;  // by value of the root
+  std::vector<bool> inner_;           // additions that are part of a larger sum, by OpId index
+  std::map<OpId, Terms> sums_;        // by their last addition
 };
 
 }  // namespace
