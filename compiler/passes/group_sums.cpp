@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Terms that are scattered stand together in a sum, by the elements that they come from: the backend adds up what one
-// pass scatters as one sum, which rounds once.
+// Terms that are scattered stand together in a sum, by the elements that they come from, and of these by the op that
+// scatters them: the backend adds up what one pass scatters as one sum, which rounds once.
 //   %3 = add %x, %s1 ; %4 = add %3, %s2    =>    %3 = add %s1, %s2 ; %4 = add %x, %3
 // Of a larger sum only the part changes that all of them stand in.
 // This is the one place where the order of additions changes: how scattered terms are summed is the compiler's choice.
@@ -92,12 +92,15 @@ class Grouper {
     std::vector<OpId> adds;
     collect(root, terms, adds);
     std::set<std::optional<Extent>> kinds;
+    std::set<OpId> by;
     bool groups = false;
     for (const ValueId v : terms) {
       const auto domain = scattered_over(v);
       if (!kinds.insert(domain).second && domain) groups = true;
+      if (domain) by.insert(from_.value(v).op);
     }
-    if (!groups || kinds.size() < 2) return;  // none to group, or nothing else beside them
+    // None to group, or nothing else beside them.
+    if (!groups || (kinds.size() < 2 && (by.size() < 2 || by.size() == terms.size()))) return;
     for (const OpId id : adds) inner_[id.index] = true;
     sums_.emplace(from_.value(root.results[0]).op, std::move(terms));
   }
@@ -128,13 +131,17 @@ class Grouper {
       to = to_.graph().op(op).results[0];
     };
     std::optional<ValueId> sum;
-    std::map<Extent, std::optional<ValueId>> groups;
+    std::map<Extent, std::map<OpId, std::optional<ValueId>>> groups;
     for (const ValueId v : terms)
       if (const auto domain = scattered_over(v))
-        add(groups[*domain], map_[v]);
+        add(groups[*domain][from_.value(v).op], map_[v]);
       else
         add(sum, map_[v]);
-    for (const auto& [domain, group] : groups) add(sum, *group);
+    for (const auto& [domain, ops] : groups) {
+      std::optional<ValueId> group;
+      for (const auto& [op, of_op] : ops) add(group, *of_op);
+      add(sum, *group);
+    }
     map_.set(root.results[0], *sum);
     if (!info.name.empty()) to_.set_name(*sum, info.name);
   }

@@ -2,7 +2,9 @@
 #include "runtime/drun/mesh_material.h"
 
 #include <algorithm>
+#include <iterator>
 #include <optional>
+#include <string_view>
 
 #include "runtime/drun/target.h"
 
@@ -31,9 +33,12 @@ Array channels(const std::optional<Array>& red, const std::optional<Array>& gree
 
 }  // namespace
 
-void MeshMaterial::check_part(const std::string& file, const std::string& part) {
+int MeshMaterial::components_of(const std::string& file, const std::string& part) {
   if ((std::string(", ") + kParts + ", ").find(", " + part + ", ") == std::string::npos)
     throw Mistake{"--mesh " + file + ": a material has no '" + part + "', it has " + kParts};
+  constexpr std::string_view kScalars[] = {"metallic", "roughness", "metallic_texture", "roughness_texture",
+                                           "occlusion_texture"};
+  return std::ranges::find(kScalars, part) != std::end(kScalars) ? 1 : 3;
 }
 
 MeshMaterial::MeshMaterial(const std::string& file, const std::map<std::string, std::string>& parts,
@@ -83,7 +88,7 @@ MeshMaterial::MeshMaterial(const std::string& file, const std::map<std::string, 
   if (const auto f = factor("roughness", 1)) material_.roughness = (*f)[0];
   if (material_.emission) material_.emissive = {1, 1, 1};
   if (const auto f = factor("emissive", 3)) std::ranges::copy(*f, material_.emissive.begin());
-  if (!left.empty()) check_part(file, left.begin()->first);
+  if (!left.empty()) components_of(file, left.begin()->first);
 }
 
 void MeshMaterial::show(io::MeshView& view) const {

@@ -17,8 +17,8 @@ class MeshMaterial {
   // Values of so many components by the name of a leaf or output.
   using Values = std::function<io::Array(const std::string& name, int components)>;
 
-  // Both throw Mistake, which names `file`.
-  static void check_part(const std::string& file, const std::string& part);
+  // Of a part's value: floats. Like the next, throws Mistake, which names `file`.
+  static int components_of(const std::string& file, const std::string& part);
   MeshMaterial(const std::string& file, const std::map<std::string, std::string>& parts, const Values& values);
 
   // Gives `view` the material. Precondition: this outlives it.

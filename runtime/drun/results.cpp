@@ -110,9 +110,12 @@ void Results::check(const Options& options) const {
         throw wrong_type(file, parts.names[k], kCorners[k].type);
     }
     for (const auto& [part, name] : parts.material) {
-      MeshMaterial::check_part(file, part);
-      if (const auto what = io::find_result(name, names_of(steps)); !what)
-        throw Mistake{"--mesh " + file + ": " + what.error()};
+      const int components = MeshMaterial::components_of(file, part);
+      const auto what = io::find_result(name, names_of(steps));
+      if (!what) throw Mistake{"--mesh " + file + ": " + what.error()};
+      const auto type = info(*what);
+      if (type.components != components || type.kind != io::ElementKind::Float32)
+        throw wrong_type(file, name, components == 1 ? "float" : "vec3");
     }
   }
 }

@@ -44,6 +44,7 @@ refused() {
 }
 refused "a.glb=$mesh:rough=rough" "a material has no 'rough'"
 refused "a.glb=$mesh:roughness=rough" "'rough' is a picture, expected one value for roughness"
+refused "a.glb=$mesh:occlusion_texture=base" "'base' is not made of float"
 refused "a.obj=$mesh:metallic_texture=metal" "an .obj file has no 'metallic_texture'"
 refused "a.glb=position:face:metallic_texture=metal" "but no uv"
 exit $failed

@@ -545,7 +545,7 @@ TEST_CASE("an update that does not keep what it gets no gradient for runs for al
                                                  std::tuple(name, "37, 41", "ivec2(index.x % 37, index.x / 37 * 4)"),
                                                  std::tuple(marked, "37, 41", "ivec2(index.x % 37, index.x / 37 * 4)")})
       for (const char* update : {"w <- 0.5 * g;", "w <- 0.5 * detach(v) + g;", "w <- if g != 0.0 { w } else { 0.0 };",
-                                 "w <- g + 0.5 * v; v <- 0.9 * v + g;"}) {
+                                 "w <- g + 0.5 * v; v <- 0.9 * v + g;", "w <- w - 0.1 * g * inversesqrt(g * g);"}) {
         INFO(name << ", " << profile << ", [" << extent << "], " << update);
         const auto path = (std::filesystem::path(DR_BUILD_DIR) / "scatter_forgets_test.dr").string();
         std::ofstream(path) << "edition 1;\ninput index : ivec2[S];\ninput x : vec2[S];\n"

@@ -145,9 +145,9 @@ input image : float[32, 32];
 step go { output y = texture.trilinear(texture.pyramid(image, 5), vec2(coord(8, 8).xy) / 8.0, level); })",
        .bound = {{"image", ramp(32, 32)}},
        .define = "level=1.5",
-       .with = {57, 388},
+       .with = {57, 390},
        .without = {166, 0},
-       .woken = {151, 270}},
+       .woken = {151, 273}},
       // The matt layer of what is all metal.
       {.id = "dead",
        .text = R"(

@@ -57,7 +57,7 @@ void Generator::list_stepped(const Pass& gradient, const Pass& update, uint32_t 
     moves = start + "(" + element + ") != " + start + "(" + element + " + 1)";
   }
   for (const ValueId v : rest.memory) moves += " || " + has_bits(s, v);
-  for (const ValueId v : facts.zero) s.define(v, glsl::zero(graph_.value(v).type));
+  for (const ValueId v : facts.zero) s.define(v, s.hidden_zero(graph_.value(v).type));
   for (const ir::OpId id : ops_at_rest(graph_, update, facts)) {
     const ValueId result = graph_.op(id).results[0];
     if (const auto chosen = facts.chosen.find(result); chosen != facts.chosen.end())

@@ -83,6 +83,12 @@ std::string Shader::scatter(const Accumulator& accumulator, ValueId index_value,
          (accumulator.site.empty() ? "" : ", " + accumulator.site) + ");";
 }
 
+std::string Shader::hidden_zero(const Type& type) {
+  if (!type.is_float()) return zero(type);
+  hides_ = true;
+  return literal(type, std::vector<double>(static_cast<size_t>(type.components()), 0.0), "hidden_0");
+}
+
 void Shader::element_ops(const std::vector<ir::OpId>& ops) {
   if (running_.size() > 1) {
     for (const ir::OpId id : ops) op_of_all(graph_.op(id));

@@ -68,6 +68,9 @@ class Shader {
   static std::string element_index(const ir::Extent& extent, const std::string& place);
   static std::string in_range(const ir::Extent& extent, const std::string& place);
 
+  // Zero, of which the driver's compiler cannot know: what it knows times an Inf it takes for zero.
+  std::string hidden_zero(const ir::Type& type);
+
   // Element computation. The variable `at` (ivec3) holds the element's place, or that of its member.
   void element_ops(const std::vector<ir::OpId>& ops);      // root ops of a pass in order
   std::string use(ir::ValueId value);                      // the expression of a value at the current element

@@ -223,7 +223,8 @@ class StepLegalizer {
     std::erase_if(pass.writes, [&](ValueId v) { return contains(sum.terms, v); });
     const auto stored = step_.stored.find(sum.value);
     const bool was_stored = stored != step_.stored.end();
-    if (!fits(profile_, bindings(pass.reads, pass.writes.size() + 1, false, 0))) return false;
+    // Of one pass it only takes buffers away, also where others are left for another sum.
+    if (group.size() > 1 && !fits(profile_, bindings(pass.reads, pass.writes.size() + 1, false, 0))) return false;
     // What was an image becomes a buffer of the shaders that read it: where one joins sums, all packings have to.
     if (was_stored && resource(sum.value).is(Resource::Storage::Image)) {
       for (const Pass& reader : step_.passes) {

@@ -43,13 +43,16 @@ Bound smaller(const Bound& a, const Bound& b) {
   if (never_above_zero(*b - *a)) return b;
   return std::nullopt;
 }
-// Of two bounds that both hold.
+// Of two bounds that both hold. Where nothing is known of them, a number says more than an extent, unless it is larger
+// than those of pictures.
 Bound either(const Bound& a, const Bound& b, bool least) {
   if (!a || !b) return a ? a : b;
-  return never_above_zero(least ? *a - *b : *b - *a)   ? a
-         : never_above_zero(least ? *b - *a : *a - *b) ? b
-         : a->is_constant()                            ? a
-                                                       : b;
+  constexpr int64_t kFar = 1 << 20;
+  const auto is_far = [](const Dim& d) { return d.is_constant() && std::abs(d.constant()) > kFar; };
+  return never_above_zero(least ? *a - *b : *b - *a)       ? a
+         : never_above_zero(least ? *b - *a : *a - *b)     ? b
+         : is_far(*b) || (a->is_constant() && !is_far(*a)) ? a
+                                                           : b;
 }
 
 class Finder {

@@ -210,7 +210,9 @@ Value Elaborator::index_value(const Value& base, const Value& index, const Expr&
   // A reader of other languages means the element, and a component has a name.
   if (base.is_numeric() && !element_type(base).is_matrix() && !extent_of(base).is_unit()) {
     return fail(Code::E0317, expr.span, "expected an array, a vector or a matrix before '[', found " + describe(base),
-                {}, "write x.at(i) for the element at a place, and x.x, x.y, … for a component of all elements");
+                {},
+                "write x.at(i) for the element at a place, x.x, x.y, … for a component of all elements, and "
+                "[x.x, x.y, …][i] for one that an image of indices chooses");
   }
   if (!index.is_numeric() || element_type(index) != ir::kInt) {
     if (!index.is_numeric() || element_type(index) != ir::kUint) {
