@@ -400,9 +400,15 @@ void Elaborator::declare_leaf(ModuleInfo& module, const dsl::LeafDecl& decl) {
   if (!resolved) return;
   const auto* type = resolved->get<TypeValue>();
   if (!type || type->kind != TypeValue::Kind::Element) {
-    report(Code::E0613, decl.type->span,
-           "expected a scalar, vector or matrix type for the leaf '" + decl.name.text + "', found " +
-               (type ? describe(*type) : std::string("another kind of type")));
+    const bool is_array = type && type->kind == TypeValue::Kind::Array;
+    report(
+        Code::E0613, decl.type->span,
+        "expected a scalar, vector or matrix type for the leaf '" + decl.name.text + "', found " +
+            (is_array ? "an array"
+             : type   ? describe(*type)
+                      : std::string("another kind of type")),
+        {},
+        is_array ? "write how many elements there are behind their type, as in " + decl.name.text + " : float[3]" : "");
     return;
   }
   ir::Leaf leaf{leaf_kind(decl.kind), module.prefix + decl.name.text, type->element, {}, {}, decl.span};

@@ -102,11 +102,13 @@ Value Elaborator::gather(const Value& base, const Value& index, const Span& base
     if (there.valid() && there != source->id) return gather(Image{there, 0}, index, base_span, index_span, where);
   }
   if (in_region() && (!source || b_.value(source->id).region != b_.graph().root())) {
-    return fail(Code::E0703, base_span,
-                "expected an image from outside " + std::string(regions_.back().what) + " " + std::string(where) +
-                    ", found one that is computed inside",
-                {{regions_.back().span, "the region is here"}},
-                "what depends on the region's own values is one element; read each image before it is computed with");
+    return fail(
+        Code::E0703, base_span,
+        "expected an image from outside " + std::string(regions_.back().what) + " " + std::string(where) +
+            ", found one that is computed inside",
+        {{regions_.back().span, "the region is here"}},
+        "what depends on the region's own values is one element; read each image before it is computed with, or call "
+        "what makes it before, with 'let'");
   }
   const Extent extent = extent_of(base);
   const std::string name = label(base, describe(base));
