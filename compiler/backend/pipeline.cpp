@@ -3,6 +3,8 @@
 
 #include <bit>
 #include <chrono>
+#include <set>
+#include <tuple>
 
 #include "compiler/backend/analysis/fold_memory.h"
 #include "compiler/backend/emit/generator.h"
@@ -138,11 +140,31 @@ Outcome run_clear_by_epochs(Compilation& c) {
   return std::nullopt;
 }
 
+// Some of the lines behind ops, those of the program before those of the library: " (fit.dr:3, fit.dr:8, ...)".
+std::string lines_behind(const SourceLines& lines, const std::vector<ir::OpId>& ops) {
+  constexpr size_t kMost = 4;
+  std::set<std::tuple<bool, std::string, uint32_t>> all;
+  for (const ir::OpId id : ops)
+    if (const auto line = lines.of(id)) {
+      const std::string& file = lines.files()[line->file()];
+      all.emplace(file.starts_with("std/"), file, line->line());
+    }
+  std::string out;
+  size_t count = 0;
+  for (const auto& [library, file, line] : all)
+    if (++count <= kMost) out += (count == 1 ? " (" : ", ") + file + ":" + std::to_string(line);
+  return out + (count > kMost ? ", ...)" : count > 0 ? ")" : "");
+}
+
 // The last word on limits, whatever the passes before took care of.
 Outcome run_check_limits(Compilation& c) {
   std::string limits;
-  for (const Violation& v : check_schedule(c.graph(), c.out.schedule, c.profile))
-    if (v.kind == Violation::Kind::Limit) limits += (limits.empty() ? "" : "\n") + v.text;
+  for (const Violation& v : check_schedule(c.graph(), c.out.schedule, c.profile)) {
+    if (v.kind != Violation::Kind::Limit) continue;
+    limits += (limits.empty() ? "" : "\n") + v.text + lines_behind(c.lines, v.ops);
+    if (v.text.find("storage buffers") != std::string::npos)
+      limits += "; passes of other ops, as with '--pack naive' or '--lower fragment', may fit";
+  }
   if (const auto loops = folds_over_limit(c.graph(), c.lines)) limits += (limits.empty() ? "" : "\n") + *loops;
   if (limits.empty()) return std::nullopt;
   return Limit{limits};

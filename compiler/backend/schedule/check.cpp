@@ -66,7 +66,7 @@ class StepChecker {
   bool is_kept(ValueId v) const { return resource_of(v) && is_ready(v) && !is_tile(v); }
 
   void report(Violation::Kind kind, const std::string& what) {
-    violations_.push_back({kind, "step " + step_.name + ", pass " + pass().name + ": " + what});
+    violations_.push_back({kind, "step " + step_.name + ", pass " + pass().name + ": " + what, pass().ops});
   }
   void unsound(const std::string& what) { report(Violation::Kind::Unsound, what); }
   void unsound_step(const std::string& what) {

@@ -125,6 +125,7 @@ struct Violation {
   enum class Kind : uint8_t { Unsound, Limit };
   Kind kind = Kind::Unsound;
   std::string text;
+  std::vector<ir::OpId> ops = {};  // of the pass that it is about
   friend bool operator==(const Violation&, const Violation&) = default;
 };
 
