@@ -6,7 +6,6 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <set>
-#include <sstream>
 
 #include "compiler/target/builtin_profiles.h"
 #include "compiler/target/device_report.h"
@@ -31,11 +30,14 @@ std::variant<Profile, std::string> load_profile(std::string_view name) {
     for (const std::string& n : builtin_profiles()) message += " " + n;
     return message;
   }
+  constexpr size_t kMost = 1 << 20;  // bytes
   std::ifstream file{std::string(name), std::ios::binary};
-  std::stringstream text;
-  if (file) text << file.rdbuf();
-  if (!file) return "cannot read profile '" + std::string(name) + "'";
-  return parse_profile(text.str(), name);
+  std::string text(kMost + 1, '\0');
+  if (file) file.read(text.data(), static_cast<std::streamsize>(text.size()));
+  if (file.bad() || (file.fail() && !file.eof())) return "cannot read profile '" + std::string(name) + "'";
+  text.resize(static_cast<size_t>(file.gcount()));
+  if (text.size() > kMost) return "'" + std::string(name) + "' is larger than a profile";
+  return parse_profile(text, name);
 }
 
 namespace {

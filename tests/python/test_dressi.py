@@ -186,9 +186,12 @@ def test_steps_and_outputs_that_are_not_there_are_told(device):
         (lambda: run.step("fit", times=0), "at least one run"),
         (lambda: run.step("fit", outputs=["los"]), "no output 'los'; there are error"),
         (lambda: run["ofset"], "did you mean 'offset'"),
+        (lambda: run.bind(symbols={None: 3}), "expected the name of a symbol, found None"),
     ]:
         with pytest.raises(dressi.Error, match=words):
             call()
+    # Whatever gives the names, each is fetched.
+    assert list(run.step("fit", outputs=(name for name in ["error"]))) == ["error"]
 
 
 def test_defines_bundles_and_the_reference(device, tmp_path):

@@ -228,13 +228,16 @@ class Run:
         c.library.dressi_on_warning(self._handle, self._warn, None)
 
     def _tell(self) -> None:
+        hint = "" if self._exact else ": Run.check_finite says where it begins"  # the evaluator has no commands to look behind
         while self._words:
-            warnings.warn(self._words.pop(0) + ": Run.check_finite says where it begins", c.NotFiniteWarning, stacklevel=3)
+            warnings.warn(self._words.pop(0) + hint, c.NotFiniteWarning, stacklevel=3)
 
     def bind(self, arrays: Mapping[str, Any] | None = None, /, *, symbols: Mapping[str, int] | None = None, **more: Any) -> Run:
         """Gives leaves their data, which is copied, and symbols that no leaf determines their values. Returns the run."""
         self.device._check_process()
         for symbol, value in (symbols or {}).items():
+            if not isinstance(symbol, str):
+                raise c.BindError(f"expected the name of a symbol, found {symbol!r}")
             count = _whole(f"symbol '{symbol}'", value)
             c.checked(c.library.dressi_bind_symbol(self._handle, symbol.encode(), count), c.BindError)
             self.symbols[symbol] = count
@@ -304,8 +307,8 @@ class Run:
         if self._stream is not None:
             self._use_stream(current_stream(self.device))
         types = self.program.output_types[name]
-        if isinstance(outputs, str):
-            outputs = [outputs]
+        if outputs is not None:
+            outputs = [outputs] if isinstance(outputs, str) else list(outputs)
         for wanted in outputs or ():
             if wanted not in types:
                 self.program._output_type(name, wanted)
