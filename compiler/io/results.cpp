@@ -2,6 +2,8 @@
 // Results by name and as files.
 #include "compiler/io/results.h"
 
+#include <unistd.h>
+
 #include <algorithm>
 #include <filesystem>
 #include <sstream>
@@ -89,6 +91,8 @@ Result<void> check_output_file(const std::string& path, std::span<const std::str
     std::error_code error;
     if (!folder.empty() && !fs::is_directory(folder, error))
       fail("there is no folder ", path_in_quotes(folder.string()));
+    if (::access(folder.empty() ? "." : folder.c_str(), W_OK) != 0)
+      fail("nothing can be written into ", folder.empty() ? "this folder" : path_in_quotes(folder.string()));
     if (fs::is_directory(path, error)) fail("it is a folder");
   });
 }

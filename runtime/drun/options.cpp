@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cctype>
 #include <charconv>
+#include <limits>
 #include <string_view>
 
 #include "version_generated.h"
@@ -205,9 +206,12 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
       int times = 1;
       if (at != std::string::npos) {
         const std::string count = s.substr(at + 1);
-        if (count.empty() || count.size() > 9 || count.find_first_not_of("0123456789") != std::string::npos)
-          throw CLI::ValidationError("--step", "expected a number of runs after '=', found '" + count + "'");
-        times = std::stoi(count);
+        const char* const end = count.data() + count.size();
+        const auto read = std::from_chars(count.data(), end, times);
+        if (read.ec != std::errc() || read.ptr != end || times < 0)
+          throw CLI::ValidationError("--step", "expected a number of runs after '=', up to " +
+                                                   std::to_string(std::numeric_limits<int>::max()) + ", found '" +
+                                                   count + "'");
       }
       options.steps.emplace_back(s.substr(0, at), times);
     }

@@ -8,6 +8,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <map>
+#include <optional>
 #include <sstream>
 
 #include "compiler/io/mesh/mesh.h"
@@ -94,13 +95,19 @@ void Results::check(const Options& options) const {
     if (times > 0) steps.insert(step);
   if (options.steps.empty())
     for (const std::string& step : names_.steps()) steps.insert(step);
+  std::set<std::string> files;
+  const auto once = [&](const char* option, const std::string& file) {
+    if (!files.insert(file).second) throw Mistake{std::string(option) + ": '" + file + "' is to be written twice"};
+  };
   for (const auto& [name, file] : options.saves) {
+    once("--save", file);
     const auto what = io::find_result(name, names_of(steps));
     if (!what) throw Mistake{"--save " + name + "=" + file + ": " + what.error()};
     const auto type = info(*what);
     must(io::check_saved(file, type.kind, type.components));
   }
   for (const auto& [file, text] : options.meshes) {
+    once("--mesh", file);
     const MeshParts parts = parse_mesh(file, text);
     for (size_t k = 0; k < std::min<size_t>(parts.names.size(), 4); ++k) {
       const auto what = io::find_result(parts.names[k], names_of(steps));
@@ -168,9 +175,21 @@ Array Results::named(const std::string& name, const std::set<std::string>& ran) 
   return what.step.empty() ? must(target_.leaf(what.name)) : written(what.step, what.name);
 }
 
+// Each is written, whatever becomes of the others; the first mistake is told.
 void Results::write_asked(const Options& options, const std::set<std::string>& ran) const {
-  for (const auto& [name, file] : options.saves) must(io::save_array(file, named(name, ran)));
-  for (const auto& [file, what] : options.meshes) write_mesh(file, what, ran);
+  std::optional<Mistake> first;
+  const auto attempt = [&](const auto& write) {
+    try {
+      write();
+    } catch (const Mistake& mistake) {
+      if (!first) first = mistake;
+    }
+  };
+  for (const auto& [name, file] : options.saves)
+    attempt([&, &name = name, &file = file] { must(io::save_array(file, named(name, ran))); });
+  for (const auto& [file, what] : options.meshes)
+    attempt([&, &file = file, &what = what] { write_mesh(file, what, ran); });
+  if (first) throw *first;
 }
 
 void Results::write_mesh(const std::string& file, const std::string& what, const std::set<std::string>& ran) const {

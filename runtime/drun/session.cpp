@@ -148,6 +148,9 @@ void Session::resume() {
     throw Mistake{"--resume goes on with the steps of the run before, which were" + before +
                   "; the last one may run more often, and others may follow"};
   }
+  if (const auto& [step, times] = steps_[at_.entry]; times < at_.done)
+    throw Mistake{"--resume: step '" + step + "' has run " + std::to_string(at_.done) + " times, more often than the " +
+                  std::to_string(times) + " that are asked for"};
   for (const auto& [leaf, data] : at_.leaves) must(target_.bind(leaf, data));
   for (const auto& [step, runs] : at_.runs) must(target_.set_runs(step, runs));
   at_.leaves.clear();

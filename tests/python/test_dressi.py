@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 import time
+import warnings
 
 import numpy as np
 import pytest
@@ -192,6 +193,25 @@ def test_steps_and_outputs_that_are_not_there_are_told(device):
             call()
     # Whatever gives the names, each is fetched.
     assert list(run.step("fit", outputs=(name for name in ["error"]))) == ["error"]
+
+
+def test_a_file_that_is_no_text_is_told(tmp_path):
+    (tmp_path / "bad.dr").write_bytes(b"edition 1;\nstep s { output x = 1.0; }  // \xff\n")
+    with pytest.raises(dressi.CompileError, match="bad.dr:2: expected text in UTF-8, found the byte 0xff"):
+        dressi.compile(str(tmp_path / "bad.dr"), device="reference")
+
+
+@pytest.mark.parametrize("device", [name for name in DEVICES if name != "reference"])  # which has no commands to look behind
+def test_warnings_that_are_errors_stop_a_run(device):
+    text = "edition 1;\nparam x : float = 1.0;\nstep s { x <- x * 1e30; output y = x; }\n"
+    run = dressi.compile(text, device=device).bind()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", dressi.NotFiniteWarning)
+        assert run.check_finite("s") is None
+        with pytest.raises(dressi.NotFiniteWarning):
+            run.step("s", times=1000)
+        found = run.check_finite("s")
+    assert found is not None
 
 
 def test_defines_bundles_and_the_reference(device, tmp_path):

@@ -29,6 +29,14 @@ bool tells_presence(const Graph& graph, const Op& op, ValueId face) {
   return op.kind == OpKind::Equal && is_constant(first ? 1 : 0, -1);
 }
 
+// Whether a step gives it away as it is.
+bool is_result(const Graph& graph, ValueId v) {
+  const auto is_it = [&](const auto& named) { return named.value == v; };
+  return std::ranges::any_of(graph.steps, [&](const ir::Step& step) {
+    return std::ranges::any_of(step.outputs, is_it) || std::ranges::any_of(step.updates, is_it);
+  });
+}
+
 bool presence_alone(const Graph& graph, ValueId face, ir::RegionId region) {
   for (const ir::OpId id : graph.region(region).ops) {
     const Op& op = graph.op(id);
@@ -37,7 +45,7 @@ bool presence_alone(const Graph& graph, ValueId face, ir::RegionId region) {
     const bool moves =
         op.kind == OpKind::Gather ? op.operands[0] == face : op.kind == OpKind::Select && op.operands[0] != face;
     if (uses > 0 && !tells_presence(graph, op, face) &&
-        !(uses == 1 && moves && presence_alone(graph, op.results[0], graph.root())))
+        !(uses == 1 && moves && !is_result(graph, op.results[0]) && presence_alone(graph, op.results[0], graph.root())))
       return false;
     for (const ir::RegionId inner : op.regions)
       if (!presence_alone(graph, face, inner)) return false;

@@ -331,6 +331,7 @@ class Run:
             else:
                 count = self._watched_step(name, count)
             done += count
+            self._tell()  # where warnings are errors, the run stops here
             now = time.monotonic()
             if now - start < 0.05:
                 chunk *= 2  # so that Ctrl-C is heard soon, and short steps are not held up
@@ -400,12 +401,16 @@ class Run:
         faces that tables are made of, it is a copy that is not writable.
         """
         self.device._check_process()
+        value = self._leaf(leaf)
+        self._tell()
+        return value
+
+    def _leaf(self, leaf: str) -> Any:
         type_ = self.program._leaf_type(leaf)
         if self._shares and leaf not in self.program._from_host:
             return CudaArray(self, leaf, None, type_)
         dense = c.Array()
         found = c.checked(c.library.dressi_leaf_view(self._handle, leaf.encode(), ctypes.byref(dense)))
-        self._tell()
         return from_dense(type_, dense, writable=found == _VIEW)
 
     def __setitem__(self, leaf: str, value: Any) -> None:
@@ -437,7 +442,7 @@ class Run:
         other.bind(symbols=self.symbols)
         for leaf in self.program._steps[step]["leaves"]:
             if leaf in self.program.leaf_types:
-                other._bind(leaf, self[leaf])
+                other._bind(leaf, self._leaf(leaf))
         other.set_runs(step, runs)
         found = json.loads(c.checked(c.library.dressi_checked_step(other._handle, step.encode())))
         return NotFinite(found) if found else None
@@ -538,6 +543,9 @@ def compile(
             source = path.read_text(encoding="utf-8")
         except OSError as error:
             raise c.CompileError(f"cannot read '{path}': {error.strerror}") from error
+        except UnicodeDecodeError as error:
+            line = path.read_bytes().count(b"\n", 0, error.start) + 1
+            raise c.CompileError(f"{path}:{line}: expected text in UTF-8, found the byte {error.object[error.start]:#04x}") from error
     where = _device(device)
     options = [("lower", lower), ("raster", raster), ("scatter", scatter), ("pack", pack), ("float", floats)]
     if profile is not None:
