@@ -22,10 +22,20 @@ bool is_number(std::string_view text) {
   return !text.empty() && text.find_first_not_of("0123456789") == std::string_view::npos;
 }
 
-// "checkpoint-7".
-bool is_checkpoint(std::string_view name) {
+// "checkpoint-7", with what save_checkpoint() puts there and nothing else: others have folders of such names, too.
+bool is_checkpoint(const fs::path& folder) {
   constexpr std::string_view kFolder = "checkpoint-";
-  return name.starts_with(kFolder) && is_number(name.substr(kFolder.size()));
+  const std::string name = folder.filename().string();
+  std::error_code error;
+  if (!name.starts_with(kFolder) || !is_number(std::string_view(name).substr(kFolder.size()))) return false;
+  if (fs::is_symlink(folder, error) || !fs::is_directory(folder, error)) return false;
+  for (const auto& entry : fs::directory_iterator(folder, error)) {
+    const std::string file = entry.path().filename().string();
+    const bool is_own =
+        file.ends_with(".npy") || file.ends_with(".tmp") || file == "log.jsonl" || file == "log.jsonl.partial";
+    if (!entry.is_regular_file(error) || !is_own) return false;
+  }
+  return !error;
 }
 
 // "img.npy.1234567.tmp", as compiler/io writes files before it names them, and what write_text() begins with.
@@ -62,7 +72,7 @@ void OutFolder::sweep(const std::string& in_use) const {
   std::vector<fs::path> left;
   for (const auto& entry : fs::directory_iterator(path_, error)) {
     const std::string name = entry.path().filename().string();
-    if (is_temporary(name) || (is_checkpoint(name) && name != in_use)) left.push_back(entry.path());
+    if (is_temporary(name) || (name != in_use && is_checkpoint(entry.path()))) left.push_back(entry.path());
   }
   for (const fs::path& path : left) fs::remove_all(path, error);
 }

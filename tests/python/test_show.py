@@ -97,11 +97,12 @@ def test_what_is_not_finite_is_warned_of_once(device):
         "step spoil { p <- p / t; }\n",
         device=device,
     )
+    hint = "" if device == "reference" else ".*check_finite"  # the evaluator has no commands to look behind
     run = program.bind(t=[1.0, 0.0, 2.0])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert run.step("look", outputs=["fine"])["fine"][1] == 1
-    with pytest.warns(dressi.NotFiniteWarning, match=r"output 'look.wide' has Inf at element \(1, 0, 0\).*check_finite"):
+    with pytest.warns(dressi.NotFiniteWarning, match=r"output 'look.wide' has Inf at element \(1, 0, 0\)" + hint):
         run.step("look")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
