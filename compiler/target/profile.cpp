@@ -57,12 +57,12 @@ class Fields {
                       : text  ? value->is_string()
                       : real  ? value->is_number()
                               : value->is_number_unsigned();
-    if (!fits) {
-      fail(name, std::string("should be ") + (boolean ? "true or false"
-                                              : text  ? "a string"
-                                              : real  ? "a number"
-                                                      : "a whole number"));
-    } else if constexpr (real) {
+    if (!fits)
+      return fail(name, std::string("should be ") + (boolean ? "true or false"
+                                                     : text  ? "a string"
+                                                     : real  ? "a number"
+                                                             : "a whole number"));
+    if constexpr (real) {
       out = value->template get<double>();
       if (out <= 0) fail(name, "should be greater than 0");
     } else if constexpr (boolean || text) {
