@@ -115,7 +115,8 @@ void Program::State::take_over(State& old) {
   warnings = std::move(old.warnings);
   pipelines_before = old.pipelines_before;
   pipelines_before += old.on_device->pipelines.counters();
-  // Contents of leaves: from memory to memory, where no tables are made of them.
+  // Contents of leaves: from memory to memory, where no tables are made of them and both programs draw, or neither.
+  const bool same_family = objects().queue.family() == old.on_device->queue.family();
   std::vector<std::pair<uint32_t, uint32_t>> copies;  // resources, from and to
   std::vector<uint32_t> lacking;
   for (size_t k = 0; k < bundle.leaves.size(); ++k) {
@@ -128,7 +129,7 @@ void Program::State::take_over(State& old) {
     if (old.pending[was]) {
       assign(k, *old.pending[was]);
     } else if (old.has_memory((*found)->resource)) {
-      if (has_tables(k)) {
+      if (has_tables(k) || !same_family) {
         assign(k, old.on_device->transfer.download((*found)->resource));
         continue;
       }

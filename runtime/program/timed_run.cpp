@@ -41,7 +41,8 @@ std::optional<uint32_t> list_of(const bundle::BundleT& bundle, const bundle::Com
 std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
   const size_t index = step_index(name);
   StepState& step = prepared_step(index);
-  if (device->timestamp_bits == 0) throw Failure{"the device's queue takes no times"};
+  const uint32_t bits = on_device->queue.timestamp_bits();
+  if (bits == 0) throw Failure{"the device's queue takes no times"};
   const std::vector<bool> dirty = must_run(step);
   const Variant& variant = recorded(step, dirty);
   const std::vector<const Primitive*> chosen = step.chosen(dirty);
@@ -104,7 +105,7 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
                                               vk::QueryResultFlagBits::e64 | vk::QueryResultFlagBits::eWait);
   if (read.first != vk::Result::eSuccess) throw Failure{"the device gave no times"};
   const std::vector<uint64_t>& ticks = read.second;
-  const uint64_t mask = device->timestamp_bits >= 64 ? UINT64_MAX : (uint64_t{1} << device->timestamp_bits) - 1;
+  const uint64_t mask = bits >= 64 ? UINT64_MAX : (uint64_t{1} << bits) - 1;
   const auto nanoseconds = [&](uint32_t from, uint32_t to) {
     return static_cast<double>((ticks[to] - ticks[from]) & mask) *
            static_cast<double>(device->properties.limits.timestampPeriod);

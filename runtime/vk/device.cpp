@@ -193,6 +193,22 @@ std::optional<uint32_t> DeviceState::host_memory_type(uint32_t allowed) const {
   return any;
 }
 
+void choose_families(DeviceState& state) {
+  const auto families = state.physical.getQueueFamilyProperties();
+  const auto first = [&](const auto& fits) {
+    const auto family = std::ranges::find_if(families, fits);
+    return family == families.end() ? std::nullopt : std::optional(static_cast<uint32_t>(family - families.begin()));
+  };
+  constexpr auto kBoth = vk::QueueFlagBits::eGraphics | vk::QueueFlagBits::eCompute;
+  const auto graphics = first([&](const auto& f) { return (f.queueFlags & kBoth) == kBoth; });
+  if (!graphics) throw Failure{"the device has no queue for graphics and compute"};
+  state.graphics.family = *graphics;
+  state.compute.family = first([&](const auto& f) {
+                           return (f.queueFlags & kBoth) == vk::QueueFlagBits::eCompute && f.timestampValidBits > 0;
+                         }).value_or(*graphics);
+  for (DeviceQueue* q : {&state.graphics, &state.compute}) q->timestamp_bits = families[q->family].timestampValidBits;
+}
+
 std::shared_ptr<DeviceState> open_device(const DeviceOptions& options) {
   auto state = std::make_shared<DeviceState>();
   make_instance(*state, options.validation);
@@ -218,13 +234,7 @@ std::shared_ptr<DeviceState> open_device(const DeviceOptions& options) {
       state->physical.getProperties2<vk::PhysicalDeviceProperties2, vk::PhysicalDeviceMaintenance3Properties>()
           .get<vk::PhysicalDeviceMaintenance3Properties>()
           .maxMemoryAllocationSize;
-  const auto families = state->physical.getQueueFamilyProperties();
-  const auto wanted = vk::QueueFlagBits::eGraphics | vk::QueueFlagBits::eCompute;
-  const auto family =
-      std::find_if(families.begin(), families.end(), [&](const auto& f) { return (f.queueFlags & wanted) == wanted; });
-  if (family == families.end()) throw Failure{"the device has no queue for graphics and compute"};
-  state->family = static_cast<uint32_t>(family - families.begin());
-  state->timestamp_bits = family->timestampValidBits;
+  choose_families(*state);
 
   std::vector<const char*> extensions;
   const auto offered = state->physical.enumerateDeviceExtensionProperties();
@@ -288,9 +298,11 @@ std::shared_ptr<DeviceState> open_device(const DeviceOptions& options) {
   enable_statistics.pipelineExecutableInfo = VK_TRUE;
   if (state->shader_statistics) extensions.push_back(VK_KHR_PIPELINE_EXECUTABLE_PROPERTIES_EXTENSION_NAME);
   const float priority = 1;
-  vk::DeviceQueueCreateInfo queue({}, state->family, 1, &priority);
+  std::vector<vk::DeviceQueueCreateInfo> queues = {{{}, state->graphics.family, 1, &priority}};
+  if (state->compute.family != state->graphics.family)
+    queues.emplace_back(vk::DeviceQueueCreateFlags(), state->compute.family, 1, &priority);
   vk::DeviceCreateInfo info;
-  info.setQueueCreateInfos(queue);
+  info.setQueueCreateInfos(queues);
   info.setPEnabledExtensionNames(extensions);
   info.pEnabledFeatures = &enable;
   if (state->int64_atomics) info.pNext = &enable_atomics;
@@ -321,7 +333,7 @@ std::shared_ptr<DeviceState> open_device(const DeviceOptions& options) {
       "vkCreateDevice");
   state->device =
       owned<vk::raii::Device>(state->physical, device, calls.vkGetDeviceProcAddr(device, "vkDestroyDevice"));
-  state->queue = state->device.getQueue(state->family, 0);
+  for (DeviceQueue* q : {&state->graphics, &state->compute}) q->queue = state->device.getQueue(q->family, 0);
   return state;
 }
 

@@ -14,10 +14,11 @@ using std::chrono::nanoseconds;
 
 Queue::Queue(std::shared_ptr<DeviceState> device, bool draws)
     : device_(std::move(device)),
+      on_(draws ? device_->graphics : device_->compute),
       stages_(vk::PipelineStageFlagBits::eComputeShader | vk::PipelineStageFlagBits::eTransfer |
               (draws ? vk::PipelineStageFlagBits::eAllGraphics : vk::PipelineStageFlagBits::eDrawIndirect)) {
   pool_ = vk::raii::CommandPool(
-      device_->device, vk::CommandPoolCreateInfo(vk::CommandPoolCreateFlagBits::eResetCommandBuffer, device_->family));
+      device_->device, vk::CommandPoolCreateInfo(vk::CommandPoolCreateFlagBits::eResetCommandBuffer, on_.family));
   for (Flight& f : flights_) f.fence = vk::raii::Fence(device_->device, vk::FenceCreateInfo());
 }
 
@@ -54,7 +55,7 @@ void Queue::give(const std::vector<vk::CommandBuffer>& commands, vk::Fence fence
   submit.setCommandBuffers(commands);
   if (order_ == nullptr) {
     const std::lock_guard lock(device_->queue_lock);
-    return device_->queue.submit(submit, fence);
+    return on_.queue.submit(submit, fence);
   }
   const CudaOrder::Values values = order_->before_submission();
   const vk::Semaphore semaphore = order_->semaphore();
@@ -68,7 +69,7 @@ void Queue::give(const std::vector<vk::CommandBuffer>& commands, vk::Fence fence
   submit.pNext = &timeline;
   {
     const std::lock_guard lock(device_->queue_lock);
-    device_->queue.submit(submit, fence);
+    on_.queue.submit(submit, fence);
   }
   order_->after_submission(values);
 }

@@ -21,6 +21,9 @@ class Queue {
  public:
   // `draws`: some of what is submitted draws. What never does waits for no stage of graphics.
   explicit Queue(std::shared_ptr<DeviceState> device, bool draws = true);
+  // Memory that queues of one family wrote is lost to those of another one.
+  uint32_t family() const { return on_.family; }
+  uint32_t timestamp_bits() const { return on_.timestamp_bits; }
   vk::raii::CommandBuffer command_buffer() const;
   // Submissions and the stream of this order wait for each other from now on. It must outlive the queue's use.
   void set_order(CudaOrder* order);
@@ -48,6 +51,7 @@ class Queue {
  private:
   void give(const std::vector<vk::CommandBuffer>& commands, vk::Fence fence);
   std::shared_ptr<DeviceState> device_;
+  const DeviceQueue& on_;
   vk::PipelineStageFlags stages_;  // of all that is submitted
   CudaOrder* order_ = nullptr;
   vk::raii::CommandPool pool_{nullptr};
