@@ -83,10 +83,10 @@ void Program::State::make_ready(size_t index) {
 vk::raii::CommandBuffer Program::State::record(const StepState& step, const std::vector<bool>& dirty, int times) {
   auto commands = on_device->queue.command_buffer();
   commands.begin(vk::CommandBufferBeginInfo(vk::CommandBufferUsageFlagBits::eSimultaneousUse));
-  on_device->queue.everything_before(commands);
   const std::vector<const Primitive*> once = step.chosen(dirty);
   std::vector<const Primitive*> all;
   for (int k = 0; k < times; ++k) all.insert(all.end(), once.begin(), once.end());
+  on_device->queue.everything_before(commands, on_device->commands.first_uses(all));
   on_device->commands.record(commands, all);
   // What only copies read is made visible by them.
   if (on_device->memory.has_host()) on_device->queue.before_the_host(commands);

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <map>
+#include <set>
 
 #include "compiler/backend/bundle/levels.h"
 
@@ -57,6 +58,22 @@ std::vector<std::vector<size_t>> by_level(std::span<const std::vector<Access>> c
     levels[own].push_back(k);
   }
   return levels;
+}
+
+Scope first_uses(std::span<const std::vector<Access>> commands) {
+  std::set<uint32_t> written;
+  Scope out;
+  for (const std::vector<Access>& accesses : commands) {
+    for (const Access& a : accesses) {
+      if (written.contains(a.resource)) continue;
+      const Scope scope = scope_of(a.use);
+      out.stages |= scope.stages;
+      out.access |= scope.access;
+    }
+    for (const Access& a : accesses)
+      if (writes(a.use)) written.insert(a.resource);
+  }
+  return out;
 }
 
 std::vector<Barrier> plan_barriers(std::span<const std::vector<Access>> commands) {

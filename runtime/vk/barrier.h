@@ -48,6 +48,10 @@ bool writes(Use use);
 // as the clears of a run beside the end of the run before.
 std::vector<std::vector<size_t>> by_level(std::span<const std::vector<Access>> commands);
 
+// What the commands do with each resource up to their first write of it: it waits for what came before them, and all
+// else waits for that write.
+Scope first_uses(std::span<const std::vector<Access>> commands);
+
 // One barrier a command, in order: against every earlier write of what it touches, and every earlier read of what
 // it writes, that no barrier has covered yet. The first command waits for nothing: what came before the
 // sequence is the caller's to wait for.

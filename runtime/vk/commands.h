@@ -34,6 +34,10 @@ class Commands {
 
   // Resources of the step have memory; symbols have values.
   std::vector<Primitive> primitives(const bundle::StepT& step);
+  // What primitives in order wait for before they use memory first.
+  Scope first_uses(std::span<const Primitive* const> primitives) const {
+    return runtime::first_uses(accesses(primitives));
+  }
   // Some of a step's primitives in order, of several runs too: those that need not wait for each other run beside each
   // other.
   void record(const vk::raii::CommandBuffer& commands, std::span<const Primitive* const> primitives) const;

@@ -31,8 +31,8 @@ struct DeviceState {
   vk::raii::PhysicalDevice physical{nullptr};
   vk::raii::Device device{nullptr};
   DeviceQueue graphics;  // and compute
-  // For what never draws: the same one, or one that cannot draw. An H200 waits less between the commands of that, and
-  // begins and ends a submission earlier by six microseconds, in some processes by thirty.
+  // For what never draws: the same one, or one that cannot draw. On an H200 a command waits less for the one before it
+  // there, and a submission takes some six microseconds less to begin and to end.
   DeviceQueue compute;
   bool pipeline_statistics = false;  // whether it counts what shaders run for
   vk::PhysicalDeviceProperties properties;

@@ -161,18 +161,24 @@ class Machine {
   }
   void record(const vk::raii::CommandBuffer& commands, const std::vector<Pass>& passes) {
     using Stage = vk::PipelineStageFlagBits;
-    const vk::MemoryBarrier written(
-        vk::AccessFlagBits::eShaderWrite | vk::AccessFlagBits::eTransferWrite,
-        vk::AccessFlagBits::eShaderRead | vk::AccessFlagBits::eShaderWrite | vk::AccessFlagBits::eIndirectCommandRead);
-    queue_.everything_before(commands);
+    const vk::MemoryBarrier written(vk::AccessFlagBits::eShaderWrite | vk::AccessFlagBits::eTransferWrite,
+                                    vk::AccessFlagBits::eShaderRead | vk::AccessFlagBits::eShaderWrite);
+    const vk::MemoryBarrier groups_too(written.srcAccessMask,
+                                       written.dstAccessMask | vk::AccessFlagBits::eIndirectCommandRead);
+    commands.pipelineBarrier(
+        Stage::eComputeShader | Stage::eTransfer | Stage::eDrawIndirect, Stage::eComputeShader | Stage::eTransfer, {},
+        vk::MemoryBarrier(vk::AccessFlagBits::eMemoryWrite, written.dstAccessMask | vk::AccessFlagBits::eTransferWrite),
+        {}, {});
     // What is cleared is used by later passes only, so that nothing waits for it.
     for (const Pass& p : passes)
       for (size_t k = 0; k < p.cleared.size(); ++k)
         commands.fillBuffer(*p.cleared[k]->buffer, 0, VK_WHOLE_SIZE, p.fill[k]);
     for (const Pass& p : passes) {
       if (&p != passes.data() || !p.cleared.empty())
-        commands.pipelineBarrier(Stage::eComputeShader | Stage::eTransfer, Stage::eComputeShader | Stage::eDrawIndirect,
-                                 {}, written, {}, {});
+        commands.pipelineBarrier(Stage::eComputeShader | Stage::eTransfer,
+                                 p.groups != nullptr ? Stage::eComputeShader | Stage::eDrawIndirect
+                                                     : vk::PipelineStageFlags(Stage::eComputeShader),
+                                 {}, p.groups != nullptr ? groups_too : written, {}, {});
       const auto groups = static_cast<uint32_t>((p.invocations + 63) / 64);
       const int32_t zero = 0;
       commands.bindPipeline(vk::PipelineBindPoint::eCompute, p.pipeline);

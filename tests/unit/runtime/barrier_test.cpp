@@ -10,7 +10,9 @@
 
 using dr::runtime::Access;
 using dr::runtime::Barrier;
+using dr::runtime::first_uses;
 using dr::runtime::plan_barriers;
+using dr::runtime::Scope;
 using dr::runtime::scope_of;
 using dr::runtime::Use;
 
@@ -153,4 +155,18 @@ TEST_CASE("numbers of workgroups wait for the shader that writes them, and it fo
   CHECK(b[1].to == scope_of(Use::IndirectRead));
   REQUIRE(waits(b[2]));
   CHECK((b[2].from.stages & scope_of(Use::IndirectRead).stages) != 0);
+}
+
+TEST_CASE("first uses are those up to the first write of each resource") {
+  const std::vector<std::vector<Access>> commands = {{{0, Use::ComputeRead}, {1, Use::TransferWrite}},
+                                                     {{1, Use::IndirectRead}, {0, Use::ComputeWrite}},
+                                                     {{0, Use::IndirectRead}}};
+  const Scope read = scope_of(Use::ComputeRead), write = scope_of(Use::ComputeWrite),
+              copy = scope_of(Use::TransferWrite);
+  CHECK(first_uses(commands) ==
+        Scope{read.stages | write.stages | copy.stages, read.access | write.access | copy.access});
+  CHECK(first_uses({}).stages == 0);
+  // Numbers of workgroups that an earlier submission wrote.
+  const std::vector<std::vector<Access>> list = {{{2, Use::IndirectRead}, {2, Use::ComputeWrite}}};
+  CHECK((first_uses(list).stages & scope_of(Use::IndirectRead).stages) != 0);
 }
