@@ -2,6 +2,7 @@
 // `@vjp(f)`: a function that gives the gradient of f in place of the compiler. It takes f's parameters and the adjoint
 // of f's value, and gives the adjoints of those parameters that hold floats.
 #include <algorithm>
+#include <array>
 
 #include "compiler/lower/elaborator.h"
 #include "compiler/ops/emit.h"
@@ -64,6 +65,15 @@ bool moves(const Value& value, const ir::Builder& b) {
   bool found = false;
   for_each_leaf(value, [&](const Value& leaf) { found = found || is_float_image(leaf, b); });
   return found;
+}
+
+// Along each direction an adjoint is as long as its target, or has an element for each of f's value, to be summed for
+// the one of the target. One that does not differ along a direction may have a single element there.
+bool is_adjoint_extent(const Extent& adjoint, const Extent& target, const Extent& value) {
+  return std::ranges::all_of(std::array{&Extent::w, &Extent::h, &Extent::l}, [&](auto axis) {
+    const Dim &a = adjoint.*axis, &t = target.*axis, &v = value.*axis;
+    return a == t || (t.is_one() && a == v) || (a.is_one() && t == v);
+  });
 }
 
 }  // namespace
@@ -150,14 +160,11 @@ Value Elaborator::with_vjp(const FunctionValue& fn, const dsl::FnDecl& vjp, Valu
                     "expected an adjoint of type " + element_type(wanted[i]).str() + " for '" + param + "', found " +
                         describe_element(given[i]));
       }
-      // Of the target's extent, or one element of f's value each, to be summed.
       const Extent adjoint = extent_of(given[i]), target = extent_of(wanted[i]);
-      const auto both = ir::broadcast(adjoint, extent);
-      const bool sums = both && ir::broadcast(*both, target) == *both;
-      if (adjoint != target && !sums) {
-        return fail(
-            Code::E0616, end,
-            "expected an adjoint of the extent " + target.str() + " for '" + param + "', found " + adjoint.str());
+      if (!is_adjoint_extent(adjoint, target, extent)) {
+        const std::string wanted_text = target == Extent() ? "one element" : "the extent " + target.str();
+        return fail(Code::E0616, end,
+                    "expected an adjoint of " + wanted_text + " for '" + param + "', found " + adjoint.str());
       }
       targets.push_back(wanted[i].as<Image>().id);
       adjoints.push_back(materialize(given[i]));

@@ -199,7 +199,7 @@ void differentiate_vjp(Sweep& sweep, Frame& frame, const Op& op) {
     ValueId term = terms[k];
     const Extent& wanted = source.value(targets[k]).extent;
     if (frame.root && b.value(term).extent != wanted && !is_zero(b.graph(), term)) {
-      if (const auto both = ir::broadcast(b.value(term).extent, extent)) term = ops::broadcast(b, term, *both);
+      if (const auto both = ir::broadcast(b.value(term).extent, wanted)) term = ops::broadcast(b, term, *both);
       term = ops::reduce_to(b, term, wanted);
     }
     sweep.add(frame, targets[k], term);
