@@ -39,16 +39,22 @@ void Queue::submit(const vk::raii::CommandBuffer& commands, int times, Pace* pac
                    const std::vector<vk::CommandBuffer>& after) {
   Flight& flight = flights_[next_];
   wait(flight, false);
+  if (flight.spent) device_->device.resetFences(*flight.fence);
+  flight.spent = true;
   std::vector<vk::CommandBuffer> handles(static_cast<size_t>(times), *commands);
   handles.insert(handles.end(), after.begin(), after.end());
-  // Here, and not after the wait: that may have failed.
-  device_->device.resetFences(*flight.fence);
   flight.begin = Clock::now();
   flight.runs = times * runs;
   flight.pace = pace;
   give(handles, *flight.fence);
   flight.busy = true;
   next_ = (next_ + 1) % under_way_;
+  // While the device works: who waits for one run after the other does not wait for this.
+  for (Flight& other : flights_)
+    if (!other.busy && other.spent) {
+      device_->device.resetFences(*other.fence);
+      other.spent = false;
+    }
 }
 
 void Queue::give(const std::vector<vk::CommandBuffer>& commands, vk::Fence fence) {

@@ -62,7 +62,8 @@ class Queue {
   vk::raii::CommandPool pool_{nullptr};
   struct Flight {
     vk::raii::Fence fence{nullptr};
-    bool busy = false;
+    bool busy = false;   // its submission is not known to be done
+    bool spent = false;  // its fence was submitted since it was reset
     std::chrono::steady_clock::time_point begin;
     int runs = 1;
     Pace* pace = nullptr;
