@@ -271,7 +271,17 @@ void Elaborator::warn_of_shared_counts() {
   }
 }
 
+// A number of a const that declares no type is of the type that it has as written: -D RATE=4 is 4.0 for `const RATE =
+// 0.5;`.
 void Elaborator::apply_defines(ModuleInfo& root) {
+  struct Define {
+    ModuleItem* item;
+    std::string name;
+    dsl::FileId file;
+    Span all;
+    Value written;
+  };
+  std::vector<Define> defines;
   for (const auto& [name, text] : options_.defines) {
     const dsl::FileId file = sources_.add("-D " + name, text);
     const Span all{file, 0, static_cast<uint32_t>(text.size())};
@@ -297,16 +307,29 @@ void Elaborator::apply_defines(ModuleInfo& root) {
              suggestion(item_name, known));
       continue;
     }
-    const dsl::ExprPtr expr = dsl::parse_expression(sources_, file, diagnostics_);
+    Define& define = defines.emplace_back(Define{&found->second, name, file, all, {}});
+    if (!define.item->constant->type) define.written = item_value(*module, item_name, *define.item, all);
     if (diagnostics_.has_errors()) return;
-    ModuleItem& item = found->second;
+  }
+  // What they are made of, and what is made of them, is computed anew.
+  for (ModuleInfo& module : modules_)
+    for (auto& [name, item] : module.items)
+      if (item.constant != nullptr) item.state = ModuleItem::State::Waiting;
+  for (const Define& define : defines) {
+    const dsl::ExprPtr expr = dsl::parse_expression(sources_, define.file, diagnostics_);
+    if (diagnostics_.has_errors()) return;
     Value value = evaluate(*expr);
-    if (!value.is_error() && item.constant->type) {
-      const auto fitted = declared(value, *item.constant->type, name, all);
+    if (!value.is_error() && define.item->constant->type) {
+      const auto fitted = declared(value, *define.item->constant->type, define.name, define.all);
       value = fitted ? *fitted : Value(Error{});
+    } else if (const auto* written = define.written.get<Constant>(); written && value.is<Dim>()) {
+      const Scalar scalar = written->type.scalar;
+      if (!convert_known_int(value, scalar) && scalar == Scalar::Uint)
+        value = fail(Code::E0309, define.all,
+                     "expected a uint for '" + define.name + "', as it is one, found " + describe(value));
     }
-    item.value = value;
-    item.state = ModuleItem::State::Done;
+    define.item->value = value;
+    define.item->state = ModuleItem::State::Done;
   }
 }
 

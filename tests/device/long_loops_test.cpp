@@ -225,6 +225,28 @@ TEST_CASE("loops that data bounds come to their end, or the run fails") {
   std::filesystem::remove(file);
 }
 
+TEST_CASE("what a loop promises beside others is kept, whatever its range") {
+  const std::string file = written("promised_loops", R"(edition 1;
+    input n : int;
+    input m : int;
+    let long = reduce(sum, k in 0..n, max = 1000) { 1 };
+    let beside = fold(k in 0..m, s = 0, max = 1000) { s + 1 };
+    step s { output long, beside; }
+  )");
+  for (const auto& [name, device] : test::devices()) {
+    INFO(name);
+    jit::Options options;
+    options.profile = name;
+    Program program = must(Program::load(device, test::compile(file, options)));
+    must(program.bind("n", Array::from_ints(std::vector<int32_t>{150000}, 1, 1, 1)));
+    must(program.bind("m", Array::from_ints(std::vector<int32_t>{500}, 1, 1, 1)));
+    must(program.run("s"));
+    CHECK(must(program.output("s", "long")).to_doubles() == std::vector<double>{1000});
+    CHECK(must(program.output("s", "beside")).to_doubles() == std::vector<double>{500});
+  }
+  std::filesystem::remove(file);
+}
+
 // The gradient's scatter may join the pass that computes its conditions.
 TEST_CASE("short loops behind long ones come to their end") {
   const std::string file = written("behind_long", R"(edition 1;

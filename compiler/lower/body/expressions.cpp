@@ -207,8 +207,10 @@ Value Elaborator::index_value(const Value& base, const Value& index, const Expr&
     return fail(Code::E0317, expr.span, "expected an array, a vector or a matrix before '[', found " + describe(base),
                 {}, std::move(help));
   }
-  // A reader of other languages means the element, and a component has a name.
-  if (base.is_numeric() && !element_type(base).is_matrix() && !extent_of(base).is_unit()) {
+  // A reader of other languages means the element of the image, and a component has a name.
+  const auto* of_image = base.get<Image>();
+  const bool is_element = of_image && of_image->element > 0;
+  if (base.is_numeric() && !is_element && !element_type(base).is_matrix() && !extent_of(base).is_unit()) {
     return fail(Code::E0317, expr.span, "expected an array, a vector or a matrix before '[', found " + describe(base),
                 {},
                 "write x.at(i) for the element at a place, x.x, x.y, … for a component of all elements, and "

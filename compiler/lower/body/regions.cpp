@@ -216,7 +216,14 @@ Value Elaborator::evaluate_reduce(const Expr& expr) {
 
   const std::vector<Value> range{begin, end};
   if (!check_extents(range, expr.span)) return Error{};
-  const ValueId begin_id = materialize(begin), end_id = materialize(end);
+  const ValueId begin_id = materialize(begin);
+  ValueId end_id = materialize(end);
+  // What is promised holds: devices that end loops count on it.
+  if (const auto known = loop_bound(nullptr, begin, end); expr.c && (*known < 0 || *known > bound))
+    end_id =
+        ops::add(b_, begin_id,
+                 ops::emit(b_, OpKind::Min,
+                           {ops::sub(b_, end_id, begin_id), ops::constant(b_, ir::kInt, static_cast<double>(bound))}));
   const Extent trips_extent = *ir::broadcast(b_.value(begin_id).extent, b_.value(end_id).extent);
   regions_.push_back({"'reduce'", expr.span, frames_.size(), {}});
   const ir::ResultType param{ir::kInt, trips_extent};
