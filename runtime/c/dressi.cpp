@@ -26,16 +26,18 @@ void for_each_option(const char* const* options, const Use& use) {
   }
 }
 
+// GLSL's name: "mat2x3" has 2 columns of 3 rows.
 std::string type_name(const dr::bundle::TypeT& type) {
   using dr::bundle::Scalar;
   const bool is_float = type.scalar == Scalar::Float;
-  if (type.cols > 1) return "mat" + std::to_string(type.cols);
+  const std::string rows = std::to_string(type.rows);
+  if (type.cols > 1) return "mat" + std::to_string(type.cols) + (type.cols == type.rows ? "" : "x" + rows);
   const char* scalar = is_float                      ? "float"
                        : type.scalar == Scalar::Int  ? "int"
                        : type.scalar == Scalar::Uint ? "uint"
                                                      : "bool";
   if (type.rows == 1) return scalar;
-  return (is_float ? "" : std::string(1, scalar[0])) + "vec" + std::to_string(type.rows);
+  return (is_float ? "" : std::string(1, scalar[0])) + "vec" + rows;
 }
 
 Json extent_of(const dr::bundle::ExtentT& extent) { return {extent.w, extent.h, extent.l}; }

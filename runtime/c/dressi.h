@@ -77,7 +77,7 @@ DRESSI_API const char* dressi_device_info(dressi_device* device);
  * "scatter", "float", "ablate", "include", "define:K" for a const K, and "known:X" for an input X. Without "profile"
  * the device's own is used. "adjoint" with STEP:LEAF,...:OUTPUT,... adds a step STEP.adjoint: its outputs, named as the
  * leaves, are the gradients of the sum over the outputs, each times an input STEP.adjoint.OUTPUT of its type and
- * extent. */
+ * extent. It counts its own runs: dressi_set_runs() gives it the step_index of the run whose gradient it is to be. */
 DRESSI_API dressi_bundle* dressi_compile(const char* name, const char* text, dressi_device* device,
                                          const char* const* options);
 /* Why the gradient of an output or `let` with respect to a leaf or `let` is what it is, of the program of this text, as
@@ -90,8 +90,8 @@ DRESSI_API dressi_bundle* dressi_bundle_read(const void* bytes, size_t size);
 DRESSI_API void dressi_bundle_free(dressi_bundle* bundle);
 DRESSI_API const void* dressi_bundle_bytes(dressi_bundle* bundle, size_t* size);
 /* {"leaves": [{"name", "kind", "type", "extent", "initial"}], "steps": [{"name", "outputs": [{"name", "type",
- * "extent"}], "leaves", "changes"}], "symbols", "profile"}; an extent has three texts, of width, height and layers.
- * Leaves with "from_host" true take no memory of CUDA. */
+ * "extent"}], "leaves", "changes"}], "symbols", "profile"}; a type is GLSL's name, an extent three texts, of width,
+ * height and layers. Leaves with "from_host" true take no memory of CUDA. */
 DRESSI_API const char* dressi_bundle_info(dressi_bundle* bundle);
 
 /* The commands of a step in the order in which they run: [{"kind", "label", "ops", "elements", "shaders", "reads",
@@ -119,7 +119,7 @@ DRESSI_API int dressi_leaf(dressi_run* run, const char* name, dressi_array* out)
  * They give 1 for such a view, 2 for a copy, 0 where they fail. dressi_array_free gives either back; memory of a view
  * lives until then, also when its run is freed. What is written to a leaf counts in the next run, and while a view of
  * it is held nothing that depends on it is skipped, nor anything while one of an output is, which the next run of any
- * step overwrites. */
+ * step overwrites. Of an output that is a leaf there is a copy alone. */
 DRESSI_API int dressi_leaf_view(dressi_run* run, const char* name, dressi_array* out);
 DRESSI_API int dressi_output_view(dressi_run* run, const char* step, const char* name, dressi_array* out);
 

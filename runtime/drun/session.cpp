@@ -255,10 +255,10 @@ int Session::run_for(const std::string& step, int times, int before) {
     const auto begin = Clock::now();
     if (options_.checkpoint_runs > 0) now = std::clamp(options_.checkpoint_runs - runs_since_saved_, 1, now);
     must(target_.run(step, now));
+    const double seconds = ms_since(begin) * 1e-3;
     done += now;
     hear_of_not_finite(step, before + done);
     runs_since_saved_ += now;
-    const double seconds = ms_since(begin) * 1e-3;
     together_ = static_cast<int>(std::clamp(0.2 * now / std::max(seconds, 1e-6), 1.0, 1e6));
     // The device takes its time to start, and the host to know how much it takes at once.
     if (ran_.count(step) != 0) batches_[step].push_back({seconds, now});

@@ -484,7 +484,7 @@ Result<std::optional<HostArray>> Program::output_view(const std::string& step, c
     const size_t index = s.step_index(step);
     for (const auto& o : s.bundle.steps[index]->outputs) {
       if (o->name != name) continue;
-      if (s.kept.contains(index)) return std::nullopt;
+      if (s.kept.contains(index) || s.is_leaf(o->resource)) return std::nullopt;
       s.require_run(step);
       return s.seen(output_text(step, name), s.view(o->resource, s.bundle.leaves.size()));
     }

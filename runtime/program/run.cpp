@@ -111,7 +111,8 @@ int Program::State::submit(const StepState& step, const std::vector<bool>& dirty
 
 // The host may have written to what it has views of, also just before it gave the last one back.
 void Program::State::count_written() {
-  run_whole = views.back().lent;
+  if (views.back().lent)
+    for (StepState& step : on_device->steps) step.whole = true;  // steps share memory
   for (size_t k = 0; k < views.size(); ++k) {
     if (!views[k].lent) continue;
     if (k < versions.size()) ++versions[k];
@@ -120,7 +121,7 @@ void Program::State::count_written() {
 }
 
 const std::vector<bool>& Program::State::must_run(StepState& step) const {
-  return options.cache && !run_whole ? step.list->dirty(versions) : step.list->everything();
+  return options.cache && !step.whole ? step.list->dirty(versions) : step.list->everything();
 }
 
 Variant& Program::State::recorded(StepState& step, const std::vector<bool>& dirty) {
@@ -149,6 +150,7 @@ void Program::State::count_run(size_t index, const std::vector<bool>& dirty, con
   StepState& step = on_device->steps[index];
   if (step.moving) step.moving->begin_run(versions);
   step.list->ran(dirty, versions);
+  step.whole = false;
   for (const uint32_t leaf : bundle.steps[index]->changes) ++versions[leaf];
   step.counters.run += run;
   step.counters.skipped += skipped;
@@ -247,7 +249,9 @@ void Program::State::require_whole_loops(size_t index) {
 void Program::State::set_runs(const std::string& name, int64_t runs) {
   const size_t index = step_index(name);
   if (runs < 0 || runs > INT32_MAX) throw Failure{"a step cannot have run " + std::to_string(runs) + " times"};
-  objects().steps[index].counters.runs = runs;
+  int64_t& counted = objects().steps[index].counters.runs;
+  if (counted == runs) return;  // the device counts with it
+  counted = runs;
   upload_counter(index);
 }
 

@@ -29,7 +29,8 @@ CudaArray Program::State::in_cuda(uint32_t resource, std::optional<size_t> holde
   const Size size = sizes.size_of(*r.extent, r.name);
   CudaArray out{{kind, components, size.w, size.h, size.l}, components};
   std::shared_ptr<void> held;
-  if (auto place = on_device->memory.in_cuda(resource)) {
+  const bool is_copy = holder == bundle.leaves.size() && is_leaf(resource);
+  if (auto place = is_copy ? std::nullopt : on_device->memory.in_cuda(resource)) {
     out.array.data = reinterpret_cast<void*>(place->address);
     held = std::move(place->held);
   } else if (r.storage == bundle::Storage::Tile || r.storage == bundle::Storage::Depth) {

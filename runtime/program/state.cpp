@@ -174,6 +174,10 @@ std::optional<HostArray> Program::State::view(size_t resource, size_t holder) {
   return out;
 }
 
+bool Program::State::is_leaf(size_t resource) const {
+  return std::ranges::any_of(bundle.leaves, [&](const auto& leaf) { return leaf->resource == resource; });
+}
+
 bool Program::State::has_views() const {
   return std::ranges::any_of(views, [](const Views& view) { return !view.held.expired(); });
 }

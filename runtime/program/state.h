@@ -35,7 +35,8 @@ struct StepState {
   std::optional<MovingLeaves> moving;             // where the program may be built anew
   std::map<std::vector<bool>, Variant> variants;  // by RunList::dirty()
   StepCounters counters;
-  bool begun = true;  // a run that may not have come to its end, or there was none
+  bool begun = true;   // a run that may not have come to its end, or there was none
+  bool whole = false;  // outputs of the program may have been written to since the last run: nothing is skipped
 
   // The primitives of the groups that must run, in order.
   std::vector<const Primitive*> chosen(const std::vector<bool>& dirty) const;
@@ -93,7 +94,6 @@ struct Program::State {
   size_t symbols_of_tables = 0;                   // how many symbols had values when tables were made
   std::vector<uint64_t> versions;                 // by leaf: counts its changes
   std::vector<Views> views;                       // by leaf, and of outputs
-  bool run_whole = false;                         // outputs may have been written to
   bool broken = false;                            // a change ended half-way
   LoadOptions options;
   Warnings warnings;
@@ -120,6 +120,8 @@ struct Program::State {
   bool write(size_t leaf, const HostArray& data);
   // Of a resource whose memory the host sees; nothing where a copy is needed. `holder` is its place in `views`.
   std::optional<HostArray> view(size_t resource, size_t holder);
+  // Whether it is a leaf's memory, where what is done to a view of an output must not end up.
+  bool is_leaf(size_t resource) const;
   // The view, which is warned of if it is `what` and not finite.
   std::optional<HostArray> seen(const std::string& what, std::optional<HostArray> view);
   bool has_views() const;

@@ -113,18 +113,19 @@ void Queue::wait(Flight& flight, bool soon) {
   if (flight.pace != nullptr) flight.pace->run = (end_ - begin) / flight.runs;
 }
 
-nanoseconds Queue::worth_asking(const Pace& pace, int runs) {
+nanoseconds Queue::worth_asking(const Pace* pace, int runs) {
   // From a submission to its first run, and from its last to the fence, some twenty microseconds pass, of which a pace
-  // that runs one behind the other have is free.
+  // that runs one behind the other have is free. Most copies are of a few words.
   constexpr nanoseconds kShort = milliseconds(1), kAround = std::chrono::microseconds(100);
-  return pace.run < kShort ? 2 * runs * pace.run + kAround : nanoseconds(0);
+  if (pace == nullptr) return kAround;
+  return pace->run < kShort ? 2 * runs * pace->run + kAround : nanoseconds(0);
 }
 
 bool Queue::is_over(const Flight& flight, bool soon) const {
   constexpr nanoseconds kLong = std::chrono::minutes(10);
   const vk::Device& device = *device_->device;
-  if (soon && is_gpu() && flight.pace != nullptr)
-    for (const auto end = flight.begin + worth_asking(*flight.pace, flight.runs); Clock::now() < end;)
+  if (soon && is_gpu())
+    for (const auto end = flight.begin + worth_asking(flight.pace, flight.runs); Clock::now() < end;)
       if (device.getFenceStatus(*flight.fence) == vk::Result::eSuccess) return true;
   return device_->device.waitForFences(*flight.fence, VK_TRUE, static_cast<uint64_t>(kLong.count())) ==
          vk::Result::eSuccess;

@@ -38,8 +38,8 @@ class Queue {
   // between submissions. Long runs go alone, so that no submission takes long.
   static int worth_together(const Pace& pace);
   // How long from their submission on it is worth asking for so many runs again and again, before sleeping until a GPU
-  // is done: to be woken up takes longer than a short run does.
-  static std::chrono::nanoseconds worth_asking(const Pace& pace, int runs);
+  // is done: to be woken up takes longer than a short run does. Without a pace it is a copy.
+  static std::chrono::nanoseconds worth_asking(const Pace* pace, int runs);
   // Returns when all that was submitted is done. Fails after ten minutes without an end.
   void finish();
   // Records and runs.

@@ -310,7 +310,30 @@ TEST_CASE("the counter of a step can be set") {
     must(p.set_runs("go", 3));
     must(p.run("go", 2));
     CHECK(number(p, "go", "index") == 4);
+    must(p.set_runs("go", 5));  // as it is
+    must(p.run("go"));
+    CHECK(number(p, "go", "index") == 5);
     CHECK_FALSE(p.set_runs("go", -1));
+  }
+}
+
+TEST_CASE("outputs that the host wrote to are made again by every step") {
+  const char* const text = R"(
+    input x : float;
+    step one { output w = 3.0 * x, x_ = x; }
+    step other { output v = 2.0 * x; })";
+  for (const auto& [name, device] : test::devices()) {
+    INFO(name);
+    Program p = must(Program::load(device, compile_text(text, name)));
+    const double one[] = {1.0};
+    must(p.bind("x", Array::from_doubles(one, 1, 1, 1, 1)));
+    for (const char* const step : {"one", "other", "one", "other"}) must(p.run(step));
+    if (auto view = must(p.output_view("one", "w"))) *static_cast<float*>(view->data) = 7.0f;
+    CHECK_FALSE(must(p.output_view("one", "x_")));  // it is the leaf
+    must(p.run("other"));
+    must(p.run("one"));
+    CHECK(number(p, "one", "w") == 3);
+    CHECK(number(p, "other", "v") == 2);
   }
 }
 

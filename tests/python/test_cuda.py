@@ -57,6 +57,73 @@ def test_leaves_and_outputs_are_tensors_of_the_same_memory(torch):
 
 
 @gpu
+def test_outputs_that_were_written_to_are_made_again(torch):
+    text = """edition 1;
+    input x : float[N];
+    step one { output w = 3.0 * x, x_ = x; }
+    step other { output v = 2.0 * x; }
+    """
+    run = dressi.compile(text, device=GPU).bind(x=np.ones(4))
+    for name, expected in (("w", 3), ("x_", 1)):
+        for _ in range(3):
+            run.step("one", outputs=[])
+            run.step("other", outputs=[])
+        torch.from_dlpack(run.output(name, step="one")).mul_(255)
+        assert (run.step("other")["v"] == 2).all()
+        assert (run["x"] == 1).all() and (run.step("one")[name] == expected).all()  # what is a leaf was copied
+        assert (torch.from_dlpack(run.output(name, step="one")) == expected).all()
+
+
+@gpu
+def test_matrices_that_are_not_square_have_rows_first(torch):
+    import dressi.torch
+
+    text = "edition 1;\ninput m : mat2x3[N];\ninput v : vec2[N];\nstep s { output y = m * v, twice = 2.0 * m; }\n"
+    program = dressi.compile(text, device=GPU)
+    m, v = (torch.rand(4, *size, device="cuda") for size in ((3, 2), (2,)))
+    run = program.bind(m=m, v=v)
+    run.step("s", outputs=[])
+    torch.testing.assert_close(torch.from_dlpack(run["m"]), m)
+    torch.testing.assert_close(torch.from_dlpack(run.output("twice", step="s")), 2 * m)
+    m.requires_grad_()
+    y, twice = dressi.torch.function(program, "s", ["m", "v"])(m, v)
+    torch.testing.assert_close(y, (m @ v[..., None])[..., 0])
+    torch.testing.assert_close(twice, 2 * m)
+    (y.sum() + (twice * m.detach()).sum()).backward()
+    torch.testing.assert_close(m.grad, v[:, None].expand(4, 3, 2) + 2 * m.detach())
+
+
+@gpu
+def test_the_torch_function_keeps_calls_apart(torch):
+    import dressi.torch
+    from test_function import COUNTED, MESH
+
+    function = dressi.torch.function(dressi.compile(COUNTED, device=GPU), "s", ["x"])
+    calls = [(x, *function(x)) for x in (torch.ones(4 + k // 2, device="cuda", requires_grad=True) for k in range(4))]
+    assert [int(index) for *_, index in calls] == [0, 1, 2, 3]
+    for k in (2, 0, 3, 3, 1):
+        x, y, scale, _ = calls[k]
+        x.grad = None
+        y.sum().backward(retain_graph=True)
+        torch.testing.assert_close(x.grad, scale)
+    # Meshes of one shape with other edges, calls that cross, and calls over the host between.
+    function = dressi.torch.function(dressi.compile(MESH, device=GPU), "s", ["x", "face"])
+    faces = [torch.tensor([[0, 1, 2], last], dtype=torch.int32) for last in ([0, 2, 3], [0, 1, 2])]
+    made = {}
+    for where in ("cuda", "cpu"):
+        x = torch.arange(12.0, device=where).reshape(4, 3).square().requires_grad_()
+        lengths = [function(x, faces[k])[0] for k in (0, 1, 1, 0)]
+        if where == "cuda":
+            function(x.cpu(), faces[1])
+            lengths.append(function(x, faces[0])[0])
+            assert lengths[-1] == lengths[0] != lengths[1]
+        lengths[0].backward()
+        lengths[2].backward()
+        made[where] = x.grad.cpu()
+    torch.testing.assert_close(made["cuda"], made["cpu"])
+
+
+@gpu
 @pytest.mark.parametrize("lower", ["auto", "fragment"])
 def test_images_are_copied_to_where_cuda_sees_them(torch, lower):
     run = bound(lower=lower)

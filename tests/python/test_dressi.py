@@ -144,6 +144,37 @@ def test_tensors_of_torch_that_are_no_arrays():
         run.bind(position=torch.ones(2, 3, dtype=torch.complex64).conj())
 
 
+MATRICES = """edition 1;
+input a : mat2x3[N];
+param b : mat3x2 = mat3x2(vec2(1.0, 2.0), vec2(3.0, 4.0), vec2(5.0, 6.0));
+step copy { output a_ = 2.0 * a, b_ = b + mat3x2(0.0), moved = a * vec2(1.0, 2.0), square = b * a, c = mat2x4(1.0); }
+"""
+
+
+def test_matrices_that_are_not_square_have_rows_first(device):
+    program = dressi.compile(MATRICES, device=device)
+    assert program.leaves == {"a": "mat2x3[N]", "b": "mat3x2"}
+    types = {"a_": "mat2x3[N]", "b_": "mat3x2", "moved": "vec3[N]", "square": "mat2[N]", "c": "mat2x4"}
+    assert program.outputs("copy") == types
+    a, b = np.random.default_rng(1).normal(size=(5, 3, 2)).astype(np.float32), np.arange(1, 7).reshape(3, 2).T
+    run = program.bind(a=a)
+    np.testing.assert_array_equal(run["b"], b)
+    for given in (b, 10 * b):
+        run["b"] = given
+        out = run.step()
+        np.testing.assert_array_equal(run["a"], a)
+        np.testing.assert_array_equal(run["b"], given)
+        np.testing.assert_array_equal(out["a_"], 2 * a)
+        np.testing.assert_array_equal(out["b_"], given)
+        np.testing.assert_array_equal(run.output("b_"), given)
+        np.testing.assert_allclose(out["moved"], a @ [1, 2], rtol=1e-5)
+        np.testing.assert_allclose(out["square"], given @ a, rtol=1e-5, atol=1e-5)
+        np.testing.assert_array_equal(out["c"], np.eye(4, 2))
+    assert run.empty("a").shape == (5, 3, 2)
+    with pytest.raises(dressi.BindError, match=r"'a' is mat2x3\[N\]: expected an array of shape \(N, 3, 2\), found \(5, 2, 3\)"):
+        run["a"] = a.swapaxes(1, 2)
+
+
 def test_integers_that_do_not_fit_are_told():
     program = dressi.compile("edition 1;\ninput i : int[V];\nstep s { output o = i; }\n", device="reference")
     with pytest.raises(dressi.BindError, match="3000000000 does not fit int32"):
@@ -392,6 +423,34 @@ def test_what_is_known_when_a_program_is_compiled(device):
     # What is not zero makes nothing zero, and stays open.
     other = dressi.compile(KNOWN, device=device, known={"strength": 2.0}).bind(**data)
     assert other.step("go")["y"] == pytest.approx(1.0 + 2.0 * np.exp(0.5), rel=1e-6)
+
+
+def test_scalars_of_numpy_define_consts():
+    text = "edition 1;\nconst ON : bool = true;\nconst K : int = 1;\nconst X : float = 0.0;\n"
+    text += "step s { output y = const if ON { X } else { float(K) }; }\n"
+    for off in (False, np.bool_(False), np.array(False)):
+        assert dressi.compile(text, device="reference", defines={"ON": off, "K": np.int64(7)}).bind().step()["y"] == 7
+    for x in (0.25, np.float32(0.25), np.array(0.25)):
+        assert dressi.compile(text, device="reference", defines={"ON": np.bool_(True), "X": x}).bind().step()["y"] == 0.25
+
+
+def test_programs_find_their_modules_from_another_folder(tmp_path, monkeypatch):
+    for place, factor in (("here", 2), ("there", 3)):
+        (tmp_path / place / "more").mkdir(parents=True)
+        (tmp_path / place / "helper.dr").write_text(f"edition 1;\nfn scaled(x: float) -> float {{ {factor}.0 * x }}\n")
+        (tmp_path / place / "more" / "extra.dr").write_text(f"edition 1;\nfn moved(x: float) -> float {{ x + {factor}.0 }}\n")
+    text = "edition 1;\nimport helper;\nimport extra;\ninput x : float;\nstep s { output y = helper.scaled(extra.moved(x)); }\n"
+    (tmp_path / "here" / "main.dr").write_text(text)
+    monkeypatch.chdir(tmp_path / "here")
+    programs = [dressi.compile(source, device="reference", include=["more"]) for source in ("main.dr", text)]
+    programs += [pickle.loads(pickle.dumps(program)) for program in programs]
+    for place in ("here", "there", ""):
+        monkeypatch.chdir(tmp_path / place)
+        for program in programs:
+            adjoint = program.with_adjoint("s", ["x"], ["y"])
+            run = adjoint.with_adjoint("s.adjoint", ["s.adjoint.y"], ["x"]).bind({"x": 1, "s.adjoint.y": 1})
+            assert run.step("s")["y"] == 6 and run.step("s.adjoint")["x"] == 2
+            assert program.explain_grad("y", "x").flows
 
 
 def test_options_given_twice():

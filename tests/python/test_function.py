@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Steps as functions with derivatives: Function, and PyTorch where it is."""
 import concurrent.futures
+import gc
+import weakref
 
 import numpy as np
 import pytest
@@ -96,6 +98,83 @@ def test_calls_may_cross_and_sizes_may_change(device):
         np.testing.assert_allclose(total, (arrays["a"] ** 2 * arrays["b"][:, None]).sum(), rtol=1e-4)
 
 
+COUNTED = """edition 1;
+import std.random;
+input x : float[N];
+let scale = random.uniform(coord(N), 1u);
+step s { output y = scale * x, scale_ = scale, index = step_index; }
+"""
+
+
+def test_a_derivative_has_the_step_index_of_its_call(device):
+    function = Function(dressi.compile(COUNTED, device=device), "s", ["x"])
+    calls = [function.forward({"x": np.ones(4 + k // 2)}) for k in range(4)]
+    scales = [scale for (_, scale, _), _ in calls]
+    assert [int(index) for (_, _, index), _ in calls] == [0, 1, 2, 3] and len({scale[0] for scale in scales}) == 4
+    for k in (2, 0, 3, 3, 1):
+        gradient = function.backward(calls[k][1], {"y": np.ones(len(scales[k]))})["x"]
+        np.testing.assert_array_equal(gradient, scales[k])
+    (_, again, index), call = function.forward({"x": np.ones(4)})
+    assert index == 4
+    np.testing.assert_array_equal(function.backward(call, {"y": np.ones(4)})["x"], again)
+
+
+def test_a_call_that_fails_leaves_the_one_before_it_whole(device):
+    text = "edition 1;\ninput x : float[N];\ninput i : int[N];\nstep s { output y = x * x * float(i); }\n"
+    function = Function(dressi.compile(text, device=device), "s", ["x", "i"])
+    one, i = np.array([1.0, 2.0, 3.0]), np.ones(3, np.int64)
+    _, call = function.forward({"x": one, "i": i})
+    with pytest.raises(dressi.BindError, match="does not fit int32"):
+        function.forward({"x": 10 * one, "i": i << 40})
+    np.testing.assert_array_equal(function.backward(call, {"y": np.ones(3)})["x"], 2 * one)
+
+
+def test_runs_are_kept_for_some_sizes_and_no_others(device):
+    function = Function(dressi.compile(PROGRAM, device=device), "make", INPUTS, ["total"])
+    runs = weakref.WeakSet()
+    for _ in range(2):
+        calls = [function.forward(data(w, 1))[1] for w in range(1, 25)]
+        runs.update(call.run for call in calls)
+        for call in calls:
+            function.backward(call, {"total": np.float32(1)})
+        del calls, call
+        gc.collect()
+        assert len(runs) <= 16
+    held = weakref.ref(function.forward(data())[1])
+    assert held() is None  # nor is what a call was given
+
+
+MESH = """edition 1;
+input x : vec3[V];
+input face : ivec3[F];
+let edge = topology(face).edge;
+step s { output length = sum(distance(x.at(edge.x), x.at(edge.y))), count = edge.width; }
+"""
+
+
+def test_meshes_of_equal_shapes_may_have_other_edges(device):
+    function = Function(dressi.compile(MESH, device=device), "s", ["x", "face"])
+    x = np.random.default_rng(1).normal(size=(4, 3))
+    square, triangle = (np.array([[0, 1, 2], last], np.int32) for last in ([0, 2, 3], [0, 1, 2]))
+    edges = {5: [(0, 1), (1, 2), (0, 2), (2, 3), (0, 3)], 3: [(0, 1), (1, 2), (0, 2)]}
+    calls = []
+    for face in (square, triangle, triangle, square, square[::-1]):
+        (length, count), call = function.forward({"x": x, "face": face})
+        assert int(count) == (3 if face is triangle else 5)
+        assert length == pytest.approx(sum(np.linalg.norm(x[a] - x[b]) for a, b in edges[int(count)]), rel=1e-5)
+        calls.append((int(count), call))
+    assert len({id(call.run) for _, call in calls}) == 2
+    for count, call in calls:
+        expected = np.zeros((4, 3))
+        for a, b in edges[count]:
+            direction = (x[a] - x[b]) / np.linalg.norm(x[a] - x[b])
+            expected[a] += direction
+            expected[b] -= direction
+        np.testing.assert_allclose(function.backward(call, {"length": 1.0})["x"], expected, rtol=1e-4, atol=1e-5)
+    with pytest.raises(dressi.Error, match="face"):
+        function.forward({"x": x, "face": square - 7})
+
+
 @pytest.mark.parametrize(
     "step, inputs, outputs, words",
     [
@@ -171,6 +250,21 @@ def test_torch_trains_through_a_program(torch, device):
     torch.testing.assert_close(b.grad, y.grad.float(), rtol=1e-4, atol=1e-3)
 
 
+def test_torch_gradients_of_matrices_that_are_not_square(torch, device):
+    import dressi.torch
+
+    text = "edition 1;\ninput m : mat2x3[N];\ninput v : vec2[N];\nstep s { output y = m * v, twice = 2.0 * m; }\n"
+    function = dressi.torch.function(dressi.compile(text, device=device), "s", ["m", "v"])
+    generator = torch.Generator().manual_seed(1)
+    m, v = (torch.rand(4, *size, generator=generator).requires_grad_() for size in ((3, 2), (2,)))
+    y, twice = function(m, v)
+    torch.testing.assert_close(y, (m @ v[..., None])[..., 0])
+    torch.testing.assert_close(twice, 2 * m)
+    (y.sum() + (twice * m.detach()).sum()).backward()
+    torch.testing.assert_close(m.grad, v.detach()[:, None].expand(4, 3, 2) + 2 * m.detach())
+    torch.testing.assert_close(v.grad, m.detach().sum(1))
+
+
 def test_torch_tells_of_wrong_calls(torch):
     import dressi.torch
 
@@ -179,6 +273,40 @@ def test_torch_tells_of_wrong_calls(torch):
         function(torch.zeros(3, 4, 2))
     with pytest.raises(dressi.BindError, match=r"\(H, W, 2\)"):
         function(*[torch.zeros(3, 4), *tensors(torch, torch.float32)[1:]])
+
+
+def test_torch_results_have_the_type_of_the_tensors_of_floats(torch):
+    import dressi.torch
+
+    text = "edition 1;\ninput a : float;\ninput x : float[N];\nstep s { output y = a * x; }\n"
+    function = dressi.torch.function(dressi.compile(text, device="reference"), "s", ["a", "x"])
+    x = torch.tensor([0.25, 0.5, 0.75], requires_grad=True)
+    for a in (2, 2.0, np.int32(2), np.float64(2), torch.tensor(2), torch.tensor(2.0, dtype=torch.float64)):
+        y = function(a, x)
+        assert y.dtype is torch.float32 and y.tolist() == [0.5, 1.0, 1.5]
+        x.grad = None
+        y.sum().backward()
+        assert x.grad.tolist() == [2, 2, 2]
+    assert function(True, x).tolist() == [0.25, 0.5, 0.75]
+    assert function(0.5, torch.tensor([1, 2])).tolist() == [0.5, 1.0]
+    assert function(2, torch.tensor([0, 1, 255], dtype=torch.uint8)).tolist() == [0, 2, 510]
+    for one, other in [(torch.float64, torch.float32), (torch.float16, torch.float16), (torch.float32, torch.float16)]:
+        tensors = torch.ones((), dtype=one), torch.ones(3, dtype=other)
+        assert function(*tensors).dtype is (tensors[0] * tensors[1]).dtype is other
+
+
+def test_torch_gradients_cannot_be_differentiated_again(torch, device):
+    import dressi.torch
+
+    text = "edition 1;\ninput x : float[N];\nstep s { output y = x * x; }\n"
+    function = dressi.torch.function(dressi.compile(text, device=device), "s", ["x"])
+    x = torch.tensor([2.0], requires_grad=True)
+    # Seeds that are constant, and seeds that depend on x.
+    for loss in (lambda y: y.sum(), lambda y: (y * y).sum()):
+        (gradient,) = torch.autograd.grad(loss(function(x)) + x.pow(3).sum(), x, create_graph=True)
+        assert gradient.item() == torch.autograd.grad(loss(x * x) + x.pow(3).sum(), x)[0].item()
+        with pytest.raises(dressi.Error, match="double backward.*compute the first gradient with grad"):
+            torch.autograd.grad((gradient**2).sum(), x)
 
 
 def test_torch_compile_sees_one_op(torch):
@@ -195,3 +323,19 @@ def test_torch_compile_sees_one_op(torch):
     (function(*again)[0].sum() * function(*again)[1]).backward()
     for one, other in zip(found, again):
         torch.testing.assert_close(one, other.grad)
+
+
+def test_torch_compile_keeps_the_step_index_of_each_call(torch):
+    if not hasattr(torch, "compile") or not hasattr(torch.library, "custom_op"):
+        pytest.skip("this torch has no custom ops")
+    import dressi.torch
+
+    function = dressi.torch.function(dressi.compile(COUNTED, device="reference"), "s", ["x"], ["y", "scale_"])
+    compiled = torch.compile(lambda x: function(x), backend="aot_eager", fullgraph=True)
+    x = torch.ones(4, requires_grad=True)
+    (one, scale), (other, other_scale) = compiled(x), compiled(x)
+    assert not torch.equal(scale, other_scale)
+    for y, expected in ((one, scale), (other, other_scale)):
+        x.grad = None
+        y.sum().backward()
+        torch.testing.assert_close(x.grad, expected.detach())

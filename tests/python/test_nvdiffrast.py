@@ -184,6 +184,18 @@ def triangle():
     return pos, np.array([[0, 1, 2]], np.int32)
 
 
+def sampled(uv_da=None, bias=None, mip=None):
+    """An 8 x 8 texture at 2 x 3 places, with other arguments of these shapes."""
+    zeros = [None if shape is None else np.zeros(shape, np.float32) for shape in (uv_da, bias, mip)]
+    texture, uv = np.zeros((1, 8, 8, 1), np.float32), np.zeros((1, 2, 3, 2), np.float32)
+    return dr.texture(texture, uv, *zeros[:2], mip=None if mip is None else zeros[2:])
+
+
+def turned_derivatives(ctx, pos, tri):
+    rast, rast_db = dr.rasterize(ctx, pos, tri, (4, 8))
+    return dr.interpolate(np.ones((3, 1), np.float32), rast, tri, rast_db.reshape(1, 8, 4, 4), "all")
+
+
 @pytest.mark.parametrize(
     "call, words",
     [
@@ -195,6 +207,14 @@ def triangle():
         (lambda c, p, t: dr.texture(p[None], p[..., None, :2], filter_mode="cubic"), "filter_mode: expected one of"),
         (lambda c, p, t: dr.texture(p[None], p[..., None, :2], filter_mode="linear-mipmap-linear"), "needs uv_da"),
         (lambda c, p, t: dr.texture_construct_mip(np.zeros((1, 6, 8, 3), np.float32)), "cannot be halved"),
+        (lambda c, p, t: dr.rasterize(c, p, t, (8, 8, 8)), r"resolution: expected two positive numbers, found \(8, 8, 8\)"),
+        (lambda c, p, t: sampled((1, 3, 2, 4)), r"uv_da: expected shape \(1, 2, 3, 4\) to fit uv, found shape \(1, 3, 2, 4\)"),
+        (lambda c, p, t: sampled((1, 1, 1, 4)), "uv_da: expected shape"),
+        (lambda c, p, t: sampled((2, 2, 3, 4)), "uv_da: expected shape"),
+        (lambda c, p, t: sampled((1, 2, 3, 2)), "uv_da: expected shape"),
+        (lambda c, p, t: sampled(bias=(1, 3, 2)), r"mip_level_bias: expected shape \(1, 2, 3\) to fit uv, found shape \(1, 3, 2\)"),
+        (lambda c, p, t: sampled((1, 2, 3, 4), mip=(1, 8, 2, 1)), r"mip: expected shape \(1, 4, 4, 1\) to fit the level before it, found"),
+        (lambda c, p, t: turned_derivatives(c, p, t), r"rast_db: expected shape \(1, 4, 8, 4\) to fit rast, found shape \(1, 8, 4, 4\)"),
     ],
 )
 def test_wrong_calls_are_told(call, words):
@@ -228,3 +248,38 @@ def test_a_program_of_pytorch_fits_a_triangle():
         adam.step()
         losses.append(loss.item())
     assert losses[-1] < 0.1 * losses[0]
+
+
+@pytest.mark.parametrize("device", ["reference", DEVICE])
+def test_a_layer_that_was_peeled_is_not_seen_again(device):
+    # Two triangles one behind the other, both over the whole picture, at depths that float32 has to round.
+    depths = [-0.31, -0.13, -0.22, 0.33, 0.17, 0.41]
+    pos = np.array([[(*at, depth, 1) for at, depth in zip(2 * [(-4, -4), (4, -4), (0, 8)], depths)]], np.float32)
+    with dr.DepthPeeler(dr.RasterizeVkContext(device), pos, np.arange(6, dtype=np.int32).reshape(2, 3), (32, 32)) as peeler:
+        for face in (1, 2, 0):
+            assert (peeler.rasterize_next_layer()[0][..., 3] == face).all()
+
+
+def test_gradients_without_derivatives_of_u_and_v():
+    torch = pytest.importorskip("torch")
+    gradients = []
+    for context in (dr.RasterizeVkContext(DEVICE), dr.RasterizeGLContext(output_db=False, device=DEVICE)):
+        pos, tri = (torch.tensor(array) for array in triangle())
+        pos.requires_grad_()
+        rast, rast_db = dr.rasterize(context, pos, tri, (8, 8))
+        assert rast_db.shape[-1] == (4 if context.output_db else 0)
+        with dr.DepthPeeler(context, pos, tri, (8, 8)) as peeler:
+            rast = rast + peeler.rasterize_next_layer()[0]
+        (rast[..., 0] * torch.arange(8)).sum().backward()
+        gradients.append(pos.grad)
+    assert gradients[0].abs().max() > 0 and torch.equal(*gradients)
+
+
+def test_a_double_backward_is_refused():
+    torch = pytest.importorskip("torch")
+    pos, tri = (torch.tensor(array) for array in triangle())
+    pos.requires_grad_()
+    rast, _ = dr.rasterize(dr.RasterizeVkContext(DEVICE), pos, tri, (8, 8))
+    (gradient,) = torch.autograd.grad(rast[..., 0].sum(), pos, create_graph=True)
+    with pytest.raises(dressi.Error, match="double backward"):
+        gradient.sum().backward()

@@ -197,3 +197,29 @@ if pid == 0:
 print(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]))
 """
     assert subprocess.check_output([sys.executable, "-c", code], text=True, timeout=60) == "0\n"
+
+
+@pytest.mark.skipif(not os.environ.get("DR_LAVAPIPE_ICD"), reason="no lavapipe")
+def test_functions_go_on_in_a_forked_process():
+    import dressi.nvdiffrast as dr
+    from dressi._function import Function
+
+    text = "edition 1;\ninput x : float[N];\nstep s { output y = x * x; }\n"
+    function = Function(dressi.compile(text, device="lavapipe"), "s", ["x"])
+    pos, tri = np.array([[[-4, -4, 0, 1], [4, -4, 0, 1], [0, 8, 0, 1]]], np.float32), np.array([[0, 1, 2]], np.int32)
+
+    def use():
+        (y,), call = function.forward({"x": np.arange(3.0)})
+        gradient = function.backward(call, {"y": np.ones(3)})["x"]
+        rast, _ = dr.rasterize(dr.RasterizeVkContext("lavapipe"), pos, tri, (8, 8))
+        return y.tolist() == [0, 1, 4] and gradient.tolist() == [0, 2, 4] and (rast[..., 3] == 1).all()
+
+    assert use()
+    _, call = function.forward({"x": np.arange(3.0)})
+
+    def use_in_child():
+        assert use()
+        function.backward(call, {"y": np.ones(3)})  # what was called before the fork is the parent's
+
+    assert "was opened before this process was forked" in told_in_fork(use_in_child)
+    assert use()

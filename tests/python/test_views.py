@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Memory that NumPy and the device share, and how long it lives."""
 import gc
+import itertools
 import os
 
 import numpy as np
@@ -65,6 +66,44 @@ def test_an_output_that_was_written_to_is_made_again():
     run.step("look")
     run.output("heavy", step="look")[:] = 9
     assert (run.step("look")["heavy"] == 0).all()
+
+
+@lavapipe
+def test_outputs_that_were_written_to_are_made_again_by_every_step():
+    text = """edition 1;
+    input x : float[N];
+    step one { output w = 3.0 * x; }
+    step other { output v = 2.0 * x; }
+    """
+    for held, between in itertools.product((False, True), repeat=2):
+        run = dressi.compile(text, device="lavapipe").bind(x=np.ones(4))
+        for _ in range(3):
+            run.step("one", outputs=[])
+            run.step("other", outputs=[])
+        view = run.output("w", step="one")
+        view *= 255
+        if not held:
+            del view
+        if between:
+            run.step("other", outputs=[])
+        for times in (1, 2, 3):
+            assert (run.step("one", times)["w"] == 3).all() and (run.step("other", times)["v"] == 2).all()
+
+
+@lavapipe
+def test_an_output_that_is_a_leaf_is_a_copy():
+    text = """edition 1;
+    input photo : float[N];
+    input face : ivec3[F];
+    step look { output picture = photo, half = 0.5 * photo, edges = topology(face).edge; }
+    """
+    run = dressi.compile(text, device="lavapipe").bind(photo=np.ones(4), face=[[0, 1, 2]])
+    run.step()
+    for name in ("picture", "edges"):
+        with pytest.raises(ValueError, match="read-only"):
+            run.output(name)[:] = 7
+    run["photo"][:] = 4
+    assert (run.output("picture") == 4).all() and (run.step("look")["half"] == 2).all()
 
 
 def test_copies_say_that_writing_to_them_would_be_lost():
@@ -137,8 +176,19 @@ def test_arrays_of_a_gpu_come_by_their_librarys_copy():
 
 def test_the_evaluator_takes_float64_as_it_is():
     run = bound("reference", 1, 1)
-    run["level"] = [[0.1]]
-    assert run["level"][0, 0] == 0.1
+    for value, expected in [
+        (0.1, 0.1),
+        (np.array(0.1, ">f8"), 0.1),
+        (np.array(0.1, np.float32), np.float32(0.1)),
+        (np.array(0.1, np.longdouble), 0.1),
+        (2**24 + 1, 2**24 + 1),
+        (1e300, 1e300),
+    ]:
+        run["level"] = np.reshape(value, (1, 1))
+        assert run["level"][0, 0] == expected
+    if np.finfo(np.longdouble).max > np.finfo(np.float64).max:
+        with pytest.raises(dressi.BindError, match="does not fit float64"):
+            run["level"] = np.full((1, 1), np.longdouble(10) ** 400)
 
 
 @lavapipe

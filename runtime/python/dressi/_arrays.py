@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Between arrays in their natural shapes and the dense ones of the C interface.
 
-`vec3[V]` is (V, 3), `float[W, H]` is (H, W), `vec3[W, H, N]` is (N, H, W, 3), `mat4[N]` is (N, 4, 4) with rows first.
+`vec3[V]` is (V, 3), `float[W, H]` is (H, W), `vec3[W, H, N]` is (N, H, W, 3), `mat4[N]` is (N, 4, 4) with rows first
+(`mat2x3[N]`, of 2 columns, is (N, 3, 2)).
 """
 from __future__ import annotations
 
@@ -25,9 +26,10 @@ class Type:
         self.name = name
         self.extent = extent
         self.is_matrix = name.startswith("mat")
-        digits = name[-1] if name[-1].isdigit() else "1"
-        self.rows = int(digits)
-        self.components = self.rows * self.rows if self.is_matrix else self.rows
+        digits = re.findall(r"\d", name) or ["1"]
+        self.rows = int(digits[-1])  # mat2x3 has 2 columns of 3 rows
+        self.columns = int(digits[0]) if self.is_matrix else 1
+        self.components = self.rows * self.columns
         if self.is_matrix or name == "float" or name.startswith("vec"):
             self.scalar = "float32"
         else:
@@ -41,7 +43,7 @@ class Type:
         # Those that are known, by axis.
         self.known = [(axis, int(dim)) for axis, dim in enumerate(self.dims) if dim.isdigit()]
         self.element_shape: tuple[int, ...] = (
-            (self.rows, self.rows) if self.is_matrix else (self.rows,) if self.rows > 1 else ()
+            (self.rows, self.columns) if self.is_matrix else (self.rows,) if self.rows > 1 else ()
         )
         self.ndim = rank + len(self.element_shape)
 
@@ -129,14 +131,14 @@ def _of_torch(name: str, tensor: Any) -> np.ndarray:
             raise c.BindError(f"'{name}' cannot be read as an array: {error}") from error
 
 
-def _converted(name: str, type_: Type, array: np.ndarray) -> np.ndarray:
+def _converted(name: str, type_: Type, array: np.ndarray, typestr: str) -> np.ndarray:
     import numpy as np
 
-    wanted = np.dtype(type_.scalar)
+    wanted = np.dtype(typestr)
     kind = array.dtype.kind
     allowed = {"float32": "fiub", "int32": "iu", "uint32": "iu", "bool": "b"}[type_.scalar]
     if kind not in allowed:
-        raise c.BindError(f"'{name}' is {type_}: expected scalars of type {wanted}, found {array.dtype}")
+        raise c.BindError(f"'{name}' is {type_}: expected scalars of type {type_.scalar}, found {array.dtype}")
     if wanted.kind in "iu" and array.size:
         low, high = int(array.min()), int(array.max())
         limits = np.iinfo(wanted)
@@ -151,14 +153,14 @@ def _converted(name: str, type_: Type, array: np.ndarray) -> np.ndarray:
 
 
 def to_dense(name: str, type_: Type, value: Any, exact: bool = False) -> tuple[c.Array, Any]:
-    """The array that the C interface takes, and what must live as long. `exact` lets float64 be."""
+    """The array that the C interface takes, and what must live as long. `exact`: floats are float64."""
     array = as_numpy(name, value)
     kind = type_.kind
     if array.dtype.str != TYPESTR[kind]:  # the name would not tell the order of bytes
-        if exact and kind == 0 and array.dtype.str == TYPESTR[1]:
+        if exact and kind == 0:
             kind = 1
-        else:
-            array = _converted(name, type_, array)
+        if array.dtype.str != TYPESTR[kind]:
+            array = _converted(name, type_, array, TYPESTR[kind])
     shape = array.shape
     if not type_.fits(shape):
         raise c.BindError(f"'{name}' is {type_}: expected an array of shape {type_.shape_text()}, found {tuple(shape)}")
@@ -192,10 +194,11 @@ def from_dense(type_: Type, dense: c.Array, writable: bool = True) -> np.ndarray
     import numpy as np
 
     extent = (dense.layers, dense.height, dense.width)[3 - type_.rank :]
+    element = type_.element_shape[::-1] if type_.is_matrix else type_.element_shape  # column by column
     interface = {
         "version": 3,
         "data": (dense.data, not writable),
-        "shape": extent + type_.element_shape,
+        "shape": extent + element,
         "typestr": TYPESTR[dense.kind],
     }
     array = np.asarray(_Memory(dense, interface))

@@ -89,12 +89,12 @@ class Program:
         bundle: bytes,
         device: Device | str | None = None,
         _handle: int | None = None,
-        _source: tuple[str, str, list[tuple[str, str]]] | None = None,
+        _source: tuple[str, str, list[tuple[str, str]], str] | None = None,
     ) -> None:
         self._handle = _handle or c.checked(c.library.dressi_bundle_read(bundle, len(bundle)), c.Error)
         c.freed_with(self, c.library.dressi_bundle_free, self._handle)
         self._device = device
-        self._source = _source  # name, text, options; none of a bundle
+        self._source = _source  # name, text, options, and the folder that relative paths are of; none of a bundle
         info = json.loads(c.library.dressi_bundle_info(self._handle))
         self._leaves = info.get("leaves") or []
         self._steps = {step["name"]: step for step in info.get("steps") or []}
@@ -142,19 +142,16 @@ class Program:
 
     def with_adjoint(self, step: str | None, inputs: Sequence[str], outputs: Sequence[str]) -> Program:
         """The program with one step more, `STEP.adjoint`: its outputs, named as the leaves `inputs`, are the gradients of the sum
-        over the step's `outputs`, each times a leaf `STEP.adjoint.OUTPUT` of its type and extent."""
-        if self._source is None:
-            raise c.Error("a bundle holds no program text to differentiate: compile the program from its text")
-        name, text, options = self._source
+        over the step's `outputs`, each times a leaf `STEP.adjoint.OUTPUT` of its type and extent. It counts its own runs: where the step
+        looks at `step_index`, `Run.set_runs` gives its adjoint that of the run whose gradient it is to be."""
+        name, text, options = self._text("differentiate")
         adjoint = f"{self._step(step)}:{','.join(inputs)}:{','.join(outputs)}"
         return _compiled(name, text, [*options, ("adjoint", adjoint)], self._device)
 
     def explain_grad(self, loss: str, leaf: str) -> GradientExplanation:
         """Why the gradient of an output or `let` with respect to a leaf or `let` is what it is: along which values it flows, and
         where it is cut. No number is computed."""
-        if self._source is None:
-            raise c.Error("a bundle holds no program text to explain: compile the program from its text")
-        name, text, options = self._source
+        name, text, options = self._text("explain")
         answer = c.library.dressi_explain_gradient(name.encode(), text.encode(), c.pairs(options), loss.encode(), leaf.encode())
         return GradientExplanation(json.loads(c.checked(answer)))
 
@@ -178,6 +175,16 @@ class Program:
     def __reduce__(self) -> Any:
         device = self._device.name if isinstance(self._device, Device) else self._device
         return Program, (self.bundle, device, None, self._source)
+
+    def _text(self, what: str) -> tuple[str, str, list[tuple[str, str]]]:
+        """What to compile again, with the modules that it was compiled with, also when this process has moved to another folder."""
+        if self._source is None:
+            raise c.Error(f"a bundle holds no program text to {what}: compile the program from its text")
+        name, text, options, folder = self._source
+        if folder != _folder():
+            name = os.path.join(folder, name)
+            options = [(key, os.path.join(folder, value) if key == "include" else value) for key, value in options]
+        return name, text, options
 
     def _step(self, name: str | None) -> str:
         if name is None:
@@ -383,8 +390,8 @@ class Run:
 
     def output(self, name: str, *, step: str | None = None) -> Any:
         """An output of the last run of a step. On a device that is the processor it is the memory that the device
-        computes in: the next run of any step overwrites it. So it is on an NVIDIA GPU, as a `CudaArray`. Elsewhere it is a
-        copy that is not writable."""
+        computes in: the next run of any step overwrites it, with what is written to it. So it is on an NVIDIA GPU, as a
+        `CudaArray`. Elsewhere, and of an output that is a leaf, it is a copy; NumPy's cannot be written to."""
         self.device._check_process()
         step = self.program._step(step)
         type_ = self.program._output_type(step, name)
@@ -564,10 +571,19 @@ def _is_text(source: str) -> bool:
 
 def _compiled(name: str, text: str, options: list[tuple[str, str]], device: Device | str | None) -> Program:
     handle = c.library.dressi_compile(c.encoded(name, "the file's name"), c.encoded(text, "the program"), _device(device)._handle, c.pairs(options))
-    return Program(b"", device, c.checked(handle, c.CompileError), (name, text, options))
+    return Program(b"", device, c.checked(handle, c.CompileError), (name, text, options, _folder()))
+
+
+def _folder() -> str:
+    try:
+        return os.getcwd()
+    except OSError:  # it was removed
+        return ""
 
 
 def _define(value: Any) -> str:
+    if getattr(value, "ndim", None) == 0:
+        value = value.item()  # a scalar of NumPy or PyTorch
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 

@@ -7,16 +7,17 @@
 """
 from __future__ import annotations
 
+import functools
 import itertools
 import weakref
-from typing import Any, Mapping, Sequence
+from typing import Any, List, Mapping, Sequence
 
 import torch as _torch
 
 from . import _library as c
 from ._arrays import Type
-from ._function import Call, Function
-from ._program import Program, Run
+from ._function import Call, Function, Kept
+from ._program import Program
 
 _numbers = itertools.count()
 
@@ -33,9 +34,10 @@ def function(
     """A function of tensors: the step's `outputs` (all by default) from the leaves `inputs`, in that order.
 
     The result is one tensor where one output is asked for, else a tuple. Gradients come from a step that the compiler adds
-    to the program; leaves of integers, such as faces, get none. Results and gradients have the type and device of the
-    inputs. `constants` are leaves that stay as they are. Under `torch.compile` it is one opaque op, where torch has
-    `torch.library.custom_op`.
+    to the program; leaves of integers, such as faces, get none, nor do tensors of integers. Gradients have the type and
+    device of their tensors. Outputs of floats have the type that PyTorch's own operators give the tensors of floats among the
+    arguments, float32 where there are none. `constants` are leaves that stay as they are. The step's `step_index` counts the calls of the function; the
+    gradient of a call has that of the call. Under `torch.compile` it is one opaque op, where torch has `torch.library.custom_op`.
     """
     core = Function(program, step, inputs, outputs, constants, symbols)
     opaque = _custom_op(core) if hasattr(_torch.library, "custom_op") else None
@@ -46,7 +48,9 @@ def function(
             tensors = (*tensors, *(named.pop(name) for name in core.inputs[len(tensors) :] if name in named))
             if named or len(tensors) != len(core.inputs):
                 raise TypeError(f"expected the tensors {', '.join(core.inputs)}, found {len(tensors)} of them")
-        given = [value if isinstance(value, _torch.Tensor) else _torch.as_tensor(value) for value in tensors]
+        devices = [value.device for value in tensors if isinstance(value, _torch.Tensor)]
+        where = devices[0] if devices else None
+        given = [value if isinstance(value, _torch.Tensor) else _torch.as_tensor(value, device=where) for value in tensors]
         # An op of the library takes longer to call, and is needed by the compiler alone.
         results = opaque(*given) if opaque is not None and _torch.compiler.is_compiling() else apply(core, *given)
         return results[0] if len(core.outputs) == 1 else tuple(results)
@@ -57,25 +61,28 @@ def function(
     return run
 
 
+def _has_gradient(core: Function, tensors: Sequence[Any]) -> list[bool]:
+    return [name in core.changed and tensor.is_floating_point() for name, tensor in zip(core.inputs, tensors)]
+
+
 def _like(core: Function, tensors: Sequence[Any]) -> Any:
-    """The tensor whose type and device results have: the first one that may have a gradient."""
-    for name, tensor in zip(core.inputs, tensors):
-        if name in core.changed:
-            return tensor
-    return _torch.empty(0)
+    """An empty tensor of the type and device that results of floats have."""
+    floats = [tensor for tensor, has in zip(tensors, _has_gradient(core, tensors)) if has]
+    # As PyTorch has it, numbers count only among themselves.
+    types = [tensor.dtype for tensor in floats if tensor.ndim] or [tensor.dtype for tensor in floats]
+    dtype = functools.reduce(_torch.promote_types, types) if types else _torch.float32
+    first = (floats or tensors)[:1]
+    return _torch.empty(0, dtype=dtype, device=first[0].device if first else None)
 
 
-def _tensor(array: Any, like: Any) -> Any:
-    tensor = _torch.from_numpy(array)
-    if not tensor.is_floating_point():
-        return tensor.to(like.device)
-    return tensor.to(dtype=like.dtype, device=like.device)
+def _as(tensor: Any, like: Any) -> Any:
+    return tensor.to(dtype=like.dtype if tensor.is_floating_point() else tensor.dtype, device=like.device)
 
 
 class _OnCuda:
     """Calls of a run with tensors of its GPU, in the order of torch's stream: the host waits for nothing."""
 
-    def __init__(self, core: Function, run: Run) -> None:
+    def __init__(self, core: Function, run: Kept) -> None:
         assert run.device.cuda is not None  # _on_cuda asked
         self.core, self.run, self.number = core, run, run.device.cuda
         program = run.program
@@ -139,21 +146,25 @@ class _OnCuda:
             c.checked(0)
         return tensors
 
-    def forward(self, tensors: Sequence[Any]) -> list[Any]:
+    def forward(self, call: Call, tensors: Sequence[Any]) -> list[Any]:
+        self.run.holds = None
         keep = self._fill(tensors)
+        self.run.set_runs(self.core.step, call.step_index)
         results = self._call(self.step, self.inputs, self.results)
+        self.run.holds = weakref.ref(call)
         del keep
         return results
 
     def backward(self, call: Call, tensors: Sequence[Any], seeds: Sequence[Any]) -> dict[str, Any]:
         core = self.core
-        if core._last.get(id(self.run)) is not call:  # another call came between
+        if self.run.holds is None or self.run.holds() is not call:  # another call came between
+            self.run.holds = None
             keep = self._fill(tensors)
             if not c.library.dressi_cuda_run(
                 self.run._handle, _torch._C._cuda_getCurrentRawStream(self.number), None, self.inputs, len(self.inputs), None, 0
             ):
                 c.checked(0)
-            core._last[id(self.run)] = call
+            self.run.holds = weakref.ref(call)
             del keep
         keep = []
         by_name = dict(zip(core.outputs, seeds))
@@ -164,6 +175,7 @@ class _OnCuda:
             seed = _dense(seed, type_)
             keep.append(seed)
             given.array.data = seed.data_ptr()
+        self.run.set_runs(core._back, call.step_index)
         results = self._call(self.back, self.seeds, self.gradients)
         del keep
         return dict(zip(core.changed, results))
@@ -191,6 +203,8 @@ class _Results:
         for (name, type_), array in zip(named, self.arrays):
             shape = type_.shape(symbols)
             array.name, array.array = name.encode(), type_.dense(shape, 0)
+            if type_.is_matrix:  # column by column
+                shape = (*shape[:-2], shape[-1], shape[-2])
             self.made.append((shape, getattr(_torch, type_.scalar), type_.is_matrix))
 
     def make(self) -> list[Any]:
@@ -202,50 +216,66 @@ class _Results:
         return tensors
 
 
-def _on_cuda(core: Function, tensors: Sequence[Any]) -> _OnCuda | None:
+def _on_cuda(core: Function, run: Kept, tensors: Sequence[Any]) -> _OnCuda | None:
     """Where all tensors are on the GPU of the run, which shares its memory."""
-    if not any(t.is_cuda for t in tensors) or not core.shares:
+    if not core.shares or not any(t.is_cuda for t in tensors) or run.device.cuda is None:
         return None
-    run = core._run(dict(zip(core.inputs, tensors)))
-    if run.device.cuda is None:
-        return None
-    calls = run.__dict__.get("_on_cuda")
-    if calls is None:
-        calls = run._on_cuda = _OnCuda(core, run)  # type: ignore[attr-defined]
-    return calls if calls.takes(tensors) else None
+    if run.on_cuda is None:
+        run.on_cuda = _OnCuda(core, run)
+    return run.on_cuda if run.on_cuda.takes(tensors) else None
 
 
-def _as(tensor: Any, like: Any) -> Any:
-    return tensor.to(like.dtype) if tensor.is_floating_point() and tensor.dtype is not like.dtype else tensor
-
-
-def _forward(core: Function, tensors: Sequence[Any]) -> tuple[list[Any], Any]:
-    with core.lock:
-        return _forward_alone(core, tensors)
-
-
-def _forward_alone(core: Function, tensors: Sequence[Any]) -> tuple[list[Any], Any]:
-    on_cuda = _on_cuda(core, tensors)
-    if on_cuda is not None:
-        like = _like(core, tensors)
-        results = [_as(result, like) for result in on_cuda.forward(tensors)]
-        call = Call({}, on_cuda.run)
-        core._last[id(on_cuda.run)] = call
-        return results, call
-    arrays, call = core.forward(dict(zip(core.inputs, tensors)))
+def _forward(core: Function, tensors: Sequence[Any]) -> tuple[list[Any], Call]:
     like = _like(core, tensors)
-    return [_tensor(array, like) for array in arrays], call
+
+    def on(run: Kept) -> tuple[list[Any], Call]:
+        on_cuda = _on_cuda(core, run, tensors)
+        if on_cuda is None:
+            return core.forward_on(run, arrays)
+        call = Call({}, run, core.calls, on_cuda=True)
+        return on_cuda.forward(call, tensors), call
+
+    arrays = dict(zip(core.inputs, tensors))
+    with core.lock:
+        results, call = core.on_run(arrays, on)
+        core.calls += 1
+    made = results if call.on_cuda else map(_torch.from_numpy, results)
+    return [_as(result, like) for result in made], call
 
 
-def _backward(core: Function, call: Any, tensors: Sequence[Any], seeds: Sequence[Any]) -> list[Any]:
-    on_cuda = call.run.__dict__.get("_on_cuda")
-    if on_cuda is not None and not call.arrays:
+def _backward(core: Function, call: Call, tensors: Sequence[Any], seeds: Sequence[Any]) -> list[Any]:
+    if call.on_cuda:
         with core.lock:
+            on_cuda = _on_cuda(core, call.run, tensors)
+            assert on_cuda is not None  # as in the forward call
             made = on_cuda.backward(call, tensors, seeds)
-        return [_as(made[name], tensor) if name in made else None for name, tensor in zip(core.inputs, tensors)]
-    given = {name: seed for name, seed in zip(core.outputs, seeds) if seed is not None and name in core.seeded}
-    gradients = core.backward(call, given)
-    return [_tensor(gradients[name], tensor) if name in gradients else None for name, tensor in zip(core.inputs, tensors)]
+    else:
+        given = {name: seed for name, seed in zip(core.outputs, seeds) if seed is not None and name in core.seeded}
+        made = {name: _torch.from_numpy(array) for name, array in core.backward(call, given).items()}
+    named = zip(core.inputs, tensors, _has_gradient(core, tensors))
+    return [_as(made[name], tensor) if has else None for name, tensor, has in named]
+
+
+class _Once(_torch.autograd.Function):
+    """A gradient, which depends on `sources` in a way that nobody knows the derivative of."""
+
+    @staticmethod
+    def forward(ctx: Any, gradient: Any, *sources: Any) -> Any:
+        return gradient.view_as(gradient)
+
+    @staticmethod
+    def backward(ctx: Any, *_: Any) -> Any:
+        raise c.Error(
+            "the gradient of a function of Dressi has no derivative of its own (a double backward): let the program compute "
+            "the first gradient with grad(), as an output"
+        )
+
+
+def differentiable_once(gradients: Sequence[Any], sources: Sequence[Any]) -> list[Any]:
+    """What a backward pass gives: gradients that refuse to be differentiated again by what they were made of."""
+    if not _torch.is_grad_enabled():  # nobody asked for create_graph
+        return list(gradients)
+    return [None if gradient is None else _Once.apply(gradient, *sources) for gradient in gradients]
 
 
 class _Call(_torch.autograd.Function):
@@ -258,28 +288,37 @@ class _Call(_torch.autograd.Function):
         return tuple(results)
 
     @staticmethod
-    @_torch.autograd.function.once_differentiable
     def backward(ctx: Any, *seeds: Any) -> Any:
-        # Saved tensors complain where one was written to since.
-        return (None, *_backward(ctx.core, ctx.call, ctx.saved_tensors, seeds))
+        tensors = ctx.saved_tensors  # which complain where one was written to since
+        with _torch.no_grad():
+            gradients = _backward(ctx.core, ctx.call, tensors, seeds)
+        return (None, *differentiable_once(gradients, [*tensors, *seeds]))
 
 
 def _custom_op(core: Function) -> Any:
     """The same as an op of torch's library: forward and backward are two, since an op keeps nothing."""
     library = _torch.library
     name = f"dressi::{core.step.replace('.', '_')}_{next(_numbers)}"
-    List, Tensor = list, _torch.Tensor
 
     def forward(tensors):  # type: ignore[no-untyped-def]
-        return _forward(core, tensors)[0]
+        results, call = _forward(core, tensors)
+        return [*results, _torch.tensor(call.step_index, device="cpu")]
 
-    def backward(tensors, seeds):  # type: ignore[no-untyped-def]
+    def backward(tensors, seeds, step_index):  # type: ignore[no-untyped-def]
         arrays = dict(zip(core.inputs, tensors))
-        call = Call({} if _on_cuda(core, tensors) else arrays, core._run(arrays))
-        return [g for g in _backward(core, call, tensors, seeds) if g is not None]
 
-    forward.__annotations__ = {"tensors": List[Tensor], "return": List[Tensor]}
-    backward.__annotations__ = {"tensors": List[Tensor], "seeds": List[Tensor], "return": List[Tensor]}
+        def on(run: Kept) -> list[Any]:
+            on_cuda = _on_cuda(core, run, tensors) is not None
+            call = Call({} if on_cuda else arrays, run, int(step_index), on_cuda)
+            return [g for g in _backward(core, call, tensors, seeds) if g is not None]
+
+        with core.lock:
+            return core.on_run(arrays, on)
+
+    # Torch 2.6 knows no `list[Tensor]` here.
+    several: Any = List[_torch.Tensor]
+    forward.__annotations__ = {"tensors": several, "return": several}
+    backward.__annotations__ = {"tensors": several, "seeds": several, "step_index": _torch.Tensor, "return": several}
     forward_op = library.custom_op(name, mutates_args=())(forward)
     backward_op = library.custom_op(f"{name}_backward", mutates_args=())(backward)
 
@@ -291,24 +330,25 @@ def _custom_op(core: Function) -> Any:
             symbols.update(core.program.leaf_types[leaf].symbols_of(tensor.shape))
         for leaf, array in core.constants.items():
             symbols.update(core.program.leaf_types[leaf].symbols_of(_torch.as_tensor(array).shape))
-        return [
+        results = [
             like.new_empty(types[out].shape(symbols), dtype=None if out in core.seeded else getattr(_torch, types[out].scalar))
             for out in core.outputs
         ]
+        return [*results, _torch.empty((), dtype=_torch.int64, device="cpu")]
 
     @backward_op.register_fake
-    def _(tensors, seeds):  # type: ignore[no-untyped-def]
-        return [_torch.empty_like(tensor) for name, tensor in zip(core.inputs, tensors) if name in core.changed]
+    def _(tensors, seeds, step_index):  # type: ignore[no-untyped-def]
+        return [_torch.empty_like(tensor) for tensor, has in zip(tensors, _has_gradient(core, tensors)) if has]
 
     def setup_context(ctx, inputs, output):  # type: ignore[no-untyped-def]
-        ctx.save_for_backward(*inputs[0])
-        ctx.likes = output
+        *ctx.likes, step_index = output
+        ctx.save_for_backward(*inputs[0], step_index)
 
     def back(ctx, grads):  # type: ignore[no-untyped-def]
-        tensors = list(ctx.saved_tensors)
+        *tensors, step_index = ctx.saved_tensors
         seeds = [_torch.zeros_like(like) if g is None else g for g, like in zip(grads, ctx.likes)]
-        gradients = iter(backward_op(tensors, seeds))
-        return [next(gradients) if name in core.changed else None for name in core.inputs]
+        gradients = iter(backward_op(tensors, seeds, step_index))
+        return [next(gradients) if has else None for has in _has_gradient(core, tensors)]
 
     forward_op.register_autograd(back, setup_context=setup_context)
-    return lambda *tensors: forward_op(list(tensors))
+    return lambda *tensors: forward_op(list(tensors))[:-1]

@@ -8,10 +8,17 @@ using dr::runtime::Pace;
 using dr::runtime::Queue;
 using namespace std::chrono_literals;
 
-TEST_CASE("short runs are asked for beyond their time and the way there and back, long ones and unknown ones never") {
-  CHECK(Queue::worth_asking({25us}, 1) >= 50us + 50us);
-  CHECK(Queue::worth_asking({25us}, 32) >= 2 * 32 * 25us);
-  CHECK(Queue::worth_asking({900us}, 1) <= 2ms);
-  CHECK(Queue::worth_asking({1ms}, 1) == 0ns);
-  CHECK(Queue::worth_asking({}, 32) == 0ns);
+namespace {
+
+std::chrono::nanoseconds asking(Pace pace, int runs) { return Queue::worth_asking(&pace, runs); }
+
+}  // namespace
+
+TEST_CASE("short runs and copies are asked for beyond their time and the way there and back, other runs never") {
+  CHECK(asking({25us}, 1) >= 50us + 50us);
+  CHECK(asking({25us}, 32) >= 2 * 32 * 25us);
+  CHECK(asking({900us}, 1) <= 2ms);
+  CHECK(asking({1ms}, 1) == 0ns);
+  CHECK(asking({}, 32) == 0ns);
+  CHECK(Queue::worth_asking(nullptr, 1) >= 50us);
 }

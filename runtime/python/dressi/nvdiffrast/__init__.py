@@ -121,7 +121,7 @@ def rasterize(
     def operation(arrays: dict[str, Any]) -> tuple[list[Any], Any]:
         layers = _core.Layers(arrays["pos"], tri, resolution, ranges)
         results, back, _ = _core.rasterize(glctx.device, layers)
-        return _db(glctx, results), lambda seeds: back([seeds[0], seeds[1] if grad_db else None])
+        return _db(glctx, results), lambda seeds: back([seeds[0], seeds[1] if grad_db and glctx.output_db else None])
 
     return _apply(operation, {"pos": pos})
 
@@ -174,8 +174,8 @@ class DepthPeeler:
                 self._above = _np.full((len(layers.ranges), layers.height, layers.width), -2, _np.float32)
             results, back, depth = _core.rasterize(glctx.device, layers, self._above)
             # Behind a pixel that sees nothing there is nothing.
-            self._above = _np.where(results[0][..., 3] > 0, depth, 2).astype(_np.float32)
-            return _db(glctx, results), lambda seeds: back([seeds[0], seeds[1] if self.grad_db else None])
+            self._above = _np.where(results[0][..., 3] > 0, depth, 2)
+            return _db(glctx, results), lambda seeds: back([seeds[0], seeds[1] if self.grad_db and glctx.output_db else None])
 
         return _apply(operation, {"pos": self.pos})
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import functools
 import operator
+import os
 import pathlib
 import threading
 from typing import Any, Callable, Sequence
@@ -59,6 +60,10 @@ def _floats(name: str, array: Any, ndims: Sequence[int], last: Sequence[int] = (
     return np.ascontiguousarray(array, np.float32)
 
 
+def _agree(name: str, array: Any, shape: tuple[int, ...], of: str) -> None:
+    _check(array.shape == shape, f"{name}: expected shape {shape} to fit {of}, found shape {array.shape}")
+
+
 def _faces(tri: Any) -> np.ndarray:
     tri = np.asarray(tri)
     _check(tri.dtype == np.int32, f"tri: expected a tensor of int32, found {tri.dtype}")
@@ -81,8 +86,9 @@ class Layers:
     def __init__(self, pos: Any, tri: Any, resolution: Sequence[int], ranges: Any) -> None:
         self.pos = _floats("pos", pos, (2, 3), (4,))
         self.tri = _faces(tri)
-        self.height, self.width = (_count("resolution", n) for n in resolution)
-        _check(self.height > 0 and self.width > 0, f"resolution: expected two positive numbers, found {tuple(resolution)}")
+        sizes = [_count("resolution", n) for n in resolution]
+        _check(len(sizes) == 2 and min(sizes) > 0, f"resolution: expected two positive numbers, found {tuple(resolution)}")
+        self.height, self.width = sizes
         self.is_range = self.pos.ndim == 2
         if self.is_range:
             _check(ranges is not None, "pos has two dimensions, which is range mode: ranges are missing")
@@ -102,7 +108,7 @@ _finding = threading.Lock()  # what is bound to a finder is there until it has f
 
 
 @functools.lru_cache(maxsize=16)
-def _finder(device: str, defines: tuple[tuple[str, int], ...], _shapes: Any, width: int, height: int) -> Run:
+def _finder(device: str, defines: tuple[tuple[str, int], ...], width: int, height: int, *_key: Any) -> Run:
     return program("rasterize", device, *defines).bind(symbols={"W": width, "H": height})
 
 
@@ -110,7 +116,8 @@ def rasterize(device: str, layers: Layers, above: np.ndarray | None = None) -> t
     """(rast, rast_db), the way back to pos, and the depths. `above`: only what lies behind it is seen."""
     n, pos = len(layers.ranges), layers.stack[:, None]
     defines = (("RANGES", int(layers.is_range)), ("STRIDE", layers.stride), ("PEEL", int(above is not None)))
-    run = _finder(device, defines, (pos.shape, layers.tri.shape, n), layers.width, layers.height)
+    # A run keeps its sizes, and is of no use to a process that was forked since.
+    run = _finder(device, defines, layers.width, layers.height, pos.shape, layers.tri.shape, n, os.getpid())
     with _finding:
         run.bind(pos=pos, tri=layers.tri, range=layers.ranges[:, None, None])
         if above is not None:
@@ -158,7 +165,9 @@ def interpolate(
     _check(not len(chosen) or rast_db is not None, "diff_attrs needs rast_db")
     arrays = {"attr": stack, "tri": tri, "rast": rast.reshape(n, h * w, 1, 4)}
     if len(chosen):
-        arrays["rast_db"] = _floats("rast_db", rast_db, (4,), (4,)).reshape(n, h * w, 1, 4)
+        rast_db = _floats("rast_db", rast_db, (4,), (4,))
+        _agree("rast_db", rast_db, rast.shape, "rast")
+        arrays["rast_db"] = rast_db.reshape(n, h * w, 1, 4)
         arrays["chosen"] = chosen
     step, outputs = ("mix_all", ("out", "out_da")) if len(chosen) else ("mix", ("out",))
     stride = int(len(stack) > 1)
@@ -333,8 +342,10 @@ def texture(
     layers, channels = levels[0].shape[0], levels[0].shape[-1]
     _check(layers in (1, n), f"tex: expected 1 or {n} in the first dimension, found shape {levels[0].shape}")
     table, start = [], 0
-    for level in levels:
-        _check(level.shape[0] == layers and level.shape[-1] == channels, f"mip: expected {layers} layers of {channels} channels, found shape {level.shape}")
+    for k, level in enumerate(levels):
+        if k > 0:
+            halves = (max(1, size // 2) for size in levels[k - 1].shape[-3:-1])
+            _agree("mip", level, (*levels[0].shape[:-3], *halves, channels), "the level before it")
         table.append((level.shape[-2], level.shape[-3], start))
         start += level[0].size // channels
     mips = FILTERS.index(filter_mode) >= 2
@@ -349,9 +360,12 @@ def texture(
         "table": np.array(table, np.int32),
     }
     if mips:
-        arrays["bias"] = np.zeros((n, h * w, 1), np.float32) if bias is None else _floats("mip_level_bias", bias, (3,)).reshape(n, h * w, 1)
+        bias = np.zeros((n, h, w), np.float32) if bias is None else _floats("mip_level_bias", bias, (3,))
+        _agree("mip_level_bias", bias, (n, h, w), "uv")
+        arrays["bias"] = bias.reshape(n, h * w, 1)
         if uv_da is not None:
-            da = _floats("uv_da", uv_da, (4,), (2 * uv.shape[-1],))
+            da = _floats("uv_da", uv_da, (4,))
+            _agree("uv_da", da, (n, h, w, 2 * uv.shape[-1]), "uv")
             arrays["uv_dx"], arrays["uv_dy"] = wide(da[..., 0::2]), wide(da[..., 1::2])
     defines = (
         ("FILTER", FILTERS.index(filter_mode)),

@@ -6,6 +6,8 @@ from typing import Any
 
 import torch
 
+from ..torch import differentiable_once
+
 
 class Node(torch.autograd.Function):
     """`operation` takes a dict of arrays, and gives results and the way back: from seeds to gradients by name."""
@@ -22,10 +24,10 @@ class Node(torch.autograd.Function):
         return tuple(torch.from_numpy(result).to(like.device) for result in results)
 
     @staticmethod
-    @torch.autograd.function.once_differentiable
     def backward(ctx: Any, *seeds: Any) -> Any:
         saved = iter(ctx.saved_tensors)
-        gradients = ctx.back([None if s is None else s.detach().cpu().numpy() for s in seeds])
+        with torch.no_grad():
+            gradients = ctx.back([None if s is None else s.detach().cpu().numpy() for s in seeds])
         out: list[Any] = []
         for name, is_tensor in zip(ctx.names, ctx.is_tensor):
             if not is_tensor:
@@ -33,4 +35,4 @@ class Node(torch.autograd.Function):
                 continue
             tensor, found = next(saved), gradients.get(name)
             out.append(None if found is None else torch.from_numpy(found.copy()).to(tensor.device, tensor.dtype))
-        return (None, None, *out)
+        return (None, None, *differentiable_once(out, [*ctx.saved_tensors, *seeds]))
