@@ -40,14 +40,8 @@ std::string folder_in_use(const std::string& out) {
   return json.is_object() && json.contains("folder") && json["folder"].is_string() ? json["folder"] : "";
 }
 
-// Of what a file holds, against accidents: a run must not go on from numbers that nobody computed.
-std::string checksum_of(const void* data, size_t bytes) {
-  std::ostringstream text;
-  text << std::hex << bundle::checksum(data, bytes);
-  return text.str();
-}
-std::string checksum_of(const std::string& text) { return checksum_of(text.data(), text.size()); }
-std::string checksum_of(const io::Array& array) { return checksum_of(array.bytes.data(), array.bytes.size()); }
+std::string checksum_of(const std::string& text) { return drun::checksum_of(text.data(), text.size()); }
+std::string checksum_of(const io::Array& array) { return drun::checksum_of(array.bytes.data(), array.bytes.size()); }
 
 // Throws where the content of `path` is not what was written.
 void expect(const ordered_json& checksum, const std::string& found, const fs::path& path) {
@@ -58,6 +52,12 @@ void expect(const ordered_json& checksum, const std::string& found, const fs::pa
 bool is_own_folder(const std::string& name) { return name.starts_with(kPrefix) && name.find('/') == std::string::npos; }
 
 }  // namespace
+
+std::string checksum_of(const void* data, size_t bytes) {
+  std::ostringstream text;
+  text << std::hex << bundle::checksum(data, bytes);
+  return text.str();
+}
 
 void write_text(const std::string& path, const std::string& text) {
   const std::string temporary = path + ".partial";
@@ -83,7 +83,8 @@ void save_checkpoint(const std::string& out, const Checkpoint& c) {
   while (fs::exists(fs::path(out) / (kPrefix + std::to_string(number)))) ++number;
   const std::string name = kPrefix + std::to_string(number);
   fs::create_directories(fs::path(out) / name);
-  ordered_json json{{"folder", name}, {"steps", c.steps}, {"entry", c.entry}, {"done", c.done}, {"runs", c.runs}};
+  ordered_json json{{"folder", name}, {"steps", c.steps},     {"entry", c.entry}, {"done", c.done},
+                    {"runs", c.runs}, {"program", c.program}, {"data", c.data}};
   const auto save = [&](const std::string& what, const Array& data) -> ordered_json {
     const std::string file = (fs::path(out) / name / (what + ".npy")).string();
     must(io::save_array(file, data));
@@ -126,6 +127,8 @@ Checkpoint load_checkpoint(const std::string& out) {
     c.entry = json.at("entry");
     c.done = json.at("done");
     c.runs = json.at("runs").get<std::map<std::string, int64_t>>();
+    c.program = json.value("program", "");
+    c.data = json.value("data", c.data);
     const bool counts = std::ranges::all_of(c.runs, [](const auto& run) { return run.second >= 0; });
     if (c.entry >= c.steps.size() || c.done < 0 || !counts)
       throw Mistake{"'" + file.string() + "' is no checkpoint of drun"};

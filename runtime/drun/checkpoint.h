@@ -21,9 +21,14 @@ struct Checkpoint {
   int done = 0;                                    // runs of that entry
   std::map<std::string, int64_t> runs;             // of each step, in all
   std::vector<std::pair<std::string, io::Array>> leaves;
-  std::map<std::string, Outputs> outputs;  // of steps that are done, and whose results are not written yet
-  std::string log;                         // lines so far
+  std::map<std::string, Outputs> outputs;   // of steps that are done, and whose results are not written yet
+  std::string log;                          // lines so far
+  std::string program;                      // checksum of the bundle; empty of an older drun
+  std::map<std::string, std::string> data;  // and of what was bound, by leaf
 };
+
+// Of what a file holds, against accidents: a run must not go on from numbers that nobody computed.
+std::string checksum_of(const void* data, size_t bytes);
 
 // Both throw Mistake.
 void save_checkpoint(const std::string& out, const Checkpoint& checkpoint);

@@ -95,6 +95,13 @@ void Results::check(const Options& options) const {
     if (times > 0) steps.insert(step);
   if (options.steps.empty())
     for (const std::string& step : names_.steps()) steps.insert(step);
+  if (!options.out.empty())
+    for (const auto& leaf : names_.leaves())
+      for (const std::string& step : steps)
+        if (leaf.name.starts_with(step + ".") &&
+            std::ranges::count(names_.outputs(step), leaf.name.substr(step.size() + 1)) > 0)
+          throw Mistake{"'" + leaf.name + "' is a leaf and an output of step '" + step +
+                        "', and both would be one file of --out: give the output another name"};
   std::set<std::string> files;
   const auto once = [&](const char* option, const std::string& file) {
     if (!files.insert(file).second) throw Mistake{std::string(option) + ": '" + file + "' is to be written twice"};

@@ -48,6 +48,8 @@ void Session::process() {
   bind();
   if (options_.resume) resume();
   at_.steps = steps_;
+  at_.program = checksum_of(bundle_.data(), bundle_.size());
+  at_.data = data_;
   if (!options_.out.empty()) {
     folder_.take();
     folder_.sweep(checkpoint_folder(options_.out));
@@ -125,6 +127,7 @@ void Session::bind() {
       throw Mistake{"leaf '" + name + "': '" + source + "' has " + io::describe(*place) +
                     "; if the program expects such, give --unchecked"};
     must(target_.bind(name, data));
+    if (!options_.out.empty()) data_[name] = checksum_of(data.bytes.data(), data.bytes.size());
     // Of floats the extent is enough.
     if (kind == io::ElementKind::Float32) data.bytes.clear();
     bound.emplace(name, std::move(data));
@@ -132,6 +135,23 @@ void Session::bind() {
   if (options_.unchecked) return;
   if (const auto problem = jit::check_indices(bundle_, bound, symbols))
     throw Mistake{*problem + "; if reading 0 there is meant, give --unchecked"};
+}
+
+void Session::warn_of_changes() const {
+  if (at_.program.empty()) return;
+  const auto warn = [](const std::string& what) {
+    std::fprintf(stderr, "drun: warning: --resume goes on with %s than the run before had\n", what.c_str());
+  };
+  if (at_.program != checksum_of(bundle_.data(), bundle_.size())) warn("another program, or for another device,");
+  std::set<std::string> names;
+  for (const auto* data : {&at_.data, &data_})
+    for (const auto& entry : *data) names.insert(entry.first);
+  for (const auto& leaf : at_.leaves) names.erase(leaf.first);
+  for (const std::string& name : names) {
+    const auto before = at_.data.find(name), now = data_.find(name);
+    if (before == at_.data.end() || now == data_.end() || before->second != now->second)
+      warn("other data of '" + name + "'");
+  }
 }
 
 void Session::resume() {
@@ -151,6 +171,7 @@ void Session::resume() {
   if (const auto& [step, times] = steps_[at_.entry]; times < at_.done)
     throw Mistake{"--resume: step '" + step + "' has run " + std::to_string(at_.done) + " times, more often than the " +
                   std::to_string(times) + " that are asked for"};
+  warn_of_changes();
   for (const auto& [leaf, data] : at_.leaves) must(target_.bind(leaf, data));
   for (const auto& [step, runs] : at_.runs) must(target_.set_runs(step, runs));
   at_.leaves.clear();

@@ -40,21 +40,23 @@ void Queue::submit(const vk::raii::CommandBuffer& commands, int times, Pace* pac
   Flight& flight = flights_[next_];
   wait(flight, false);
   if (flight.spent) device_->device.resetFences(*flight.fence);
-  flight.spent = true;
   std::vector<vk::CommandBuffer> handles(static_cast<size_t>(times), *commands);
   handles.insert(handles.end(), after.begin(), after.end());
   flight.begin = Clock::now();
   flight.runs = times * runs;
   flight.pace = pace;
+  flight.spent = true;
   give(handles, *flight.fence);
   flight.busy = true;
   next_ = (next_ + 1) % under_way_;
-  // While the device works: who waits for one run after the other does not wait for this.
+  // While the device works: who waits for one run after the other does not wait for this. What fails is tried again
+  // when it must be done.
   for (Flight& other : flights_)
-    if (!other.busy && other.spent) {
-      device_->device.resetFences(*other.fence);
-      other.spent = false;
-    }
+    if (!other.busy && other.spent) try {
+        device_->device.resetFences(*other.fence);
+        other.spent = false;
+      } catch (const std::exception&) {
+      }
 }
 
 void Queue::give(const std::vector<vk::CommandBuffer>& commands, vk::Fence fence) {
