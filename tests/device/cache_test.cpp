@@ -172,11 +172,10 @@ TEST_CASE("random programs give the same bits with and without the cache") {
     Totals totals;
     for (uint64_t seed = 1; seed <= programs; ++seed) check_random_program(device, seed, totals);
     for (const std::string& message : device.device.validation_messages()) FAIL("validation: " << message);
-    const double share = static_cast<double>(totals.skipped.commands) /
-                         static_cast<double>(totals.run.commands + totals.skipped.commands);
+    const long long commands = totals.run.commands + totals.skipped.commands;
+    const double share = static_cast<double>(totals.skipped.commands) / static_cast<double>(commands);
     std::printf("%-12s %llu programs, %.0f%% of %lld commands left out; %d rebuilds\n", device.name.c_str(),
-                static_cast<unsigned long long>(programs), 100 * share,
-                static_cast<long long>(totals.run.commands + totals.skipped.commands), totals.rebuilds);
+                static_cast<unsigned long long>(programs), 100 * share, commands, totals.rebuilds);
     if (programs >= 24) CHECK(totals.rebuilds > 0);
     CHECK(share > 0.2);
     CHECK(share < 0.9);
