@@ -383,8 +383,11 @@ class Elaborator {
   Value evaluate_if(const Expr& expr);
   using Branch = std::function<Value()>;
   Value emit_if(const Value& condition, const Span& span, const Branch& then, const Branch& otherwise);
+  // The same for each element of `extent`: what is chosen whichever way has an element for each that chooses. What is
+  // known stays so. In a region it is one element's anyway.
+  Value stretched(const Value& value, const ir::Extent& extent);
   Value select_branches(const Value& condition, const Value& a, const Value& b, const Span& span);
-  Value merge_branches(const Value& a, const Value& b, const Span& span, const LeafPair& leaf);
+  Value merge_branches(const Value& a, const Value& b, const ir::Extent& by, const Span& span, const LeafPair& leaf);
   std::optional<Type> branch_type(const Value& a, const Value& b, const Span& span);
   bool is_cheap(const dsl::Block& block) const;
   Value evaluate_reduce(const Expr& expr);

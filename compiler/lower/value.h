@@ -35,10 +35,12 @@ struct Image {
   uint32_t element = 0;
 };
 
-// A number, vector or matrix known at compile time. Never a single int: that is an ir::Dim, which may hold symbols too.
+// A number, vector or matrix known at compile time, the same for each element of `extent`: a choice between two equal
+// ones has the extent of what chooses. Never a single int: that is an ir::Dim, which may hold symbols too.
 struct Constant {
   ir::Type type;
   std::vector<double> components;
+  ir::Extent extent = {};
   friend bool operator==(const Constant&, const Constant&) = default;
 };
 

@@ -2,6 +2,8 @@
 // From values of elaboration to ops: what is known at compile time is computed by the op's own evaluation, the rest is
 // emitted. Also the words that messages use for values.
 #include <algorithm>
+#include <cctype>
+#include <charconv>
 #include <cmath>
 #include <limits>
 
@@ -84,6 +86,7 @@ Type Elaborator::element_type(const Value& value) const {
 
 Extent Elaborator::extent_of(const Value& value) const {
   if (const auto* image = value.get<Image>()) return b_.value(image->id).extent;
+  if (const auto* constant = value.get<Constant>()) return constant->extent;
   return {};
 }
 
@@ -110,18 +113,35 @@ bool fits_int(int64_t number) {
   return number >= std::numeric_limits<int32_t>::min() && number <= std::numeric_limits<int32_t>::max();
 }
 
+// Whether shaders can compute it: each number of the expression has 32 bits.
+bool has_int_numbers(const Dim& dim) {
+  const std::string text = dim.str();
+  for (size_t k = 0; k < text.size(); ++k) {
+    const bool begins = std::isdigit(static_cast<unsigned char>(text[k])) &&
+                        (k == 0 || (!std::isalnum(static_cast<unsigned char>(text[k - 1])) && text[k - 1] != '_'));
+    if (!begins) continue;
+    int64_t number = 0;
+    const auto [end, error] = std::from_chars(text.data() + k, text.data() + text.size(), number);
+    if (error != std::errc{} || !fits_int(number)) return false;
+  }
+  return true;
+}
+
 }  // namespace
 
 ValueId Elaborator::materialize(const Value& value) {
   if (const auto* image = value.get<Image>()) return image->id;
-  if (const auto* constant = value.get<Constant>()) return ops::constant(b_, constant->type, constant->components);
+  if (const auto* constant = value.get<Constant>()) {
+    const ValueId id = ops::constant(b_, constant->type, constant->components);
+    return in_region() || constant->extent.is_unit() ? id : ops::broadcast(b_, id, constant->extent);
+  }
   DR_ASSERT(value.is<Dim>());
   const Dim& dim = value.as<Dim>();
-  if (!dim.is_constant()) return ops::dim_value(b_, dim);
-  if (!fits_int(dim.constant())) {
+  if (dim.is_constant() ? !fits_int(dim.constant()) : !has_int_numbers(dim)) {
     report(Code::E0318, span_, "expected a number that fits int, found " + dim.str());
     return ops::constant(b_, ir::kInt, 0.0);
   }
+  if (!dim.is_constant()) return ops::dim_value(b_, dim);
   return ops::constant(b_, ir::kInt, static_cast<double>(dim.constant()));
 }
 
@@ -156,7 +176,7 @@ Value Elaborator::apply(OpKind kind, std::vector<Value> operands, ir::Attrs attr
   for (const Value& operand : operands) {
     ir::ResultType& type = types.emplace_back();
     type.type = element_type(operand);
-    if (const auto* image = operand.get<Image>()) type.extent = b_.value(image->id).extent;
+    type.extent = extent_of(operand);
   }
   if (!check_extents(operands, span_)) return Error{};
   // An int of the compiler has 64 bits, one of the graph 32. A float takes any, a uint the bits of either.
@@ -192,7 +212,7 @@ Value Elaborator::apply(OpKind kind, std::vector<Value> operands, ir::Attrs attr
                .result = result.data()});
     // NaN and Inf are left to run time: they are then made where the program says.
     if (std::ranges::all_of(result, [](double x) { return std::isfinite(x); }))
-      return make_constant(type, std::move(result));
+      return stretched(make_constant(type, std::move(result)), results[0].extent);
   }
   const uint32_t element = element_depth(operands);
   std::vector<ValueId> ids;
@@ -270,8 +290,9 @@ bool Elaborator::check_extents(std::span<const Value> values, const Span& span) 
   const Extent* first = nullptr;
   const bool alike = std::ranges::all_of(values, [&](const Value& value) {
     const auto* operand = value.get<Image>();
-    if (!operand) return true;
-    const Extent& extent = b_.value(operand->id).extent;
+    const auto* constant = value.get<Constant>();
+    if (!operand && !constant) return true;
+    const Extent& extent = operand ? b_.value(operand->id).extent : constant->extent;
     if (!first) first = &extent;
     return extent == *first || extent.is_unit();
   });
@@ -345,6 +366,14 @@ Value Elaborator::broadcast(const Value& value, const Extent& extent) {
   // Inside a region everything is one element's and stretches by itself.
   if (value.is_error() || extent_of(value) == extent || in_region()) return value;
   return image(ops::broadcast(b_, materialize(value), extent), {&value});
+}
+
+Value Elaborator::stretched(const Value& value, const Extent& extent) {
+  if (in_region() || !value.is_numeric()) return value;
+  const auto both = ir::broadcast(extent_of(value), extent);
+  if (!both) return value;  // told of where they meet
+  const auto* constant = value.get<Constant>();
+  return constant ? Value(Constant{constant->type, constant->components, *both}) : broadcast(value, *both);
 }
 
 Value Elaborator::select(const Value& condition, const Value& a, const Value& b) {

@@ -281,7 +281,7 @@ std::vector<Value> Elaborator::emit_fold(const Range& range, const std::vector<V
       const bool same =
           !range.scans && last.is<Image>() && last.as<Image>().id == b_.graph().region(region).params[1 + k];
       const ValueId result = results[k++];
-      return same ? leaf : Value(image(result, {&range.begin, &range.end, &leaf, &last}));
+      return same ? stretched(leaf, extent) : Value(image(result, {&range.begin, &range.end, &leaf, &last}));
     }));
   }
   return out;

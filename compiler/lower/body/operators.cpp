@@ -113,7 +113,11 @@ Value Elaborator::binary(std::string_view op, Value a, Value b, const Span& span
   std::vector<Value> operands{a, b};
   if (!unify_scalars(operands) || element_type(operands[0]).is_bool()) {
     const bool mixed = !element_type(a).is_bool() && !element_type(b).is_bool();
-    return fail(Code::E0301, span, words(), {}, mixed ? "convert one of them, such as float(i)" : "");
+    const bool floats = element_type(a).is_float() || element_type(b).is_float();
+    return fail(Code::E0301, span, words(), {},
+                !mixed   ? ""
+                : floats ? "convert one of them, such as float(i)"
+                         : "convert one of them: int(u) or uint(i)");
   }
   if (operands[0].is_error() || operands[1].is_error()) return Error{};
   // Before scalars are splat, while the operands have their names.
@@ -187,14 +191,14 @@ Value Elaborator::compare(std::string_view op, const Value& a, const Value& b, c
   const bool equality = op == "==" || op == "!=";
   if (!agree || !type_a.is_scalar() || !type_b.is_scalar() || (type_a.is_bool() && !equality)) {
     std::string help;
-    if (type_a.is_vector() && type_a == type_b) {
+    if (type_a.is_vector() || type_b.is_vector()) {
       const std::string_view name = op == "=="   ? "all(equal(a, b))"
                                     : op == "!=" ? "any(notEqual(a, b))"
                                     : op == "<"  ? "lessThan(a, b)"
                                     : op == "<=" ? "lessThanEqual(a, b)"
                                     : op == ">"  ? "greaterThan(a, b)"
                                                  : "greaterThanEqual(a, b)";
-      help = "write " + std::string(name);
+      help = "write " + std::string(name) + (type_a == type_b ? "" : ", of two vectors");
     }
     return fail(Code::E0301, span, "cannot compare " + describe_element(a) + " and " + describe_element(b), {},
                 std::move(help));
@@ -213,8 +217,9 @@ Value Elaborator::logic(std::string_view op, const Value& a, const Value& b, con
                     describe_element(b));
   }
   // `true && x` is x, so that a condition of the program's configuration leaves no trace.
-  if (known_bool(a)) return b;
-  if (const auto known = known_bool(b)) return *known == (op == "&&") ? a : b;
+  if (known_bool(a)) return stretched(b, extent_of(a));
+  if (const auto known = known_bool(b))
+    return *known == (op == "&&") ? stretched(a, extent_of(b)) : stretched(b, extent_of(a));
   return apply(op == "&&" ? OpKind::LogicalAnd : OpKind::LogicalOr, {a, b});
 }
 

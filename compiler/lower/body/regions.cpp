@@ -24,7 +24,7 @@ Value Elaborator::evaluate_if(const Expr& expr) {
                 vector ? "write any(v) or all(v)" : "");
   }
   if (const auto known = known_bool(condition))
-    return evaluate_block(*known ? expr.inner->then_block : *expr.inner->else_block);
+    return stretched(evaluate_block(*known ? expr.inner->then_block : *expr.inner->else_block), extent_of(condition));
   // Where neither branch computes anything, choosing costs less than branching.
   if (is_cheap(expr.inner->then_block) && is_cheap(*expr.inner->else_block)) {
     const Value a = evaluate_block(expr.inner->then_block);
@@ -66,12 +66,17 @@ std::optional<Type> Elaborator::branch_type(const Value& a, const Value& b, cons
   return std::nullopt;
 }
 
-// Walks two values of one structure; what both sides have in common stays as it is.
-Value Elaborator::merge_branches(const Value& a, const Value& b, const Span& span, const LeafPair& leaf) {
+// Walks two values of one structure, chosen between by what has the extent `by`. What both sides have in common is
+// stretched to that; an int that is known stays as it is in a structure, whose shape it may tell.
+Value Elaborator::merge_branches(const Value& a, const Value& b, const Extent& by, const Span& span,
+                                 const LeafPair& leaf) {
   if (contains_error(a) || contains_error(b)) return Error{};
   if (a.is<Nothing>() || b.is<Nothing>())
     return fail(Code::E0321, span, "expected a value from both branches, found none from one");
-  if (same_value(a, b)) return a;
+  if (same_value(a, b))
+    return a.is_numeric()
+               ? stretched(a, by)
+               : map_leaves(a, [&](const Value& part) { return part.is<Dim>() ? part : stretched(part, by); });
   if (a.is_numeric() && b.is_numeric()) return leaf(a, b);
   const auto* s = a.get<StructValue>();
   const bool alike = a.is_composite() && a.data.index() == b.data.index() && parts_of(a).size() == parts_of(b).size() &&
@@ -85,14 +90,15 @@ Value Elaborator::merge_branches(const Value& a, const Value& b, const Span& spa
   }
   std::vector<Value> parts;
   for (size_t i = 0; i < parts_of(a).size(); ++i) {
-    parts.push_back(merge_branches(parts_of(a)[i], parts_of(b)[i], span, leaf));
+    const Value &x = parts_of(a)[i], &y = parts_of(b)[i];
+    parts.push_back(x.is<Dim>() && same_value(x, y) ? x : merge_branches(x, y, by, span, leaf));
     if (parts.back().is_error()) return Error{};
   }
   return with_parts(a, std::move(parts));
 }
 
 Value Elaborator::select_branches(const Value& condition, const Value& a, const Value& b, const Span& span) {
-  return merge_branches(a, b, span, [&](const Value& x, const Value& y) -> Value {
+  return merge_branches(a, b, extent_of(condition), span, [&](const Value& x, const Value& y) -> Value {
     const auto type = branch_type(x, y, span);
     if (!type) return Error{};
     Value then_value = x, else_value = y;
@@ -122,7 +128,7 @@ Value Elaborator::emit_if(const Value& condition, const Span& span, const Branch
     Type type;
   };
   std::vector<Pair> pairs;
-  const Value merged = merge_branches(a, b, span, [&](const Value& x, const Value& y) -> Value {
+  const Value merged = merge_branches(a, b, {}, span, [&](const Value& x, const Value& y) -> Value {
     const auto type = branch_type(x, y, span);
     if (!type) return Error{};
     pairs.push_back({x, y, *type});
@@ -152,7 +158,7 @@ Value Elaborator::emit_if(const Value& condition, const Span& span, const Branch
   const std::vector<ValueId> results =
       ops::emit_multi(b_, OpKind::If, {condition_id}, std::move(attrs), {then_region, else_region});
   size_t next = 0;
-  return merge_branches(a, b, span, [&](const Value&, const Value&) -> Value {
+  return merge_branches(a, b, extent_of(condition), span, [&](const Value&, const Value&) -> Value {
     const Pair& pair = pairs[next];
     return image(results[next++], {&condition, &pair.a, &pair.b});
   });

@@ -307,7 +307,8 @@ Value Elaborator::builtin_select(BuiltinCall& call) {
     if (call.args[1].is_numeric() && call.args[2].is_numeric()) {
       std::vector<Value> sides{call.args[1], call.args[2]};
       unify_scalars(sides);
-      if (element_type(sides[0]) == element_type(sides[1])) return sides[*known ? 0 : 1];
+      if (element_type(sides[0]) == element_type(sides[1]) && check_extents(sides, call.span))
+        return stretched(stretched(sides[*known ? 0 : 1], extent_of(sides[*known ? 1 : 0])), extent_of(c));
     }
   }
   return select_branches(c, call.args[1], call.args[2], call.span);

@@ -50,7 +50,8 @@ bool Elaborator::in_step(std::string_view what, const Span& span) {
   if (step_ && frames_.empty() && !in_region()) return true;
   report(Code::E0512, span,
          "expected " + std::string(what) + " directly in a step, found it " +
-             (step_ ? "in a function or region" : "elsewhere"));
+             (step_ ? "in a function or region" : "elsewhere"),
+         {}, step_ && what.find("<-") != std::string_view::npos ? "choose the value: x <- if c { a } else { x };" : "");
   return false;
 }
 
@@ -201,9 +202,21 @@ std::optional<std::vector<ValueId>> Elaborator::grad_targets(const Value& y, con
   }
   std::vector<ValueId> targets;
   bool ok = true;
+  // What the expression in the place of x has just made: y was there before.
+  const auto is_new = [&](ValueId target) {
+    const auto* value = y.get<Image>();
+    const ir::ValueInfo& info = b_.value(target);
+    return value && info.name.empty() && info.op.valid() && b_.value(value->id).op.valid() &&
+           info.op.index > b_.value(value->id).op.index;
+  };
   for_each_leaf(x, [&](const Value& leaf) {
     const auto* target = leaf.get<Image>();
-    if (!target) {
+    if (target && is_new(target->id)) {
+      ok = false;
+      report(Code::E0607, x_span,
+             "expected a leaf or a name to differentiate by, found an expression, which nothing depends on", {},
+             "bind it with 'let', and compute what is differentiated of that name");
+    } else if (!target) {
       ok = false;
       const bool known = leaf.is_numeric();
       report(Code::E0607, x_span,
