@@ -102,6 +102,8 @@ def as_numpy(name: str, value: Any) -> np.ndarray:
         for to_host in ("get", "copy_to_host"):  # CuPy's and Numba's
             if hasattr(value, to_host):
                 return np.asarray(getattr(value, to_host)())
+        if hasattr(value, "__array__"):  # a CudaArray of another run
+            return np.asarray(value)
         raise c.BindError(
             f"'{name}' lives on a GPU, and a {type(value).__name__} has no way to the host: copy it there first"
         )
