@@ -162,9 +162,12 @@ Value Elaborator::with_vjp(const FunctionValue& fn, const dsl::FnDecl& vjp, Valu
       }
       const Extent adjoint = extent_of(given[i]), target = extent_of(wanted[i]);
       if (!is_adjoint_extent(adjoint, target, extent)) {
-        const std::string wanted_text = target == Extent() ? "one element" : "the extent " + target.str();
+        const auto words = [](const Extent& e, const char* before) {
+          return e.is_unit() ? "one element" : before + e.str();
+        };
         return fail(Code::E0616, end,
-                    "expected an adjoint of " + wanted_text + " for '" + param + "', found " + adjoint.str());
+                    "expected an adjoint of " + words(target, "the extent ") + " for '" + param + "', found " +
+                        words(adjoint, ""));
       }
       targets.push_back(wanted[i].as<Image>().id);
       adjoints.push_back(materialize(given[i]));
