@@ -129,22 +129,54 @@ struct DeepGradient {
   size_t order;
 };
 
+template <class F>
+void for_each_source(const ir::Graph& graph, const ir::Op& op, F&& use) {
+  for (const ValueId operand : op.operands) use(operand);
+  for (const ir::RegionId region : op.regions)
+    for (const ValueId yield : graph.region(region).yields) use(yield);
+}
+
+// How many gradients deep a gradient is, from those before it: one more than those on the ways from its targets to its
+// value. What only leads to its seed is on none: it is multiplied with, and not differentiated.
+size_t order_of_gradient(const ir::Graph& graph, const ir::Op& gradient, const std::vector<size_t>& orders) {
+  std::vector<bool> depends(graph.value_count()), needed(graph.value_count());
+  const ir::OpId last = graph.value(gradient.operands[0]).op;
+  for (const ValueId target : std::span(gradient.operands).subspan(2)) depends[target.index] = true;
+  needed[gradient.operands[0].index] = true;
+  if (!last.valid()) return 1;
+  for (uint32_t k = 0; k <= last.index; ++k) {
+    const ir::Op& op = graph.op({k});
+    bool any = false;
+    for_each_source(graph, op, [&](ValueId v) { any = any || depends[v.index]; });
+    for (const ValueId result : op.results) depends[result.index] = depends[result.index] || any;
+  }
+  size_t order = 0;
+  for (uint32_t k = last.index + 1; k-- > 0;) {
+    const ir::Op& op = graph.op({k});
+    if (std::ranges::none_of(op.results, [&](ValueId v) { return needed[v.index] && depends[v.index]; })) continue;
+    for_each_source(graph, op, [&](ValueId v) { needed[v.index] = true; });
+    if (op.kind == OpKind::Grad) order = std::max(order, orders[k]);
+  }
+  return order + 1;
+}
+
 // A gradient comes to about four times the ops of what it is of, so gradients of gradients grow with a power of four.
 std::optional<DeepGradient> too_deep_gradient(const ir::Graph& graph, size_t max_ops) {
   constexpr size_t kGrowth = 4;
-  std::vector<size_t> orders(graph.value_count());  // how many gradients deep a value comes of gradients
-  for (uint32_t k = 0; k < graph.op_count(); ++k) {
-    const ir::Op& op = graph.op({k});
-    size_t order = 0;
-    for (const ValueId operand : op.operands) order = std::max(order, orders[operand.index]);
-    for (const ir::RegionId region : op.regions) {
-      for (const ValueId yield : graph.region(region).yields) order = std::max(order, orders[yield.index]);
-    }
-    if (op.kind == OpKind::Grad) ++order;
-    for (const ValueId result : op.results) orders[result.index] = order;
+  const auto is_too_deep = [&](size_t order) {
     size_t ops = graph.op_count();
     for (size_t i = 1; i < order && ops <= kGrowth * max_ops; ++i) ops *= kGrowth;
-    if (ops > kGrowth * max_ops) return DeepGradient{op.span, order};
+    return ops > kGrowth * max_ops;
+  };
+  size_t gradients = 0;
+  for (uint32_t k = 0; k < graph.op_count(); ++k) gradients += graph.op({k}).kind == OpKind::Grad ? 1 : 0;
+  if (!is_too_deep(gradients)) return std::nullopt;
+  std::vector<size_t> orders(graph.op_count());
+  for (uint32_t k = 0; k < graph.op_count(); ++k) {
+    const ir::Op& op = graph.op({k});
+    if (op.kind != OpKind::Grad) continue;
+    orders[k] = order_of_gradient(graph, op, orders);
+    if (is_too_deep(orders[k])) return DeepGradient{op.span, orders[k]};
   }
   return std::nullopt;
 }

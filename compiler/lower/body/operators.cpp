@@ -43,7 +43,7 @@ Value Elaborator::checked_dim(const Dim& dim, const Span& span) {
 // ---- unary ----
 
 Value Elaborator::evaluate_unary(const Expr& expr) {
-  const Value a = evaluate(*expr.a);
+  Value a = evaluate(*expr.a);
   if (a.is_error()) return a;
   const auto refuse = [&](std::string_view wanted) {
     return fail(
