@@ -209,7 +209,8 @@ std::optional<std::vector<ValueId>> Elaborator::grad_targets(const Value& y, con
     return value && info.name.empty() && info.op.valid() && b_.value(value->id).op.valid() &&
            info.op.index > b_.value(value->id).op.index;
   };
-  for_each_leaf(x, [&](const Value& leaf) {
+  const auto take = [&](const Value& leaf, const std::string& part) {
+    const std::string of_part = part.empty() ? "" : " in '" + part + "'";
     const auto* target = leaf.get<Image>();
     if (target && is_new(target->id)) {
       ok = false;
@@ -221,10 +222,10 @@ std::optional<std::vector<ValueId>> Elaborator::grad_targets(const Value& y, con
       const bool known = leaf.is_numeric();
       report(Code::E0607, x_span,
              "expected a leaf or a value computed from leaves to differentiate by, found " +
-                 (known ? "a number known at compile time" : describe(leaf)));
+                 (known ? "a number known at compile time" : describe(leaf)) + of_part);
     } else if (!element_type(leaf).is_float()) {
       ok = false;
-      report(Code::E0608, x_span, "expected floats to differentiate by, found " + describe(leaf));
+      report(Code::E0608, x_span, "expected floats to differentiate by, found " + describe(leaf) + of_part);
     } else if (target->element != 0 && extent_of(leaf) != extent_of(y)) {
       ok = false;
       report(Code::E0607, x_span,
@@ -233,7 +234,13 @@ std::optional<std::vector<ValueId>> Elaborator::grad_targets(const Value& y, con
     } else {
       targets.push_back(target->id);
     }
-  });
+  };
+  const std::function<void(const Value&, const std::string&)> walk = [&](const Value& value, const std::string& path) {
+    const std::vector<Value>& parts = parts_of(value);
+    for (size_t i = 0; i < parts.size(); ++i) walk(parts[i], path + (path.empty() ? "" : ".") + part_name(value, i));
+    if (parts.empty()) take(value, path);
+  };
+  walk(x, "");
   if (ok && targets.empty()) {
     ok = false;
     report(Code::E0607, x_span,
