@@ -21,7 +21,6 @@ using nlohmann::ordered_json;
 namespace {
 
 constexpr const char* kFile = "checkpoint.json";
-constexpr const char* kPrefix = "checkpoint-";
 
 ordered_json read_json(const fs::path& path) {
   std::ifstream file(path, std::ios::binary);
@@ -40,8 +39,7 @@ std::string folder_in_use(const std::string& out) {
   return json.is_object() && json.contains("folder") && json["folder"].is_string() ? json["folder"] : "";
 }
 
-std::string checksum_of(const std::string& text) { return drun::checksum_of(text.data(), text.size()); }
-std::string checksum_of(const io::Array& array) { return drun::checksum_of(array.bytes.data(), array.bytes.size()); }
+std::span<const std::byte> bytes_of(const std::string& text) { return std::as_bytes(std::span(text)); }
 
 // Throws where the content of `path` is not what was written.
 void expect(const ordered_json& checksum, const std::string& found, const fs::path& path) {
@@ -49,13 +47,15 @@ void expect(const ordered_json& checksum, const std::string& found, const fs::pa
 }
 
 // Whether it is the name of a folder that save_checkpoint() made: nothing else is read or removed.
-bool is_own_folder(const std::string& name) { return name.starts_with(kPrefix) && name.find('/') == std::string::npos; }
+bool is_own_folder(const std::string& name) {
+  return name.starts_with(kCheckpoint) && name.find('/') == std::string::npos;
+}
 
 }  // namespace
 
-std::string checksum_of(const void* data, size_t bytes) {
+std::string checksum_of(std::span<const std::byte> bytes) {
   std::ostringstream text;
-  text << std::hex << bundle::checksum(data, bytes);
+  text << std::hex << bundle::checksum(bytes.data(), bytes.size());
   return text.str();
 }
 
@@ -80,8 +80,8 @@ void save_checkpoint(const std::string& out, const Checkpoint& c) {
   // A folder of another name than the one in use, which stays until the file names the new one.
   const std::string before = folder_in_use(out);
   int number = 0;
-  while (fs::exists(fs::path(out) / (kPrefix + std::to_string(number)))) ++number;
-  const std::string name = kPrefix + std::to_string(number);
+  while (fs::exists(fs::path(out) / (std::string(kCheckpoint) + std::to_string(number)))) ++number;
+  const std::string name = std::string(kCheckpoint) + std::to_string(number);
   fs::create_directories(fs::path(out) / name);
   ordered_json json{{"folder", name}, {"steps", c.steps},     {"entry", c.entry}, {"done", c.done},
                     {"runs", c.runs}, {"program", c.program}, {"data", c.data}};
@@ -89,16 +89,16 @@ void save_checkpoint(const std::string& out, const Checkpoint& c) {
     const std::string file = (fs::path(out) / name / (what + ".npy")).string();
     must(io::save_array(file, data));
     sync_to_disk(file);
-    return {{"name", what}, {"components", data.components}, {"checksum", checksum_of(data)}};
+    return {{"name", what}, {"components", data.components}, {"checksum", checksum_of(data.bytes)}};
   };
   json["leaves"] = ordered_json::array();
   for (const auto& [leaf, data] : c.leaves) json["leaves"].push_back(save(leaf, data));
   json["outputs"] = ordered_json::array();
   for (const auto& [step, outputs] : c.outputs)
     for (const auto& [output, data] : outputs) json["outputs"].push_back(save(step + "." + output, data));
-  json["log"] = checksum_of(c.log);
+  json["log"] = checksum_of(bytes_of(c.log));
   write_text((fs::path(out) / name / "log.jsonl").string(), c.log);
-  json["checksum"] = checksum_of(json.dump());
+  json["checksum"] = checksum_of(bytes_of(json.dump()));
   // All that the file names is on the disk before the file is, and the file before what it named goes.
   sync_to_disk((fs::path(out) / name).string());
   sync_to_disk(out);
@@ -120,7 +120,7 @@ Checkpoint load_checkpoint(const std::string& out) {
   try {
     const ordered_json checksum = json.at("checksum");
     json.erase("checksum");
-    expect(checksum, checksum_of(json.dump()), file);
+    expect(checksum, checksum_of(bytes_of(json.dump())), file);
     const std::string folder = json.at("folder");
     if (!is_own_folder(folder)) throw Mistake{"'" + file.string() + "' is no checkpoint of drun"};
     c.steps = json.at("steps").get<std::vector<std::pair<std::string, int>>>();
@@ -137,7 +137,7 @@ Checkpoint load_checkpoint(const std::string& out) {
       if (components < 1) throw Mistake{"'" + file.string() + "' is no checkpoint of drun"};
       const fs::path array = fs::path(out) / folder / (entry.at("name").get<std::string>() + ".npy");
       Array data = must(io::load_binding(array.string(), components));
-      expect(entry.at("checksum"), checksum_of(data), array);
+      expect(entry.at("checksum"), checksum_of(data.bytes), array);
       return data;
     };
     for (const auto& leaf : json.at("leaves")) c.leaves.emplace_back(leaf.at("name"), load(leaf));
@@ -151,7 +151,7 @@ Checkpoint load_checkpoint(const std::string& out) {
     std::stringstream text;
     text << log.rdbuf();
     c.log = text.str();
-    expect(json.at("log"), checksum_of(c.log), lines);
+    expect(json.at("log"), checksum_of(bytes_of(c.log)), lines);
   } catch (const nlohmann::json::exception&) {
     throw Mistake{"'" + file.string() + "' is no checkpoint of drun"};
   }

@@ -4,8 +4,11 @@
 // run is killed, the checkpoint before or after is there whole.
 #pragma once
 
+#include <cstddef>
 #include <map>
+#include <span>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -28,7 +31,10 @@ struct Checkpoint {
 };
 
 // Of what a file holds, against accidents: a run must not go on from numbers that nobody computed.
-std::string checksum_of(const void* data, size_t bytes);
+std::string checksum_of(std::span<const std::byte> bytes);
+
+// Folders of checkpoints are called so, and by a number.
+inline constexpr std::string_view kCheckpoint = "checkpoint-";
 
 // Both throw Mistake.
 void save_checkpoint(const std::string& out, const Checkpoint& checkpoint);

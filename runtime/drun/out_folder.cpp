@@ -10,6 +10,7 @@
 #include <filesystem>
 #include <string_view>
 
+#include "runtime/drun/checkpoint.h"
 #include "runtime/drun/target.h"
 
 namespace dr::drun {
@@ -24,10 +25,9 @@ bool is_number(std::string_view text) {
 
 // "checkpoint-7", with what save_checkpoint() puts there and nothing else: others have folders of such names, too.
 bool is_checkpoint(const fs::path& folder) {
-  constexpr std::string_view kFolder = "checkpoint-";
   const std::string name = folder.filename().string();
   std::error_code error;
-  if (!name.starts_with(kFolder) || !is_number(std::string_view(name).substr(kFolder.size()))) return false;
+  if (!name.starts_with(kCheckpoint) || !is_number(std::string_view(name).substr(kCheckpoint.size()))) return false;
   if (fs::is_symlink(folder, error) || !fs::is_directory(folder, error)) return false;
   for (const auto& entry : fs::directory_iterator(folder, error)) {
     const std::string file = entry.path().filename().string();

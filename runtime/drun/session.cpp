@@ -45,11 +45,10 @@ void Session::process() {
     throw Mistake{"--check-finite and --check-against-reference look at runs in two ways: give one of them"};
   choose_steps();
   Results(target_, names_).check(options_);
+  if (!options_.out.empty()) at_.program = checksum_of(std::as_bytes(bundle_));
   bind();
   if (options_.resume) resume();
   at_.steps = steps_;
-  at_.program = checksum_of(bundle_.data(), bundle_.size());
-  at_.data = data_;
   if (!options_.out.empty()) {
     folder_.take();
     folder_.sweep(checkpoint_folder(options_.out));
@@ -127,7 +126,7 @@ void Session::bind() {
       throw Mistake{"leaf '" + name + "': '" + source + "' has " + io::describe(*place) +
                     "; if the program expects such, give --unchecked"};
     must(target_.bind(name, data));
-    if (!options_.out.empty()) data_[name] = checksum_of(data.bytes.data(), data.bytes.size());
+    if (!options_.out.empty()) at_.data[name] = checksum_of(data.bytes);
     // Of floats the extent is enough.
     if (kind == io::ElementKind::Float32) data.bytes.clear();
     bound.emplace(name, std::move(data));
@@ -137,26 +136,30 @@ void Session::bind() {
     throw Mistake{*problem + "; if reading 0 there is meant, give --unchecked"};
 }
 
-void Session::warn_of_changes() const {
-  if (at_.program.empty()) return;
+void Session::warn_of_changes(const Checkpoint& before) const {
+  if (before.program.empty()) return;
   const auto warn = [](const std::string& what) {
     std::fprintf(stderr, "drun: warning: --resume goes on with %s than the run before had\n", what.c_str());
   };
-  if (at_.program != checksum_of(bundle_.data(), bundle_.size())) warn("another program, or for another device,");
+  if (before.program != at_.program) warn("another program, or for another device,");
   std::set<std::string> names;
-  for (const auto* data : {&at_.data, &data_})
+  for (const auto* data : {&before.data, &at_.data})
     for (const auto& entry : *data) names.insert(entry.first);
-  for (const auto& leaf : at_.leaves) names.erase(leaf.first);
+  for (const auto& leaf : before.leaves) names.erase(leaf.first);
   for (const std::string& name : names) {
-    const auto before = at_.data.find(name), now = data_.find(name);
-    if (before == at_.data.end() || now == data_.end() || before->second != now->second)
+    const auto was = before.data.find(name), now = at_.data.find(name);
+    if (was == before.data.end() || now == at_.data.end() || was->second != now->second)
       warn("other data of '" + name + "'");
   }
 }
 
 void Session::resume() {
   if (std::filesystem::is_directory(options_.out)) folder_.take();
-  at_ = load_checkpoint(options_.out);
+  Checkpoint left = load_checkpoint(options_.out);
+  warn_of_changes(left);
+  left.program = at_.program;
+  left.data = at_.data;
+  at_ = std::move(left);
   // The steps before the one that it stopped in are as they were, and that one is the same.
   const bool same =
       at_.entry < steps_.size() &&
@@ -171,7 +174,6 @@ void Session::resume() {
   if (const auto& [step, times] = steps_[at_.entry]; times < at_.done)
     throw Mistake{"--resume: step '" + step + "' has run " + std::to_string(at_.done) + " times, more often than the " +
                   std::to_string(times) + " that are asked for"};
-  warn_of_changes();
   for (const auto& [leaf, data] : at_.leaves) must(target_.bind(leaf, data));
   for (const auto& [step, runs] : at_.runs) must(target_.set_runs(step, runs));
   at_.leaves.clear();

@@ -46,7 +46,7 @@ class Session {
   void bind();
   void resume();
   // Of a program, or of data, that is not what the run before had. Leaves that it left are its own.
-  void warn_of_changes() const;
+  void warn_of_changes(const Checkpoint& before) const;
   // From the runs that are `done` to `times`.
   void run_step(const std::string& step, int& done, int times);
   int run_for(const std::string& step, int times, int before);
@@ -92,7 +92,6 @@ class Session {
   Counters counters_;
   std::vector<std::pair<std::string, int>> steps_;  // and how often
   Checkpoint at_;                                   // where it is
-  std::map<std::string, std::string> data_;         // checksums of what is bound, by leaf
   LossLog log_;
   std::unique_ptr<watch::Watch> watch_;
   OutFolder folder_;

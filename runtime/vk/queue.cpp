@@ -15,7 +15,6 @@ using std::chrono::nanoseconds;
 Queue::Queue(std::shared_ptr<DeviceState> device, bool draws)
     : device_(std::move(device)),
       on_(draws ? device_->graphics : device_->compute),
-      draws_(draws),
       stages_(vk::PipelineStageFlagBits::eComputeShader | vk::PipelineStageFlagBits::eTransfer |
               (draws ? vk::PipelineStageFlagBits::eAllGraphics : vk::PipelineStageFlagBits::eDrawIndirect)) {
   pool_ = vk::raii::CommandPool(
@@ -152,7 +151,7 @@ void Queue::everything_before(const vk::raii::CommandBuffer& commands) const {
 
 void Queue::everything_before(const vk::raii::CommandBuffer& commands, Scope first) const {
   // Render passes begin with layouts of images, which are no uses.
-  if (draws_) return everything_before(commands);
+  if (stages_ & vk::PipelineStageFlagBits::eAllGraphics) return everything_before(commands);
   if (first.stages == 0) return;
   const vk::MemoryBarrier barrier(vk::AccessFlagBits::eMemoryWrite, vk::AccessFlags(first.access));
   commands.pipelineBarrier(stages_, vk::PipelineStageFlags(first.stages), {}, barrier, {}, {});

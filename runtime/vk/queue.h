@@ -56,7 +56,6 @@ class Queue {
   void give(const std::vector<vk::CommandBuffer>& commands, vk::Fence fence);
   std::shared_ptr<DeviceState> device_;
   const DeviceQueue& on_;
-  bool draws_;
   vk::PipelineStageFlags stages_;  // of all that is submitted
   CudaOrder* order_ = nullptr;
   vk::raii::CommandPool pool_{nullptr};
