@@ -162,8 +162,7 @@ Outcome run_check_limits(Compilation& c) {
   for (const Violation& v : check_schedule(c.graph(), c.out.schedule, c.profile)) {
     if (v.kind != Violation::Kind::Limit) continue;
     limits += (limits.empty() ? "" : "\n") + v.text + lines_behind(c.lines, v.ops);
-    if (v.text.find("storage buffers") != std::string::npos)
-      limits += "; passes of other ops, as with '--pack naive' or '--lower fragment', may fit";
+    if (v.of_buffers) limits += "; passes of other ops, as with '--pack naive' or '--lower fragment', may fit";
   }
   if (const auto loops = folds_over_limit(c.graph(), c.lines)) limits += (limits.empty() ? "" : "\n") + *loops;
   if (limits.empty()) return std::nullopt;

@@ -83,10 +83,14 @@ std::string Shader::scatter(const Accumulator& accumulator, ValueId index_value,
          (accumulator.site.empty() ? "" : ", " + accumulator.site) + ");";
 }
 
+std::string Shader::hiding_zeros(const Type& type, std::span<const double> components) {
+  hides_ = true;
+  return literal(type, components, "hidden_0");
+}
+
 std::string Shader::hidden_zero(const Type& type) {
   if (!type.is_float()) return zero(type);
-  hides_ = true;
-  return literal(type, std::vector<double>(static_cast<size_t>(type.components()), 0.0), "hidden_0");
+  return hiding_zeros(type, std::vector<double>(static_cast<size_t>(type.components()), 0.0));
 }
 
 void Shader::element_ops(const std::vector<ir::OpId>& ops) {
@@ -121,8 +125,7 @@ void Shader::op(const Op& op) {
     case OpKind::Const: {
       const Type& type = graph_.value(op.results[0]).type;
       const bool hides = schedule_.code.hidden_zeros && type.is_float();
-      hides_ = hides_ || hides;
-      define(op.results[0], literal(type, op.attrs.floats, hides ? "hidden_0" : ""));
+      define(op.results[0], hides ? hiding_zeros(type, op.attrs.floats) : literal(type, op.attrs.floats));
       return;
     }
     case OpKind::DimValue: define(op.results[0], dim_expression(op.attrs.dims[0])); return;

@@ -70,6 +70,8 @@ class Shader {
 
   // Zero, of which the driver's compiler cannot know: what it knows times an Inf it takes for zero.
   std::string hidden_zero(const ir::Type& type);
+  // The same of each component that is 0.
+  std::string hiding_zeros(const ir::Type& type, std::span<const double> components);
 
   // Element computation. The variable `at` (ivec3) holds the element's place, or that of its member.
   void element_ops(const std::vector<ir::OpId>& ops);      // root ops of a pass in order

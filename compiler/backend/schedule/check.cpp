@@ -288,10 +288,11 @@ class StepChecker {
       unsound("overwrites leaf '" + leaf.name + "' from other places");
   }
 
-  void over(size_t count, const std::string& what, size_t most, const std::string& where = "") {
-    if (count > most)
-      report(Violation::Kind::Limit,
-             std::to_string(count) + " " + what + ", device allows " + std::to_string(most) + where);
+  bool over(size_t count, const std::string& what, size_t most, const std::string& where = "") {
+    if (count <= most) return false;
+    report(Violation::Kind::Limit,
+           std::to_string(count) + " " + what + ", device allows " + std::to_string(most) + where);
+    return true;
   }
 
   void check_limits() {
@@ -313,7 +314,8 @@ class StepChecker {
           ++colors;
       }
     buffers.insert(written.begin(), written.end());
-    over(buffers.size(), "storage buffers", profile_.max_per_stage_descriptor_storage_buffers);
+    if (over(buffers.size(), "storage buffers", profile_.max_per_stage_descriptor_storage_buffers))
+      violations_.back().of_buffers = true;
     over(sampled, "sampled images", profile_.max_per_stage_descriptor_sampled_images);
     over(colors, "colour attachments", profile_.max_color_attachments);
     over(buffers.size() + sampled + colors, "resources", profile_.max_per_stage_resources);
@@ -321,9 +323,9 @@ class StepChecker {
     if (pass().is_drawn() && needs_cut(trips_of(graph_, pass().ops), profile_))
       report(Violation::Kind::Limit, "loops of a fragment shader that may take more trips than the " +
                                          std::to_string(profile_.loop_trips) + " that the device allows");
-    if (pass().is_drawn())
-      over(written.size() + colors, "storage buffers and colour attachments to write",
-           profile_.max_fragment_combined_output_resources, " in a fragment shader");
+    if (pass().is_drawn() && over(written.size() + colors, "storage buffers and colour attachments to write",
+                                  profile_.max_fragment_combined_output_resources, " in a fragment shader"))
+      violations_.back().of_buffers = true;
   }
 
   void check_block() {

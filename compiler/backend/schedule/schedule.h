@@ -126,6 +126,7 @@ struct Violation {
   Kind kind = Kind::Unsound;
   std::string text;
   std::vector<ir::OpId> ops = {};  // of the pass that it is about
+  bool of_buffers = false;         // it binds too many, where passes of other ops may fit
   friend bool operator==(const Violation&, const Violation&) = default;
 };
 
