@@ -83,6 +83,8 @@ class Emitter {
   const ir::Op* definition(ir::ValueId id, ir::OpKind kind) const;
   // The components if the value is a constant.
   const std::vector<double>* constant(ir::ValueId id) const;
+  // The same of a value that is one constant at each of its elements.
+  const std::vector<double>* constant_everywhere(ir::ValueId id) const;
   ir::ValueId make_constant(ir::Type type, std::vector<double> components);
   // The value with an extent that it stretches to. Inside a region a smaller extent is as good, and no op there
   // stretches.

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Constant folding: an element-wise op whose operands are all constants is a constant.
+// Constant folding: an element-wise op whose operands are all constants, or constants stretched to more elements, is one.
 //   %3 = add %1, %2    with %1 = const 1, %2 = const 2    =>    %3 = const 3
 // Integers and Bools always fold. Floats fold where every device computes the same bits: one correctly rounded
 // operation on float32 operands, or a move. Subnormals are left to the device, which may flush them; so are NaN and Inf
@@ -36,7 +36,7 @@ std::optional<ValueId> fold(Emitter& emitter, const Candidate& candidate) {
   std::vector<Type> types;
   operands.reserve(candidate.operands.size());
   for (ValueId id : candidate.operands) {
-    const std::vector<double>* constant = emitter.constant(id);
+    const std::vector<double>* constant = emitter.constant_everywhere(id);
     if (!constant) return std::nullopt;
     types.push_back(emitter.value(id).type);
     // The device has the float32 nearest to what the program says.
@@ -63,7 +63,7 @@ std::optional<ValueId> fold(Emitter& emitter, const Candidate& candidate) {
       if (rounds && !(is_plain(component) && (component != 0 || exact == 0))) return std::nullopt;
     }
   }
-  return emitter.make_constant(candidate.type, std::move(result));
+  return emitter.stretched(emitter.make_constant(candidate.type, std::move(result)), candidate.extent);
 }
 
 }  // namespace dr::passes

@@ -68,7 +68,7 @@ class Identities {
   }
 
   bool is_all(size_t k, double component) const {
-    const auto* constant = e_.constant(operand(k));
+    const auto* constant = e_.constant_everywhere(operand(k));
     return constant && std::all_of(constant->begin(), constant->end(), [&](double x) { return x == component; });
   }
 
@@ -141,8 +141,8 @@ class Identities {
   std::optional<ValueId> smul() {
     if (is_zero(0)) return without(constant(0));
     if (e_.value(operand(0)).type != c_.type || e_.value(operand(1)).type != c_.type) return std::nullopt;
-    const auto* g = e_.constant(operand(0));
-    const auto* x = e_.constant(operand(1));
+    const auto* g = e_.constant_everywhere(operand(0));
+    const auto* x = e_.constant_everywhere(operand(1));
     const bool never_zero = g && std::none_of(g->begin(), g->end(), [](double component) { return component == 0; });
     // 0 * x is zero where x is finite, in float32.
     const bool finite = x && std::all_of(x->begin(), x->end(),

@@ -240,6 +240,11 @@ const std::vector<double>* Emitter::constant(ValueId id) const {
   return op ? &op->attrs.floats : nullptr;
 }
 
+const std::vector<double>* Emitter::constant_everywhere(ValueId id) const {
+  const Op* stretch = definition(id, OpKind::Broadcast);
+  return constant(stretch ? stretch->operands[0] : id);
+}
+
 ValueId Emitter::make_constant(Type type, std::vector<double> components) {
   return emit({.kind = OpKind::Const,
                .operands = {},
