@@ -377,6 +377,28 @@ Dim Dim::substitute(const std::map<std::string, Dim, std::less<>>& replacements)
   return sum;
 }
 
+Dim Dim::with_wide_divisions(const std::function<std::string(const Dim& division)>& named) const {
+  if (!node_ || is_undefined(*this)) return *this;
+  Dim sum(0);
+  for (const Term& term : node_->terms) {
+    Dim product(term.coefficient);
+    for (const AtomPtr& atom : term.atoms) {
+      if (atom->divisor == 0) {
+        product = product * from_sorted({Term{{atom}, 1}});
+        continue;
+      }
+      const auto& terms = Node::of(atom->inner)->terms;
+      const bool wide = std::ranges::any_of(terms, [](const Term& inner) {
+        return inner.atoms.size() > 1 || (!inner.atoms.empty() && inner.coefficient > 1);
+      });
+      product = product * (wide ? symbol(named(from_sorted({Term{{atom}, 1}})))
+                                : atom->inner.with_wide_divisions(named).divided_by(atom->divisor));
+    }
+    sum = sum + product;
+  }
+  return sum;
+}
+
 namespace {
 
 void write_sum(const Dim& d, std::string& out);

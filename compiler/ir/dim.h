@@ -49,6 +49,9 @@ class Dim {
   std::optional<int64_t> evaluate(const SymbolValues& values) const;
   // This expression with some symbols replaced.
   Dim substitute(const std::map<std::string, Dim, std::less<>>& replacements) const;
+  // This expression with a symbol of the name that `named` gives for each division of products, as V * V / 2: its
+  // value may fit a word that V * V does not fit. Sums and products that leave a word on the way come back.
+  Dim with_wide_divisions(const std::function<std::string(const Dim& division)>& named) const;
 
   // "(W + 1) / 2"; parses back with parse().
   std::string str() const;

@@ -177,8 +177,14 @@ class Evaluation {
       if (op.kind != OpKind::DimValue) {
         if (auto wrong = wrong_extent(dim))
           return EvalError{"'" + std::string(ir::op_name(op.kind)) + "' has " + *wrong, op.span};
-      } else if (!dim.evaluate(given_.symbols)) {
-        return EvalError{"'" + dim.str() + "' has no value" + missing(dim), op.span};
+      } else if (const auto value = dim.evaluate(given_.symbols); !value) {
+        const std::string unknown = missing(dim);
+        return EvalError{"'" + dim.str() + "' " + (unknown.empty() ? "is beyond 64 bits" : "has no value" + unknown),
+                         op.span};
+      } else if (*value != static_cast<int32_t>(*value)) {
+        return EvalError{"'" + dim.str() + "' is " + std::to_string(*value) +
+                             ", and an int has 32 bits: compute with floats, as in float(W) * float(W)",
+                         op.span};
       }
     }
     for (ir::RegionId region : op.regions) {

@@ -68,6 +68,16 @@ void Pipelines::specialize(const ir::SymbolValues& symbols) {
     if (value < 1 || value >= kMaxElements) throw Failure{"symbol '" + s + "' is " + std::to_string(value)};
     values_.push_back(static_cast<int32_t>(value));
   }
+  numbers_.clear();
+  for (const std::string& number : bundle_.numbers) {
+    const ir::Dim dim = ir::Dim::parse(number).value();
+    const bool known = std::ranges::all_of(dim.symbols(), [&](const std::string& s) { return symbols.contains(s); });
+    const std::optional<int64_t> value = known ? dim.evaluate(symbols) : 1;
+    if (!value || *value != static_cast<int32_t>(*value))
+      throw Failure{"'" + number + "' is " + (value ? std::to_string(*value) : "beyond 64 bits") +
+                    ", and an int has 32 bits: compute with floats, as in float(W) * float(W)"};
+    numbers_.push_back(static_cast<int32_t>(*value));
+  }
 }
 
 namespace {
@@ -284,8 +294,8 @@ size_t Pipelines::compute(int shader, const Bound& bound, uint32_t group, uint32
   const auto [it, is_new] =
       compute_.emplace(std::tuple(module, static_cast<VkPipelineLayout>(layout), group, part_trips, values_), 0);
   if (is_new)
-    it->second = want([=, this, values = values_](const Cache& cache) {
-      return make_compute(shader, module, layout, group, part_trips, values, cache);
+    it->second = want([=, this, values = constants(group, part_trips)](const Cache& cache) {
+      return make_compute(shader, module, layout, values, cache);
     });
   return it->second;
 }
@@ -334,11 +344,18 @@ void Pipelines::build() {
   if (data != known) file.write(data);
 }
 
-vk::raii::Pipeline Pipelines::make_compute(int shader, size_t module, vk::PipelineLayout layout, uint32_t group,
-                                           uint32_t part_trips, std::vector<int32_t> values, const Cache& cache) const {
+std::vector<int32_t> Pipelines::constants(uint32_t group, uint32_t part_trips) const {
+  std::vector<int32_t> out;
+  out.reserve(values_.size() + 2 + numbers_.size());
+  std::ranges::copy(values_, std::back_inserter(out));
+  for (const uint32_t of_dispatch : {group, part_trips}) out.push_back(static_cast<int32_t>(of_dispatch));
+  std::ranges::copy(numbers_, std::back_inserter(out));
+  return out;
+}
+
+vk::raii::Pipeline Pipelines::make_compute(int shader, size_t module, vk::PipelineLayout layout,
+                                           const std::vector<int32_t>& values, const Cache& cache) const {
   std::vector<vk::SpecializationMapEntry> entries;
-  values.push_back(static_cast<int32_t>(group));
-  values.push_back(static_cast<int32_t>(part_trips));
   const auto specialize = specialization(values, entries);
   vk::ComputePipelineCreateInfo info;
   info.stage =
@@ -364,7 +381,8 @@ vk::raii::Pipeline Pipelines::make_graphics(const bundle::CommandT& c, std::arra
                                             vk::PipelineLayout layout, vk::RenderPass render_pass, uint32_t subpass,
                                             vk::Extent2D size, const Cache& cache) const {
   std::vector<vk::SpecializationMapEntry> entries;
-  const auto specialize = specialization(values_, entries);
+  const std::vector<int32_t> values = constants(0, 0);
+  const auto specialize = specialization(values, entries);
   const vk::PipelineShaderStageCreateInfo stage_infos[] = {
       {{}, vk::ShaderStageFlagBits::eVertex, *modules_[modules[0]], "main", &specialize},
       {{}, vk::ShaderStageFlagBits::eFragment, *modules_[modules[1]], "main", &specialize}};

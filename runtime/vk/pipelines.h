@@ -55,8 +55,10 @@ class Pipelines {
  private:
   using Cache = vk::raii::PipelineCache;
   // `values`: of the symbols.
-  vk::raii::Pipeline make_compute(int shader, size_t module, vk::PipelineLayout layout, uint32_t group,
-                                  uint32_t part_trips, std::vector<int32_t> values, const Cache& cache) const;
+  // All specialization constants, in order.
+  std::vector<int32_t> constants(uint32_t group, uint32_t part_trips) const;
+  vk::raii::Pipeline make_compute(int shader, size_t module, vk::PipelineLayout layout,
+                                  const std::vector<int32_t>& values, const Cache& cache) const;
   // `modules`: of the two stages.
   vk::raii::Pipeline make_graphics(const bundle::CommandT& draw, std::array<size_t, 2> modules,
                                    vk::PipelineLayout layout, vk::RenderPass render_pass, uint32_t subpass,
@@ -88,6 +90,7 @@ class Pipelines {
   PipelineCounters counters_;
   std::vector<std::function<vk::raii::Pipeline(const Cache&)>> wanted_;  // the last of pipelines_
   std::vector<int32_t> values_;                                          // of the symbols
+  std::vector<int32_t> numbers_;                                         // of Bundle.numbers
   int64_t buffer_limit_;
   std::vector<vk::raii::ShaderModule> modules_;  // the bundle's shaders, then those for buffers in parts
   std::map<std::pair<int, std::vector<bundle::Split>>, size_t> split_modules_;

@@ -35,6 +35,26 @@ const Case kCases[] = {
       let face = scatter_add(index, scatter, W);
       step go { output out, y, at, pc, face; })",
      {"go"}},
+    {"extents whose parts take more than 32 bits",
+     R"(
+      input a : float[W, H];
+      let n = W * H * 2000000000 / 2000000011;
+      let wide = coord(n).x;
+      step go { output n, f = float(n), trips = reduce(sum, i in 0..n) { 1 }, width = wide.width, last = max(wide),
+                       linear = W * 2000000000 / 2000000011, chosen = a.width * 1999999999 / 2000000011; })",
+     {"go"},
+     true},
+    {"layers of functions of pictures of one column",
+     R"(
+      input a : float[W, H];
+      fn next(x: float[A, B]) -> float[A, B] {
+        let p = coord(A, B).xy;
+        if p.x < A - 1 { x.at(p + ivec2(1, 0)) } else { 1.0 }
+      }
+      let known = next(a.at(coord(1, 1, 3)));
+      step go { output sum = sum(known), layers = known.layers; })",
+     {"go"},
+     true},
     {"tables of a mesh's topology",
      R"(
       input a : float[W, H]; input face : ivec3[F];
@@ -374,5 +394,28 @@ TEST_CASE("small programs give the evaluator's answer on every device and loweri
             }
           for (const std::string& message : device.validation_messages()) FAIL("validation: " << message);
         }
+  }
+}
+
+TEST_CASE("what is divided by Inf is zero to tests of it, by the driver's divisions too") {
+  const char* const text = R"(edition 1;
+    param x : float = 1e20;
+    fn steep(y: float) -> float { y }
+    @vjp(steep) fn steep_vjp(y: float, g: float) -> float { if g != 0.0 { g * exp2(y) } else { 0.0 } }
+    let w = 1.0 / (1.0 + x * x);
+    step go { output w, is_zero = w == 0.0, slope = grad(atan(exp2(x)), x), own = grad(atan(steep(x)), x); })";
+  for (auto& [name, device] : test::devices()) {
+    INFO(name);
+    jit::Options options;
+    options.profile = name;
+    options.float_profile = "native";
+    const std::string path = (std::filesystem::path(DR_BUILD_DIR) / "native_zero.dr").string();
+    std::ofstream(path) << text;
+    auto program = must(runtime::Program::load(device, test::compile(path, options)));
+    must(program.run("go"));
+    for (const auto& [output, value] : {std::pair{"w", 0}, {"is_zero", 1}, {"slope", 0}, {"own", 0}}) {
+      INFO(output);
+      CHECK(must(program.output("go", output)).to_doubles()[0] == value);
+    }
   }
 }

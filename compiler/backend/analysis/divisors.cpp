@@ -34,7 +34,7 @@ bool hide_as_divisor(const ir::Graph& graph, ValueId v, bool native) {
   if (op.kind == OpKind::Const)  // known in every shader
     return std::find(op.attrs.floats.begin(), op.attrs.floats.end(), 0.0) != op.attrs.floats.end();
   if (op.kind == OpKind::Sqrt || op.kind == OpKind::InverseSqrt || op.kind == OpKind::Div) return !native;
-  return is_known_to_driver(graph, v);
+  return (native && !is_moderate(graph, v)) || is_known_to_driver(graph, v);
 }
 
 bool is_moderate(const ir::Graph& graph, ValueId v) {

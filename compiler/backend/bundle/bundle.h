@@ -15,7 +15,7 @@
 
 namespace dr::bundle {
 
-inline constexpr uint32_t kVersion = 20;
+inline constexpr uint32_t kVersion = 21;
 
 // Words of a list (ListKind): 0 to 2 the workgroups of 64 that take one element each, then one more than there are,
 // then the elements, or marks of blocks.

@@ -139,6 +139,8 @@ bool Checker::header() {
   std::set<std::string> known;
   for (const std::string& symbol : b_.symbols)
     if (!name(symbol, "a symbol") || !unique(known, symbol, "symbol")) return false;
+  for (const std::string& number : b_.numbers)
+    if (!expression(number, "a number")) return false;
   if (!text(b_.graph, "the graph")) return false;
   for (const Line& op : b_.op_lines)
     if (op.line() != 0 && op.file() >= b_.files.size()) return fail("an op comes from a file that there is not");

@@ -96,9 +96,10 @@ class ShaderChecker {
     }
     if (r.push_bytes > 16) return "has more than 16 bytes of push constants";
     const auto symbols = static_cast<uint32_t>(b_.symbols.size());
-    const uint32_t constants = symbols + (r.stage == Stage::Compute ? 2 : 0);  // and two of the host's
+    const uint32_t numbers = symbols + 2, end = numbers + static_cast<uint32_t>(b_.numbers.size());
     for (const uint32_t number : r.constants)
-      if (number >= constants) return "has specialization constant " + std::to_string(number) + ", which is no symbol";
+      if (number >= end || (number >= symbols && number < numbers && r.stage != Stage::Compute))
+        return "has specialization constant " + std::to_string(number) + ", which is neither a symbol nor a number";
     if (r.stage == Stage::Compute) {
       const bool linear =
           !r.group[1].is_constant && r.group[1].number == 1 && !r.group[2].is_constant && r.group[2].number == 1;

@@ -56,12 +56,22 @@ std::vector<std::string> all_symbols(const ir::Graph& graph) {
   return {symbols.begin(), symbols.end()};
 }
 
+// Extents that programs compute with, as ints.
+std::vector<std::string> computed_extents(const ir::Graph& graph) {
+  std::set<std::string> numbers;
+  for (uint32_t k = 0; k < graph.op_count(); ++k)
+    if (const ir::Op& op = graph.op(ir::OpId{k}); op.kind == OpKind::DimValue)
+      if (const Dim& dim = op.attrs.dims[0]; !dim.is_constant() && !dim.as_symbol()) numbers.insert(dim.str());
+  return {numbers.begin(), numbers.end()};
+}
+
 }  // namespace
 
 void Generator::process(bundle::BundleT& bundle, std::vector<GlslShader>& shaders) {
   bundle_ = &bundle;
   shaders_ = &shaders;
   bundle.symbols = all_symbols(graph_);
+  bundle.numbers = computed_extents(graph_);
   bundle.files = source_lines_.files();
   for (const Resource& r : schedule_.resources) {
     auto out = std::make_unique<bundle::ResourceT>();

@@ -229,7 +229,7 @@ class Generator {
   glsl::Shader shader() const { return shader(schedule_.code.native); }
   glsl::Shader strict_shader() const { return shader(false); }
   glsl::Shader shader(bool native) const {
-    return glsl::Shader(graph_, schedule_, *step_, bundle_->symbols, native,
+    return glsl::Shader(graph_, schedule_, *step_, bundle_->symbols, bundle_->numbers, native,
                         [this](glsl::Shader& s, ir::ValueId value, const std::string& function) {
                           return sums_reader(s, value, function);
                         });

@@ -21,11 +21,13 @@ using ir::ValueId;
 using ir::Yield;
 
 Shader::Shader(const ir::Graph& graph, const Schedule& schedule, const StepSchedule& step,
-               const std::vector<std::string>& symbols, bool native, SumsReader sums_reader)
+               const std::vector<std::string>& symbols, std::vector<std::string>& numbers, bool native,
+               SumsReader sums_reader)
     : graph_(graph),
       schedule_(schedule),
       step_(step),
       symbols_(symbols),
+      numbers_(numbers),
       native_(native),
       sums_reader_(std::move(sums_reader)) {}
 
@@ -347,6 +349,15 @@ void Shader::choose_texels() {
   }
 }
 
+// The place of an extent among the numbers that the host computes.
+size_t Shader::number_of(const ir::Dim& dim) {
+  const std::string text = dim.str();
+  const auto it = std::ranges::find(numbers_, text);
+  const auto place = static_cast<size_t>(it - numbers_.begin());
+  if (it == numbers_.end()) numbers_.push_back(text);
+  return place;
+}
+
 std::string Shader::finish(const std::string& layout) {
   choose_texels();
   // For version 450, glslang takes twice as long to build its tables: 0.1 s more. All that is missed of it is this
@@ -354,9 +365,15 @@ std::string Shader::finish(const std::string& layout) {
   std::string out = "#version 440\n#extension GL_EXT_shader_integer_mix : require\n";
   for (const std::string& e : extensions_) out += "#extension " + e + " : require\n";
   out += layout;
-  for (size_t k = 0; k < symbols_.size(); ++k)
-    out += "layout(constant_id = " + std::to_string(k) + ") const int " + symbol_name(symbols_[k]) + " = 1;\n";
-  if (cut_) out += "layout(constant_id = " + std::to_string(symbols_.size() + 1) + ") const int part_trips = 0;\n";
+  const auto constant = [&](size_t id, const std::string& name, int value, const std::string& comment = "") {
+    out += "layout(constant_id = " + std::to_string(id) + ") const int " + name + " = " + std::to_string(value) + ";" +
+           (comment.empty() ? "" : "  // " + comment) + "\n";
+  };
+  for (size_t k = 0; k < symbols_.size(); ++k) constant(k, symbol_name(symbols_[k]), 1);
+  if (cut_) constant(symbols_.size() + 1, "part_trips", 0);
+  const std::string rest = functions_and_main();
+  for (const ir::Dim& division : host_divisions(rest))
+    constant(symbols_.size() + 2 + number_of(division), division_name(division), 1, division.str());
   out += "layout(push_constant) uniform Push { int layer; int a; int b; int c; } pc;\n";
   // pc.c is 0 always. llvmpipe would read it lane by lane where a loop first does: here it reads it once.
   const bool stores = schedule_.code.hidden_stores;
@@ -373,6 +390,11 @@ std::string Shader::finish(const std::string& layout) {
     out += "set = 0, binding = " + std::to_string(k) + (image ? ") " : ", std430) ") +
            (image ? "" : kRights[static_cast<size_t>(bindings_[k]->access)]) + declared_[k].text;
   }
+  return out + rest;
+}
+
+std::string Shader::functions_and_main() {
+  std::string out;
   for (const std::string& p : preludes_) out += p;
   if (cut_) out += cut_->variables();
   for (const uint32_t resource : loaded_) out += load_function(schedule_.resources[resource], bound_.at(resource));

@@ -38,9 +38,11 @@ class Shader {
   // GLSL of a function of that name which gives an element of a value whose resource holds fixed point sums.
   using SumsReader = std::function<std::string(Shader&, ir::ValueId, const std::string& function)>;
 
-  // `native`: of that float profile.
+  // `symbols` and `numbers` are the bundle's, which gets the numbers that the shader takes. `native`: of that float
+  // profile.
   Shader(const ir::Graph& graph, const Schedule& schedule, const StepSchedule& step,
-         const std::vector<std::string>& symbols, bool native, SumsReader sums_reader);
+         const std::vector<std::string>& symbols, std::vector<std::string>& numbers, bool native,
+         SumsReader sums_reader);
 
   // Binds a resource of the bundle; further calls return the same name, and widen the access. Scratch is an array of
   // uint (or uint64_t) words, of a storage buffer.
@@ -187,6 +189,8 @@ class Shader {
   bool is_bit(ir::ValueId value) const;  // of a raster's bits
   std::string load_function(const Resource& resource, const Bound& bound) const;
   void choose_texels();
+  std::string functions_and_main();
+  size_t number_of(const ir::Dim& dim);
   const Resource& resource(ir::ValueId v) const { return schedule_.resources[step_.stored.at(v).index]; }
   void op(const ir::Op& op);
   void elementwise_op(const ir::Op& op);
@@ -270,6 +274,7 @@ class Shader {
   const Schedule& schedule_;
   const StepSchedule& step_;
   const std::vector<std::string>& symbols_;
+  std::vector<std::string>& numbers_;
   Writer body_{1};
   std::string declarations_;
   std::vector<Declared> declared_;  // by binding

@@ -8,7 +8,10 @@
 #include <charconv>
 #include <cmath>
 #include <map>
+#include <mutex>
 #include <unordered_map>
+
+#include "compiler/backend/bundle/bundle.h"
 
 namespace dr::backend::glsl {
 
@@ -31,12 +34,52 @@ std::string symbol_name(std::string_view symbol) {
   return out;
 }
 
+namespace {
+
+// By name. Each is kept as long as the process lives, as extents are.
+struct Divisions {
+  std::mutex mutex;
+  std::map<std::string, ir::Dim, std::less<>> known;
+};
+Divisions& divisions() {
+  static Divisions all;
+  return all;
+}
+
+constexpr std::string_view kDivision = "divided_";
+
+}  // namespace
+
+std::string division_name(const ir::Dim& division) {
+  const std::string text = division.str();
+  char hex[16];
+  const auto end = std::to_chars(hex, hex + sizeof hex, bundle::checksum(text.data(), text.size()), 16).ptr;
+  std::string name = std::string(kDivision) + std::string(hex, end);
+  const std::scoped_lock lock(divisions().mutex);
+  divisions().known.emplace(name, division);
+  return name;
+}
+
+std::vector<ir::Dim> host_divisions(std::string_view text) {
+  std::map<std::string, ir::Dim, std::less<>> found;
+  const std::scoped_lock lock(divisions().mutex);
+  for (size_t at = text.find(kDivision); at != std::string_view::npos; at = text.find(kDivision, at + 1)) {
+    const size_t end = std::min(text.find_first_not_of("0123456789abcdef", at + kDivision.size()), text.size());
+    if (const auto it = divisions().known.find(text.substr(at, end - at)); it != divisions().known.end())
+      found.insert(*it);
+  }
+  std::vector<ir::Dim> out;
+  for (const auto& entry : found) out.push_back(entry.second);
+  return out;
+}
+
 std::string dim_expression(const ir::Dim& dim) {
   std::map<std::string, ir::Dim, std::less<>> names;
   for (const std::string& s : dim.symbols())
     if (symbol_name(s) != s) names.emplace(s, ir::Dim::symbol(symbol_name(s)));
-  const std::string text = (names.empty() ? dim : dim.substitute(names)).str();
-  return dim.is_constant() || dim.as_symbol() ? text : "(" + text + ")";
+  const ir::Dim narrow = dim.with_wide_divisions(division_name);
+  const std::string text = (names.empty() ? narrow : narrow.substitute(names)).str();
+  return narrow.is_constant() || narrow.as_symbol() ? text : "(" + text + ")";
 }
 
 namespace {

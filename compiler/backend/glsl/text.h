@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "compiler/ir/graph.h"
 
@@ -24,8 +25,12 @@ class Writer {
 
 // GLSL names of symbols: prefixed, because any name may be a keyword, a macro or one of ours.
 std::string symbol_name(std::string_view symbol);
-// A Dim as a GLSL expression that needs no parentheses around it.
+// A Dim as a GLSL expression that needs no parentheses around it. The host computes, in 64 bits, the divisions in it
+// that may need more than 32 on the way: each is a constant of a name of its own.
 std::string dim_expression(const ir::Dim& dim);
+// The divisions of the host's whose names stand in a text, as extents, in the order of their names.
+std::vector<ir::Dim> host_divisions(std::string_view text);
+std::string division_name(const ir::Dim& division);
 // Components as a literal of the type, exact for float32. `zero`, unless empty, stands for those that are zero.
 std::string literal(const ir::Type& type, std::span<const double> components, std::string_view zero = {});
 std::string zero(const ir::Type& type);

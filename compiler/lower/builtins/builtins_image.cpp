@@ -280,9 +280,11 @@ Value Elaborator::builtin_coord(BuiltinCall& call) {
       return fail(Code::E0404, call.spans[i], "expected an extent of at least 1, found " + dim->str());
     *axes[i] = *dim;
   }
+  // Along an axis of one element, too, it is no int known at compile time: what it decides has the extents that it has
+  // for any other size.
+  const auto given = static_cast<int>(call.args.size());
   std::vector<Value> parts;
-  for (int i = 0; i < 3; ++i)
-    parts.push_back(axes[i]->is_one() ? Value(Dim(0)) : Value(Image{ops::coord(b_, i, extent)}));
+  for (int i = 0; i < 3; ++i) parts.push_back(i < given ? Value(Image{ops::coord(b_, i, extent)}) : Value(Dim(0)));
   return compose(std::move(parts), ir::vec(3, Scalar::Int));
 }
 

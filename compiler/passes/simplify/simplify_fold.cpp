@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Constant folding: an element-wise op whose operands are all constants, or constants stretched to more elements, is one.
+// Constant folding: an element-wise op whose operands are all constants, or constants stretched to more elements, is
+// one.
 //   %3 = add %1, %2    with %1 = const 1, %2 = const 2    =>    %3 = const 3
 // Integers and Bools always fold. Floats fold where every device computes the same bits: one correctly rounded
 // operation on float32 operands, or a move. Subnormals are left to the device, which may flush them; so are NaN and Inf

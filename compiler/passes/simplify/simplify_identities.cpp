@@ -40,6 +40,7 @@ class Identities {
         {OpKind::Convert, &Identities::convert},
         {OpKind::Extract, &Identities::extract},
         {OpKind::Compose, &Identities::compose},
+        {OpKind::Coord, &Identities::coord},
         {OpKind::Broadcast, &Identities::broadcast_again},
         {OpKind::Gather, &Identities::gather},
         {OpKind::Shift, &Identities::shift},
@@ -132,7 +133,10 @@ class Identities {
   std::optional<ValueId> mul() {
     for (size_t k : {0u, 1u}) {
       if (is_all(k, 1)) return same(1 - k);
-      if (is_all(k, -1) && e_.value(operand(1 - k)).type == c_.type) return instead(OpKind::Neg, {operand(1 - k)});
+      if (is_all(k, -1) && e_.value(operand(1 - k)).type == c_.type) {
+        const ValueId x = operand(1 - k);
+        return in_place(e_.emit({OpKind::Neg, {x}, {}, c_.type, e_.value(x).extent, c_.span}));
+      }
       if (is_all(k, 0) && c_.type.is_integer()) return constant(0);
     }
     return std::nullopt;
@@ -212,6 +216,11 @@ class Identities {
       operands[k] = *read;
     }
     return instead(OpKind::Select, std::move(operands));
+  }
+
+  // Along an axis of one element.
+  std::optional<ValueId> coord() {
+    return c_.attrs.dims[static_cast<size_t>(c_.attrs.ints[0])].is_one() ? constant(0) : std::nullopt;
   }
 
   // compose(v.x, v.y, v.z) -> v
