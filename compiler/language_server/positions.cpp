@@ -11,8 +11,9 @@
 namespace dr::language_server {
 
 Lines::Lines(std::string_view text) : text_(text), starts_{0} {
-  for (size_t at = text.find('\n'); at != std::string_view::npos; at = text.find('\n', at + 1))
-    starts_.push_back(static_cast<uint32_t>(at + 1));
+  // The protocol's line ends: \n, \r\n and \r.
+  for (size_t at = text.find_first_of("\r\n"); at != std::string_view::npos; at = text.find_first_of("\r\n", at + 1))
+    if (text[at] == '\n' || !text.substr(at + 1).starts_with('\n')) starts_.push_back(static_cast<uint32_t>(at + 1));
 }
 
 // Without what ends it.

@@ -82,6 +82,8 @@ class Session {
   bool has_leaf(const std::string& name) const;
   // Gives params and states that no step has needed what they begin with, where that is known.
   void settle();
+  // The same of one leaf: why it has no value, if so.
+  std::optional<std::string> settle(const std::string& leaf);
   // Checks that what the steps (all when none is named) read before one of them writes it is bound, fills initial
   // values. Called by run() for its step. One message names all leaves that are missing.
   std::optional<std::string> prepare(std::span<const std::string> steps = {});

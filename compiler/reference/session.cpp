@@ -279,16 +279,22 @@ std::optional<std::string> Session::fill(const std::vector<bool>& read) {
 void Session::settle() {
   for (size_t k = 0; k < leaves_.size(); ++k) {
     const ir::Leaf& leaf = graph_.leaves[k];
-    if (leaves_[k] || leaf.kind == ir::Leaf::Kind::Input || !leaf.table.empty()) continue;
-    const bool is_computed = graph_.step_index(ir::initial_step_of(leaf.name)).has_value();
-    if (leaf.initial.empty() && leaf.kind != ir::Leaf::Kind::State && !is_computed) continue;
+    if (leaf.kind == ir::Leaf::Kind::Input) continue;
     const auto known = [&](const Dim& dim) { return dim.evaluate(symbols_).value_or(0) > 0; };
-    if (!known(leaf.extent.w) || !known(leaf.extent.h) || !known(leaf.extent.l)) continue;
-    std::vector<bool> only(leaves_.size()), none(leaves_.size());
-    only[k] = true;
     // What it is computed from may have no data; then it has no value, and nobody asked for one.
-    static_cast<void>(prepare_leaves(only, is_computed ? only : none));
+    if (known(leaf.extent.w) && known(leaf.extent.h) && known(leaf.extent.l)) static_cast<void>(settle(leaf.name));
   }
+}
+
+std::optional<std::string> Session::settle(const std::string& name) {
+  const size_t k = *graph_.leaf_index(name);
+  const ir::Leaf& leaf = graph_.leaves[k];
+  if (leaves_[k]) return std::nullopt;
+  const bool is_computed = graph_.step_index(ir::initial_step_of(leaf.name)).has_value();
+  std::vector<bool> only(leaves_.size()), none(leaves_.size());
+  only[k] = true;
+  const bool begins = !leaf.initial.empty() || leaf.kind == ir::Leaf::Kind::State;
+  return prepare_leaves(only, is_computed || !begins ? only : none);
 }
 
 std::optional<std::string> Session::prepare_leaves(std::vector<bool> needed, std::vector<bool> read) {

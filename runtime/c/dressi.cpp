@@ -188,7 +188,9 @@ dressi_device* dressi_device_open(const char* name, int validation) {
 }
 
 void dressi_device_free(dressi_device* device) { delete device; }
-const char* dressi_device_info(dressi_device* device) { return device == nullptr ? "" : device->info.c_str(); }
+const char* dressi_device_info(dressi_device* device) {
+  return guarded(static_cast<const char*>(nullptr), [&] { return given(device, "the device").info.c_str(); });
+}
 
 dressi_bundle* dressi_compile(const char* name, const char* text, dressi_device* device, const char* const* options) {
   return guarded(static_cast<dressi_bundle*>(nullptr), [&] {
@@ -236,7 +238,9 @@ const void* dressi_bundle_bytes(dressi_bundle* bundle, size_t* size) {
   return bundle->bytes.data();
 }
 
-const char* dressi_bundle_info(dressi_bundle* bundle) { return bundle == nullptr ? "" : bundle->info.c_str(); }
+const char* dressi_bundle_info(dressi_bundle* bundle) {
+  return guarded(static_cast<const char*>(nullptr), [&] { return given(bundle, "the bundle").info.c_str(); });
+}
 
 dressi_run* dressi_run_open(dressi_device* device, dressi_bundle* bundle, const char* const* options) {
   return guarded(static_cast<dressi_run*>(nullptr), [&]() -> dressi_run* {
@@ -251,11 +255,6 @@ dressi_run* dressi_run_open(dressi_device* device, dressi_bundle* bundle, const 
       else
         dr::runtime::warn_on_stderr(warning);
     };
-    if (!device->device) {
-      run->program =
-          std::make_shared<dr::jit::ReferenceProgram>(must(dr::jit::ReferenceProgram::load(bundle->bytes, warn)));
-      return run.release();
-    }
     dr::runtime::LoadOptions load;
     load.warn = warn;
     bool rebuild = true;
@@ -279,6 +278,11 @@ dressi_run* dressi_run_open(dressi_device* device, dressi_bundle* bundle, const 
         fail("unknown option '" + key + "' = '" + value +
              "' of a run; there are cache, rebuild, store_all, share (on, off) and memory (bytes)");
     });
+    if (!device->device) {
+      run->program =
+          std::make_shared<dr::jit::ReferenceProgram>(must(dr::jit::ReferenceProgram::load(bundle->bytes, warn)));
+      return run.release();
+    }
     if (rebuild) load.rebuild = dr::jit::rebuilder(bundle->bytes, bundle->options);
     auto program = must(dr::runtime::Program::load(*device->device, bundle->bytes, load), DRESSI_DEVICE_ERROR);
     run->program = std::make_shared<dr::runtime::Program>(std::move(program));

@@ -74,6 +74,8 @@ void* dressi_dlpack(dressi_array* array, int device_type, int device_id, int dim
                     const int64_t* strides) {
   return guarded(static_cast<void*>(nullptr), [&]() -> void* {
     given(array, "the array");
+    if (dimensions < 0) fail("an array has no " + std::to_string(dimensions) + " dimensions");
+    if (dimensions > 0) given(shape, "the shape"), given(strides, "the strides");
     auto owner = std::make_unique<DlOwner>();
     owner->shape.assign(shape, shape + dimensions);
     owner->strides.assign(strides, strides + dimensions);
@@ -140,7 +142,10 @@ int dressi_cuda_run(dressi_run* run, void* stream, const char* step, const dress
 
 const char* dressi_counters(dressi_run* run, const char* step) {
   return with_program(static_cast<const char*>(nullptr), run, [&](auto&, dressi_run& here) {
-    const auto counters = on_device(here).counters(word(step, "the step"));
+    const std::string of = word(step, "the step");
+    const std::vector<std::string> all = on_device(here).steps();
+    if (std::ranges::find(all, of) == all.end()) fail("there is no step '" + of + "'");
+    const auto counters = on_device(here).counters(of);
     here.text = nlohmann::ordered_json{{"runs", counters.runs},
                                        {"commands", counters.run.commands},
                                        {"ops", counters.run.ops},

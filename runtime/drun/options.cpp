@@ -125,7 +125,11 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
                  "part of a device's name, its number, or 'reference' for the float64 evaluator");
   app.add_option("--log-every", options.log_every, "read scalar outputs every so many runs of a step")
       ->capture_default_str()
-      ->check(CLI::PositiveNumber);
+      ->check(CLI::Validator(
+          [](const std::string& text) {
+            return text.starts_with('-') || text == "0" ? "expected 1 or more, found " + text : std::string();
+          },
+          "POSITIVE"));
   for (const driver::Choice& choice : driver::choices()) {
     const bool is_profile = choice.name == "profile";
     CLI::Option* option = app.add_option("--" + choice.name, options.compile.*choice.value,

@@ -89,12 +89,7 @@ runtime::Program::LeafInfo Results::info(const io::ResultName& name) const {
   throw Mistake{"there is no leaf '" + name.name + "'"};
 }
 
-void Results::check(const Options& options) const {
-  std::set<std::string> steps;
-  for (const auto& [step, times] : options.steps)
-    if (times > 0) steps.insert(step);
-  if (options.steps.empty())
-    for (const std::string& step : names_.steps()) steps.insert(step);
+void Results::check(const Options& options, const std::set<std::string>& steps) const {
   if (!options.out.empty())
     for (const auto& leaf : names_.leaves())
       for (const std::string& step : steps)
@@ -102,10 +97,24 @@ void Results::check(const Options& options) const {
             std::ranges::count(names_.outputs(step), leaf.name.substr(step.size() + 1)) > 0)
           throw Mistake{"'" + leaf.name + "' is a leaf and an output of step '" + step +
                         "', and both would be one file of --out: give the output another name"};
-  std::set<std::string> files;
-  const auto once = [&](const char* option, const std::string& file) {
-    if (!files.insert(file).second) throw Mistake{std::string(option) + ": '" + file + "' is to be written twice"};
+  std::set<std::filesystem::path> files;
+  const auto place = [](const std::string& file) {
+    std::error_code error;
+    const auto path = std::filesystem::weakly_canonical(std::filesystem::absolute(file, error), error);
+    return error ? std::filesystem::path(file) : path;
   };
+  const auto once = [&](const char* option, const std::string& file) {
+    if (!files.insert(place(file)).second)
+      throw Mistake{std::string(option) + ": '" + file + "' is to be written twice"};
+  };
+  if (!options.out.empty()) {
+    const auto in_out = [&](const std::string& name) { files.insert(place(options.out + "/" + name)); };
+    for (const std::string& step : steps)
+      for (const std::string& output : names_.outputs(step))
+        for (const char* ending : {".npy", ".png"}) in_out(io::ResultName{step, output}.str() + ending);
+    for (const auto& leaf : names_.leaves()) in_out(leaf.name + ".npy");
+    for (const char* own : {"results.txt", "log.jsonl", "checkpoint.json"}) in_out(own);
+  }
   for (const auto& [name, file] : options.saves) {
     once("--save", file);
     const auto what = io::find_result(name, names_of(steps));

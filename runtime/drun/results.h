@@ -23,7 +23,7 @@ class Results {
   Results(const Target& target, const runtime::Program& names, const std::map<std::string, Outputs>& held = kNone)
       : target_(target), names_(names), held_(held) {}
   // Before the steps run, finds what --save and --mesh ask for, and whether it can be written. All throw Mistake.
-  void check(const Options& options) const;
+  void check(const Options& options, const std::set<std::string>& steps) const;
   // What a file gets is looked at first.
   void look_with(std::function<void(const io::ResultName&, const io::Array&)> look) { look_ = std::move(look); }
   // Of the steps that ran, into a folder; with `keep`, what is there of earlier runs stays.

@@ -44,10 +44,20 @@ void Session::process() {
   if (options_.check_runs > 0 && options_.check_finite)
     throw Mistake{"--check-finite and --check-against-reference look at runs in two ways: give one of them"};
   choose_steps();
-  Results(target_, names_).check(options_);
+  std::set<std::string> giving;
+  for (const auto& [step, times] : steps_)
+    if (times > 0) giving.insert(step);
+  Results(target_, names_).check(options_, giving);
   if (!options_.out.empty()) at_.program = checksum_of(std::as_bytes(bundle_));
   bind();
-  if (options_.resume) resume();
+  if (options_.resume) {
+    resume();
+    try {
+      Results(target_, names_).check(options_, steps_to_come());
+    } catch (const Mistake& mistake) {
+      throw Mistake{mistake.message + "; what steps gave that ended before --resume stands in '" + options_.out + "'"};
+    }
+  }
   at_.steps = steps_;
   if (!options_.out.empty()) {
     folder_.take();
@@ -67,7 +77,10 @@ void Session::process() {
     throw Mistake{mistake.message + "; what '" + options_.out + "' has stays: --resume goes on from it"};
   }
   if (ran_.empty() && !is_stopping()) std::fprintf(stderr, "nothing is left to run\n");
-  if (is_stopping()) std::fprintf(stderr, "%s: writing what there is\n", reason_of_stop());
+  if (is_stopping())
+    std::fprintf(stderr, "%s%s\n", reason_of_stop(),
+                 ran_.empty() ? " before the first run: nothing is written, and what was there stays"
+                              : ": writing what there is");
   if (const auto use = target_.memory_use ? target_.memory_use() : runtime::MemoryUse{}; !use.host_leaves.empty())
     std::fprintf(stderr, "drun: warning: the device's memory does not hold all: it reads %s from the host's\n",
                  list(use.host_leaves).c_str());
@@ -179,6 +192,15 @@ void Session::resume() {
   at_.leaves.clear();
   // Steps of another program have nothing to give.
   std::erase_if(at_.outputs, [&](const auto& held) { return !std::ranges::count(names_.steps(), held.first); });
+}
+
+// Whose outputs there will be: what steps gave that ended before stands in the files of --out alone.
+std::set<std::string> Session::steps_to_come() const {
+  std::set<std::string> out;
+  for (const auto& [step, outputs] : at_.outputs) out.insert(step);
+  for (size_t k = at_.entry; k < steps_.size(); ++k)
+    if (steps_[k].second > (k == at_.entry ? at_.done : 0)) out.insert(steps_[k].first);
+  return out;
 }
 
 int Session::until_line(int done, int times) const {

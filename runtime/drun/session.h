@@ -56,6 +56,7 @@ class Session {
   // for; 0 where the run is to stop.
   int allowed(const std::string& step, int done, int wanted);
   // How many runs until the next line of the log, which has the first, then every --log-every-th, and the last.
+  std::set<std::string> steps_to_come() const;
   int until_line(int done, int times) const;
   // Writes one if it is time, in a run of the step of which `more` runs are not counted yet.
   void checkpoint_when_due(const std::string& step, int more);

@@ -6,6 +6,7 @@
 
 #include "compiler/backend/bundle/bundle.h"
 #include "compiler/ir/parse.h"
+#include "compiler/passes/passes.h"
 #include "compiler/reference/evaluate.h"
 #include "runtime/data/warnings.h"
 
@@ -76,6 +77,8 @@ io::Result<ReferenceProgram> ReferenceProgram::load(std::span<const uint8_t> byt
   auto graph = ir::parse(std::get<bundle::BundleT>(bundle).graph);
   if (const auto* error = std::get_if<ir::ParseError>(&graph))
     return io::Error{"the bundle's graph cannot be read: line " + std::to_string(error->line) + ": " + error->message};
+  if (const auto violations = passes::verify(std::get<ir::Graph>(graph)); !violations.empty())
+    return io::Error{"the bundle's graph is none: " + violations.front()};
   ReferenceProgram program;
   program.state_ =
       std::make_unique<State>(std::move(std::get<ir::Graph>(graph)), std::get<bundle::BundleT>(bundle).symbols);
@@ -149,11 +152,7 @@ io::Result<io::Array> ReferenceProgram::leaf(const std::string& name) {
   if (!state_) return kMovedFrom;
   if (!state_->graph.leaf_index(name)) return io::Error{"there is no leaf '" + name + "'"};
   reference::Session& session = state_->session;
-  if (!session.has_leaf(name)) session.settle();
-  if (!session.has_leaf(name)) {
-    if (auto problem = session.prepare()) return io::Error{*problem};
-    if (!session.has_leaf(name)) return io::Error{"leaf '" + name + "' has no data"};
-  }
+  if (auto problem = session.settle(name)) return io::Error{*problem};
   return state_->seen("leaf '" + name + "'", state_->session.leaf(name));
 }
 

@@ -260,6 +260,10 @@ Result<void> Program::bind(const std::string& leaf, const io::Array& data) {
 Result<void> Program::bind(const std::string& leaf, const HostArray& data) {
   return guarded([&] {
     if (state().write(state().leaf_index(leaf), data)) return;
+    if (data.width < 1 || data.height < 1 || data.layers < 1 || data.components < 1)
+      throw Failure{"leaf '" + leaf + "': the array has " + std::to_string(data.width) + " x " +
+                    std::to_string(data.height) + " x " + std::to_string(data.layers) + " elements of " +
+                    std::to_string(data.components) + " components"};
     state().bind(leaf, data.copied());
   });
 }
@@ -323,7 +327,7 @@ Result<CudaArray> Program::cuda_output(const std::string& step, const std::strin
     State& s = state();
     const size_t index = s.step_index(step);
     const uint32_t resource = s.output_of(index, name);
-    if (s.kept.contains(index)) throw Failure{"the program was built anew: run '" + step + "' again"};
+    if (s.kept_output(index, name) != nullptr) throw Failure{"the program was built anew: run '" + step + "' again"};
     s.require_run(step);
     return s.in_cuda(resource, s.bundle.leaves.size());
   });
@@ -410,9 +414,9 @@ Result<io::Array> Program::output(const std::string& step, const std::string& na
     const size_t index = s.step_index(step);
     for (const auto& o : s.bundle.steps[index]->outputs)
       if (o->name == name) {
-        const auto kept = s.kept.find(index);
-        if (kept == s.kept.end()) s.require_run(step);
-        io::Array out = kept != s.kept.end() ? kept->second.at(name) : s.on_device->transfer.download(o->resource);
+        const io::Array* kept = s.kept_output(index, name);
+        if (kept == nullptr) s.require_run(step);
+        io::Array out = kept != nullptr ? *kept : s.on_device->transfer.download(o->resource);
         s.warnings.look(output_text(step, name), out);
         return out;
       }
@@ -473,6 +477,7 @@ Result<std::optional<HostArray>> Program::leaf_view(const std::string& name) {
         const auto index = s.leaf_index(name);
         s.prepare_leaf(index);
         if (s.bundle.leaves[index]->is_fixed) return std::nullopt;  // nobody may write there
+        s.keep_outputs(s.bundle.leaves[index]->resource);
         return s.seen(leaf_text(name), s.view(s.bundle.leaves[index]->resource, index));
       },
       breaks(state_));
@@ -484,7 +489,7 @@ Result<std::optional<HostArray>> Program::output_view(const std::string& step, c
     const size_t index = s.step_index(step);
     for (const auto& o : s.bundle.steps[index]->outputs) {
       if (o->name != name) continue;
-      if (s.kept.contains(index) || s.is_leaf(o->resource)) return std::nullopt;
+      if (s.kept_output(index, name) != nullptr || s.is_leaf(o->resource)) return std::nullopt;
       s.require_run(step);
       return s.seen(output_text(step, name), s.view(o->resource, s.bundle.leaves.size()));
     }

@@ -149,11 +149,10 @@ void Program::State::take_over(State& old) {
     const size_t was = old.step_index(bundle.steps[k]->name);
     on_device->steps[k].counters = old.on_device->steps[was].counters;
     upload_counter(k);
-    if (const auto it = old.kept.find(was); it != old.kept.end())
-      kept[k] = std::move(it->second);
-    else if (!old.on_device->steps[was].variants.empty())
+    if (const auto it = old.kept.find(was); it != old.kept.end()) kept[k] = std::move(it->second);
+    if (!old.on_device->steps[was].variants.empty())
       for (const auto& o : old.bundle.steps[was]->outputs)
-        kept[k].emplace(o->name, old.on_device->transfer.download(o->resource));
+        if (kept_output(k, o->name) == nullptr) kept[k].emplace(o->name, old.on_device->transfer.download(o->resource));
   }
 }
 

@@ -109,6 +109,11 @@ Sizes Program::State::sizes_with(size_t index, const Array& data) const {
   Sizes agreed = sizes;
   for (size_t a = 0; a < 3; ++a) {
     const auto dim = ir::Dim::parse(*axes[a].first);
+    for (size_t b = 0; b < a; ++b)
+      if (dim->as_symbol() && *axes[b].first == *axes[a].first && axes[b].second != axes[a].second)
+        throw Failure{origin + " has a " + axis_names[b] + " of " + std::to_string(axes[b].second) + " and a " +
+                      axis_names[a] + " of " + std::to_string(axes[a].second) + ", and both are '" + *axes[a].first +
+                      "'"};
     if (const auto symbol = dim->as_symbol())
       agreed.set(*symbol, axes[a].second, origin);
     else if (const auto value = dim->evaluate(agreed.symbols()); value && *value != axes[a].second)
@@ -118,6 +123,24 @@ Sizes Program::State::sizes_with(size_t index, const Array& data) const {
   return agreed;
 }
 template Sizes Program::State::sizes_with(size_t index, const HostArray& data) const;
+
+// A mesh that is bound anew has as many edges as the one before, as all leaves keep their sizes.
+void Program::State::check_tables(size_t faces, const io::Array& data) const {
+  const auto has_data = [&](const auto& leaf) {
+    return leaf->table_of == static_cast<int>(faces) &&
+           (pending[static_cast<size_t>(&leaf - bundle.leaves.data())] || has_memory(leaf->resource));
+  };
+  if (std::ranges::none_of(bundle.leaves, has_data)) return;
+  const auto tables = topology_tables(bundle, faces, data, sizes.symbols());
+  if (!tables) return;  // told when they are made
+  for (const auto& [table, numbers] : *tables) {
+    const auto had = ir::Dim::parse(bundle.leaves[table]->extent->w)->evaluate(sizes.symbols());
+    if (had && *had != numbers.width)
+      throw Failure{"leaf '" + bundle.leaves[faces]->name + "' has a topology of " + std::to_string(numbers.width) +
+                    " for '" + bundle.leaves[table]->table + "', and had one of " + std::to_string(*had) +
+                    " when it was first bound: a run keeps its sizes, so a mesh with others takes another run"};
+  }
+}
 
 void Program::State::assign(size_t index, const io::Array& data) {
   const bundle::LeafT& leaf = *bundle.leaves[index];
@@ -130,16 +153,33 @@ void Program::State::assign(size_t index, const io::Array& data) {
   Sizes agreed = sizes_with(index, data);  // taken over when all is well
   auto converted = data.converted(kind_of(*leaf.type));
   if (!converted) throw Failure{origin + ": " + converted.error()};
+  if (has_tables(index)) check_tables(index, *converted);
   sizes = std::move(agreed);
   if (has_tables(index)) {
     new_faces.insert_or_assign(index, *converted);
     waiting_faces.erase(index);
   }
   ++versions[index];
+  keep_outputs(leaf.resource);
   if (has_memory(leaf.resource))
     on_device->transfer.upload(leaf.resource, *converted);
   else
     pending[index] = std::move(converted).value();
+}
+
+const io::Array* Program::State::kept_output(size_t step, const std::string& name) const {
+  const auto of_step = kept.find(step);
+  if (of_step == kept.end()) return nullptr;
+  const auto it = of_step->second.find(name);
+  return it == of_step->second.end() ? nullptr : &it->second;
+}
+
+void Program::State::keep_outputs(uint32_t resource) {
+  if (!on_device) return;
+  for (size_t step = 0; step < bundle.steps.size(); ++step)
+    for (const auto& o : bundle.steps[step]->outputs)
+      if (o->resource == resource && !on_device->steps[step].variants.empty() && kept_output(step, o->name) == nullptr)
+        kept[step].emplace(o->name, on_device->transfer.download(resource));
 }
 
 bool Program::State::write(size_t index, const HostArray& data) {
@@ -152,6 +192,7 @@ bool Program::State::write(size_t index, const HostArray& data) {
   const Size size = sizes.size_of(*leaf.extent, leaf.name);
   if (data.width != size.w || data.height != size.h || data.layers != size.l) return false;
   on_device->queue.finish();
+  keep_outputs(leaf.resource);
   // From a view of the same leaf there is nothing to copy.
   std::memmove(to, data.data, static_cast<size_t>(size.count() * data.components) * 4);
   ++versions[index];

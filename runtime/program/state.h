@@ -100,7 +100,8 @@ struct Program::State {
   std::shared_ptr<Tally> tally = std::make_shared<Tally>();
   std::shared_ptr<CudaOrder> order;  // with a stream of CUDA, which has seen memory of the program
   std::optional<OnDevice> on_device;
-  std::map<size_t, std::map<std::string, io::Array>> kept;  // outputs of steps that ran before the program was rebuilt
+  // Outputs of steps' last runs whose memory is gone or was written since: by the step, the output's name.
+  std::map<size_t, std::map<std::string, io::Array>> kept;
   int rebuilds = 0;
   PipelineCounters pipelines_before;   // of the programs that this one took over from
   std::optional<Rebuilder> rebuilder;  // destroyed first: it waits
@@ -118,6 +119,10 @@ struct Program::State {
   void prepare_leaf(size_t leaf);
   // Whether the data went right into the leaf's memory: it has some, the host sees it, and the data is as there.
   bool write(size_t leaf, const HostArray& data);
+  // What a step's last run gave, if that is not in its memory any more.
+  const io::Array* kept_output(size_t step, const std::string& name) const;
+  // Before a leaf's memory is written: outputs that are the leaf itself stay what the last run read.
+  void keep_outputs(uint32_t resource);
   // Of a resource whose memory the host sees; nothing where a copy is needed. `holder` is its place in `views`.
   std::optional<HostArray> view(size_t resource, size_t holder);
   // Whether it is a leaf's memory, where what is done to a view of an output must not end up.
@@ -181,6 +186,7 @@ struct Program::State {
   // The program's step_index on the device, from the counters.
   void upload_counter(size_t step);
   void assign(size_t leaf, const io::Array& data);
+  void check_tables(size_t faces, const io::Array& data) const;
   // The sizes that data of this shape gives, if it may be the leaf's.
   template <class Array>
   Sizes sizes_with(size_t leaf, const Array& data) const;

@@ -147,7 +147,8 @@ LoopbackServer::~LoopbackServer() {
 
 bool LoopbackServer::is_our_host(std::string_view host) const {
   const std::string port = ":" + std::to_string(port_);
-  return host == "127.0.0.1" + port || host == "localhost" + port;
+  const auto is = [&](const std::string& name) { return host == name + port || (port_ == 80 && host == name); };
+  return is("127.0.0.1") || is("localhost");
 }
 
 Response LoopbackServer::answer_to(const std::string& head) const {

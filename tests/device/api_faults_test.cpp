@@ -111,6 +111,45 @@ TEST_CASE("what there is not is named") {
   });
 }
 
+TEST_CASE("an output that is an input stays what the last run read") {
+  const char* const text = R"(edition 1;
+    input x : float[W];
+    step go { output same = x, twice = 2.0 * x; }
+  )";
+  everywhere([&](runtime::Device& device, const std::vector<uint8_t>&) {
+    auto program =
+        test::must(runtime::Program::load(device, test::compile_text("input_output.dr", text, device.profile_name())));
+    REQUIRE(program.bind("x", ones(4)));
+    REQUIRE(program.run("go", 1));
+    REQUIRE(program.bind("x", Array::from_floats(std::vector<float>(4, 3.0f), 1)));
+    for (const auto& [name, value] : {std::pair{"same", 1.0}, std::pair{"twice", 2.0}})
+      CHECK(test::must(program.output("go", name)).to_doubles() == std::vector<double>(4, value));
+    if (const auto view = test::must(program.leaf_view("x"))) static_cast<float*>(view->data)[0] = 5;
+    CHECK(test::must(program.output("go", "same")).to_doubles()[0] == 1);
+    REQUIRE(program.run("go", 1));
+    CHECK(test::must(program.output("go", "same")).to_doubles()[3] == 3);
+  });
+}
+
+TEST_CASE("a mesh that is bound anew has as many edges") {
+  const char* const text = R"(edition 1;
+    input face : ivec3[F];
+    let table = topology(face, 6);
+    step go { output edges = table.edge.width; }
+  )";
+  const auto faces = [](std::vector<int32_t> numbers) { return Array::from_ints(numbers, 3); };
+  everywhere([&](runtime::Device& device, const std::vector<uint8_t>&) {
+    auto program =
+        test::must(runtime::Program::load(device, test::compile_text("edges.dr", text, device.profile_name())));
+    REQUIRE(program.bind("face", faces({0, 1, 2, 2, 1, 3})));
+    REQUIRE(program.run("go", 1));
+    refuses(program.bind("face", faces({0, 1, 2, 3, 4, 5})), "leaf 'face' has a topology of 6 for 'edge'");
+    REQUIRE(program.bind("face", faces({0, 1, 3, 3, 1, 2})));
+    REQUIRE(program.run("go", 1));
+    CHECK(test::must(program.output("go", "edges")).to_doubles()[0] == 5);
+  });
+}
+
 TEST_CASE("a step runs once or more often") {
   everywhere([](runtime::Device& device, const std::vector<uint8_t>& bundle) {
     auto program = test::must(runtime::Program::load(device, bundle));
@@ -259,6 +298,23 @@ TEST_CASE("the reference answers alike") {
   refuses(program.output("fit", "q"), "was moved from");
   CHECK(program.rasters("fit").empty());
   REQUIRE(other.run("fit"));
+}
+
+TEST_CASE("on the reference a leaf that is read leaves others alone") {
+  const char* const text = R"(edition 1;
+    input seed : int = 1;
+    input face : ivec3[F];
+    state n : int;
+    param p : float[4] = float(seed) + float(coord(4).x);
+    step go { output q = p; }
+    step look { output f = face; }
+  )";
+  auto program = test::must(jit::ReferenceProgram::load(test::compile_text("read.dr", text, "lavapipe")));
+  REQUIRE(program.leaf("n"));
+  REQUIRE(program.bind("seed", Array::from_ints(std::vector<int32_t>{5}, 1)));
+  REQUIRE(program.run("go", 1));
+  CHECK(test::must(program.output("go", "q")).to_doubles()[0] == 5);
+  refuses(program.leaf("face"), "input 'face' : ivec3[F] has no data");
 }
 
 TEST_CASE("what is read and is not finite is told of once, and so is what a pass left") {

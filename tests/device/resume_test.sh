@@ -30,6 +30,14 @@ run --log-every 1 --step fit=7 --step tune=3 --resume --out parts > /dev/null
 same straight parts
 run --step fit=7 --step tune=3 --resume --out parts 2>&1 | grep -q "nothing is left to run" || fail "a run that is over goes on"
 same straight parts
+# What a step gave that ended before stands in the folder alone, and what goes to one file is seen before anything runs.
+status=0; run --step fit=7 --step tune=4 --resume --out parts --save fit.error=error.npy > out.txt 2> err.txt || status=$?
+[[ $status == 1 && ! -s out.txt ]] && grep -q "ended before --resume stands in 'parts'" err.txt || fail "an old output: $(cat err.txt)"
+for file in ./a.npy parts/tone.npy "$PWD/parts/../parts/fit.error.npy"; do
+  status=0; run --step fit=1 --out parts --save a=a.npy momentum="$file" > /dev/null 2> err.txt || status=$?
+  [[ $status == 1 ]] && grep -q "is to be written twice" err.txt || fail "one file for two: $(cat err.txt)"
+done
+same straight parts
 # With buffers that are bound in parts, too: of 16 bytes, with which 'a' and its momentum have two.
 run --log-every 1 --step fit=4 --buffers 16 --out bound > /dev/null
 run --log-every 1 --step fit=7 --step tune=3 --buffers 16 --resume --out bound > /dev/null

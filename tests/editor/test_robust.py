@@ -37,6 +37,11 @@ class Robust(unittest.TestCase):
                     self.assertEqual(client.error("textDocument/" + method, params), -32602)
             self.alive(client)
 
+    def test_lines_end_by_carriage_returns_alone(self):
+        with Client() as client:
+            client.open("file:///cr.dr", "edition 1;\rlet a = 1.0;\r\nstep go { output y = b; }\r")
+            self.assertEqual([d["range"]["start"]["line"] for d in client.diagnostics("file:///cr.dr")], [2])
+
     def test_places_outside_of_the_text(self):
         with Client() as client:
             uri = "file:///small.dr"

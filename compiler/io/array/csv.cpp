@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // .csv: a table of numbers, a line a row. What a spreadsheet or a measuring device writes, so a first line of words is
-// a heading, and quotes are for words only.
+// a heading, and a field may stand in quotes.
 #include <charconv>
 #include <limits>
 #include <string>
@@ -31,8 +31,14 @@ std::vector<double> read_row(std::string_view line, std::string_view* wrong, siz
   std::vector<double> row;
   numbers = 0;
   for (size_t begin = 0; begin <= line.size();) {
-    const size_t end = std::min(line.find(',', begin), line.size());
-    const std::string_view field = trimmed(line.substr(begin, end - begin));
+    const std::string_view rest = line.substr(begin);
+    const size_t quote = rest.find_first_not_of(" \t");
+    const bool quoted = quote != std::string_view::npos && rest[quote] == '"';
+    const size_t behind = quoted ? std::min(rest.find('"', quote + 1), rest.size() - 1) + 1 : 0;
+    const size_t end = std::min(line.find(',', begin + behind), line.size());
+    std::string_view field = trimmed(line.substr(begin, end - begin));
+    if (field.size() > 1 && field.starts_with('"') && field.ends_with('"'))
+      field = trimmed(field.substr(1, field.size() - 2));
     double value = 0;
     if (read_number(field, value)) {
       ++numbers;

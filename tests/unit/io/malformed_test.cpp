@@ -429,6 +429,11 @@ TEST_CASE("tables that are none are refused with their line", "[io][malformed]")
   CHECK(error("x,y\n1,2\n3\n") == "cannot read 't.csv': line 3: expected 2 numbers as in the line before it, found 1");
   CHECK(error("1,2\n3,four\n") == "cannot read 't.csv': line 2: expected a number, found 'four'");
   CHECK(error("1,2\n3,\n") == "cannot read 't.csv': line 2: expected a number, found ''");
+  CHECK(error("\"1\",\"2\"\n3,\"four\"\n") == "cannot read 't.csv': line 2: expected a number, found 'four'");
+  folder.write("t.csv", "\"left, right\",\"up\"\n\"1\", 2\n");
+  CHECK(load_binding(folder / "t.csv").value().to_doubles() == std::vector<double>{1, 2});
+  folder.write("t.csv", "\"1\",\"2\"\n3,4\n");
+  CHECK(load_binding(folder / "t.csv").value().to_doubles() == std::vector<double>{1, 2, 3, 4});
   CHECK(error("1,2\n3,4\n", 3) == "cannot read 't.csv': shape (2, 2) does not end in the 3 components of an element");
 }
 
