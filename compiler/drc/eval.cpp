@@ -15,6 +15,7 @@
 #include "compiler/io/results.h"
 #include "compiler/ir/initial_step.h"
 #include "compiler/ir/pins.h"
+#include "compiler/ir/symbols.h"
 #include "compiler/passes/passes.h"
 #include "compiler/reference/evaluate.h"
 #include "dsl/diagnostic/diagnostic.h"
@@ -78,6 +79,12 @@ bool bind_all(const EvalOptions& options, const ir::Graph& graph, reference::Ses
     const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
     if (error != std::errc() || end != text.data() + text.size()) {
       print_error("expected an integer for the symbol '" + parts->first + "', found '" + text + "'");
+      return false;
+    }
+    if (const std::vector<std::string> all = ir::symbols_of(graph); !std::ranges::count(all, parts->first)) {
+      std::string names;
+      for (const std::string& one : all) names += (names.empty() ? "" : ", ") + one;
+      print_error("there is no symbol '" + parts->first + "'" + (names.empty() ? "" : "; there are: " + names));
       return false;
     }
     if (const auto wrong = session.bind_symbol(parts->first, value)) return print_error(*wrong), false;

@@ -27,4 +27,20 @@ void Progress::show(int done, const std::string& values) {
   std::fflush(stderr);
 }
 
+LongWork::LongWork(std::string what)
+    : thread_([this, what = std::move(what)] {
+        std::unique_lock lock(lock_);
+        if (!over_.wait_for(lock, std::chrono::seconds(5), [&] { return is_over_; }))
+          std::fprintf(stderr, "%s\n", what.c_str());
+      }) {}
+
+LongWork::~LongWork() {
+  {
+    const std::lock_guard guard(lock_);
+    is_over_ = true;
+  }
+  over_.notify_one();
+  thread_.join();
+}
+
 }  // namespace dr::drun

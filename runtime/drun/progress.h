@@ -3,7 +3,10 @@
 #pragma once
 
 #include <chrono>
+#include <condition_variable>
+#include <mutex>
 #include <string>
+#include <thread>
 
 namespace dr::drun {
 
@@ -22,6 +25,21 @@ class Progress {
   int first_, total_;
   bool visible_;
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+};
+
+// Says on stderr, once, what is under way, if that takes more than five seconds.
+class LongWork {
+ public:
+  explicit LongWork(std::string what);
+  ~LongWork();
+  LongWork(const LongWork&) = delete;
+  LongWork& operator=(const LongWork&) = delete;
+
+ private:
+  std::mutex lock_;
+  std::condition_variable over_;
+  bool is_over_ = false;
+  std::thread thread_;
 };
 
 }  // namespace dr::drun

@@ -57,6 +57,12 @@ constexpr Corner kCorners[] = {{3, io::ElementKind::Float32, "vec3"},
                                {2, io::ElementKind::Float32, "vec2"},
                                {3, io::ElementKind::Int32, "ivec3"}};
 
+std::vector<std::string> results_in(const MeshParts& parts) {
+  std::vector<std::string> out = parts.names;
+  for (const auto& [part, name] : parts.material) out.push_back(name);
+  return out;
+}
+
 Mistake wrong_type(const std::string& file, const std::string& name, const char* type) {
   return Mistake{"--mesh " + file + ": '" + name + "' is not made of " + type};
 }
@@ -192,7 +198,15 @@ Array Results::named(const std::string& name, const std::set<std::string>& ran) 
 }
 
 // Each is written, whatever becomes of the others; the first mistake is told.
-void Results::write_asked(const Options& options, const std::set<std::string>& ran) const {
+void Results::write_asked(const Options& options, const std::set<std::string>& ran, bool stopped) const {
+  const auto is_there = [&](const char* option, const std::string& file, const std::vector<std::string>& names) {
+    const auto missing = std::ranges::find_if(
+        names, [&](const std::string& name) { return !static_cast<bool>(io::find_result(name, names_of(ran))); });
+    if (!stopped || missing == names.end()) return true;
+    std::fprintf(stderr, "drun: warning: %s: '%s' is not written, as the step of '%s' has not run\n", option,
+                 file.c_str(), missing->c_str());
+    return false;
+  };
   std::optional<Mistake> first;
   const auto attempt = [&](const auto& write) {
     try {
@@ -202,9 +216,11 @@ void Results::write_asked(const Options& options, const std::set<std::string>& r
     }
   };
   for (const auto& [name, file] : options.saves)
-    attempt([&, &name = name, &file = file] { must(io::save_array(file, named(name, ran))); });
+    if (is_there("--save", file, {name}))
+      attempt([&, &name = name, &file = file] { must(io::save_array(file, named(name, ran))); });
   for (const auto& [file, what] : options.meshes)
-    attempt([&, &file = file, &what = what] { write_mesh(file, what, ran); });
+    if (is_there("--mesh", file, results_in(parse_mesh(file, what))))
+      attempt([&, &file = file, &what = what] { write_mesh(file, what, ran); });
   if (first) throw *first;
 }
 

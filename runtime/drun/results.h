@@ -34,7 +34,8 @@ class Results {
   std::vector<std::pair<std::string, io::Array>> leaves(const std::set<std::string>& ran) const;
   Outputs outputs(const std::string& step) const;
   // What --save and --mesh ask for, of the steps that ran.
-  void write_asked(const Options& options, const std::set<std::string>& ran) const;
+  // Of what the steps that ran give; with `stopped`, others were to run, and theirs is left out with a word.
+  void write_asked(const Options& options, const std::set<std::string>& ran, bool stopped) const;
 
  private:
   static inline const std::map<std::string, Outputs> kNone;

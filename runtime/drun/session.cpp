@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
+#include <optional>
 
 #include "compiler/topology/topology.h"
 #include "runtime/drun/progress.h"
@@ -216,6 +217,8 @@ void Session::run_step(const std::string& step, int& done, int times) {
     int now = line;
     const bool first = ran_.count(step) == 0;
     if (first) now = 1;  // it compiles, and shows where the fit starts
+    std::optional<LongWork> compiling;
+    if (first && target_.memory_use) compiling.emplace(step + ": the device's driver compiles the step's shaders");
     if (first && options_.timing) prepare(step);
     const auto begin = Clock::now();
     // The last run of all is the one that is looked at.
@@ -236,6 +239,7 @@ void Session::run_step(const std::string& step, int& done, int times) {
     else
       now = run_for(step, now, done);
     under_way_ = false;
+    compiling.reset();
     if (now == 0) break;
     if (first && options_.timing && left > 1)
       std::printf("%s: the first run took %.0f ms, in which some drivers compile\n", step.c_str(), ms_since(begin));
@@ -497,12 +501,12 @@ void Session::write_results() {
 
 void Session::write_results(const Results& results) {
   const std::set<std::string> steps = given();
-  if (options_.out.empty()) return results.write_asked(options_, steps);
+  if (options_.out.empty()) return results.write_asked(options_, steps, is_stopping());
   at_.leaves = results.leaves(ran_);
   log_.flush();
   try {
     results.write_outputs(options_.out, steps, at_.leaves, options_.resume || ran_.empty());
-    results.write_asked(options_, steps);
+    results.write_asked(options_, steps, is_stopping());
   } catch (const Mistake& mistake) {
     // No run is lost by a file that cannot be written: the checkpoint holds what the file would.
     Checkpoint unwritten = at_;

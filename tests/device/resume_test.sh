@@ -38,6 +38,9 @@ for file in ./a.npy parts/tone.npy "$PWD/parts/../parts/fit.error.npy"; do
   [[ $status == 1 ]] && grep -q "is to be written twice" err.txt || fail "one file for two: $(cat err.txt)"
 done
 same straight parts
+# What a step gives that a stop kept from running is left out with a word, and the code is the stop's.
+status=0; run --step fit=100000000 --step tune=1 --timeout 1 --save tune.error=late.npy a=early.npy > /dev/null 2> err.txt || status=$?
+[[ $status == 124 && -e early.npy && ! -e late.npy ]] && grep -q "the step of 'tune.error' has not run" err.txt || fail "a late result: $status $(cat err.txt)"
 # With buffers that are bound in parts, too: of 16 bytes, with which 'a' and its momentum have two.
 run --log-every 1 --step fit=4 --buffers 16 --out bound > /dev/null
 run --log-every 1 --step fit=7 --step tune=3 --buffers 16 --resume --out bound > /dev/null

@@ -10,6 +10,7 @@
 #include "compiler/backend/analysis/same_in_run.h"
 #include "compiler/backend/analysis/uses.h"
 #include "compiler/ir/pins.h"
+#include "compiler/ir/symbols.h"
 
 namespace dr::backend {
 
@@ -40,22 +41,6 @@ std::unique_ptr<bundle::TypeT> bundle_type(const ir::Type& type) {
 
 namespace {
 
-std::vector<std::string> all_symbols(const ir::Graph& graph) {
-  std::set<std::string> symbols;
-  auto add = [&](const Dim& dim) {
-    for (std::string& s : dim.symbols()) symbols.insert(std::move(s));
-  };
-  for (const ir::Leaf& leaf : graph.leaves)
-    for (const Dim* d : {&leaf.extent.w, &leaf.extent.h, &leaf.extent.l}) add(*d);
-  for (uint32_t k = 0; k < graph.op_count(); ++k)
-    for (const Dim& d : graph.op(ir::OpId{k}).attrs.dims) add(d);
-  for (uint32_t k = 0; k < graph.value_count(); ++k) {
-    const Extent& e = graph.value(ValueId{k}).extent;
-    for (const Dim* d : {&e.w, &e.h, &e.l}) add(*d);
-  }
-  return {symbols.begin(), symbols.end()};
-}
-
 // Extents that programs compute with, as ints.
 std::vector<std::string> computed_extents(const ir::Graph& graph) {
   std::set<std::string> numbers;
@@ -70,7 +55,7 @@ std::vector<std::string> computed_extents(const ir::Graph& graph) {
 void Generator::process(bundle::BundleT& bundle, std::vector<GlslShader>& shaders) {
   bundle_ = &bundle;
   shaders_ = &shaders;
-  bundle.symbols = all_symbols(graph_);
+  bundle.symbols = ir::symbols_of(graph_);
   bundle.numbers = computed_extents(graph_);
   bundle.files = source_lines_.files();
   for (const Resource& r : schedule_.resources) {
