@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Scatter passes as gathers: each target reads its sources in ascending order from a table (RowsScatter). Float sums
 // are 64-bit fixed point numbers in registers, scaled for the largest contribution of the row. Blocks of 256 items that
-// lie within one row are summed by a dispatch of their own before, so that no row is walked for long.
+// lie within one row are summed by a dispatch of their own before, so that no row is walked for long. On a GPU lanes
+// share a row: what they add are integers.
 #include <algorithm>
 #include <set>
 
@@ -80,6 +81,10 @@ class RowsWriter {
     s_.prelude(glsl::kFixedShift);
     s_.prelude(glsl::kFixedFromFloat);
     s_.prelude(glsl::kFixedAdd);
+    if (rows_.sorted() != nullptr)
+      plan_places(*rows_.sorted());
+    else
+      plan_columns(std::get<RowsOfLeaf>(rows_.table));
   }
 
   const ir::Type& type(size_t k) const { return graph_.value(sums_[k].value).type; }
@@ -87,6 +92,7 @@ class RowsWriter {
     return std::any_of(sums_.begin(), sums_.end(),
                        [&](const ScatterSum& sum) { return graph_.value(sum.value).type.is_float(); });
   }
+  static std::string scalar_name(const ir::Type& type) { return type.scalar == ir::Scalar::Int ? "int" : "uint"; }
   static std::string total(size_t k, int c) { return "total_" + std::to_string(k) + "_" + std::to_string(c); }
 
   void declare_totals() {
@@ -128,8 +134,144 @@ class RowsWriter {
     }
   }
 
-  // Adds item `r`, or in run 0 looks at its magnitude.
+  // Room for what a lane's first items add, which then read nothing in the second run.
+  void declare_kept(int items) {
+    kept_ = has_floats() ? items : 0;
+    if (kept_ > 0)
+      for (const Value& value : values_)
+        line(type(value.sum).str() + " kept_" + value.name + "[" + std::to_string(kept_) + "];");
+  }
+
+  // Adds item `r`, or in run 0 looks at its magnitude. Where there is room, it is a lane's item number `j`.
   void add_item(const std::string& items) {
+    for (const Value& value : values_) line(type(value.sum).str() + " " + value.name + " = " + zero(value) + ";");
+    if (kept_ > 0) {
+      const std::string has_room = "j < " + std::to_string(kept_);
+      line("if (run == 1 && " + has_room + ") {");
+      for (const Value& value : values_) line(value.name + " = kept_" + value.name + "[j];");
+      line("} else {");
+      s_.push_scope();
+      compute(items);
+      s_.pop_scope();
+      line("if (" + has_room + ") {");
+      for (const Value& value : values_) line("kept_" + value.name + "[j] = " + value.name + ";");
+      line("}");
+      line("}");
+    } else {
+      compute(items);
+    }
+    for (const Value& value : values_) add_value(value.sum, value.name);
+  }
+
+  // Which lane of a row's this is; `index` becomes that of the row.
+  void share(int lanes, const std::string& rows) {
+    if (lanes > 1) {
+      s_.extension("GL_KHR_shader_subgroup_basic");
+      s_.extension("GL_KHR_shader_subgroup_shuffle");
+      line("index += int(gl_SubgroupID * gl_SubgroupSize + gl_SubgroupInvocationID) - int(gl_LocalInvocationID.x);");
+      line("int lane = index % " + std::to_string(lanes) + ";");
+      line("index /= " + std::to_string(lanes) + ";");
+    }
+    line("if (index >= " + rows + ") return;");
+  }
+
+  // What lanes found of the largest magnitudes; sums of integers, in no order.
+  void join_largest(int lanes) {
+    if (lanes == 1 || !has_floats()) return;
+    line("if (run == 0) {");
+    for (int by = 1; by < lanes; by *= 2)
+      for (size_t k = 0; k < sums_.size(); ++k)
+        if (type(k).is_float()) {
+          const std::string largest = "largest_" + std::to_string(k);
+          line(largest + " = max(" + largest + ", " + shuffled(largest, by) + ");");
+        }
+    line("}");
+  }
+  void join_totals(int lanes) {
+    for (int by = 1; by < lanes; by *= 2)
+      for (size_t k = 0; k < sums_.size(); ++k) {
+        const std::string flags = "flags_" + std::to_string(k);
+        if (type(k).is_float()) line(flags + " |= " + shuffled(flags, by) + ";");
+        for (int c = 0; c < type(k).components(); ++c)
+          line(type(k).is_float()
+                   ? total(k, c) + " = fixed_add(" + total(k, c) + ", " + shuffled(total(k, c), by) + ");"
+                   : total(k, c) + " += " + shuffled(total(k, c), by) + ";");
+      }
+  }
+
+  void set_shifts(const std::string& count) {
+    for (size_t k = 0; k < sums_.size(); ++k)
+      if (type(k).is_float())
+        line("shift_" + std::to_string(k) + " = fixed_shift(largest_" + std::to_string(k) + ", " + count + ");");
+  }
+
+ private:
+  void line(const std::string& text) { s_.body().line(text); }
+  static std::string shuffled(const std::string& value, int by) {
+    return "subgroupShuffleXor(" + value + ", " + std::to_string(by) + "u)";
+  }
+  int column_of(ValueId index) const {
+    const ir::Op* op = &graph_.op(graph_.value(index).op);
+    while (op->kind == ir::OpKind::Broadcast) op = &graph_.op(graph_.value(op->operands[0]).op);
+    return op->kind == ir::OpKind::Extract ? static_cast<int>(op->attrs.ints[0]) : 0;
+  }
+
+  // A variable of what an item adds to a sum: of one term at most for every name or place, as adding takes most of the
+  // text.
+  struct Value {
+    size_t sum;
+    std::string name;
+    std::set<int64_t> at;  // the names or places, by number
+  };
+  std::string zero(const Value& value) const { return glsl::zero(type(value.sum)); }
+
+  // The value that a term of the sum at this name or place goes to.
+  size_t value_for(size_t sum, int64_t at) {
+    auto into = std::ranges::find_if(values_, [&](const Value& v) { return v.sum == sum && v.at.count(at) == 0; });
+    if (into == values_.end()) into = values_.insert(into, {sum, s_.unique("x"), {}});
+    into->at.insert(at);
+    return static_cast<size_t>(into - values_.begin());
+  }
+
+  // What a source adds by the name `at` of those of a table of the host's.
+  struct ByColumn {
+    int64_t at;
+    ValueId added;
+    size_t value;
+  };
+  void plan_columns(const RowsOfLeaf& table) {
+    for (size_t name = 0; name < table.columns.size(); ++name)
+      for (size_t k = 0; k < sums_.size(); ++k)
+        for (const ValueId term : sums_[k].terms) {
+          const ir::Op& op = graph_.op(graph_.value(term).op);
+          const auto at = static_cast<int64_t>(name);
+          if (column_of(op.operands[0]) == table.columns[name])
+            by_column_.push_back({at, op.operands[1], value_for(k, at)});
+        }
+  }
+
+  // What a source adds at a place that the device sorts.
+  struct AtPlace {
+    int64_t at;
+    ScatterLeaf leaf;
+    const ScatterLeaf* place;
+    size_t value;
+  };
+  void plan_places(const SortedRows& table) {
+    for (size_t k = 0; k < sums_.size(); ++k)
+      for (const ValueId v : sums_[k].terms) {
+        const auto leaves = scatter_leaves(graph_, v);
+        for (const ScatterLeaf& leaf : *leaves) {
+          const auto place =
+              std::ranges::find_if(table.places, [&](const ScatterLeaf& p) { return p.same_place(leaf); });
+          const int64_t at = place - table.places.begin();
+          at_places_.push_back({at, leaf, &*place, value_for(k, at)});
+        }
+      }
+  }
+
+  // The values of item `r`.
+  void compute(const std::string& items) {
     line("int item = " + items + "(2 * r);");
     const int64_t names = rows_.names();
     const std::string source = "item / " + std::to_string(names);
@@ -142,83 +284,25 @@ class RowsWriter {
       const std::string w = dim_expression(e.w), h = dim_expression(e.h);
       line("ivec3 at = ivec3(source % " + w + ", (source / " + w + ") % " + h + ", source / (" + w + " * " + h + "));");
     }
-    if (rows_.sorted() != nullptr) return add_places(*rows_.sorted());
-    const std::vector<int>& columns = std::get<RowsOfLeaf>(rows_.table).columns;
-    // Adding takes most of the text, so all names share it: variables by sum, each of one term at most for every name.
-    std::vector<std::vector<std::string>> added(sums_.size());
-    for (size_t k = 0; k < sums_.size(); ++k) {
-      const auto of_column = [&](int column) {
-        return std::ranges::count_if(sums_[k].terms, [&](ValueId term) {
-          return column_of(graph_.op(graph_.value(term).op).operands[0]) == column;
-        });
-      };
-      int64_t most = 0;
-      for (const int column : columns) most = std::max<int64_t>(most, of_column(column));
-      for (int64_t slot = 0; slot < most; ++slot) {
-        added[k].push_back(s_.unique("x"));
-        line(type(k).str() + " " + added[k].back() + " = " + glsl::zero(type(k)) + ";");
-      }
-    }
-    for (int64_t name = 0; name < names; ++name) {
-      line((names == 1 ? std::string("{") : "if (term == " + std::to_string(name) + ") {"));
+    for (size_t k = 0; k < by_column_.size();) {
+      const int64_t name = by_column_[k].at;
+      line(names == 1 ? std::string("{") : "if (term == " + std::to_string(name) + ") {");
       s_.push_scope();
-      for (size_t k = 0; k < sums_.size(); ++k) {
-        size_t slot = 0;
-        for (const ValueId term : sums_[k].terms) {
-          const ir::Op& op = graph_.op(graph_.value(term).op);
-          if (column_of(op.operands[0]) != columns[static_cast<size_t>(name)]) continue;
-          s_.element_ops(ops_of(graph_, ops_, std::span(&op.operands[1], 1)));
-          line(added[k][slot++] + " = " + s_.use(op.operands[1]) + ";");
-        }
+      for (; k < by_column_.size() && by_column_[k].at == name; ++k) {
+        const ByColumn& term = by_column_[k];
+        s_.element_ops(ops_of(graph_, ops_, std::span(&term.added, 1)));
+        line(values_[term.value].name + " = " + s_.use(term.added) + ";");
       }
       s_.pop_scope();
       line("}");
     }
-    for (size_t k = 0; k < sums_.size(); ++k)
-      for (const std::string& x : added[k]) add_value(k, x);
-  }
-
-  void set_shifts(const std::string& count) {
-    for (size_t k = 0; k < sums_.size(); ++k)
-      if (type(k).is_float())
-        line("shift_" + std::to_string(k) + " = fixed_shift(largest_" + std::to_string(k) + ", " + count + ");");
-  }
-
- private:
-  void line(const std::string& text) { s_.body().line(text); }
-  static std::string scalar_name(const ir::Type& type) { return type.scalar == ir::Scalar::Int ? "int" : "uint"; }
-
-  int column_of(ValueId index) const {
-    const ir::Op* op = &graph_.op(graph_.value(index).op);
-    while (op->kind == ir::OpKind::Broadcast) op = &graph_.op(graph_.value(op->operands[0]).op);
-    return op->kind == ir::OpKind::Extract ? static_cast<int>(op->attrs.ints[0]) : 0;
-  }
-
-  // What the source adds at place `term`. Reads of one texture take most of what they add from the same values, so all
-  // of it is computed and one chosen, rather than each in a branch of its own.
-  void add_places(const SortedRows& table) {
+    // Reads of one texture take most of what they add from the same values, so all of it is computed and one chosen,
+    // rather than each in a branch of its own.
     std::set<ir::OpId> computed;
-    for (size_t k = 0; k < sums_.size(); ++k) {
-      // Names, each with the places that it stands for: what is added at one place together stands in several.
-      std::vector<std::pair<std::string, std::set<int64_t>>> chosen;
-      for (const ValueId v : sums_[k].terms) {
-        const auto leaves = scatter_leaves(graph_, v);
-        for (const ScatterLeaf& leaf : *leaves) {
-          const auto place =
-              std::ranges::find_if(table.places, [&](const ScatterLeaf& p) { return p.same_place(leaf); });
-          const int64_t term = place - table.places.begin();
-          std::string condition = "term == " + std::to_string(term);
-          const std::string value = value_at(leaf, *place, computed, condition);
-          auto into = std::ranges::find_if(chosen, [&](const auto& c) { return c.second.count(term) == 0; });
-          if (into == chosen.end()) {
-            into = chosen.insert(chosen.end(), {s_.unique("x"), {}});
-            line(type(k).str() + " " + into->first + " = " + glsl::zero(type(k)) + ";");
-          }
-          into->second.insert(term);
-          line("if (" + condition + ") " + into->first + " = " + value + ";");
-        }
-      }
-      for (const auto& [value, places] : chosen) add_value(k, value);
+    for (const AtPlace& term : at_places_) {
+      std::string condition = "term == " + std::to_string(term.at);
+      const std::string value = value_at(term.leaf, *term.place, computed, condition);
+      line("if (" + condition + ") " + values_[term.value].name + " = " + value + ";");
     }
   }
 
@@ -266,6 +350,10 @@ class RowsWriter {
   const RowsScatter& rows_;
   const std::vector<ir::OpId>& ops_;
   Shader& s_;
+  std::vector<Value> values_;
+  std::vector<ByColumn> by_column_;
+  std::vector<AtPlace> at_places_;
+  int kept_ = 0;
 };
 
 }  // namespace
@@ -274,12 +362,14 @@ class RowsWriter {
 void Generator::sum_blocks(const Pass& pass, const Table& table, const std::vector<ir::OpId>& ops, const Dim& blocks,
                            const Dim& layers, uint32_t sums, int words) {
   const std::vector<ScatterSum>& all = pass.get<ScatterPass>().sums;
+  const int lanes = pass.get<ScatterPass>().rows().lanes;
   const std::string block = "block", per_block = std::to_string(words);
   const Dim all_items = pass.get<ScatterPass>().rows().items(pass.domain);
   Shader b = shader();
   RowsWriter writer(graph_, pass, ops, b);
   declare_block(b, all_items);
-  linear_index(b, dim_expression(blocks * layers));
+  linear_index(b, "");
+  writer.share(lanes, dim_expression(blocks * layers));
   const std::string items = b.read_words(table.items, "items", "int");
   const std::string out = b.bind_words(sums, "blocks", bundle::Access::Write);
   b.body().line("int layer = index / " + dim_expression(blocks) + ";");
@@ -289,13 +379,17 @@ void Generator::sum_blocks(const Pass& pass, const Table& table, const std::vect
   b.body().line("if (row < 0 || row != " + items + "(2 * end - 1)) return;");
   writer.declare_totals();
   b.body().line("for (int run = " + std::string(writer.has_floats() ? "0" : "1") + "; run < 2; ++run) {");
-  b.body().line("for (int r = begin; r < end; ++r) {");
+  b.body().line(lanes == 1 ? "for (int r = begin; r < end; ++r) {"
+                           : "for (int r = begin + lane; r < end; r += " + std::to_string(lanes) + ") {");
   b.push_scope();
   writer.add_item(items);
   b.pop_scope();
   b.body().line("}");
+  writer.join_largest(lanes);
   writer.set_shifts(kBlockBits);
   b.body().line("}");
+  writer.join_totals(lanes);
+  if (lanes > 1) b.body().line("if (lane != 0) return;");
   int word = 0;
   const auto put = [&](const std::string& value) {
     b.body().line(out + ".d[index * " + per_block + " + " + std::to_string(word++) + "] = " + value + ";");
@@ -312,7 +406,7 @@ void Generator::sum_blocks(const Pass& pass, const Table& table, const std::vect
         put("uint(" + total + ")");
     }
   }
-  dispatch(pass, "_blocks", b, (blocks * layers).str());
+  dispatch(pass, "_blocks", b, (blocks * layers * Dim(lanes)).str());
 }
 
 void Generator::rows_pass(const Pass& pass) {
@@ -340,8 +434,12 @@ void Generator::rows_pass(const Pass& pass) {
   declare_block(s, all_items);
   s.prelude(glsl::kFixedToFloat);
   std::string target = "index";
+  const int lanes = update == nullptr ? rows.lanes : 1;
+  constexpr int kKept = 4;
+  if (lanes > 1) writer.declare_kept(kKept);
   if (update == nullptr) {
-    linear_index(s, dim_expression(rows.targets * layers));
+    linear_index(s, "");
+    writer.share(lanes, dim_expression(rows.targets * layers));
   } else {
     s.body().line("int target = " + stepped_index(s, stepped_lists_.at(update)) + ";");
     target = "target";
@@ -355,34 +453,62 @@ void Generator::rows_pass(const Pass& pass) {
   s.body().line("int bits = findMSB(uint(end - begin)) + 1;");
   writer.declare_totals();
   s.body().line("for (int run = " + std::string(writer.has_floats() ? "0" : "1") + "; run < 2; ++run) {");
-  s.body().line("for (int r = begin; r < end;) {");
-  s.body().line("if (r % " + block + " == 0 && end - r >= " + block + ") {");
+  if (lanes == 1) {
+    s.body().line("for (int r = begin; r < end;) {");
+    s.body().line("if (r % " + block + " == 0 && end - r >= " + block + ") {");
+  } else {
+    // The items before the first whole block, the whole blocks, and those behind them.
+    s.body().line("int first = min((begin + " + block + " - 1) / " + block + " * " + block + ", end);");
+    s.body().line("int lone = first - begin, whole = (end - first) / " + block + ";");
+    s.body().line("int count = end - begin - whole * (" + block + " - 1);");
+    s.body().line("for (int k = lane, j = 0; k < count; k += " + std::to_string(lanes) + ", ++j) {");
+    s.body().line("bool is_block = k >= lone && k < lone + whole;");
+    s.body().line("int r = begin + k + clamp(k - lone, 0, whole) * (" + block + " - 1);");
+    s.body().line("if (is_block) {");
+  }
   s.body().line("int word = (layer * " + dim_expression(blocks) + " + r / " + block + ") * " + per_block + ";");
   writer.add_block(in);
-  s.body().line("r += " + block + ";");
+  if (lanes == 1) s.body().line("r += " + block + ";");
   s.body().line("} else {");
   s.push_scope();
   writer.add_item(items);
   s.pop_scope();
-  s.body().line("++r;");
+  if (lanes == 1) s.body().line("++r;");
   s.body().line("}");
   s.body().line("}");
+  writer.join_largest(lanes);
   writer.set_shifts("bits");
   s.body().line("}");
+  writer.join_totals(lanes);
   for (size_t k = 0; k < all.size(); ++k) {
     const ScatterSum& sum = all[k];
     const std::string out = s.bind(step_->stored.at(sum.value), bundle::Access::Write);
     const int n = writer.type(k).components();
-    for (int c = 0; c < n; ++c) {
-      const std::string id = std::to_string(k), total = RowsWriter::total(k, c);
-      const std::string value = writer.type(k).is_float() ? "fixed_to_float(" + total + ", shift_" + id + ", (flags_" +
-                                                                id + " >> " + std::to_string(4 * c) + ") & 15u)"
+    const auto put = [&](const std::string& total, const std::string& flags, const std::string& c) {
+      const std::string value = writer.type(k).is_float() ? "fixed_to_float(" + total + ", shift_" + std::to_string(k) +
+                                                                ", (" + flags + ") & 15u)"
                                                           : total;
-      s.body().line(out + ".d[" + target + " * " + std::to_string(n) + " + " + std::to_string(c) +
+      s.body().line(out + ".d[" + target + " * " + std::to_string(n) + " + " + c +
                     "] = " + s.at_once({writer.type(k).scalar, 1, 1}, value) + ";");
+    };
+    const std::string flags = "flags_" + std::to_string(k) + " >> ";
+    if (lanes < n || n == 1) {
+      if (lanes > 1) s.body().line("if (lane == 0) {");
+      for (int c = 0; c < n; ++c) put(RowsWriter::total(k, c), flags + std::to_string(4 * c), std::to_string(c));
+      if (lanes > 1) s.body().line("}");
+    } else {
+      // A component a lane.
+      std::string total = RowsWriter::total(k, n - 1);
+      for (int c = n - 2; c >= 0; --c)
+        total = "lane == " + std::to_string(c) + " ? " + RowsWriter::total(k, c) + " : " + total;
+      s.body().line("if (lane < " + std::to_string(n) + ") {");
+      s.body().line((writer.type(k).is_float() ? "uvec2" : RowsWriter::scalar_name(writer.type(k))) +
+                    std::string(" of_lane = ") + total + ";");
+      put("of_lane", flags + "(4 * lane)", "lane");
+      s.body().line("}");
     }
   }
-  auto& walk = dispatch(pass, "", s, (rows.targets * layers).str());
+  auto& walk = dispatch(pass, "", s, (rows.targets * layers * Dim(lanes)).str());
   if (update != nullptr) {
     walk.indirect = static_cast<int>(stepped_lists_.at(update));
     for (const ScatterSum& sum : all) bundle_->resources[resource_index(sum.value)]->partial = true;

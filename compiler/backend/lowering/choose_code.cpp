@@ -13,6 +13,7 @@
 #include "compiler/backend/analysis/uses.h"
 #include "compiler/backend/bundle/bundle.h"
 #include "compiler/backend/lowering/heavy_branches.h"
+#include "compiler/backend/lowering/scatter_costs.h"
 #include "compiler/backend/schedule/joined_sums.h"
 #include "compiler/backend/schedule/limits.h"
 #include "compiler/backend/schedule/trips.h"
@@ -228,18 +229,30 @@ class StepCode {
   void scatter(const Pass& pass, ScatterPass& scatter) const {
     if (ActiveList* list = scatter.active_list())
       if (auto* own = std::get_if<OwnList>(&list->listed_by)) own->in_runs = profile_.lanes_in_turn;
-    std::visit(
-        Overloaded{[&](ExactScatter& exact) {
-                     exact.cut = cut(trips_of(graph_, pass.ops), 1);
-                     exact.joins_groups =
-                         exact.joins_groups && ends_once(step_.pass(*scatter.lister()).get<MapPass>().code);
-                   },
-                   [](RowsScatter&) {}, [&](BinnedScatter& binned) { binned.cut = cut(trips_of(graph_, pass.ops), 1); },
-                   [&](AtomicScatter& atomic) {
-                     atomic.cut = cut(trips_of(graph_, pass.ops), 1);
-                     atomic.skips_zeros = !profile_.lanes_in_turn && sums_floats(scatter);
-                   }},
-        scatter.how);
+    std::visit(Overloaded{[&](ExactScatter& exact) {
+                            exact.cut = cut(trips_of(graph_, pass.ops), 1);
+                            exact.joins_groups =
+                                exact.joins_groups && ends_once(step_.pass(*scatter.lister()).get<MapPass>().code);
+                          },
+                          [&](RowsScatter& rows) { rows.lanes = lanes_of(rows); },
+                          [&](BinnedScatter& binned) { binned.cut = cut(trips_of(graph_, pass.ops), 1); },
+                          [&](AtomicScatter& atomic) {
+                            atomic.cut = cut(trips_of(graph_, pass.ops), 1);
+                            atomic.skips_zeros = !profile_.lanes_in_turn && sums_floats(scatter);
+                          }},
+               scatter.how);
+  }
+
+  // An item is read by its number, which is read before: a row by one lane takes as long as these reads wait for each
+  // other. Where a GPU has more rows than it runs at once, others run meanwhile, and to join takes time.
+  int lanes_of(const RowsScatter& rows) const {
+    constexpr int64_t kAtOnce = 1 << 18;
+    if (!lanes_join(profile_) || !profile_.subgroup_shuffle || profile_.loop_trips > 0 ||
+        profile_.subgroup_size < kLoopShares)
+      return 1;
+    int lanes = kLoopShares;
+    while (lanes > 1 && rows.targets.is_constant() && rows.targets.constant() * lanes > kAtOnce) lanes /= 2;
+    return lanes;
   }
 
   // Whether each invocation of a map has one element, which it computes to the end.

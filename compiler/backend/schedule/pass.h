@@ -215,6 +215,7 @@ struct SortedRows {
 struct RowsScatter {
   std::variant<RowsOfLeaf, SortedRows> table;
   ir::Dim targets;  // sorted: elements of all dimensions
+  int lanes = 1;    // beside each other that share a target's items
 
   const SortedRows* sorted() const { return std::get_if<SortedRows>(&table); }
   int64_t names() const;

@@ -298,7 +298,7 @@ bool PassReader::decides(ScatterPass& scatter, BinnedScatter& binned, bool& ok) 
 bool PassReader::decides(ScatterPass&, RowsScatter& rows, bool& ok) {
   auto* sorted = std::get_if<SortedRows>(&rows.table);
   if (take_word("rows")) {
-    ok = table(rows);
+    ok = take_word("by") ? number("lanes", rows.lanes) && expect_word("lanes") : table(rows);
   } else if (sorted != nullptr && take_word("place")) {
     ok = place(sorted->places.emplace_back());
   } else {

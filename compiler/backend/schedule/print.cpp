@@ -264,6 +264,7 @@ class Writer {
 
   void write_rows(const RowsScatter& rows) {
     std::visit([&](const auto& table) { write_table(table, rows.targets); }, rows.table);
+    if (rows.lanes > 1) out_ += "    rows by " + std::to_string(rows.lanes) + " lanes\n";
   }
 
   void write_table(const RowsOfLeaf& table, const ir::Dim& targets) {
