@@ -240,6 +240,13 @@ Token Lexer::next() {
 Token Lexer::lex_word() {
   size_t end = position_ + 1;
   while (end < text_.size() && is_word(text_[end])) ++end;
+  constexpr size_t kLongest = 100;
+  if (end - position_ > kLongest) {
+    diagnostics_.error(Code::E0009, span(position_, end),
+                       "expected a name of at most " + std::to_string(kLongest) + " letters, found " +
+                           std::to_string(end - position_));
+    return finish(TokenKind::Error, end);
+  }
   TokenKind kind = word_kind(text_.substr(position_, end - position_));
   // Beside a dot it is the library's module `std.raster`, which keeps its name.
   if (kind == TokenKind::Raster && (last_ == TokenKind::Dot || at(end) == '.')) kind = TokenKind::Name;

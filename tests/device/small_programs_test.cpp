@@ -44,6 +44,15 @@ const Case kCases[] = {
                        linear = W * 2000000000 / 2000000011, chosen = a.width * 1999999999 / 2000000011; })",
      {"go"},
      true},
+    {"a reduce of a range of more than 2^31 ends after its most trips",
+     R"(
+      input a : float[W, H];
+      let low = int(-2e9 + 0.0 * min(a));
+      step go { output far = reduce(sum, i in low..-low, max = 7) { 1 }, none = reduce(sum, i in -low..low, max = 7) { 1 },
+                       few = reduce(sum, i in low..low + 5, max = 7) { i - low },
+                       folded = fold(i in low..-low, s = 0, max = 7) { s + 1 }; })",
+     {"go"},
+     true},
     {"layers of functions of pictures of one column",
      R"(
       input a : float[W, H];

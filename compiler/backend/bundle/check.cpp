@@ -12,7 +12,7 @@ namespace dr::bundle {
 
 namespace {
 
-constexpr size_t kMaxName = 200, kMaxTitle = 4096;
+constexpr size_t kMaxName = 400, kMaxTitle = 4096;
 
 bool is_alphanumeric(char c) {
   return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || c == '_';

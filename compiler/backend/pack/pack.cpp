@@ -261,10 +261,16 @@ void StepPacker::add_resource(ValueId v, const Op& op) {
     resource_[v.index] = leaf;
     return;
   }
+  const bool counter = op.kind == OpKind::StepIndex;
+  // A step has one counter, however many ops read it.
+  if (counter && counter_) {
+    resource_[v.index] = counter_->index;
+    out_.stored[v] = *counter_;
+    return;
+  }
   Resource r;
   r.type = info.type;
   r.extent = info.extent;
-  const bool counter = op.kind == OpKind::StepIndex;
   r.name = unique_name(names_, counter             ? "step_index"
                                : info.name.empty() ? std::string(ir::op_name(op.kind))
                                                    : info.name);
@@ -279,6 +285,7 @@ void StepPacker::add_resource(ValueId v, const Op& op) {
   resources_.push_back(r);
   resource_[v.index] = static_cast<uint32_t>(resources_.size() - 1);
   out_.stored[v] = ResourceId{resource_[v.index]};
+  if (counter) counter_ = out_.stored[v];
 }
 
 Schedule pack(const Graph& graph, const target::Profile& profile, const PackOptions& options) {

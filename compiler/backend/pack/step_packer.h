@@ -152,8 +152,9 @@ class StepPacker {
   std::vector<bool> read_elsewhere_;
   std::vector<bool> stored_;
   std::vector<uint32_t> resource_;
-  std::vector<bool> written_;  // by map passes so far
-  std::vector<bool> spilled_;  // stored because a shader would read too much otherwise
+  std::optional<ResourceId> counter_;  // that of the step's runs
+  std::vector<bool> written_;          // by map passes so far
+  std::vector<bool> spilled_;          // stored because a shader would read too much otherwise
 
   // The cone that is being grown, and who its members are. The ops of the group are computed in the same pass.
   Cone cone_;

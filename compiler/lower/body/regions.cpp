@@ -225,11 +225,17 @@ Value Elaborator::evaluate_reduce(const Expr& expr) {
   const ValueId begin_id = materialize(begin);
   ValueId end_id = materialize(end);
   // What is promised holds: devices that end loops count on it.
-  if (const auto known = loop_bound(nullptr, begin, end); expr.c && (*known < 0 || *known > bound))
-    end_id =
-        ops::add(b_, begin_id,
-                 ops::emit(b_, OpKind::Min,
-                           {ops::sub(b_, end_id, begin_id), ops::constant(b_, ir::kInt, static_cast<double>(bound))}));
+  if (const auto known = loop_bound(nullptr, begin, end); expr.c && (*known < 0 || *known > bound)) {
+    const ValueId most = ops::constant(b_, ir::kInt, static_cast<double>(bound));
+    ValueId trips = ops::sub(b_, end_id, begin_id);
+    if (const auto* from = begin.get<Dim>(); !from || !from->is_constant() || from->constant() != 0) {
+      // The difference of two ints may leave their range.
+      const ValueId none = ops::constant(b_, ir::kInt, 0);
+      const ValueId far = ops::emit(b_, OpKind::Less, {trips, none});
+      trips = ops::select(b_, ops::emit(b_, OpKind::Less, {begin_id, end_id}), ops::select(b_, far, most, trips), none);
+    }
+    end_id = ops::add(b_, begin_id, ops::emit(b_, OpKind::Min, {trips, most}));
+  }
   const Extent trips_extent = *ir::broadcast(b_.value(begin_id).extent, b_.value(end_id).extent);
   regions_.push_back({"'reduce'", expr.span, frames_.size(), {}});
   const ir::ResultType param{ir::kInt, trips_extent};

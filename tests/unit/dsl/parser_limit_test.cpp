@@ -130,10 +130,15 @@ TEST_CASE("what is long without being deep is fine") {
   CHECK(Parsed("edition 1; let x = [1" + repeat(", -2.5 * a", 100000) + "];").messages().empty());
   CHECK(Parsed("edition 1; fn f() { " + repeat("a = a + 1; ", 100000) + " }").messages().empty());
   CHECK(Parsed("edition 1; let x = f(a" + repeat("+(b)", 900) + ", a" + repeat("+(b)", 900) + ");").messages().empty());
-  CHECK(Parsed("edition 1; let " + std::string(1000000, 'x') + " = 1;").messages().empty());
   CHECK(Parsed("edition 1;" + std::string(10000000, ' ') + "let x = 1; //" + std::string(1000000, '/'))
             .messages()
             .empty());
+}
+
+TEST_CASE("names have at most a hundred letters") {
+  CHECK(Parsed("edition 1; let " + std::string(100, 'x') + " = 1;").messages().empty());
+  must_fail("edition 1; let " + std::string(101, 'x') + " = 1;", Code::E0009);
+  must_fail("edition 1; let " + std::string(1000000, 'x') + " = 1;", Code::E0009);
 }
 
 TEST_CASE("one line of ten megabytes") {
