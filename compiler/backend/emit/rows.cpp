@@ -326,7 +326,8 @@ class RowsWriter {
   void add_value(size_t k, const std::string& x) {
     const std::string id = std::to_string(k);
     if (!type(k).is_float()) {
-      for (int c = 0; c < type(k).components(); ++c) line(total(k, c) + " += " + component(type(k), x, c) + ";");
+      const char* once = has_floats() ? "if (run == 1) " : "";  // other sums of the pass go over the items twice
+      for (int c = 0; c < type(k).components(); ++c) line(once + total(k, c) + " += " + component(type(k), x, c) + ";");
       return;
     }
     line("if (run == 0) {");
