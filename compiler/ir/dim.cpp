@@ -146,7 +146,8 @@ Dim from_terms(std::vector<Term> terms) {
   return from_sorted(std::move(collected));
 }
 
-Dim from_atom(Atom atom) { return from_sorted({Term{{std::make_shared<const Atom>(std::move(atom))}, 1}}); }
+Dim alone(const AtomPtr& atom) { return from_sorted({Term{{atom}, 1}}); }
+Dim from_atom(Atom atom) { return alone(std::make_shared<const Atom>(std::move(atom))); }
 
 // a + factor * b, by merging.
 Dim add_scaled(const Dim& a, const Dim& b, int64_t factor) {
@@ -279,7 +280,7 @@ Dim Dim::divided_by(int64_t divisor) const {
     const AtomPtr atom = division->atoms[0];
     int64_t product = 0;
     if (mul_overflows(atom->divisor, reduced, &product)) return undefined();
-    const Dim others = from_sorted(rest) - from_sorted({Term{{atom}, 1}});
+    const Dim others = from_sorted(rest) - alone(atom);
     return outside + (atom->inner + others * Dim(atom->divisor)).divided_by(product);
   }
 
@@ -358,45 +359,40 @@ Dim most_of(const Dim& dim) {
   return from_sorted(std::move(terms));
 }
 
-Dim Dim::substitute(const std::map<std::string, Dim, std::less<>>& replacements) const {
-  if (!node_ || is_undefined(*this)) return *this;
+namespace {
+
+// `dim` with `replaced(atom)` in the place of each of its atoms; the undefined extent stays undefined.
+template <typename Replaced>
+Dim with_atoms(const Dim& dim, const Replaced& replaced) {
+  if (dim.is_constant() || is_undefined(dim)) return dim;
   Dim sum(0);
-  for (const Term& term : node_->terms) {
+  for (const Term& term : Node::of(dim)->terms) {
     Dim product(term.coefficient);
-    for (const AtomPtr& atom : term.atoms) {
-      if (atom->divisor != 0) {
-        product = product * atom->inner.substitute(replacements).divided_by(atom->divisor);
-      } else if (const auto found = replacements.find(atom->name); found != replacements.end()) {
-        product = product * found->second;
-      } else {
-        product = product * from_sorted({Term{{atom}, 1}});
-      }
-    }
+    for (const AtomPtr& atom : term.atoms) product = product * replaced(atom);
     sum = sum + product;
   }
   return sum;
 }
 
+}  // namespace
+
+Dim Dim::substitute(const std::map<std::string, Dim, std::less<>>& replacements) const {
+  return with_atoms(*this, [&](const AtomPtr& atom) {
+    if (atom->divisor != 0) return atom->inner.substitute(replacements).divided_by(atom->divisor);
+    const auto found = replacements.find(atom->name);
+    return found != replacements.end() ? found->second : alone(atom);
+  });
+}
+
 Dim Dim::with_wide_divisions(const std::function<std::string(const Dim& division)>& named) const {
-  if (!node_ || is_undefined(*this)) return *this;
-  Dim sum(0);
-  for (const Term& term : node_->terms) {
-    Dim product(term.coefficient);
-    for (const AtomPtr& atom : term.atoms) {
-      if (atom->divisor == 0) {
-        product = product * from_sorted({Term{{atom}, 1}});
-        continue;
-      }
-      const auto& terms = Node::of(atom->inner)->terms;
-      const bool wide = std::ranges::any_of(terms, [](const Term& inner) {
-        return inner.atoms.size() > 1 || (!inner.atoms.empty() && inner.coefficient > 1);
-      });
-      product = product * (wide ? symbol(named(from_sorted({Term{{atom}, 1}})))
-                                : atom->inner.with_wide_divisions(named).divided_by(atom->divisor));
-    }
-    sum = sum + product;
-  }
-  return sum;
+  return with_atoms(*this, [&](const AtomPtr& atom) {
+    if (atom->divisor == 0) return alone(atom);
+    const bool wide = std::ranges::any_of(Node::of(atom->inner)->terms, [](const Term& inner) {
+      return inner.atoms.size() > 1 || (!inner.atoms.empty() && inner.coefficient > 1);
+    });
+    if (wide) return symbol(named(alone(atom)));
+    return atom->inner.with_wide_divisions(named).divided_by(atom->divisor);
+  });
 }
 
 namespace {
