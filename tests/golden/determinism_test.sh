@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Every product of `drc build` and every result of `drc eval` has the same bytes, whatever the folder it is made in, the
+# Every product of `drc build` and results of `drc eval` have the same bytes, whatever the folder they are made in, the
 # time and the number of threads. usage: determinism_test.sh DRC PROGRAM...
 set -euo pipefail
 drc=$(readlink -f "$1")
@@ -12,9 +12,11 @@ count=0
 index=0
 for program in $(readlink -f "$@"); do
   name=$(basename "$program" .dr)
-  # Shaders follow from the GLSL, and take most of the time: every third program shows that they do.
+  # Shaders follow from the GLSL, and take most of the time: every third program shows that they do. Every third one is
+  # evaluated, as the programs' own tests compare what it gives with a file.
   products=ast,ir,grad-ir,schedule,glsl
-  ((index++ % 3)) || products+=,bundle
+  third=$((index++ % 3))
+  ((third != 0)) || products+=,bundle
   for copy in one another/much/deeper; do
     mkdir -p "$folder/$name/$copy/products"
     cp "$program" "$folder/$name/$copy/"
@@ -28,7 +30,7 @@ for program in $(readlink -f "$@"); do
     steps=2
     [[ $name != *_library && $name != *_stress ]] || steps=1
     # Steps that nobody binds data to are left to their own tests.
-    if "$drc" eval "$name.dr" --steps $steps --threads $threads --out values > values.txt 2> /dev/null; then
+    if ((third == 1)) && "$drc" eval "$name.dr" --steps $steps --threads $threads --out values > values.txt 2> /dev/null; then
       mv values.txt values/
     fi
   done
