@@ -325,6 +325,13 @@ std::vector<std::string> Dim::symbols() const {
   return names;
 }
 
+std::optional<std::string> Dim::beyond_int(const SymbolValues& values) const {
+  const std::optional<int64_t> value = evaluate(values);
+  if (value && *value == static_cast<int32_t>(*value)) return std::nullopt;
+  return "'" + str() + "' is " + (value ? std::to_string(*value) : "beyond 64 bits") +
+         ", and an int has 32 bits: compute with floats, as in float(W) * float(W)";
+}
+
 std::optional<int64_t> Dim::evaluate(const SymbolValues& values) const {
   if (!node_) return constant_;
   if (is_undefined(*this)) return std::nullopt;

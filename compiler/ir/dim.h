@@ -47,6 +47,8 @@ class Dim {
 
   // Value for given symbols; nullopt when one is unbound or the arithmetic overflows.
   std::optional<int64_t> evaluate(const SymbolValues& values) const;
+  // A sentence where its value, for all of its symbols, does not fit the int that a program computes with.
+  std::optional<std::string> beyond_int(const SymbolValues& values) const;
   // This expression with some symbols replaced.
   Dim substitute(const std::map<std::string, Dim, std::less<>>& replacements) const;
   // This expression with a symbol of the name that `named` gives for each division of products, as V * V / 2: its

@@ -154,12 +154,13 @@ class Hoister {
       for (const ValueId v : op.kind == OpKind::If ? from_.region(region).yields : captures(from_, region)) decide(v);
   }
 
-  // Whether the op of a value that something which stays needs stays, too.
+  // Whether the op of a value that something which stays needs stays, too. So does what scatters: the op around it goes
+  // on with that sum.
   void decide(ValueId v) {
     if (is_root(v) || !from_.value(v).op.valid()) return;
     const OpId id = from_.value(v).op;
     const Op& op = from_.op(id);
-    if (dirty_[id.index] || is_inline(op) || is_tail(from_, op))
+    if (dirty_[id.index] || from_.value(v).accumulation || is_inline(op) || is_tail(from_, op))
       keep(id);
     else
       hoist(id);

@@ -177,14 +177,10 @@ class Evaluation {
       if (op.kind != OpKind::DimValue) {
         if (auto wrong = wrong_extent(dim))
           return EvalError{"'" + std::string(ir::op_name(op.kind)) + "' has " + *wrong, op.span};
-      } else if (const auto value = dim.evaluate(given_.symbols); !value) {
-        const std::string unknown = missing(dim);
-        return EvalError{"'" + dim.str() + "' " + (unknown.empty() ? "is beyond 64 bits" : "has no value" + unknown),
-                         op.span};
-      } else if (*value != static_cast<int32_t>(*value)) {
-        return EvalError{"'" + dim.str() + "' is " + std::to_string(*value) +
-                             ", and an int has 32 bits: compute with floats, as in float(W) * float(W)",
-                         op.span};
+      } else if (const std::string unknown = missing(dim); !unknown.empty()) {
+        return EvalError{"'" + dim.str() + "' has no value" + unknown, op.span};
+      } else if (auto why = dim.beyond_int(given_.symbols)) {
+        return EvalError{std::move(*why), op.span};
       }
     }
     for (ir::RegionId region : op.regions) {

@@ -72,11 +72,8 @@ void Pipelines::specialize(const ir::SymbolValues& symbols) {
   for (const std::string& number : bundle_.numbers) {
     const ir::Dim dim = ir::Dim::parse(number).value();
     const bool known = std::ranges::all_of(dim.symbols(), [&](const std::string& s) { return symbols.contains(s); });
-    const std::optional<int64_t> value = known ? dim.evaluate(symbols) : 1;
-    if (!value || *value != static_cast<int32_t>(*value))
-      throw Failure{"'" + number + "' is " + (value ? std::to_string(*value) : "beyond 64 bits") +
-                    ", and an int has 32 bits: compute with floats, as in float(W) * float(W)"};
-    numbers_.push_back(static_cast<int32_t>(*value));
+    if (const auto why = known ? dim.beyond_int(symbols) : std::nullopt) throw Failure{*why};
+    numbers_.push_back(known ? static_cast<int32_t>(*dim.evaluate(symbols)) : 1);
   }
 }
 
@@ -232,10 +229,10 @@ void Pipelines::must_fit(const std::vector<vk::DescriptorSetLayoutBinding>& bind
              {"resources", static_cast<uint32_t>(bindings.size()), l.maxPerStageResources}};
   for (const auto& [what, found, most] : all)
     if (found > most)
-      throw Failure{"a shader binds " + std::to_string(found) + " " + what + ", the device allows " +
-                    std::to_string(most) +
-                    (in_parts ? "; buffers beyond its limit are bound in parts: take smaller ones"
-                              : "; compile the program for this device")};
+      throw Failure{
+          "a shader binds " + std::to_string(found) + " " + what + ", the device allows " + std::to_string(most) +
+          (in_parts ? "; buffers beyond its limit of bytes are bound in parts: bind less data, or allow larger buffers"
+                    : "; compile the program for this device")};
 }
 
 const Pipelines::Layouts& Pipelines::layouts_for(const std::vector<vk::DescriptorSetLayoutBinding>& bindings,

@@ -53,6 +53,16 @@ const Case kCases[] = {
                        folded = fold(i in low..-low, s = 0, max = 7) { s + 1 }; })",
      {"go"},
      true},
+    {"argmin of whole numbers that no float tells apart",
+     R"(
+      input a : float[W, H];
+      let n = int(min(a)) + 16777217;
+      step go { output k = reduce(argmin, i in 0..6) { n + 40 - i }, tie = reduce(argmin, i in 0..6) { n + i / 3 },
+                       u = reduce(argmin, i in 0..6) { 4294967295u - uint(n - 16777217) - uint(i) },
+                       most = reduce(argmin, i in 0..6) { 2147483647 },
+                       capped = reduce(argmin, i in 0..n, max = 6) { n + 40 - i }; })",
+     {"go"},
+     true},
     {"layers of functions of pictures of one column",
      R"(
       input a : float[W, H];

@@ -103,6 +103,7 @@ void Shader::op_of_all(const Op& op) {
 std::vector<std::string> Shader::reduce_variables(const Op& op, const std::string& begin,
                                                   std::vector<std::string>& enter) {
   std::vector<std::string> names;
+  const std::vector<ir::Yielded> yields = ir::yielded(graph_, op, op.regions[0]);
   for (size_t k = 0; k < op.results.size(); ++k) {
     const ir::ValueInfo& info = graph_.value(op.results[k]);
     const Yield yield = op.attrs.yields[k];
@@ -112,7 +113,8 @@ std::vector<std::string> Shader::reduce_variables(const Op& op, const std::strin
       loop_variable(enter, info.type, names[k], limit(info.type, yield == Yield::Min));
     if (yield == Yield::ArgMin) {
       loop_variable(enter, info.type, names[k], begin + " - 1");
-      loop_variable(enter, ir::kFloat, names[k] + "_best", "uintBitsToFloat(0x7f800000u)");
+      const ir::Type& key = graph_.value(yields[k].value).type;
+      loop_variable(enter, key, names[k] + "_best", limit(key, true));
       loop_variable(enter, ir::kBool, names[k] + "_none", "true");
     }
   }

@@ -71,10 +71,24 @@ std::string part_list(const std::vector<Part>& parts) {
   return list;
 }
 
+// A name of an object may hold colons, as those of rigs do.
+std::string joined(Words words) {
+  std::string name;
+  for (const std::string_view word : words) append(name, cat(name.empty() ? "" : ":", word));
+  return name;
+}
+
+// How many words the longest name among `names` has that they begin with; 1 where there is none.
+size_t words_of_name(Words words, const std::vector<std::string>& names) {
+  for (size_t n = words.size(); n > 1; --n)
+    if (std::ranges::find(names, joined(words.first(n))) != names.end()) return n;
+  return 1;
+}
+
 // KIND:PART or KIND:WHICH:PART.
 Array bind_parts(std::string_view kind, Words words, const std::vector<std::string>& names,
                  const std::vector<Part>& parts) {
-  if (words.empty() || words.size() > 2) {
+  if (words.empty()) {
     fail("a ", kind, " takes ':", kind, ":PART' for all or ':", kind, ":WHICH:PART' for one, where PART is of ",
          part_list(parts));
   }
@@ -92,8 +106,8 @@ Array bind_parts(std::string_view kind, Words words, const std::vector<std::stri
     const Row row = part->row(object);
     values.insert(values.end(), row.begin(), row.end());
   };
-  if (words.size() == 2) {
-    add(object_of(kind, words.front(), names));
+  if (words.size() > 1) {
+    add(object_of(kind, joined(words.first(words.size() - 1)), names));
   } else {
     for (size_t i = 0; i < names.size(); ++i) add(i);
   }
@@ -220,7 +234,7 @@ Array bind_slot(const gltf::Document& document, const Scene& scene, const Slot& 
   }
   size_t material = 0;
   if (!words.empty()) {
-    material = object_of("material", words.front(), names_of(scene.materials));
+    material = object_of("material", joined(words), names_of(scene.materials));
   } else if (users.size() > 1) {
     fail(users.size(), " materials have a ", slot.name, ", say which: ':material:WHICH:", slot.name, "'");
   } else if (!users.empty()) {
@@ -233,7 +247,8 @@ Array bind_slot(const gltf::Document& document, const Scene& scene, const Slot& 
   }
   const int image = scene.textures[static_cast<size_t>(use.texture)].image;
   if (image < 0) fail("textures[", use.texture, "] has no picture that is read ('source')");
-  ImageOptions options{.channels = slot.channels, .raw = !slot.colour, .expected_components = expected};
+  ImageOptions options{
+      .channels = slot.channels, .raw = !slot.colour, .of_material = true, .expected_components = expected};
   // A colour is a colour where the picture stores grey, too.
   if (slot.channels == ImageChannels::AsStored && expected == 3) options.channels = ImageChannels::Rgb;
   if (slot.channels == ImageChannels::AsStored && expected == 4) options.channels = ImageChannels::Rgba;
@@ -241,7 +256,7 @@ Array bind_slot(const gltf::Document& document, const Scene& scene, const Slot& 
 }
 
 Array bind_material(const gltf::Document& document, const Scene& scene, Words words, int expected) {
-  for (size_t at = 0; at < std::min<size_t>(words.size(), 2); ++at) {
+  for (size_t at = 0; at < words.size(); ++at) {
     const auto* slot = std::ranges::find(kSlots, words[at], &Slot::name);
     if (slot != std::end(kSlots)) {
       return bind_slot(document, scene, *slot, words.first(at), words.subspan(at + 1), expected);
@@ -267,9 +282,14 @@ Array bind_material(const gltf::Document& document, const Scene& scene, Words wo
       {"alpha_mode", 1, [&](size_t i) { return Row{static_cast<double>(material(i).alpha)}; }, true},
       {"double_sided", 1, [&](size_t i) { return Row{material(i).double_sided ? 1.0 : 0.0}; }, true},
       {"unlit", 1, [&](size_t i) { return Row{material(i).unlit ? 1.0 : 0.0}; }, true}};
-  // The number of each texture, for ':texture:...'; named here so that a misspelled one is found, too.
-  for (const Slot& slot : kSlots) {
+  // The number of each texture, for ':texture:...', named here so that a misspelled one is found, too; and which
+  // texture coordinates it is looked up by, ':uv' or ':uv1'.
+  std::vector<std::string> uv_names;
+  for (const Slot& slot : kSlots) uv_names.push_back(cat(slot.name, "_uv"));
+  for (size_t k = 0; k < uv_names.size(); ++k) {
+    const Slot& slot = kSlots[k];
     parts.push_back({slot.name, 1, [&](size_t i) { return Row{double((material(i).*slot.use).texture)}; }, true});
+    parts.push_back({uv_names[k], 1, [&](size_t i) { return Row{double((material(i).*slot.use).uv)}; }, true});
   }
   return bind_parts("material", words, names_of(scene.materials), parts);
 }
@@ -287,8 +307,9 @@ Array bind_texture(const Scene& scene, Words words) {
 
 Array bind_image(const gltf::Document& document, const Scene& scene, Words words, int expected) {
   if (words.empty()) fail("say which picture: ':image:WHICH', by its name or number");
-  const size_t image = object_of("image", words.front(), scene.images);
-  const ImageOptions options = image_options(words.subspan(1), {.expected_components = expected});
+  const size_t named = words_of_name(words, scene.images);
+  const size_t image = object_of("image", joined(words.first(named)), scene.images);
+  const ImageOptions options = image_options(words.subspan(named), {.expected_components = expected});
   return decode_image(document, static_cast<int>(image), options);
 }
 
@@ -373,22 +394,25 @@ Array frames(const Scene& scene, size_t animation, std::string_view count_text) 
 }
 
 Array bind_animation(const Scene& scene, Words words) {
-  if (words.size() != 3) {
+  if (words.size() < 3) {
     fail(
         "an animation takes ':animation:WHICH:joint_matrices:FRAMES', or ':animation:WHICH:CHANNEL:times' and "
         "':values', where CHANNEL is a number or NODE.PATH");
   }
-  const size_t which = object_of("animation", words[0], names_of(scene.animations));
+  const std::vector<std::string> animations = names_of(scene.animations);
+  const size_t named = words_of_name(words.first(words.size() - 2), animations);
+  const size_t which = object_of("animation", joined(words.first(named)), animations);
+  const std::string what = joined(words.subspan(named, words.size() - named - 1));
   const Scene::Animation& animation = scene.animations[which];
   if (animation.channels.empty()) fail("the animation has no channel that moves a node");
-  if (words[1] == "joint_matrices") return frames(scene, which, words[2]);
+  if (what == "joint_matrices") return frames(scene, which, words.back());
   std::vector<std::string> names;
   for (const Scene::Channel& channel : animation.channels) {
     names.push_back(cat(scene.nodes[static_cast<size_t>(channel.node)].name, ".", channel.path));
   }
-  const Scene::Channel& channel = animation.channels[object_of("channel", words[1], names)];
-  if (words[2] == "times") return Array::from_floats(channel.times, 1);
-  if (words[2] != "values") fail("a channel has ':times' and ':values', found ", in_quotes(words[2]));
+  const Scene::Channel& channel = animation.channels[object_of("channel", what, names)];
+  if (words.back() == "times") return Array::from_floats(channel.times, 1);
+  if (words.back() != "values") fail("a channel has ':times' and ':values', found ", in_quotes(words.back()));
   const int components = channel.path == "rotation" ? 4 : channel.path == "weights" ? 1 : 3;
   // A row for each key.
   return Array::from_floats(channel.values, components, 0, static_cast<int64_t>(channel.times.size()));

@@ -50,7 +50,9 @@ void check_factor(double factor, double high, std::string_view what) {
 
 void check(const MaterialView& material) {
   for (const double factor : material.base_color) check_factor(factor, 1, "base colour");
-  for (const double factor : material.emissive) check_factor(factor, 1, "emissive colour");
+  for (const double factor : material.emissive)
+    if (!(factor >= 0 && std::isfinite(factor)))
+      fail("the material's emissive colour is ", factor, ", expected a number from 0");
   check_factor(material.metallic, 1, "metallic factor");
   check_factor(material.roughness, 1, "roughness");
 }

@@ -85,27 +85,29 @@ std::string_view channel_names(int channels) {
   return kNames[channels];
 }
 
-std::vector<ChannelSource> sources_of(int channels, bool linear, ImageChannels selected) {
-  const bool colour = channels >= 3;
+std::vector<ChannelSource> sources_of(const Picture& picture, const ImageOptions& options) {
+  const int channels = picture.channels;
+  const bool linear = picture.linear || options.raw;
+  const bool colour = channels >= 3, curved = colour || options.of_material;
   const bool has_alpha = channels == 2 || channels == 4;
   const ChannelSource alpha = {has_alpha ? channels - 1 : -1, false};
   const auto value = [&](int channel, bool as_colour) {
     return ChannelSource{colour ? channel : 0, as_colour && !linear};
   };
-  switch (selected) {
+  switch (options.channels) {
     case ImageChannels::AsStored: {
       std::vector<ChannelSource> all;
-      for (int c = 0; c < (colour ? 3 : 1); ++c) all.push_back(value(c, colour));
+      for (int c = 0; c < (colour ? 3 : 1); ++c) all.push_back(value(c, curved));
       if (has_alpha) all.push_back(alpha);
       return all;
     }
-    case ImageChannels::R: return {value(0, colour)};
-    case ImageChannels::G: return {value(1, colour)};
-    case ImageChannels::B: return {value(2, colour)};
+    case ImageChannels::R: return {value(0, curved)};
+    case ImageChannels::G: return {value(1, curved)};
+    case ImageChannels::B: return {value(2, curved)};
     case ImageChannels::Rgb: return {value(0, true), value(1, true), value(2, true)};
     case ImageChannels::Rgba: return {value(0, true), value(1, true), value(2, true), alpha};
     case ImageChannels::A:
-      if (!has_alpha) fail("it has no alpha, it stores ", channel_names(channels));
+      if (!has_alpha && !options.of_material) fail("it has no alpha, it stores ", channel_names(channels));
       return {alpha};
   }
   return {};
@@ -206,8 +208,7 @@ Picture decode_png_or_jpeg(std::span<const uint8_t> file) {
 }
 
 Array to_array(const Picture& picture, const ImageOptions& options) {
-  const std::vector<ChannelSource> sources =
-      sources_of(picture.channels, picture.linear || options.raw, options.channels);
+  const std::vector<ChannelSource> sources = sources_of(picture, options);
   check_components(static_cast<int>(sources.size()), picture.channels, options);
   Array array =
       checked_zeros(ElementKind::Float32, static_cast<int64_t>(sources.size()), picture.width, picture.height, 1);
@@ -244,8 +245,7 @@ Array read_images(const std::vector<std::string>& paths, const ImageOptions& opt
   for (size_t layer = 0; layer < paths.size(); ++layer) {
     const auto work = [&] {
       const Picture picture = decode(read_file(paths[layer]), extension_of(paths[layer]));
-      const std::vector<ChannelSource> sources =
-          sources_of(picture.channels, picture.linear || options.raw, options.channels);
+      const std::vector<ChannelSource> sources = sources_of(picture, options);
       const int components = static_cast<int>(sources.size());
       check_components(components, picture.channels, options);
       if (layer == 0) {

@@ -24,6 +24,7 @@ enum class ImageChannels : uint8_t { AsStored, R, G, B, Rgb, Rgba, A };
 struct ImageOptions {
   ImageChannels channels = ImageChannels::AsStored;
   bool raw = false;             // leave out the sRGB curve
+  bool of_material = false;     // grey is a colour, too, and what has no alpha is opaque
   int expected_components = 0;  // 0: any
 };
 

@@ -20,7 +20,8 @@ Value Elaborator::image_op(OpKind kind, std::span<const Value> operands, ir::Att
     types.push_back({element_type(operand), extent_of(operand)});
   }
   const ops::InferResult inferred = ops::info(kind).infer({types, attrs});
-  if (const auto* message = std::get_if<std::string>(&inferred)) return fail(Code::E0322, span_, *message);
+  if (const auto* message = std::get_if<std::string>(&inferred))
+    return fail(Code::E0322, span_, "'" + std::string(ir::op_name(kind)) + "': " + *message);
   std::vector<ValueId> ids;
   for (const Value& operand : operands) ids.push_back(materialize(operand));
   return Image{ops::emit(b_, kind, std::move(ids), std::move(attrs)), element_depth(elements_of)};

@@ -18,6 +18,8 @@ using namespace test;
 class Bound {
  public:
   Bound() { path_ = folder_.write("scene.glb", SceneFile().glb()); }
+  // Of the file with other JSON in one place.
+  Bound(std::string_view from, std::string_view to) { path_ = folder_.write("scene.glb", SceneFile().glb(from, to)); }
 
   Array array(std::string_view selector, int components = 0) const {
     const Result<Array> result = load_binding(path_ + ":" + std::string(selector), components);
@@ -119,6 +121,64 @@ TEST_CASE("materials and their textures are bound", "[io][scene]") {
   check_near(bound("texture:sampler"), {9728, -1, 33071, 10497});
   CHECK(bound.error("material:0:base_color_texture") == "the material has no base_color_texture");
   CHECK(bound.error("material:occlusion_texture") == "no material has an occlusion_texture");
+}
+
+TEST_CASE("a mirror turns bitangents with all else", "[io][scene]") {
+  const Bound bound(R"({"name": "Body", "mesh": 0, "skin": 0})", R"({"name": "Body", "mesh": 0, "scale": [1, -1, 1]})");
+  check_near(bound("tangent"), {1, 0, 0, 1, 1, 0, 0, 1, 1, 0, 0, 1});
+  check_near(bound("normal"), {0, 0, 1, 0, 0, 1, 0, 0, 1});
+}
+
+TEST_CASE("a camera within unlike scales is turned and not skewed", "[io][scene]") {
+  const std::string_view eye = R"("translation": [0, 0, 5], "scale": [2, 2, 2]})";
+  const std::string_view root = R"("translation": [0, 1, 0], "children")";
+  const std::string turned(R"("rotation": [0, 0, 0.3826834323650898, 0.9238795325112867]})");
+  const TemporaryFolder folder;
+  // As long as what it replaces: the file says how long its JSON is.
+  const std::string json = replaced(SceneFile().glb(eye, turned), root, R"("scale":       [1, 2, 1], "children")");
+  const Result<Array> view = load_binding(folder.write("a.glb", json) + ":camera:view", 0);
+  REQUIRE(view.ok());
+  const std::vector<double> m = view->to_doubles();
+  for (int a = 0; a < 3; ++a)
+    for (int b = 0; b < 3; ++b) {
+      const double both = m[4 * a] * m[4 * b] + m[4 * a + 1] * m[4 * b + 1] + m[4 * a + 2] * m[4 * b + 2];
+      CHECK(both == Approx(a == b ? 1 : 0).margin(1e-6));
+    }
+  CHECK(Bound(eye, R"("scale": [0, 0, 0]})").error("camera:view") ==
+        "a node on the way to it is scaled to nothing, it looks nowhere");
+}
+
+TEST_CASE("names may hold colons and strokes", "[io][scene]") {
+  check_near(Bound(R"("name": "Hip")", R"("name": "rig:Hips/left")")("node:rig:Hips/left:position"), {1, 1, 0});
+  check_near(Bound(R"("name": "Metal")", R"("name": "a:b")")("material:a:b:metallic"), {0.75});
+  const Bound walk(R"("name": "Walk")", R"("name": "rig:Walk")");
+  check_near(walk("animation:rig:Walk:0:times"), {0, 2});
+  check_near(walk("animation:rig:Walk:Knee.rotation:times"), {0, 2});
+  CHECK(Bound(R"("name": "dots")", R"("name": "a:dots")").array("image:a:dots:r").components == 1);
+}
+
+TEST_CASE("what is not asked for may be of another kind", "[io][scene]") {
+  // A part of lines beside triangles, and a part without joints beside one with them.
+  constexpr std::string_view kFirst = R"("primitives": [{"material": 1,)";
+  const Bound lines(kFirst, R"("primitives": [{"mode": 3, "attributes": {"POSITION": 0}}, {"material": 1,)");
+  check_near(lines("indices"), {0, 1, 2});
+  check_near(lines("lines:segments"), {0, 1, 1, 2});
+  const Bound still(kFirst, R"("primitives": [{"attributes": {"POSITION": 0}}, {"material": 1,)");
+  check_near(still("weights"), {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0.5, 0.5, 0, 0, 1, 0, 0, 0});
+  CHECK(still.array("joints").width == 6);
+  CHECK(still.array("morph:position", 3).width == 6);
+  CHECK(still.error("color") == "meshes[0].primitives[0]: there is no COLOR_0");
+  CHECK(still.error("tangent") == "meshes[0].primitives[0]: there is no TANGENT");
+}
+
+TEST_CASE("a material's textures say by which coordinates they are looked up", "[io][scene]") {
+  const Bound bound(R"("baseColorTexture": {"index": 0})", R"("baseColorTexture": {"index": 0, "texCoord": 1})");
+  check_near(bound("material:Metal:base_color_texture_uv"), {1});
+  check_near(bound("material:Metal:normal_texture_uv"), {0});
+}
+
+TEST_CASE("a right angle that is rounded to a float is one", "[io][scene]") {
+  CHECK(Bound("0.5235987755982988", "1.5707963705062866").array("light:0:outer_angle").width == 1);
 }
 
 TEST_CASE("skins and animations are bound", "[io][scene]") {

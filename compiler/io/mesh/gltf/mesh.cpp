@@ -70,7 +70,8 @@ class MeshReader {
       const tinygltf::Node& node = document_.model.nodes[static_cast<size_t>(placed.node)];
       if (node.mesh >= 0) add_mesh(node.mesh, node.skin >= 0 ? glm::dmat4(1.0) : placed.world, node.skin);
     }
-    if (mesh_.indices.empty()) fail("the scene has no triangles");
+    if (mesh_.indices.empty()) fail(no_triangles_.empty() ? "the scene has no triangles" : no_triangles_);
+    if (!lacks_.empty() && !has_required()) fail(lacks_);
     drop_what_some_lack();
     return std::move(mesh_);
   }
@@ -91,15 +92,18 @@ class MeshReader {
     const std::vector<tinygltf::Primitive>& primitives = document_.model.meshes[static_cast<size_t>(mesh)].primitives;
     entry->second.reserve(primitives.size());
     for (size_t i = 0; i < primitives.size(); ++i) {
-      entry->second.push_back(read_part(primitives[i], cat("meshes[", mesh, "].primitives[", i, "]")));
+      const std::string where = cat("meshes[", mesh, "].primitives[", i, "]");
+      if (const int mode = primitives[i].mode; mode >= static_cast<int>(kTriangles)) {
+        entry->second.push_back(read_part(primitives[i], where));
+      } else if (no_triangles_.empty()) {
+        no_triangles_ =
+            cat(where, ".mode: ", mode, " is points or lines, only triangles are read; ':lines' reads lines");
+      }
     }
     return entry->second;
   }
 
   Part read_part(const tinygltf::Primitive& primitive, const std::string& where) {
-    const auto mode = static_cast<uint64_t>(primitive.mode);
-    if (mode < kTriangles)
-      fail(where, ".mode: ", mode, " is points or lines, only triangles are read; ':lines' reads lines");
     Part part;
     part.where = where;
     part.material = primitive.material;
@@ -120,7 +124,8 @@ class MeshReader {
     read_colors(optional(MeshAttribute::Color, "COLOR_0", {3, 4, Integers::NormalizedUnsigned, count}), part);
     read_joints(primitive, part);
     read_morphs(primitive, part);
-    part.triangles = triangles_of(read_order(document_, primitive, count, where), mode, where);
+    part.triangles =
+        triangles_of(read_order(document_, primitive, count, where), static_cast<uint64_t>(primitive.mode), where);
     return part;
   }
 
@@ -131,11 +136,24 @@ class MeshReader {
   }
 
   Floats wanted_attribute(const tinygltf::Primitive& primitive, const std::string& where, MeshAttribute wanted,
-                          const char* name, const Expected& expected) const {
+                          const char* name, const Expected& expected) {
     if (!wants(wanted)) return {};
     if (primitive.attributes.contains(name)) return attribute(primitive, where, name, expected);
-    if (required_ == wanted) fail(where, ": there is no ", name);
+    if (required_ == wanted) lack(cat(where, ": there is no ", name), wanted);
     return {};
+  }
+
+  // A primitive lacks what is asked for. Where another one has it, some attributes are as if it were not there.
+  void lack(std::string why, MeshAttribute attribute) {
+    using enum MeshAttribute;
+    if (attribute != Color && attribute != Weights && attribute != Joints && attribute != MorphPosition &&
+        attribute != MorphNormal)
+      fail(why);
+    if (lacks_.empty()) lacks_ = std::move(why);
+  }
+
+  bool has_required() const {
+    return !mesh_.colors.empty() || !mesh_.weights.empty() || !mesh_.joints.empty() || !mesh_.morphs.empty();
   }
 
   static void read_colors(Floats colors, Part& part) {
@@ -149,11 +167,11 @@ class MeshReader {
     }
   }
 
-  void read_joints(const tinygltf::Primitive& primitive, Part& part) const {
+  void read_joints(const tinygltf::Primitive& primitive, Part& part) {
     if (!wants(MeshAttribute::Joints)) return;
     const auto found = primitive.attributes.find("JOINTS_0");
     if (found == primitive.attributes.end()) {
-      if (required_ == MeshAttribute::Joints) fail(part.where, ": there is no JOINTS_0");
+      if (required_ == MeshAttribute::Joints) lack(cat(part.where, ": there is no JOINTS_0"), MeshAttribute::Joints);
       return;
     }
     const std::string where = cat(part.where, ".attributes.JOINTS_0");
@@ -173,7 +191,7 @@ class MeshReader {
     const bool positions = wants(MeshAttribute::MorphPosition);
     const bool normals = wants(MeshAttribute::MorphNormal);
     if (!positions && !normals) return;
-    if (required_ && primitive.targets.empty()) fail(part.where, ": there are no morph targets");
+    if (required_ && primitive.targets.empty()) lack(cat(part.where, ": there are no morph targets"), *required_);
     for (size_t k = 0; k < primitive.targets.size(); ++k) {
       const auto& target = primitive.targets[k];
       const auto deltas = [&](bool wanted, const char* name) -> std::vector<float> {
@@ -204,17 +222,17 @@ class MeshReader {
     if (mesh_.indices.size() / 3 + part.triangles.size() / 3 > static_cast<size_t>(kMaxTriangles)) {
       fail("the scene has more than ", kMaxTriangles, " triangles");
     }
+    const bool mirrored = glm::determinant(glm::dmat3(transform)) < 0;
     add_positions(part, transform);
     add_all(mesh_.uv, part.uv);
     add_all(mesh_.uv1, part.uv1);
     add_normals(part, transform);
-    add_tangents(part, transform);
+    add_tangents(part, transform, mirrored);
     // What a vertex lacks is as if it were not there: a factor of 1, weights of 0.
     add_or_fill(mesh_.colors, part.colors, base, count, 4, 1.0f);
     add_or_fill(mesh_.weights, part.weights, base, count, 4, 0.0f);
     add_joints(part, skin, base, count);
     add_morphs(part, transform, base, count);
-    const bool mirrored = glm::determinant(glm::dmat3(transform)) < 0;
     for (size_t i = 0; i < part.triangles.size(); i += 3) {
       const size_t b = mirrored ? 2 : 1;
       for (const size_t corner : {i, i + b, i + 3 - b}) {
@@ -263,11 +281,12 @@ class MeshReader {
     }
   }
 
-  void add_tangents(const Part& part, const glm::dmat4& transform) {
+  // A mirror turns the bitangent, which is the cross product of a normal and a tangent, the other way.
+  void add_tangents(const Part& part, const glm::dmat4& transform, bool mirrored) {
     for (size_t i = 0; i < part.tangents.size(); i += 4) {
       const glm::dvec3 tangent(glm::make_vec3(&part.tangents[i]));
       add_direction(mesh_.tangents, glm::dmat3(transform) * tangent, {1, 0, 0});
-      mesh_.tangents.push_back(part.tangents[i + 3] < 0 ? -1.0f : 1.0f);
+      mesh_.tangents.push_back((part.tangents[i + 3] < 0) != mirrored ? -1.0f : 1.0f);
     }
   }
 
@@ -342,6 +361,8 @@ class MeshReader {
   std::unordered_map<int, std::vector<Part>> parts_;
   Mesh mesh_;
   bool any_has_material_ = false;
+  std::string no_triangles_;  // the first primitive of points or lines, as a sentence
+  std::string lacks_;         // the first one without what is asked for, likewise
 };
 
 }  // namespace

@@ -6,6 +6,7 @@
 #include <glm/ext/matrix_transform.hpp>
 #include <glm/gtc/quaternion.hpp>
 
+#include "compiler/io/file/failure.h"
 #include "compiler/io/mesh/gltf/matrices.h"
 #include "compiler/io/mesh/scene.h"
 
@@ -109,11 +110,17 @@ std::vector<Matrix> joint_matrices(const Scene& scene, size_t skin, const std::v
 }
 
 Matrix view_matrix(const Matrix& world) {
-  // Where the camera stands and how it is turned; a scale on the way to it is not its own.
+  // Where the camera stands and how it is turned; a scale on the way to it is not its own. Scales that differ by axis
+  // skew what is turned within: it looks where it is said to look, and its upper side is as near as can be.
   const glm::dmat4 m = from_matrix(world);
+  const glm::dvec3 right(m[0]), up(m[1]), back(m[2]);
+  const glm::dvec3 z = glm::normalize(back), y = glm::normalize(up - glm::dot(up, z) * z), x = glm::cross(y, z);
   glm::dmat4 pose(1.0);
-  for (int k = 0; k < 3; ++k) pose[k] = glm::dvec4(glm::normalize(glm::dvec3(m[k])), 0.0);
+  pose[0] = glm::dvec4(glm::dot(right, x) < 0 ? -x : x, 0.0);
+  pose[1] = glm::dvec4(y, 0.0);
+  pose[2] = glm::dvec4(z, 0.0);
   pose[3] = m[3];
+  if (!std::isfinite(x.x + x.y + x.z)) fail("a node on the way to it is scaled to nothing, it looks nowhere");
   return to_matrix(glm::inverse(pose));
 }
 

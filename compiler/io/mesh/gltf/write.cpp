@@ -125,7 +125,15 @@ class Writer {
     pbr.baseColorFactor.assign(from.base_color.begin(), from.base_color.end());
     pbr.metallicFactor = from.metallic;
     pbr.roughnessFactor = from.roughness;
-    material.emissiveFactor.assign(from.emissive.begin(), from.emissive.end());
+    // A factor is 1 at most, and brighter light has a strength besides.
+    const double strength = std::max(1.0, std::ranges::max(from.emissive));
+    for (const double factor : from.emissive) material.emissiveFactor.push_back(factor / strength);
+    if (strength > 1) {
+      constexpr const char* kStrength = "KHR_materials_emissive_strength";
+      material.extensions[kStrength] =
+          tinygltf::Value(tinygltf::Value::Object{{"emissiveStrength", tinygltf::Value(strength)}});
+      model_.extensionsUsed.push_back(kStrength);
+    }
     pbr.baseColorTexture.index = add_texture(texture, true);
     pbr.metallicRoughnessTexture.index = add_texture(from.metallic_roughness, false);
     material.normalTexture.index = add_texture(from.normal, false);
