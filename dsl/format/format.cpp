@@ -219,8 +219,8 @@ class Printer {
     const size_t open_column = lines_.column() - (node.open == kNoToken ? 0 : 1);
     const size_t hanging = lines_.indentation() + kContinuation;
     const bool hangs = std::ranges::any_of(node.parts, [&](const LayoutPart& part) {
-      return part.node->width < kNeverFlat && lines_.column() + part.node->width + 1 > kFormatWidth &&
-             hanging + part.node->width + 1 <= kFormatWidth;
+      const size_t width = part.node->width + 1 + (&part == &node.parts.back() ? rest : 0);
+      return part.node->width < kNeverFlat && lines_.column() + width > kFormatWidth && hanging + width <= kFormatWidth;
     });
     if (hangs && node.open != kNoToken) lines_.newline(hanging);
     fill(node, rest + (node.close == kNoToken ? 0 : 1));
