@@ -221,6 +221,6 @@ TEST_CASE("a buffer beyond what bindings take in all their parts is an error") {
     const auto refused = program.run("go");
     REQUIRE_FALSE(refused);
     INFO(refused.error());
-    CHECK(refused.error().find("buffers beyond its limit are bound in parts") != std::string::npos);
+    CHECK(refused.error().find("buffers beyond its limit of bytes are bound in parts") != std::string::npos);
   }
 }
