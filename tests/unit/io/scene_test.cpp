@@ -168,6 +168,8 @@ TEST_CASE("what is not asked for may be of another kind", "[io][scene]") {
   CHECK(still.array("joints").width == 6);
   CHECK(still.array("morph:position", 3).width == 6);
   CHECK(still.error("color") == "meshes[0].primitives[0]: there is no COLOR_0");
+  const Bound limp(R"("JOINTS_0": )", R"("_JOINTS": )");
+  CHECK(limp.error("joints") == "meshes[0].primitives[0]: there is no JOINTS_0");
   CHECK(still.error("tangent") == "meshes[0].primitives[0]: there is no TANGENT");
 }
 

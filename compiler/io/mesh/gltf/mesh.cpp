@@ -152,8 +152,14 @@ class MeshReader {
     if (lacks_.empty()) lacks_ = std::move(why);
   }
 
+  // Of those attributes: whether some primitive has the one that is asked for.
   bool has_required() const {
-    return !mesh_.colors.empty() || !mesh_.weights.empty() || !mesh_.joints.empty() || !mesh_.morphs.empty();
+    switch (*required_) {
+      case MeshAttribute::Color: return !mesh_.colors.empty();
+      case MeshAttribute::Weights: return !mesh_.weights.empty();
+      case MeshAttribute::Joints: return !mesh_.joints.empty();
+      default: return !mesh_.morphs.empty();
+    }
   }
 
   static void read_colors(Floats colors, Part& part) {
