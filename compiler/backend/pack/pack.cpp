@@ -113,6 +113,14 @@ bool StepPacker::recomputable(ValueId v, OpId user) const {
   return cost == 0 || times * cost <= (options_.recompute ? recompute_limit_ : 0);
 }
 
+// Components that a lane of a gather loads. Lanes of a layer that read one place share what comes of it.
+int StepPacker::loads_of(const ir::ValueInfo& gathered) const {
+  constexpr int kShare = 16;
+  const int components = gathered.type.components();
+  const bool shared = profile_.is_gpu() && gathered.extent.w.is_one() && gathered.extent.h.is_one();
+  return shared ? (components + kShare - 1) / kShare : components;
+}
+
 void StepPacker::find_recomputable() {
   // The limit stands for a component stored and loaded. What is stored anyway and loaded once more is mostly in a
   // cache.
@@ -128,7 +136,7 @@ void StepPacker::find_recomputable() {
     const bool gather = op.kind == OpKind::Gather || op.kind == OpKind::Shift;  // what it reads is stored anyway
     if (!element_wise && !gather) continue;
     gathers_[id.index] = gather;
-    int cost = gather ? load_cost * graph_.value(op.results[0]).type.components() : op_cost(op.kind);
+    int cost = gather ? load_cost * loads_of(graph_.value(op.results[0])) : op_cost(op.kind);
     for (ValueId v : uses_[id.index].at_element) {
       const uint32_t from = graph_.value(v).op.index;
       if (is_memory(def(v))) continue;

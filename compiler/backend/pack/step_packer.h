@@ -69,6 +69,7 @@ class StepPacker {
   // pack.cpp
   const Op& def(ValueId v) const { return graph_.op(graph_.value(v).op); }
   bool recomputable(ValueId v, OpId user) const;  // where `user` uses it
+  int loads_of(const ir::ValueInfo& gathered) const;
   void find_recomputable();
   void find_users();
   void find_levels();
