@@ -83,7 +83,7 @@ def whole(t, wi, wo, radial, azimuthal, eta, tilt, absorption, h):
     v = (mp.mpf("0.726") * radial + mp.mpf("0.812") * radial ** 2 + mp.mpf("3.7") * radial ** 20) ** 2
     s = mp.sqrt(mp.pi / 8) * (mp.mpf("0.265") * azimuthal + mp.mpf("1.194") * azimuthal ** 2 + mp.mpf("5.372") * azimuthal ** 22)
     total = spread_along(sin_i, cos_i, sin_o, cos_o, 4 * v) * parts[3] / (2 * mp.pi)
-    for p, (shift, wide) in enumerate(((-2, 1), (1, mp.mpf("0.25")), (4, 4))):
+    for p, (shift, wide) in enumerate(((2, 1), (-1, mp.mpf("0.25")), (-4, 4))):
         angle = mp.radians(shift * tilt)
         sin_p = sin_o * mp.cos(angle) + cos_o * mp.sin(angle)
         cos_p = abs(cos_o * mp.cos(angle) - sin_o * mp.sin(angle))
