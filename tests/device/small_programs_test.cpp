@@ -350,6 +350,47 @@ const Case kCases[] = {
       step loops { output loop; }
       step sums { output all = sum(if a > 0.25 { a * float(step_index) } else { 1.0 }); })",
      {"branches", "branches", "branches", "loops", "loops", "sums", "sums", "sums"}},
+    {"library functions of what is very small or large, in units of about their answers",
+     R"(
+      import std.environment; import std.image; import std.light; import std.loss; import std.nn; import std.rig; import std.skin;
+      import std.solve; import std.strands; import std.texture; import std.tone;
+      input a : float[W, H];
+      fn each(f: fn) { vec4(f(1e-20), f(1e-12), f(1e12), f(1e20)) }
+      // Systems, and their gradients.
+      param b : float[4] = [1.0, -2.0, 3.0, 0.5][coord(4).x];
+      fn solved(s: float) -> float[1] {
+        let x = solve.conjugate_gradients(fn(v) { s * float(coord(4).x + 1) * v }, s * b, 0.0 * b, 4);
+        sum(x) + 2.0 * sum(grad(sum(x), b))
+      }
+      // Footprints, and what is read there.
+      param dx : vec2 = vec2(1e20, 2e19);
+      let levels = texture.pyramid(float(coord(16, 8).x + coord(16, 8).y), 4);
+      let (along, wide) = texture.footprint(dx, vec2(0.0, 1.0));
+      let (small, thin) = texture.footprint(vec2(1e-20, 1e-21), vec2(0.0, 1e-20));
+      let read = texture.anisotropic(levels, vec2(0.3), dx, vec2(0.0, 1.0));
+      // Lamps that end, pictures, colours, normals, mirrors.
+      param range : float = 1e-20;
+      let near = light.fade(vec3(0.0), vec3(0.0, 0.0, 0.5e-20), range);
+      let p = float(1 + coord(4).x);
+      param m : mat4[1] = mat4(vec4(1e-20, 1e-21, 0.0, 0.0), vec4(2e-21, 2e-20, 0.0, 0.0), vec4(0.0, 0.0, 3e-20, 0.0), vec4(0.0));
+      let turned = rig.skinned_normal(vec3(0.3, -0.5, 0.81), ivec4(0), vec4(1.0, 0.0, 0.0, 0.0), m);
+      // Skies for small alpha: slopes go to zero with it.
+      param alpha : float = 1e-6;
+      let q = vec2(coord(64, 32).xy);
+      let sky = environment.prefilter_map(vec3(1.0 + sin(0.2 * q.x) * sin(0.1 * (q.y + 0.5))), alpha, 4, 2);
+      // A ribbon far from the picture's corner, of a ten-thousandth of a pixel.
+      param width : float = 1e-4;
+      let clip = if coord(2).x == 0 { vec4(1100.3 / 1024.0 - 1.0, -0.4, 0.5, 1.0) } else { vec4(1900.1 / 1024.0 - 1.0, 0.3, 0.5, 1.0) };
+      let hits = strands.rasterize(clip, strands.segments(1, 2), strands.strand_of(1, 2), width + 0.0 * float(coord(2).x), 2048, 8, nearest = 1);
+      let ribbon = sum(strands.silhouette(hits));
+      step go { output solved = each(solved), along = 1e-20 * along, wide, small = 1e20 * small, thin = 1e20 * thin, read,
+                stretch = grad(along.x, dx), near, fading = 1e-20 * grad(near, range), far = light.fade(vec3(0.0), vec3(1e20), 2e20),
+                gain = each(fn(s) { loss.gain(s * p, 2.0 * s * p).x }), variation = 1e-20 * image.total_variation(1e20 * p),
+                tone = 1e-20 * tone.neutral(vec3(-1e20, 0.0, 0.0)), turned, turning = 1e-20 * grad(turned.x, m)[0],
+                bands = nn.positional(0.0 * p.at(0) + 100.25, 22),
+                mirrored = skin.highlights(vec3(0.0, 0.0, 1.0), light.directional(vec3(0.6, 0.0, 0.8)), vec3(0.0, 0.6, 0.8), vec2(0.3, 0.6), ior = 1e20),
+                sky, slope = 1e4 * grad(sum(sky).x, alpha), ribbon, widening = 1e-2 * grad(ribbon, width), sum = sum(a); })",
+     {"go"}},
 };
 
 constexpr int kWidth = 7, kHeight = 5;
