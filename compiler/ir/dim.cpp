@@ -5,7 +5,6 @@
 #include "compiler/ir/dim.h"
 
 #include <algorithm>
-#include <charconv>
 #include <compare>
 #include <limits>
 #include <memory>
@@ -14,27 +13,16 @@
 #include <unordered_map>
 
 #include "compiler/ir/dim_bound.h"
+#include "compiler/ir/dim_node.h"
 
 namespace dr::ir {
 namespace {
-
-struct Atom;
-using AtomPtr = std::shared_ptr<const Atom>;
-
-// coefficient * product of atoms. The atoms are sorted, with repeats.
-struct Term {
-  std::vector<AtomPtr> atoms;
-  int64_t coefficient = 0;
-};
 
 // What an extent's expression may weigh (symbols, terms and divisions together). Real ones weigh less than 50; the
 // bound keeps a hostile text from growing without limit. What is heavier is undefined.
 constexpr size_t kMaxWeight = 4096;
 // Terms that a product may have before like ones are collected.
 constexpr size_t kMaxProduct = 1 << 16;
-constexpr int kMaxParseDepth = 200;
-// A literal that fits no coefficient: how the undefined extent prints.
-constexpr std::string_view kUndefinedText = "9223372036854775808";
 
 uint64_t mix(uint64_t seed, uint64_t value) {
   seed ^= value + 0x9e3779b97f4a7c15u + (seed << 6) + (seed >> 2);
@@ -53,32 +41,7 @@ bool mul_overflows(int64_t a, int64_t b, int64_t* product) {
   return __builtin_mul_overflow(a, b, product) || *product == std::numeric_limits<int64_t>::min();
 }
 
-}  // namespace
-
-// A polynomial that is not a constant, or the undefined extent (no terms): the result of arithmetic that does not fit.
-struct Dim::Node {
-  std::vector<Term> terms;  // sorted by atoms, no zero coefficients; the constant term has no atoms and is last
-  size_t weight = 0;
-  uint64_t hash = 0;
-
-  static const Node* of(const Dim& d) { return d.node_; }
-  // The one extent with these terms, which are sorted and collected; none are the undefined extent.
-  static Dim intern(Node node);
-  static Dim undefined() { return Dim::undefined(); }
-};
-
-namespace {
-
 using Node = Dim::Node;
-
-// A symbol, or floor(inner / divisor).
-struct Atom {
-  std::string name;     // of a symbol
-  Dim inner;            // of a division
-  int64_t divisor = 0;  // 0: a symbol
-  size_t weight = 1;
-  uint64_t hash = 0;
-};
 
 std::strong_ordering compare(const Atom& a, const Atom& b) {
   if (&a == &b) return std::strong_ordering::equal;
@@ -98,9 +61,13 @@ std::strong_ordering compare(const std::vector<AtomPtr>& a, const std::vector<At
   return std::strong_ordering::equal;
 }
 
+}  // namespace
+
 bool operator==(const Term& a, const Term& b) {
   return a.coefficient == b.coefficient && std::is_eq(compare(a.atoms, b.atoms));
 }
+
+namespace {
 
 Dim undefined() { return Node::undefined(); }
 bool is_undefined(const Dim& d) { return Node::of(d) && Node::of(d)->terms.empty(); }
@@ -402,156 +369,6 @@ Dim Dim::with_wide_divisions(const std::function<std::string(const Dim& division
   });
 }
 
-namespace {
-
-void write_sum(const Dim& d, std::string& out);
-
-void write_number(int64_t number, std::string& out) {
-  char buffer[24];
-  const auto end = std::to_chars(buffer, buffer + sizeof buffer, number).ptr;
-  out.append(buffer, end);
-}
-
-// `alone`: nothing binds as tightly as a division beside it.
-void write_atom(const Atom& atom, bool alone, std::string& out) {
-  if (atom.divisor == 0) {
-    out += atom.name;
-    return;
-  }
-  if (!alone) out += '(';
-  const Node* inner = Node::of(atom.inner);
-  const bool simple = inner && inner->terms.size() == 1;
-  if (!simple) out += '(';
-  write_sum(atom.inner, out);
-  if (!simple) out += ')';
-  out += " / ";
-  write_number(atom.divisor, out);
-  if (!alone) out += ')';
-}
-
-void write_sum(const Dim& d, std::string& out) {
-  const Node* node = Node::of(d);
-  if (!node) return write_number(d.constant(), out);
-  if (node->terms.empty()) {
-    out += kUndefinedText;
-    return;
-  }
-  bool first = true;
-  for (const Term& term : node->terms) {
-    const bool negative = term.coefficient < 0;
-    const int64_t magnitude = negative ? -term.coefficient : term.coefficient;
-    if (first) {
-      if (negative) out += '-';
-    } else {
-      out += negative ? " - " : " + ";
-    }
-    const bool number = magnitude != 1 || term.atoms.empty();
-    if (number) write_number(magnitude, out);
-    // A leading minus binds tighter than the division after it.
-    const bool alone = term.atoms.size() == 1 && !number && !(first && negative);
-    for (size_t i = 0; i < term.atoms.size(); ++i) {
-      if (i > 0 || number) out += " * ";
-      write_atom(*term.atoms[i], alone, out);
-    }
-    first = false;
-  }
-}
-
-class DimParser {
- public:
-  explicit DimParser(std::string_view text) : text_(text) {}
-
-  std::optional<Dim> parse() {
-    auto d = sum(0);
-    skip_spaces();
-    if (!d || at_ != text_.size()) return std::nullopt;
-    return d;
-  }
-
- private:
-  void skip_spaces() {
-    while (at_ < text_.size() && (text_[at_] == ' ' || text_[at_] == '\t')) ++at_;
-  }
-  bool take(char c) {
-    skip_spaces();
-    if (at_ == text_.size() || text_[at_] != c) return false;
-    ++at_;
-    return true;
-  }
-
-  std::optional<Dim> sum(int depth) {
-    auto left = product(depth);
-    while (left) {
-      const bool plus = take('+');
-      if (!plus && !take('-')) break;
-      const auto right = product(depth);
-      if (!right) return std::nullopt;
-      left = plus ? *left + *right : *left - *right;
-    }
-    return left;
-  }
-
-  std::optional<Dim> product(int depth) {
-    auto left = unary(depth);
-    while (left) {
-      const bool times = take('*');
-      if (!times && !take('/')) break;
-      const auto right = unary(depth);
-      if (!right) return std::nullopt;
-      if (times) {
-        left = *left * *right;
-      } else if (right->is_constant() && right->constant() > 0) {
-        left = left->divided_by(right->constant());
-      } else {
-        return std::nullopt;
-      }
-    }
-    return left;
-  }
-
-  std::optional<Dim> unary(int depth) {
-    if (depth > kMaxParseDepth) return std::nullopt;
-    if (take('-')) {
-      const auto operand = unary(depth + 1);
-      if (!operand) return std::nullopt;
-      return Dim(0) - *operand;
-    }
-    if (take('(')) {
-      auto inner = sum(depth + 1);
-      if (!inner || !take(')')) return std::nullopt;
-      return inner;
-    }
-    skip_spaces();
-    const size_t begin = at_;
-    while (at_ < text_.size() && is_word(text_[at_])) ++at_;
-    const std::string_view word = text_.substr(begin, at_ - begin);
-    if (word.empty()) return std::nullopt;
-    if (word[0] < '0' || word[0] > '9') return Dim::symbol(std::string(word));
-    int64_t number = 0;
-    const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), number);
-    if (end != word.data() + word.size()) return std::nullopt;
-    // A number beyond the range is an extent all the same, one that no symbols' values make good.
-    return error == std::errc::result_out_of_range ? undefined() : Dim(number);
-  }
-
-  static bool is_word(char c) {
-    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_';
-  }
-
-  std::string_view text_;
-  size_t at_ = 0;
-};
-
-}  // namespace
-
-std::string Dim::str() const {
-  std::string out;
-  write_sum(*this, out);
-  return out;
-}
-
-std::optional<Dim> Dim::parse(std::string_view text) { return DimParser(text).parse(); }
-
 std::strong_ordering operator<=>(const Dim& a, const Dim& b) {
   if (a.node_ == b.node_) return a.constant_ <=> b.constant_;
   if (a.node_ == nullptr || b.node_ == nullptr) return (a.node_ != nullptr) <=> (b.node_ != nullptr);
@@ -563,15 +380,6 @@ std::strong_ordering operator<=>(const Dim& a, const Dim& b) {
     if (auto c = x[i].coefficient <=> y[i].coefficient; std::is_neq(c)) return c;
   }
   return std::strong_ordering::equal;
-}
-
-std::string Extent::str() const {
-  if (is_unit()) return "";
-  std::string out = "[";
-  out += w.str();
-  if (!h.is_one() || !l.is_one()) out += ", " + h.str();
-  if (!l.is_one()) out += ", " + l.str();
-  return out + "]";
 }
 
 std::optional<Extent> broadcast(const Extent& a, const Extent& b) {
