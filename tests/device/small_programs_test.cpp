@@ -391,6 +391,42 @@ const Case kCases[] = {
                 mirrored = skin.highlights(vec3(0.0, 0.0, 1.0), light.directional(vec3(0.6, 0.0, 0.8)), vec3(0.0, 0.6, 0.8), vec2(0.3, 0.6), ior = 1e20),
                 sky, slope = 1e4 * grad(sum(sky).x, alpha), ribbon, widening = 1e-2 * grad(ribbon, width), sum = sum(a); })",
      {"go"}},
+    {"geometry with a far corner, far away, tiny, huge and all but degenerate",
+     R"(
+      import std.camera; import std.coverage; import std.mesh; import std.raster; import std.splat;
+      input a : float[W, H];
+      // A face that reaches far behind the picture, whichever corner stands first.
+      let view = camera.perspective(60.0, aspect = 1.0, near = 0.05, far = 5000.0);
+      let k = coord(3).x;
+      let ground = camera.project(view, vec3([900.0, -0.1, 0.4][k], [-1350.0, -0.05, -0.2][k], [-3000.0, -0.2, -1.0][k]));
+      fn seen(clip: vec4[3], first: ivec3, near: float[1]) -> float[1] {
+        sum(if raster.rasterize(clip, first + 0 * coord(1), 16, 16, near = near, both_sides = true).face >= 0 { 1.0 } else { 0.0 })
+      }
+      let plain = vec4([-0.75, 0.75, 0.0][k], [-0.67, -0.67, 0.67][k], 0.5, 1.0);
+      // A ball far from the origin.
+      let ball = mesh.icosphere_position(1) + vec3(16.0, 8.0, -16.0);
+      // A point beside a needle, and above triangles of any size.
+      let p = vec3(-0.4034748673439026, -0.9766222238540649, 0.6601250767707825);
+      let needle = vec3([-1.5775264501571655, -0.39386510848999023, -0.15240220725536346][k],
+                        [1.0375118255615234, -0.9931095242500305, -1.4073508977890015][k],
+                        [1.85595703125, 0.6503342986106873, 0.4043911099433899][k]);
+      param above : vec3 = vec3(0.25, 0.25, 0.1);
+      fn square(s: float) -> float[1] {
+        mesh.triangle_distance_squared(s * above, vec3(0.0), vec3(s, 0.0, 0.0), vec3(0.0, s, 0.0)) / s / s
+      }
+      param q : vec2 = vec2(-0.67287095, -0.54615317);
+      let bent = camera.undistort(q, vec3(0.0), vec2(0.0), vec3(-0.4717206, 0.32280002, 0.38420743));
+      param point : vec3[3] = vec3(1.0);
+      let one_face = ivec3(0, 1, 2) + 0 * coord(1);
+      step go { output far = seen(ground, ivec3(0, 1, 2), 0.001), rolled = seen(ground, ivec3(1, 2, 0), 0.001),
+                area = sum(coverage.silhouette(ground, one_face, mesh.neighbours_of(one_face), 16, 16)),
+                tiny = seen(1e-16 * plain, ivec3(0, 1, 2), 1e-19), huge = seen(1e16 * plain, ivec3(0, 1, 2), 1e13),
+                volume = mesh.volume(ball, mesh.icosphere_face(1)), needle = 10.0 * mesh.distance_to(p, needle, one_face),
+                squares = vec4(square(1e-8), square(1e-12), square(1e7), square(1e10)), slope = grad(square(1e-10), above),
+                bent, bending = grad(bent.x, q), even = mesh.edge_variation(point, one_face), evening = grad(mesh.edge_variation(point, one_face), point),
+                even_huge = mesh.edge_variation(1e19 * plain.xyz, one_face), looks = camera.look_at(vec3(1.0, 2.0, 3.0), vec3(0.0), 1e20 * vec3(1.0, 0.3, 0.0)),
+                flat = 1e-7 * splat.precision(vec3(1e-7, 0.0, 2e-7), least = 0.0), sum = sum(a); })",
+     {"go"}},
 };
 
 constexpr int kWidth = 7, kHeight = 5;
