@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <sstream>
+#include <utility>
 
 #include "compiler/io/file/failure.h"
 #include "compiler/io/file/file.h"
@@ -133,30 +134,38 @@ bool ResultsFolder::done(const Result<void>& result) {
   return result.ok();
 }
 
+// The pictures of an output's layers, by their names; none where no PNG can hold them, as with a NaN: the array is there.
+std::vector<OutputFile> ResultsFolder::pictures(const std::string& name, const Array& array) {
+  std::vector<OutputFile> layers;
+  try {
+    for (int64_t layer = 0; layer < array.layers; ++layer) {
+      const std::string picture = layer_path(name + ".png", layer, array.layers);
+      if (const auto other = written_.find(picture); other != written_.end() && other->second != name)
+        fail("'", other->second, "' has a picture of that name, too: one of both wants another one");
+      layers.push_back({picture, encode_png(array, layer)});
+    }
+  } catch (const Failure& failure) {
+    warnings_.push_back(cat("cannot write ", path_in_quotes(file(name + ".png")), ": ", failure.what()));
+    return {};
+  }
+  return layers;
+}
+
 void ResultsFolder::add(const ResultName& result, const Array& array) {
   const std::string name = result.str();
   std::set<std::string> names = {name + ".npy"};
-  const bool pictured = !result.step.empty() && is_picture(array);
-  if (pictured)
-    for (int64_t layer = 0; layer < array.layers; ++layer) names.insert(layer_path(name + ".png", layer, array.layers));
-  written_.insert(names.begin(), names.end());
+  std::vector<OutputFile> layers;
+  if (!result.step.empty() && is_picture(array)) layers = pictures(name, array);
+  for (OutputFile& layer : layers) names.insert(std::exchange(layer.path, file(layer.path)));
+  for (const std::string& each : names) written_[each] = name;
   // The list is there before the files are: whoever ends the program in between leaves nothing that is unknown.
   if (!std::ranges::includes(known_, names)) {
     known_.insert(names.begin(), names.end());
     if (!done(write_list(known_))) return;
   }
   done(save_array(file(name + ".npy"), array));
-  if (!pictured) return;
-  const std::string picture = file(name + ".png"), problem = cat("cannot write ", path_in_quotes(picture), ": ");
-  std::vector<OutputFile> layers;
-  try {
-    for (int64_t layer = 0; layer < array.layers; ++layer)
-      layers.push_back({layer_path(picture, layer, array.layers), encode_png(array, layer)});
-  } catch (const Failure& failure) {  // no PNG can hold it (NaN), and the array is there
-    warnings_.push_back(problem + failure.what());
-    return;
-  }
-  done(guarded(problem, [&] { write_files(layers); }));
+  if (!layers.empty())
+    done(guarded(cat("cannot write ", path_in_quotes(file(name + ".png")), ": "), [&] { write_files(layers); }));
 }
 
 Result<void> ResultsFolder::finish(bool keep) {
@@ -168,7 +177,8 @@ Result<void> ResultsFolder::finish(bool keep) {
       fs::remove(file(name), error);
       if (error) return Error{"cannot remove '" + file(name) + "' of an earlier run: " + error.message()};
     }
-  known_ = written_;
+  known_.clear();
+  for (const auto& [name, result] : written_) known_.insert(name);
   return write_list(known_);
 }
 

@@ -2,12 +2,14 @@
 // The results of runs by name and as files, for drun and drc alike: an output is STEP.NAME, a leaf NAME.
 #pragma once
 
+#include <map>
 #include <set>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "compiler/io/array/array.h"
+#include "compiler/io/file/file.h"
 
 namespace dr::io {
 
@@ -50,11 +52,13 @@ class ResultsFolder {
  private:
   std::string file(const std::string& name) const { return path_ + "/" + name; }
   Result<void> write_list(const std::set<std::string>& names) const;
+  std::vector<OutputFile> pictures(const std::string& name, const Array& array);
   // Whether it is done; else finish() tells.
   bool done(const Result<void>& result);
 
   std::string path_;
-  std::set<std::string> known_, written_;  // in the list, of this run
+  std::set<std::string> known_;                 // in the list
+  std::map<std::string, std::string> written_;  // files of this run, and what each is of
   std::vector<std::string> warnings_;
   std::string failed_;  // what was not written, and why
 };

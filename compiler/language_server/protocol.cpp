@@ -51,6 +51,33 @@ std::optional<std::string> read_message(std::istream& in) {
   return std::nullopt;
 }
 
+namespace {
+
+// The code unit that stands as `\uXXXX` at a place; 0 where none does.
+unsigned escaped_unit(std::string_view text, size_t at) {
+  if (text.substr(at, 2) != "\\u" || at + 6 > text.size()) return 0;
+  unsigned unit = 0;
+  const char* const end = text.data() + at + 6;
+  return std::from_chars(text.data() + at + 2, end, unit, 16).ptr == end ? unit : 0;
+}
+
+// Editors write half a character where one was typed or cut: U+FFFD is as long, and JSON. So an edit is never lost.
+std::string with_whole_characters(std::string text) {
+  const auto is_in = [](unsigned unit, unsigned first) { return unit >= first && unit < first + 0x400; };
+  for (size_t at = text.find('\\'); at != std::string::npos; at = text.find('\\', at)) {
+    const unsigned unit = escaped_unit(text, at);
+    if (is_in(unit, 0xd800) && is_in(escaped_unit(text, at + 6), 0xdc00)) {
+      at += 12;
+    } else {
+      if (is_in(unit, 0xd800) || is_in(unit, 0xdc00)) text.replace(at + 2, 4, "fffd");
+      at += 2;  // an escaped backslash is no beginning of another escape
+    }
+  }
+  return text;
+}
+
+}  // namespace
+
 void write_message(std::ostream& out, const Json& message) {
   // Names of files need not be UTF-8.
   const std::string body = message.dump(-1, ' ', false, Json::error_handler_t::replace);
@@ -62,7 +89,7 @@ void Inbox::read_all(std::istream& in) {
   while (!exit) {
     const auto text = read_message(in);
     if (!text) break;
-    Json message = Json::parse(*text, nullptr, false);
+    Json message = Json::parse(with_whole_characters(*text), nullptr, false);
     const Json method = message.is_object() ? message.value("method", Json()) : Json();
     exit = method == "exit";
     const std::lock_guard lock(mutex_);

@@ -439,9 +439,11 @@ class TreeBuilder {
            tokens_[position_ + 2].text == "in";
   }
 
-  // `0 .5` is a field of 0, if a senseless one; without the blank it is a number.
+  // `0 .5` is a field of 0, if a senseless one; without the blank it is a number. So is `3. // ...` with `px` below.
   bool at_field_of_number() const {
-    return position_ > 0 && tokens_[position_ - 1].kind == TokenKind::Int && next().kind == TokenKind::Int &&
+    const bool ends_line = !tokens_[position_].trailing.empty() || !next().leading.empty();
+    return position_ > 0 && tokens_[position_ - 1].kind == TokenKind::Int &&
+           (next().kind == TokenKind::Int || ends_line) &&
            (position_ < 2 || tokens_[position_ - 2].kind != TokenKind::Dot);
   }
 

@@ -141,7 +141,7 @@ bool parse_options(int argc, char** argv, Options& options, int& exit_code) {
   app.add_option("-I", options.compile.include_dirs, "folder to look for imported modules in");
   std::vector<std::string> ablate;
   app.add_option("--ablate", ablate,
-                 "parts to switch off, with commas: substages, stages, remat, cache, blocks, rebuild")
+                 "parts to switch off, with commas: substages, stages, remat, cache, blocks, guesses, emptying")
       ->delimiter(',');
   std::vector<std::string> skips = jit::skip_names();
   skips.insert(skips.end(), {"rebuild", "commands", "pipelines", "shaders"});

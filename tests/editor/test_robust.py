@@ -76,6 +76,18 @@ class Robust(unittest.TestCase):
                                     and message["params"].get("version") in (59, 58, 57, 1)) for one in (uri, "file:///whole.dr")]
             self.assertEqual(*(message["params"]["diagnostics"] for message in messages))
 
+    def test_half_characters(self):
+        """Half of a character beyond the Basic Multilingual Plane is an edit like others; what follows lands where it should."""
+        uri = "file:///half.dr"
+        with Client() as client:
+            client.open(uri, "edition 1;\nlet a = 1.0;\nstep s { output a; }\n")
+            start = {"line": 1, "character": 0}
+            client.change(uri, [{"range": {"start": start, "end": start}, "text": '// \ud83d "\\\\ud83d"\n'}], 2)
+            name = {"start": {"line": 3, "character": 16}, "end": {"line": 3, "character": 17}}
+            client.change(uri, [{"range": name, "text": "nope"}], 3)
+            message = client.wait(lambda message: message.get("params", {}).get("version") == 3)
+            self.assertEqual([found["range"]["start"] for found in message["params"]["diagnostics"]], [name["start"]])
+
     def test_texts_that_are_cut_off(self):
         """Every example, cut at places all over it, while somebody types there."""
         random.seed(1)

@@ -172,6 +172,13 @@ void put(Array& array, size_t i, T value) {
   std::memcpy(array.bytes.data() + i * sizeof(T), &value, sizeof(T));
 }
 
+// Whether integers of 64 bits are none below 0, and some a uint32's alone.
+bool fits_unsigned(std::span<const uint8_t> data, bool big_endian) {
+  uint64_t most = 0;
+  for (size_t i = 0; i < data.size() / 8; ++i) most = std::max(most, load(data, i, 8, big_endian));
+  return most > std::numeric_limits<int32_t>::max() && most <= std::numeric_limits<uint32_t>::max();
+}
+
 }  // namespace
 
 std::string shape_text(std::span<const int64_t> shape) {
@@ -232,7 +239,7 @@ Array parse_npy(std::span<const uint8_t> file, int expected_components) {
   need(text_start + length);
   const Header header = HeaderReader(as_text(file.subspan(text_start, length)), text_start).read();
 
-  const ElementKind kind = kind_of_descr(header.descr);
+  ElementKind kind = kind_of_descr(header.descr);
   if (header.fortran_order && header.shape.size() > 1) {
     fail("it is stored in Fortran order, save it through numpy.ascontiguousarray");
   }
@@ -248,6 +255,8 @@ Array parse_npy(std::span<const uint8_t> file, int expected_components) {
     fail("shape ", shape_text(header.shape), " of ", in_quotes(header.descr), " takes ", count * size,
          " bytes, the file has ", data.size());
   }
+  // NumPy's own integers may hold those that only a uint32 can.
+  if (kind == ElementKind::Int32 && size == 8 && fits_unsigned(data, header.descr[0] == '>')) kind = ElementKind::UInt32;
   array = checked_zeros(kind, extent.components, extent.width, extent.height, extent.layers);
 
   const bool big_endian = header.descr[0] == '>';

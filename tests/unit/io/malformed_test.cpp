@@ -381,6 +381,8 @@ TEST_CASE("malformed .npy files are refused", "[io][malformed]") {
           "column",
           16),
       npy(npy_file("<i8", "(1,)", u32({0, 1})), "scalar 0 is 4294967296, which does not fit an int32"),
+      npy(npy_file("<i8", "(2,)", u32({0xffffffff, 0, 0xffffffff, 0xffffffff})),
+          "scalar 0 is 4294967295, which does not fit an int32"),
       npy(npy_file("|b1", "(1,)", "\x02"), "scalar 0 of a bool array is 2"),
       npy(npy_file("<f4", "(2, 3) 'x': 1", six), "byte 67: expected '}' in the header"),
       npy(replaced(good, "'fortran_order': False, ", std::string(24, ' ')),

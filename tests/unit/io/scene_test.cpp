@@ -173,6 +173,18 @@ TEST_CASE("what is not asked for may be of another kind", "[io][scene]") {
   CHECK(still.error("tangent") == "meshes[0].primitives[0]: there is no TANGENT");
 }
 
+TEST_CASE("vertices have the joints of their node's skin, four of them", "[io][scene]") {
+  const Bound whole(R"("mesh": 0, "skin": 0)", R"("mesh": 0)");
+  check_near(whole("weights"), std::vector<double>(12));
+  check_near(whole("joints"), std::vector<double>(12));
+  const Bound beyond(R"("joints": [4, 5], "inverseBindMatrices": 7)", R"("joints": [4])");
+  CHECK(beyond.error("joints") ==
+        "meshes[0].primitives[0].attributes.JOINTS_0: element 1 names joint 1, skins[0] has 1");
+  const Bound more(R"("WEIGHTS_0": 3)", R"("WEIGHTS_0": 3, "JOINTS_1": 2, "WEIGHTS_1": 3)");
+  CHECK(more.error("weights") ==
+        "meshes[0].primitives[0].attributes.WEIGHTS_1: element 0 has more than four joints, of which four are read");
+}
+
 TEST_CASE("a material's textures say by which coordinates they are looked up", "[io][scene]") {
   const Bound bound(R"("baseColorTexture": {"index": 0})", R"("baseColorTexture": {"index": 0, "texCoord": 1})");
   check_near(bound("material:Metal:base_color_texture_uv"), {1});

@@ -120,7 +120,7 @@ class MeshReader {
     part.uv1 = optional(MeshAttribute::Uv1, "TEXCOORD_1", {2, 2, Integers::NormalizedUnsigned, count}).values;
     part.normals = optional(MeshAttribute::Normal, "NORMAL", {3, 3, Integers::None, count}).values;
     part.tangents = optional(MeshAttribute::Tangent, "TANGENT", {4, 4, Integers::None, count}).values;
-    part.weights = optional(MeshAttribute::Weights, "WEIGHTS_0", {4, 4, Integers::NormalizedUnsigned, count}).values;
+    read_weights(primitive, part);
     read_colors(optional(MeshAttribute::Color, "COLOR_0", {3, 4, Integers::NormalizedUnsigned, count}), part);
     read_joints(primitive, part);
     read_morphs(primitive, part);
@@ -139,8 +139,12 @@ class MeshReader {
                           const char* name, const Expected& expected) {
     if (!wants(wanted)) return {};
     if (primitive.attributes.contains(name)) return attribute(primitive, where, name, expected);
-    if (required_ == wanted) lack(cat(where, ": there is no ", name), wanted);
+    misses(where, wanted, name);
     return {};
+  }
+
+  void misses(const std::string& where, MeshAttribute wanted, const char* name) {
+    if (required_ == wanted) lack(cat(where, ": there is no ", name), wanted);
   }
 
   // A primitive lacks what is asked for. Where another one has it, some attributes are as if it were not there.
@@ -173,13 +177,26 @@ class MeshReader {
     }
   }
 
+  // Joints that weigh something are looked at more closely, so they want weights, too.
+  void read_weights(const tinygltf::Primitive& primitive, Part& part) {
+    if (!wants(MeshAttribute::Weights) && !wants(MeshAttribute::Joints)) return;
+    const Expected expected{4, 4, Integers::NormalizedUnsigned, part.vertex_count()};
+    if (primitive.attributes.contains("WEIGHTS_0"))
+      part.weights = attribute(primitive, part.where, "WEIGHTS_0", expected).values;
+    else
+      misses(part.where, MeshAttribute::Weights, "WEIGHTS_0");
+    if (!primitive.attributes.contains("WEIGHTS_1")) return;
+    const std::vector<float> more = attribute(primitive, part.where, "WEIGHTS_1", expected).values;
+    const auto weighs = std::ranges::find_if(more, [](float weight) { return weight != 0; });
+    if (weighs != more.end())
+      fail(part.where, ".attributes.WEIGHTS_1: element ", (weighs - more.begin()) / 4,
+           " has more than four joints, of which four are read");
+  }
+
   void read_joints(const tinygltf::Primitive& primitive, Part& part) {
     if (!wants(MeshAttribute::Joints)) return;
     const auto found = primitive.attributes.find("JOINTS_0");
-    if (found == primitive.attributes.end()) {
-      if (required_ == MeshAttribute::Joints) lack(cat(part.where, ": there is no JOINTS_0"), MeshAttribute::Joints);
-      return;
-    }
+    if (found == primitive.attributes.end()) return misses(part.where, MeshAttribute::Joints, "JOINTS_0");
     const std::string where = cat(part.where, ".attributes.JOINTS_0");
     const Elements joints = read_elements(document_, static_cast<uint64_t>(found->second), kVertexLimit);
     if (joints.components != 4 || (joints.component_type != kUByte && joints.component_type != kUShort)) {
@@ -236,7 +253,7 @@ class MeshReader {
     add_tangents(part, transform, mirrored);
     // What a vertex lacks is as if it were not there: a factor of 1, weights of 0.
     add_or_fill(mesh_.colors, part.colors, base, count, 4, 1.0f);
-    add_or_fill(mesh_.weights, part.weights, base, count, 4, 0.0f);
+    add_weights(part, skin, base, count);
     add_joints(part, skin, base, count);
     add_morphs(part, transform, base, count);
     for (size_t i = 0; i < part.triangles.size(); i += 3) {
@@ -294,6 +311,13 @@ class MeshReader {
       add_direction(mesh_.tangents, glm::dmat3(transform) * tangent, {1, 0, 0});
       mesh_.tangents.push_back((part.tangents[i + 3] < 0) != mirrored ? -1.0f : 1.0f);
     }
+  }
+
+  // A node without a skin moves its mesh as a whole, whatever its vertices weigh elsewhere.
+  void add_weights(const Part& part, int skin, size_t base, size_t count) {
+    if (!wants(MeshAttribute::Weights)) return;
+    const std::vector<float> none(part.weights.size());
+    add_or_fill(mesh_.weights, skin < 0 ? none : part.weights, base, count, 4, 0.0f);
   }
 
   void add_joints(const Part& part, int skin, size_t base, size_t count) {

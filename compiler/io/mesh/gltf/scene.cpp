@@ -80,7 +80,10 @@ class SceneReader {
       }
       node.morph_weights = from.weights;
       if (from.weights.empty() && from.mesh >= 0) {
-        node.morph_weights = model_.meshes[static_cast<size_t>(from.mesh)].weights;
+        const tinygltf::Mesh& mesh = model_.meshes[static_cast<size_t>(from.mesh)];
+        node.morph_weights = mesh.weights;
+        if (mesh.weights.empty() && !mesh.primitives.empty())
+          node.morph_weights.resize(mesh.primitives.front().targets.size());
       }
       if (from.matrix.empty()) {
         const auto parts = [](const std::vector<double>& given, std::vector<double> missing) {
