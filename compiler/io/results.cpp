@@ -134,7 +134,8 @@ bool ResultsFolder::done(const Result<void>& result) {
   return result.ok();
 }
 
-// The pictures of an output's layers, by their names; none where no PNG can hold them, as with a NaN: the array is there.
+// The pictures of an output's layers, by their names; none where no PNG can hold them, as with a NaN: the array is
+// there.
 std::vector<OutputFile> ResultsFolder::pictures(const std::string& name, const Array& array) {
   std::vector<OutputFile> layers;
   try {

@@ -256,7 +256,8 @@ Array parse_npy(std::span<const uint8_t> file, int expected_components) {
          " bytes, the file has ", data.size());
   }
   // NumPy's own integers may hold those that only a uint32 can.
-  if (kind == ElementKind::Int32 && size == 8 && fits_unsigned(data, header.descr[0] == '>')) kind = ElementKind::UInt32;
+  if (kind == ElementKind::Int32 && size == 8 && fits_unsigned(data, header.descr[0] == '>'))
+    kind = ElementKind::UInt32;
   array = checked_zeros(kind, extent.components, extent.width, extent.height, extent.layers);
 
   const bool big_endian = header.descr[0] == '>';
