@@ -5,6 +5,7 @@
 #include <charconv>
 #include <cmath>
 #include <cstdio>
+#include <limits>
 
 namespace dr::driver {
 
@@ -33,7 +34,7 @@ std::optional<std::vector<double>> known_value(const std::string& text) {
   std::vector<double> numbers;
   for (const char *at = text.data(), *const end = at + text.size();;) {
     const auto [next, error] = std::from_chars(at, end, numbers.emplace_back());
-    if (error != std::errc{} || !std::isfinite(numbers.back())) return std::nullopt;
+    if (error != std::errc{} || !(std::fabs(numbers.back()) <= std::numeric_limits<float>::max())) return std::nullopt;
     if (next == end) return numbers;
     if (*next != ',') return std::nullopt;
     at = next + 1;

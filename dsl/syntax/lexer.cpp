@@ -249,7 +249,9 @@ Token Lexer::lex_word() {
   }
   TokenKind kind = word_kind(text_.substr(position_, end - position_));
   // Beside a dot it is the library's module `std.raster`, which keeps its name.
-  if (kind == TokenKind::Raster && (last_ == TokenKind::Dot || at(end) == '.')) kind = TokenKind::Name;
+  size_t next = end;
+  while (at(next) == ' ' || at(next) == '\n' || at(next) == '\r') ++next;
+  if (kind == TokenKind::Raster && (last_ == TokenKind::Dot || at(next) == '.')) kind = TokenKind::Name;
   return finish(kind, end);
 }
 

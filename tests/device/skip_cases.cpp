@@ -147,7 +147,7 @@ step go { output y = texture.trilinear(texture.pyramid(image, 5), vec2(coord(8, 
        .define = "level=1.5",
        .with = {57, 390},
        .without = {166, 0},
-       .woken = {151, 273}},
+       .woken = {151, 272}},
       // The matt layer of what is all metal.
       {.id = "dead",
        .text = R"(
@@ -160,9 +160,9 @@ let lamp = light.directional(vec3(0.0, 0.6, 0.8), vec3(3.0));
 step go { output y = material.shade(m, normal, lamp, vec3(0.0, 0.0, 1.0), matt = material.burley); })",
        .bound = {{"normal", Array::from_floats(std::vector<float>(24, 0.5773503f), 3, 8)}},
        .define = "metallic=0.5",
-       .with = {64, 40},
-       .without = {92, 0},
-       .woken = {93, 0}},
+       .with = {64, 42},
+       .without = {93, 0},
+       .woken = {95, 0}},
       {.id = "zero",
        // A term of weight 0: its gradient is zero whatever `a` is.
        .text = R"(

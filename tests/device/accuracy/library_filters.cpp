@@ -98,7 +98,7 @@ std::vector<Function> solvers() {
   add("cholesky", "float[9]", "solve.cholesky(m, b)", {a, b}, {value, to_a, to_b}, matrix);
   add("conjugate_gradients", "float[9]",
       "solve.conjugate_gradients(fn(v) { reduce(sum, k in 0..9) { m.at(ivec2(coord(9).x, k)) * v.at(k) } }, b, 0.0 * "
-      "b, 4)",
+      "b, 9)",
       {a, b}, {value, to_a, to_b}, matrix);
   add("products", "float[9, 9]", "solve.products(j)", {whole(vectors("j", -1, 1, 1e-3), "[12, 30, 9]")},
       {l2("value", 1e-6, "the bound set beforehand for dot products"),

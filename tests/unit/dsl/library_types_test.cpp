@@ -31,7 +31,7 @@ const std::vector<Untyped>& untyped() {
       {"features.dr", {"k"}, "known to the compiler, or the number of a trip"},
       {"loss.dr", {"a", "b", "x", "delta", "mask", "color", "background", "peak"}, kAny},
       {"optim.dr", {"rate", "decay", "beta1", "beta2", "epsilon", "a", "b", "g", "x", "low", "high"}, kAny},
-      {"solve.dr", {"start", "residual", "b"}, kAny},
+      {"solve.dr", {"start", "residual", "b", "x", "rest", "g"}, kAny},
   };
   return kAll;
 }
