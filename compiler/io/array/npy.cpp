@@ -218,7 +218,7 @@ Extent extent_of_shape(std::span<const int64_t> shape, int expected_components) 
          expected_components > 1 ? " and components" : "");
   }
   int64_t* const targets[] = {&extent.width, &extent.height, &extent.layers};
-  for (size_t i = 0; i < sides.size(); ++i) *targets[i] = sides[sides.size() - 1 - i];
+  for (size_t i = 0; i < std::min(sides.size(), std::size(targets)); ++i) *targets[i] = sides[sides.size() - 1 - i];
   return extent;
 }
 

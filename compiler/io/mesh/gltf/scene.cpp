@@ -86,8 +86,8 @@ class SceneReader {
           node.morph_weights.resize(mesh.primitives.front().targets.size());
       }
       if (from.matrix.empty()) {
-        const auto parts = [](const std::vector<double>& given, std::vector<double> missing) {
-          return given.empty() ? std::move(missing) : given;
+        const auto parts = [](const std::vector<double>& given, const std::vector<double>& missing) {
+          return given.empty() ? missing : given;
         };
         node.translation = parts(from.translation, {0, 0, 0});
         node.rotation = parts(from.rotation, {0, 0, 0, 1});
