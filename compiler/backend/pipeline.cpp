@@ -25,6 +25,7 @@
 #include "compiler/backend/lowering/set_up_in_raster.h"
 #include "compiler/backend/lowering/update_in_place.h"
 #include "compiler/backend/pack/join_captures.h"
+#include "compiler/backend/pack/loop_over_layers.h"
 #include "compiler/backend/pack/pack.h"
 #include "compiler/backend/pack/transform_at_faces.h"
 #include "compiler/backend/plan/dependencies.h"
@@ -43,6 +44,7 @@ Outcome run_pack(Compilation& c) {
     c.lines = c.lines.moved(joined.from);
     c.out.joined = std::move(joined.graph);
   };
+  if (auto looping = loop_over_layers(c.graph(), c.profile)) take(std::move(*looping));
   if (options.fused)
     if (auto moved = transform_at_faces(c.graph(), c.profile)) take(std::move(*moved));
   for (;;) {

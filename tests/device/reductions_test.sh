@@ -9,10 +9,12 @@ source "$(dirname "${BASH_SOURCE[0]}")/on_lavapipe.sh" "reductions on lavapipe"
 cat > sums.dr << 'END'
 edition 1;
 input w : float[N, 3];
+input v : float[2, 1, N];
 step look {
   output all = sum(w), least = min(w), most = max(w), rows = sum(w, over = x), columns = sum(w, over = y),
          pairs = sum(vec2(w, -w), over = (x, y)),
-         // Lists that the reductions compute themselves.
+         // Lists that the reductions compute themselves, and those whose layers a GPU's lanes add up in loops.
+         of_layers = sum(v, over = layers), less = sum(-v, over = layers),
          second = sum(-w.at(ivec2(coord(N).x, 1))), third = min(2.0 * w.at(ivec2(coord(N).x, 2)));
 }
 END
@@ -58,13 +60,15 @@ def tree(values):
 for n, profile in ((n, profile) for profile in ("lavapipe", "teams.json") for n in (1, 2, 21, 22, 43, 64, 65, 1365, 1366, 4096, 4097, 87400, 270000)):
     w = array("f", [random.uniform(-1, 1) * 10.0 ** random.randrange(-6, 6) for _ in range(3 * n)])
     npy("w.npy", w, (3, n))
-    subprocess.run([os.environ["drun"], "sums.dr", "--bind", "w=w.npy", "--step", "look", "--out", "out", "--profile", profile], check=True,
+    npy("v.npy", w[:2 * n], (n, 1, 2))
+    subprocess.run([os.environ["drun"], "sums.dr", "--bind", "w=w.npy", "--bind", "v=v.npy", "--step", "look", "--out", "out", "--profile", profile], check=True,
                    stdout=subprocess.DEVNULL)
-    got = {name: read(f"out/look.{name}.npy") for name in ("all", "least", "most", "rows", "columns", "pairs", "second", "third")}
+    got = {name: read(f"out/look.{name}.npy") for name in ("all", "least", "most", "rows", "columns", "pairs", "of_layers", "less", "second", "third")}
     total = tree(w)
     expected = {"all": [total], "least": [min(w)], "most": [max(w)],
                 "rows": [tree(w[y * n:(y + 1) * n]) for y in range(3)],
                 "columns": [tree(array("f", [w[x], w[n + x], w[2 * n + x]])) for x in range(n)],
+                "of_layers": [tree(w[k:2 * n:2]) for k in (0, 1)], "less": [-tree(w[k:2 * n:2]) for k in (0, 1)],
                 "pairs": [total, -total], "second": [-tree(w[n:2 * n])], "third": [2 * min(w[2 * n:])]}
     for name, values in expected.items():
         assert list(got[name]) == list(values), f"{n}, {profile}: {name} is {got[name][:3]}, expected {values[:3]}"

@@ -54,15 +54,17 @@ std::string is_not_zero(const ir::Type& type, const std::string& x) {
   return any + ")";
 }
 
-// Invocations beside each other have an element: as many as a GPU runs at once. The first run has them all, the second,
-// which has nothing to do as a rule, so many that go over the list.
-constexpr int kAtOnce = 1 << 16;
+// Invocations beside each other have an element: as many as a GPU runs at once, which go over the list. A dispatch as
+// long as its list would start two microseconds later on an H200, as its size stands in memory. The second run has
+// nothing to do as a rule.
+constexpr int kAtOnce = 1 << 16, kAtOnceAgain = 1 << 15;
 void share_loops(Shader& s) {
-  const std::string at_once = std::to_string(kAtOnce);
+  const std::string at_once = std::to_string(kAtOnce), again = std::to_string(kAtOnceAgain);
   s.body().line("int shares = 1 << findMSB(clamp(" + at_once + " / max(end, 1), 1, " + std::to_string(kLoopShares) +
                 ")), share = index % shares;");
   s.share_loops("share", "shares");
-  s.body().line("for (index /= shares; index < end; index += pc.a == 0 ? end : " + at_once + " / shares) {");
+  s.body().line("for (index /= shares; index < end; index += (pc.a == 0 ? " + at_once + " : " + again +
+                ") / shares) {");
   s.push_scope();
 }
 
@@ -439,13 +441,16 @@ void Generator::scatter_pass(const Pass& pass) {
 
   const bool two_runs = !finish.empty();
   auto& magnitudes = dispatch(pass, joined ? " add" : "", s, invocations.str(), {two_runs ? 0 : 1, 0, 0});
-  if (listed && !strides) magnitudes.indirect = static_cast<int>(list);
+  if (scatter.shares_loops())
+    magnitudes.elements = std::to_string(kAtOnce);
+  else if (listed && !strides)
+    magnitudes.indirect = static_cast<int>(list);
   set_trips(magnitudes, cut);
   if (two_runs) {
     auto& sums_run = command(bundle::CommandKind::Dispatch, pass.name + " add");
     sums_run.compute = magnitudes.compute;
     for (const auto& b : magnitudes.bindings) sums_run.bindings.push_back(std::make_unique<bundle::BindingT>(*b));
-    sums_run.elements = scatter.shares_loops() ? std::to_string(kAtOnce) : magnitudes.elements;
+    sums_run.elements = scatter.shares_loops() ? std::to_string(kAtOnceAgain) : magnitudes.elements;
     if (lists) sums_run.indirect = static_cast<int>(adding);
     sums_run.push = {1, 0, 0};
     set_trips(sums_run, cut);

@@ -53,11 +53,11 @@ constexpr int64_t kManyKept = 12;
 // Those of a GPU, which starts few workgroups faster than many, and has work for more in large pictures, whose boxes
 // are larger, too. Boxes of some twenty pixels are common, for which a whole subgroup is too many lanes. All of it is
 // measured by tests/bench/cases/table4.dr, 256² to 2048² pixels. A face on a pixel's list waits for those before it
-// there, so lanes share what is more than one pixel.
+// there, so lanes share what is more than one pixel. Lists are of tiles, as a rule, of which there are fewer.
 Bins gpu_bins(const Dim& pixels, bool listed) {
-  constexpr int64_t kUsual = 1 << 20;
+  constexpr int64_t kUsual = 1 << 20, kUsualTiles = 1 << 16;
   constexpr uint64_t kPerSide = 128;
-  const int64_t count = pixels.evaluate({}).value_or(kUsual);
+  const int64_t count = pixels.evaluate({}).value_or(listed ? kUsualTiles : kUsual);
   const auto side = static_cast<uint64_t>(std::sqrt(static_cast<double>(count)));
   const auto middle = std::bit_floor(std::clamp(kPerSide * side, uint64_t{1} << 15, uint64_t{1} << 18));
   const bool usual = count <= kUsual;

@@ -12,6 +12,7 @@
 
 namespace dr::backend {
 
+using ir::Extent;
 using ir::Graph;
 using ir::Op;
 using ir::OpId;
@@ -24,11 +25,24 @@ namespace {
 constexpr int kMostWork = 64;
 constexpr int kMostLoaded = 4;
 
-// What an image of one axis is computed from, element by element.
+// One element of each layer, or one of all.
+bool is_of_layers(const Extent& extent) { return extent.w.is_one() && extent.h.is_one(); }
+
+// Whether a value is read where an index says, rather than computed there: a leaf, or what a list with layers makes of
+// one that has none, but for the choice of components.
+bool is_loaded(const Graph& graph, ValueId id, const Extent& of) {
+  const ir::ValueInfo& info = graph.value(id);
+  const Op& op = graph.op(info.op);
+  if (op.kind == OpKind::Leaf) return info.extent == of || info.extent == Extent{of.w, 1, 1};
+  return !of.l.is_one() && info.extent == Extent{of.w, 1, 1} && !ops::info(op.kind).moves;
+}
+
+// What a list is computed from, element by element; with layers, from lists that have none and from numbers of its
+// layers.
 class Cone {
  public:
   Cone(const Graph& graph, ValueId of) : graph_(graph), extent_(graph.value(of).extent) {
-    sound_ = extent_.h.is_one() && extent_.l.is_one() && visit(of) && !leaves_.empty();
+    sound_ = extent_.h.is_one() && !extent_.w.is_one() && visit(of) && loaded_ > 0;
   }
 
   // Whether it is cheap, and made of leaves and numbers.
@@ -37,15 +51,15 @@ class Cone {
  private:
   bool visit(ValueId id) {
     const ir::ValueInfo& info = graph_.value(id);
-    if (info.extent.is_unit() || !seen_.insert(id).second) return true;
-    if (info.extent != extent_ || info.type.is_matrix()) return false;
+    if (is_of_layers(info.extent) || !seen_.insert(id).second) return true;
+    if (info.type.is_matrix()) return false;
     const Op& op = graph_.op(info.op);
-    if (op.kind == OpKind::Leaf) {
-      leaves_.insert(id);
+    if (is_loaded(graph_, id, extent_)) {
       loaded_ += info.type.components();
       return true;
     }
-    if (op.kind == OpKind::Broadcast) return graph_.value(op.operands[0]).extent.is_unit();
+    if (info.extent != extent_ && info.extent != Extent{extent_.w, 1, 1}) return false;
+    if (op.kind == OpKind::Broadcast) return is_of_layers(graph_.value(op.operands[0]).extent);
     const ops::OpInfo& entry = ops::info(op.kind);
     if (entry.shape != ops::Shape::Elementwise || op.kind == OpKind::Pin) return false;  // what is pinned is stored
     ++ops_;
@@ -54,8 +68,8 @@ class Cone {
   }
 
   const Graph& graph_;
-  const ir::Extent extent_;
-  std::set<ValueId> seen_, leaves_;
+  const Extent extent_;
+  std::set<ValueId> seen_;
   int ops_ = 0, work_ = 0, loaded_ = 0;
   bool sound_ = false;
 };
@@ -110,7 +124,7 @@ class Mover : Rewriter {
     const Op& gather = from_.op(id);
     const ValueId index = map_[gather.operands[1]];
     to_.set_span(gather.span);
-    const ValueId value = at(gather.operands[0], gather.operands[1]);
+    const ValueId value = at(gather.operands[0], gather.operands[1], from_.value(gather.operands[0]).extent);
     const ValueId behind = ops::dim_value(to_, from_.value(gather.operands[0]).extent.w);
     const ValueId zero = ops::constant(to_, ir::kInt, 0.0);
     const ValueId inside =
@@ -124,20 +138,20 @@ class Mover : Rewriter {
   }
 
   // A value of the cone where an index says.
-  ValueId at(ValueId v, ValueId index) {
+  ValueId at(ValueId v, ValueId index, const Extent& of) {
     const ir::ValueInfo& info = from_.value(v);
-    if (info.extent.is_unit()) return map_[v];
+    if (is_of_layers(info.extent)) return map_[v];
     const auto [found, first] = at_.try_emplace({v, index});
     if (!first) return found->second;
     const Op& op = from_.op(info.op);
     ValueId out;
-    if (op.kind == OpKind::Leaf) {
+    if (is_loaded(from_, v, of)) {
       out = ops::emit(to_, OpKind::Gather, {map_[v], map_[index]});
     } else if (op.kind == OpKind::Broadcast) {
       out = map_[op.operands[0]];
     } else {
       std::vector<ValueId> operands;
-      for (const ValueId operand : op.operands) operands.push_back(at(operand, index));
+      for (const ValueId operand : op.operands) operands.push_back(at(operand, index, of));
       out = ops::emit(to_, op.kind, std::move(operands), op.attrs);
       match_rest(info.op);
     }

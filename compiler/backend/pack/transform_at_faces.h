@@ -3,6 +3,7 @@
 // stands before the raster:
 //   %p = add(mul(%m, %position), %offset) ; %a = gather %p, %i    =>    %q = gather %position, %i ;
 //   %a = select(0 <= %i < V, add(mul(%m, %q), %offset), 0)
+// So it is where cameras see a list in layers, by what the list is before (%q = gather %drawn, %i).
 // A vertex is transformed once for each of its faces' corners, and again for all else that reads %p; in exchange, the
 // device waits for one dispatch less in each run. No bit of any result changes: outside, a read gives 0 as before.
 #pragma once
