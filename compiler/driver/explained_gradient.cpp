@@ -3,6 +3,7 @@
 
 #include <cstdio>
 #include <optional>
+#include <set>
 
 #include "compiler/ir/print.h"
 #include "compiler/passes/gradient/explain_grad.h"
@@ -46,6 +47,17 @@ std::string unknown(const ir::Graph& graph, const std::string& name, const char*
   const auto nearest = dsl::nearest_name(name, known_names(graph));
   return "the program has no " + std::string(expected) + " '" + name + "'" +
          (nearest ? ", did you mean '" + *nearest + "'?" : "");
+}
+
+// Where steps have unlike outputs of a name, the ways to say which: "fit.loss or judge.loss"; else nothing.
+std::string to_choose_from(const ir::Graph& graph, const std::string& name) {
+  std::string all;
+  std::set<ValueId> values;
+  for (const ir::Step& step : graph.steps)
+    for (const ir::Output& output : step.outputs)
+      if (name == output.name && values.insert(output.value).second)
+        all += (all.empty() ? "" : " or ") + step.name + "." + name;
+  return values.size() > 1 ? all : "";
 }
 
 // An output first, as NAME or STEP.NAME; of several values with one name the last, which is not a function's own.
@@ -175,6 +187,8 @@ std::string ExplainedGradient::text() const {
 std::variant<ExplainedGradient, std::string> explain_gradient(Compilation& program, const std::string& loss,
                                                               const std::string& target) {
   const ir::Graph& graph = *program.lowered();
+  if (const std::string several = to_choose_from(graph, loss); !several.empty())
+    return "several steps have an output '" + loss + "': say which, as " + several;
   const auto value = find_loss(graph, loss);
   if (!value) return unknown(graph, loss, "output or let");
   const std::vector<ValueId> targets = find_targets(graph, target);
