@@ -328,31 +328,42 @@ std::vector<Matrix> rest_pose(const Scene& scene) {
 Array bind_skin(const Scene& scene, Words words) {
   const auto joints = [&](size_t i) -> const std::vector<int>& { return scene.skins[i].joints; };
   const auto node = [&](int index) -> const Scene::Node& { return scene.nodes[static_cast<size_t>(index)]; };
-  const auto matrices = [&](size_t i, Matrix Scene::Node::*which) {
-    Row row;
-    for (const int joint : joints(i)) row.insert(row.end(), (node(joint).*which).begin(), (node(joint).*which).end());
-    return row;
+  const auto pose = [&](size_t i) {
+    std::vector<Matrix> out;
+    for (const int joint : joints(i)) out.push_back(node(joint).world);
+    return all_of(out);
   };
-  // The joint that a joint hangs on, counted in its own skin.
+  // The joint that a joint hangs on, counted in its own skin or, where all skins are asked for, through all of them; and
+  // the way there, or to the world, by nodes that are no joints, too.
+  const auto hangs_on = [&](size_t i, int joint, Matrix* way) {
+    for (int at = node(joint).parent; at >= 0; at = node(at).parent) {
+      const auto found = std::ranges::find(joints(i), at);
+      if (found != joints(i).end()) return static_cast<int>(found - joints(i).begin());
+      if (way != nullptr) *way = product(node(at).local, *way);
+    }
+    return -1;
+  };
   const auto parents = [&](size_t i) {
+    size_t first = 0;
+    for (size_t k = 0; words.size() == 1 && k < i; ++k) first += joints(k).size();
     Row row;
     for (const int joint : joints(i)) {
-      int at = node(joint).parent;
-      auto found = std::ranges::find(joints(i), at);
-      while (at >= 0 && found == joints(i).end()) {
-        at = node(at).parent;
-        found = std::ranges::find(joints(i), at);
-      }
-      row.push_back(at < 0 ? -1.0 : static_cast<double>(found - joints(i).begin()));
+      const int parent = hangs_on(i, joint, nullptr);
+      row.push_back(parent < 0 ? -1.0 : static_cast<double>(first) + parent);
     }
     return row;
+  };
+  const auto ways = [&](size_t i) {
+    std::vector<Matrix> out;
+    for (const int joint : joints(i)) hangs_on(i, joint, &out.emplace_back(node(joint).local));
+    return all_of(out);
   };
   return bind_parts(
       "skin", words, names_of(scene.skins),
       {{"inverse_bind", 16, [&](size_t i) { return all_of(scene.skins[i].inverse_bind); }},
        {"joint_matrices", 16, [&](size_t i) { return all_of(joint_matrices(scene, i, rest_pose(scene))); }},
-       {"pose", 16, [&](size_t i) { return matrices(i, &Scene::Node::world); }},
-       {"local", 16, [&](size_t i) { return matrices(i, &Scene::Node::local); }},
+       {"pose", 16, pose},
+       {"local", 16, ways},
        {"parents", 1, parents, true}});
 }
 

@@ -127,6 +127,9 @@ Result<Scene> load_scene(const std::string& path);
 
 // The world matrix of every node at a time of an animation; before its first and after its last time it stands still.
 // Precondition: the scene is load_scene's and holds the animation.
+// The way of `second` and then that of `first`, as matrices have it.
+Matrix product(const Matrix& first, const Matrix& second);
+
 std::vector<Matrix> pose_at(const Scene& scene, size_t animation, double time);
 
 // For each joint of a skin, from the mesh at rest to the world. `world` is of each node, as in Scene or by pose_at.

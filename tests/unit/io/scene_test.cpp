@@ -218,6 +218,37 @@ TEST_CASE("skins and animations are bound", "[io][scene]") {
   CHECK(bound.error("animation:Walk:joint_matrices:0") == "':joint_matrices:FRAMES' takes 1 to 4096 frames, found '0'");
 }
 
+TEST_CASE("ways between joints lead by nodes that are none", "[io][scene]") {
+  // The hip, which stands between, is no joint.
+  const Bound bound(R"("joints": [4, 5])", R"("joints": [0, 5])");
+  check_near(bound("skin:0:parents"), {-1, 0});
+  check_near(bound("skin:0:local"), {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 1, 0, 1,  //
+                                     1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 1, 2, 0, 1});
+  // A root's way leads to the world, by the node above it.
+  const std::vector<double> local = Bound()("skin:0:local");
+  check_near({local.begin() + 12, local.begin() + 15}, {1, 1, 0});
+  const Bound two(R"("skins": [{)", R"("skins": [{"joints": [4, 5]}, {)");
+  check_near(two("skin:parents"), {-1, 0, -1, 2});
+  check_near(two("skin:1:parents"), {-1, 0});
+}
+
+TEST_CASE("a time just before a float of a key is before the key", "[io][scene]") {
+  Result<Scene> scene = load_scene(Bound().path());
+  REQUIRE(scene.ok());
+  Scene::Channel& knee = scene->animations[0].channels[0];
+  knee.times = {0, 0.3F};  // which is more than 0.3
+  REQUIRE(double{knee.times[1]} > 0.3);
+  // Keys of any length are turns: a mixture of 0 and 90 degrees.
+  for (float& x : knee.values) x *= 3;
+  const Matrix end = pose_at(*scene, 0, 0.3)[5], half = pose_at(*scene, 0, 0.15)[5];
+  check_near({end.begin(), end.begin() + 4}, {0, 1, 0, 0});
+  check_near({half.begin(), half.begin() + 4}, {std::sqrt(0.5), std::sqrt(0.5), 0, 0});
+  std::fill(knee.values.begin(), knee.values.begin() + 4, 0.0F);
+  knee.values[3] = 0.1F;
+  const Matrix unlike = pose_at(*scene, 0, 0.15)[5];
+  check_near({unlike.begin(), unlike.begin() + 4}, {std::sqrt(0.5), std::sqrt(0.5), 0, 0});
+}
+
 TEST_CASE("a scene is read as structs", "[io][scene]") {
   const Bound bound;
   const Result<Scene> scene = load_scene(bound.path());

@@ -31,7 +31,8 @@ std::vector<double> sample(const Scene::Channel& channel, double time) {
   };
   if (time <= channel.times.front()) return part(0, 1);
   if (time >= channel.times.back()) return part(keys - 1, 1);
-  const auto after = std::upper_bound(channel.times.begin(), channel.times.end(), static_cast<float>(time));
+  // In doubles: rounded to a float, a time just before the last key would be that of the key.
+  const auto after = std::upper_bound(channel.times.begin(), channel.times.end(), time);
   const auto key = static_cast<size_t>(after - channel.times.begin()) - 1;
   if (channel.interpolation == "STEP") return part(key, 1);
   const double length = double{channel.times[key + 1]} - channel.times[key];
@@ -49,7 +50,7 @@ std::vector<double> sample(const Scene::Channel& channel, double time) {
                   length * (t3 - t2) * in[i];
     }
   } else if (channel.path == "rotation") {
-    const glm::dquat q = glm::slerp(quaternion(a), quaternion(b), t);
+    const glm::dquat q = glm::slerp(glm::normalize(quaternion(a)), glm::normalize(quaternion(b)), t);
     result = {q.x, q.y, q.z, q.w};
   } else {
     for (size_t i = 0; i < width; ++i) result[i] = a[i] + (b[i] - a[i]) * t;
@@ -97,6 +98,10 @@ std::vector<Matrix> pose_at(const Scene& scene, size_t animation, double time) {
   std::vector<Matrix> result;
   for (const glm::dmat4& m : world) result.push_back(to_matrix(m));
   return result;
+}
+
+Matrix product(const Matrix& first, const Matrix& second) {
+  return to_matrix(from_matrix(first) * from_matrix(second));
 }
 
 std::vector<Matrix> joint_matrices(const Scene& scene, size_t skin, const std::vector<Matrix>& world) {
