@@ -353,13 +353,6 @@ class Elaborator {
   void collect_vjps(ModuleInfo& module);
   const dsl::FnDecl* vjp_of(const FunctionValue& fn) const;
   Value for_each_element(const dsl::FnDecl& f, const Value& y, const std::vector<Value>& args);
-  struct CallWithVjp {
-    std::vector<Value> args;
-    Value value;
-  };
-  std::map<const dsl::FnDecl*, std::vector<CallWithVjp>> calls_with_vjp_;  // of the root region
-  bool is_of_whole_images(const std::vector<Value>& args) const;
-  const Value* called_before(const dsl::FnDecl& decl, const std::vector<Value>& args) const;
   Value with_vjp(const FunctionValue& fn, const dsl::FnDecl& vjp, Value y, std::vector<Value> args, const Span& span);
 
   Value call_builtin(const BuiltinValue& builtin, std::vector<Argument> args, const Expr* syntax, const Span& span);

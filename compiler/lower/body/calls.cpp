@@ -223,10 +223,8 @@ Value Elaborator::inline_function(const FunctionValue& fn, std::vector<Argument>
 
   const dsl::FnDecl* vjp = vjp_of(fn);
   std::vector<Value> bound;
-  if (vjp) {
+  if (vjp)
     for (const dsl::Param& param : decl.params) bound.push_back(scope->find(param.name.text)->value);
-    if (const Value* before = called_before(decl, bound)) return *before;
-  }
 
   frames_.push_back({&decl, decl.name.text, span, fn.scope, fn.creator, fn.is_lambda});
   const size_t depth = frames_.size();
@@ -251,33 +249,8 @@ Value Elaborator::inline_function(const FunctionValue& fn, std::vector<Argument>
   frames_.pop_back();
   value = leave_call(value, depth);
   if (!vjp || contains_error(value)) return value;
-  const std::vector<Value> arguments = bound;
   for (Value& argument : bound) argument = leave_call(argument, depth);
-  value = with_vjp(fn, *vjp, value, std::move(bound), span);
-  if (is_of_whole_images(arguments) && !contains_error(value)) calls_with_vjp_[&decl].push_back({arguments, value});
-  return value;
-}
-
-// Whether a call stands where all that follows sees what it gives, and takes no current element.
-bool Elaborator::is_of_whole_images(const std::vector<Value>& args) const {
-  bool whole = b_.current_region() == b_.graph().root();
-  const auto look = [&](const Value& leaf) {
-    if (const auto* image = leaf.get<Image>()) whole = whole && image->element == 0;
-  };
-  for (const Value& arg : args) for_each_leaf(arg, look);
-  return whole;
-}
-
-// Of a function with a gradient of its own that was called for the same arguments: then the adjoints of both calls are
-// added up before its `@vjp` sees them, and not what it makes of each.
-const Value* Elaborator::called_before(const dsl::FnDecl& decl, const std::vector<Value>& args) const {
-  constexpr ptrdiff_t kReach = 64;  // calls that are looked at, so that thousands of them take no time
-  const auto calls = calls_with_vjp_.find(&decl);
-  if (calls == calls_with_vjp_.end() || !is_of_whole_images(args)) return nullptr;
-  const std::vector<CallWithVjp>& all = calls->second;
-  for (const CallWithVjp& call : std::span(all).last(static_cast<size_t>(std::min(kReach, std::ssize(all)))))
-    if (std::ranges::equal(call.args, args, same_value)) return &call.value;
-  return nullptr;
+  return with_vjp(fn, *vjp, value, std::move(bound), span);
 }
 
 // What was one element inside the call is a whole image outside.

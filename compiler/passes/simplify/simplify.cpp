@@ -47,6 +47,8 @@ class Round {
       for (const Update& update : step.updates) need(update.value);
     }
     find_needed(from.root());
+    for (const OpId id : from.region(from.root()).ops)
+      if (const Op& op = from.op(id); op.kind == OpKind::Vjp) rules_.emplace(op.operands[1], id);
   }
 
   bool is_unfinished() const { return is_unfinished_; }
@@ -183,9 +185,26 @@ class Round {
     }
   }
 
+  // Two Vjps of one value and for the same targets have one cotangent: where their adjoints are alike, too, they are one,
+  // and what flows into both is added up before the rule sees it. Gives the number of the first.
+  int64_t number_of_cotangent(const Op& op) {
+    const int64_t own = op.attrs.ints[2];
+    const auto rule = rules_.find(op.results[0]);
+    if (rule == rules_.end() || !emitter_.in_root()) return own;
+    const std::vector<ValueId>& operands = from_.op(rule->second).operands;
+    std::vector<ValueId> call{operands[0]};
+    call.insert(call.end(), operands.begin() + 2, operands.begin() + 2 + static_cast<ptrdiff_t>((operands.size() - 2) / 2));
+    for (ValueId& id : call) {
+      if (!map_.has(id)) return own;
+      id = map_[id];
+    }
+    return cotangents_.try_emplace(std::move(call), own).first->second;
+  }
+
   void rebuild_plain(const Op& op) {
     const ValueInfo& old = from_.value(op.results[0]);
     Candidate candidate{op.kind, mapped(op.operands), op.attrs, old.type, old.extent, op.span};
+    if (op.kind == OpKind::Cotangent) candidate.attrs.ints[2] = number_of_cotangent(op);
     if (target_[op.results[0].index]) return enter(op.results[0], emitter_.emit_opaque(std::move(candidate)), true);
     // Inside regions a rule may have left an operand with a smaller extent, which makes this one smaller.
     if (!emitter_.in_root() &&
@@ -522,6 +541,8 @@ class Round {
   ValueMap map_;
   std::vector<bool> needed_;
   std::vector<bool> target_;
+  std::map<ValueId, OpId> rules_;                        // the Vjp of a cotangent, both of the root
+  std::map<std::vector<ValueId>, int64_t> cotangents_;  // their numbers by value and targets, new ones
   size_t dead_ = 0;
   bool is_unfinished_ = false;            // an op or a result that nobody needs
   std::map<ValueId, ScatterPair> pairs_;  // accumulations of inlined Ifs, by old value
