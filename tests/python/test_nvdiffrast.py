@@ -283,3 +283,60 @@ def test_a_double_backward_is_refused():
     (gradient,) = torch.autograd.grad(rast[..., 0].sum(), pos, create_graph=True)
     with pytest.raises(dressi.Error, match="double backward"):
         gradient.sum().backward()
+
+
+def test_what_was_written_to_since_is_noticed():
+    torch = pytest.importorskip("torch")
+    pos, tri = (torch.tensor(array) for array in triangle())
+    rast, _ = dr.rasterize(dr.RasterizeVkContext(DEVICE), pos, tri, (8, 8))
+    attr = torch.rand(1, 3, 2, requires_grad=True)
+    out, _ = dr.interpolate(attr, rast, tri)
+    soft = dr.antialias(out, rast, pos, tri)
+    tri += 0
+    for result in (out, soft):
+        with pytest.raises(RuntimeError, match="modified by an inplace operation"):
+            result.sum().backward(retain_graph=True)
+
+
+@pytest.mark.parametrize("device", ["reference", DEVICE])
+def test_no_layer_is_lost_between_depths_that_are_one(device):
+    # The farther face comes first by its number, as both depths are one of 2^24.
+    depths = [1e-8, 0.0]
+    pos = np.array([[(*at, depth, 1) for depth in depths for at in [(-4, -4), (4, -4), (0, 8)]]], np.float32)
+    with dr.DepthPeeler(dr.RasterizeVkContext(device), pos, np.arange(6, dtype=np.int32).reshape(2, 3), (4, 4)) as peeler:
+        for face in (1, 2, 0):
+            assert (peeler.rasterize_next_layer()[0][..., 3] == face).all()
+
+
+@pytest.mark.parametrize("filter_mode", ["nearest", "linear", "linear-mipmap-linear"])
+def test_no_direction_sees_no_texel_of_a_cube(filter_mode):
+    torch = pytest.importorskip("torch")
+    cube = torch.rand(1, 6, 4, 4, 2, requires_grad=True)
+    way = torch.tensor([[0, 0, 0], [float("nan"), 1, 0], [float("inf"), 1, 0], [0.3, 1, 0.2]]).reshape(1, 1, 4, 3).requires_grad_()
+    bias = torch.zeros(1, 1, 4) if "mipmap" in filter_mode else None
+    seen = dr.texture(cube, way, mip_level_bias=bias, filter_mode=filter_mode, boundary_mode="cube")
+    seen.sum().backward()
+    assert (seen[0, 0, :3] == 0).all() and (seen[0, 0, 3] > 0).all()
+    assert torch.isfinite(cube.grad).all() and (way.grad[0, 0, :3] == 0).all()
+
+
+def test_places_at_the_ends_of_a_texture_and_of_lists():
+    row = np.arange(6, dtype=np.float32).reshape(1, 1, 6, 1)
+    uv = np.array([[[[-1e-9, 0.5], [-6e-8, 0.5], [0.0, 0.5], [1 - 6e-8, 0.5]]]], np.float32)
+    assert dr.texture(row, uv, filter_mode="nearest").ravel().tolist() == [5, 5, 0, 5]
+    # Faces of another mesh are none of this one, and a range may name more than there are.
+    context, (pos, tri) = dr.RasterizeVkContext(DEVICE), triangle()
+    two = np.concatenate([tri, tri[:, ::-1]])
+    rast, _ = dr.rasterize(context, pos[0], two, (8, 8), ranges=np.array([[1, 2**31 - 1]], np.int32))
+    assert rast[..., 3].max() == 2
+    out, _ = dr.interpolate(np.ones((1, 3, 1), np.float32), rast, tri)
+    assert (out == 0).all()
+
+
+def test_a_vertex_in_the_plane_of_the_camera_has_a_gradient():
+    torch = pytest.importorskip("torch")
+    pos = torch.tensor([[[-0.5, -0.5, 0, 1], [0.7, -0.4, 0, 1], [0.1, 0.9, 0, 0]]], requires_grad=True)
+    tri = torch.tensor([[0, 1, 2]], dtype=torch.int32)
+    rast, _ = dr.rasterize(dr.RasterizeVkContext(DEVICE), pos, tri, (16, 16))
+    dr.antialias((rast[..., 3:] > 0).float(), rast, pos, tri).sum().backward()
+    assert torch.isfinite(pos.grad).all()

@@ -169,6 +169,10 @@ Value Elaborator::with_vjp(const FunctionValue& fn, const dsl::FnDecl& vjp, Valu
                     "expected an adjoint of " + words(target, "the extent ") + " for '" + param + "', found " +
                         words(adjoint, ""));
       }
+      const auto& declared = fn.decl->params[asked[k]].type;
+      if (declared && declared->has_extents && !target.is_unit() &&
+          refuse_in_region("the adjoint of all of '" + param + "' that the '@vjp' of " + name + " gives", span))
+        return Error{};
       targets.push_back(wanted[i].as<Image>().id);
       adjoints.push_back(materialize(given[i]));
     }

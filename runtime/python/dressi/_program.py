@@ -527,7 +527,7 @@ def compile(
 
     `device` is part of a device's name, its number, "reference" or a `Device`; the program is compiled for its profile, or
     for `profile`. `defines` replaces consts of the program. `known` has values of inputs of one element that stay: what they make zero
-    is left out, and binding others is an error. A program that is wrong raises `CompileError`, whose text has
+    is left out, and where that rests on a value, binding another is an error. A program that is wrong raises `CompileError`, whose text has
     line and caret.
     """
     name = "<program>"

@@ -96,13 +96,15 @@ def _array(value: Any) -> Any:
     return value.detach().cpu().numpy() if _is_tensor(value) else value
 
 
-def _apply(operation: Any, differentiable: dict[str, Any]) -> tuple[Any, ...]:
-    """Runs `operation(arrays)`, which gives results and the way back; as a node of PyTorch's graph where there are tensors."""
+def _apply(operation: Any, differentiable: dict[str, Any], fixed: dict[str, Any]) -> tuple[Any, ...]:
+    """Runs `operation(arrays)`, which gives results and the way back; as a node of PyTorch's graph where there are differentiable
+    tensors. That one keeps the fixed ones, too, so that what was written to since is noticed."""
     if not any(_is_tensor(value) for value in differentiable.values()):
-        return tuple(operation(differentiable)[0])
+        return tuple(operation({**differentiable, **{name: _array(value) for name, value in fixed.items()}})[0])
     from ._torch import Node
 
-    return Node.apply(operation, list(differentiable), *differentiable.values())
+    given = {**differentiable, **fixed}
+    return Node.apply(operation, list(given), *given.values())
 
 
 def rasterize(
@@ -116,14 +118,13 @@ def rasterize(
     _check_context(glctx)
     if glctx.active_depth_peeler is not None:
         raise Error("inside a DepthPeeler its rasterize_next_layer() rasterizes")
-    tri, ranges = _array(tri), _array(ranges)
 
     def operation(arrays: dict[str, Any]) -> tuple[list[Any], Any]:
-        layers = _core.Layers(arrays["pos"], tri, resolution, ranges)
+        layers = _core.Layers(arrays["pos"], arrays["tri"], resolution, arrays["ranges"])
         results, back, _ = _core.rasterize(glctx.device, layers)
         return _db(glctx, results), lambda seeds: back([seeds[0], seeds[1] if grad_db and glctx.output_db else None])
 
-    return _apply(operation, {"pos": pos})
+    return _apply(operation, {"pos": pos}, {"tri": tri, "ranges": ranges})
 
 
 def _check_context(glctx: Any) -> None:
@@ -148,7 +149,7 @@ class DepthPeeler:
     ) -> None:
         _check_context(glctx)
         self.raster_ctx, self.pos, self.grad_db = glctx, pos, grad_db
-        self._tri, self._ranges, self._resolution = _array(tri), _array(ranges), resolution
+        self._tri, self._ranges, self._resolution = tri, ranges, resolution
         self._above: Any = None
 
     def __enter__(self) -> DepthPeeler:
@@ -169,31 +170,32 @@ class DepthPeeler:
         glctx = self.raster_ctx
 
         def operation(arrays: dict[str, Any]) -> tuple[list[Any], Any]:
-            layers = _core.Layers(arrays["pos"], self._tri, self._resolution, self._ranges)
+            layers = _core.Layers(arrays["pos"], arrays["tri"], self._resolution, arrays["ranges"])
             if self._above is None:
-                self._above = _np.full((len(layers.ranges), layers.height, layers.width), -2, _np.float32)
+                size = (len(layers.ranges), layers.height, layers.width)
+                self._above = _np.full(size, -2, _np.float32), _np.full(size, -1, _np.int32)
             results, back, depth = _core.rasterize(glctx.device, layers, self._above)
             # Behind a pixel that sees nothing there is nothing.
-            self._above = _np.where(results[0][..., 3] > 0, depth, 2)
+            face = results[0][..., 3].astype(_np.int32) - 1
+            self._above = _np.where(face >= 0, depth, 2), _np.where(face >= 0, face, 2**31 - 1).astype(_np.int32)
             return _db(glctx, results), lambda seeds: back([seeds[0], seeds[1] if self.grad_db and glctx.output_db else None])
 
-        return _apply(operation, {"pos": self.pos})
+        return _apply(operation, {"pos": self.pos}, {"tri": self._tri, "ranges": self._ranges})
 
 
 def interpolate(attr: Any, rast: Any, tri: Any, rast_db: Any = None, diff_attrs: Any = None) -> tuple[Any, Any]:
     """Attributes [minibatch, vertices, channels] (1 in front, or two dimensions: for all pictures) at each pixel, and for the
     channels `diff_attrs` (a list, or "all") their derivatives by X and Y, which take `rast_db`."""
-    tri = _array(tri)
     chosen = None if diff_attrs is None else diff_attrs if isinstance(diff_attrs, str) else [int(k) for k in diff_attrs]
     given = {"attr": attr, "rast": rast}
     if chosen is not None and len(chosen):
         given["rast_db"] = rast_db
 
     def operation(arrays: dict[str, Any]) -> tuple[list[Any], Any]:
-        (out, out_da), back = _core.interpolate(_device, arrays["attr"], arrays["rast"], tri, arrays.get("rast_db"), chosen)
+        (out, out_da), back = _core.interpolate(_device, arrays["attr"], arrays["rast"], arrays["tri"], arrays.get("rast_db"), chosen)
         return [out, _np.zeros((*out.shape[:3], 0), _np.float32) if out_da is None else out_da], back
 
-    return _apply(operation, given)
+    return _apply(operation, given, {"tri": tri})
 
 
 class _Mip:
@@ -255,7 +257,7 @@ def texture(
         more = arrays.get("uv_da"), arrays.get("mip_level_bias")
         return _core.texture(_device, textures, arrays["uv"], *more, filter_mode, boundary_mode)
 
-    return _apply(operation, given)[0]
+    return _apply(operation, given, {})[0]
 
 
 class _TopologyHash:
@@ -293,15 +295,16 @@ def antialias(
 
     Of faces smaller than a pixel most outlines are not found, as in nvdiffrast. `exact=True` finds all: each pixel has the colours
     of both sides by the area that they cover of it, and gradients are those of the area. Of at most so many faces with `outlines` in 4 x 4
-    pixels, 64 or less, that is exact, in time and memory that grow with them. No part of the mesh may lie before the near plane.
+    pixels, 64 or less, that is exact, in time and memory that grow with them. No part of the mesh may lie before the near plane, and each
+    picture has to show all of `tri`: one of a range of it is given that range alone, as `tri[first:first + count]`. What lies behind the first
+    layer of a DepthPeeler is not for it.
     """
-    tri, rast = _array(tri), _array(rast)
 
     def operation(arrays: dict[str, Any]) -> tuple[list[Any], Any]:
-        given = (_device, arrays["color"], rast, arrays["pos"], tri)
+        given = (_device, arrays["color"], arrays["rast"], arrays["pos"], arrays["tri"])
         made = topology_hash
         if exact:
             return _core.antialias_exact(*given, None if made is None else made.across, outlines, pos_gradient_boost)
         return _core.antialias(*given, None if made is None else made.opposite, pos_gradient_boost)
 
-    return _apply(operation, {"color": color, "pos": pos})[0]
+    return _apply(operation, {"color": color, "pos": pos}, {"tri": tri, "rast": rast})[0]

@@ -112,8 +112,11 @@ def _finder(device: str, defines: tuple[tuple[str, int], ...], width: int, heigh
     return program("rasterize", device, *defines).bind(symbols={"W": width, "H": height})
 
 
-def rasterize(device: str, layers: Layers, above: np.ndarray | None = None) -> tuple[list[np.ndarray], Back, np.ndarray]:
-    """(rast, rast_db), the way back to pos, and the depths. `above`: only what lies behind it is seen."""
+def rasterize(
+    device: str, layers: Layers, above: tuple[np.ndarray, np.ndarray] | None = None
+) -> tuple[list[np.ndarray], Back, np.ndarray]:
+    """(rast, rast_db), the way back to pos, and the depths. `above`: only what lies behind these depths is seen, or at them with a larger
+    face number than these."""
     n, pos = len(layers.ranges), layers.stack[:, None]
     defines = (("RANGES", int(layers.is_range)), ("STRIDE", layers.stride), ("PEEL", int(above is not None)))
     # A run keeps its sizes, and is of no use to a process that was forked since.
@@ -121,7 +124,7 @@ def rasterize(device: str, layers: Layers, above: np.ndarray | None = None) -> t
     with _finding:
         run.bind(pos=pos, tri=layers.tri, range=layers.ranges[:, None, None])
         if above is not None:
-            run["above"] = above
+            run["above"], run["above_face"] = above
         face = run.step("find")["face_"]
     return weigh(device, layers, face)
 
