@@ -191,6 +191,15 @@ def test_extents_agree_and_a_failed_bind_leaves_nothing(device):
     assert run.step()["error"] >= 0
 
 
+def test_names_alone_and_symbols_that_are_words_of_python(tmp_path):
+    (tmp_path / "twice.dr").write_text("edition 1;\nfn of(x: float) -> float { 2.0 * x }\n")
+    text = "edition 1;\nimport twice;\nparam a : float[lambda];\nstep look { output tot = sum(twice.of(a)); }\n"
+    program = dressi.compile(text, device="reference", include=str(tmp_path))
+    assert program.bind(a=[1, 2]).empty("a").shape == (2,)
+    adjoint = program.with_adjoint("look", "a", "tot").bind({"a": [1, 2], "look.adjoint.tot": 3.0})
+    assert adjoint.step("look.adjoint")["a"].tolist() == [6, 6]
+
+
 def test_a_run_keeps_its_sizes():
     text = "edition 1;\ninput face : ivec3[F];\nstep s { output edges = topology(face).edge_faces; }\n"
     for device in DEVICES[1:]:

@@ -144,6 +144,7 @@ class Program:
         """The program with one step more, `STEP.adjoint`: its outputs, named as the leaves `inputs`, are the gradients of the sum
         over the step's `outputs`, each times a leaf `STEP.adjoint.OUTPUT` of its type and extent. It counts its own runs: where the step
         looks at `step_index`, `Run.set_runs` gives its adjoint that of the run whose gradient it is to be."""
+        inputs, outputs = ([names] if isinstance(names, str) else names for names in (inputs, outputs))
         name, text, options = self._text("differentiate")
         adjoint = f"{self._step(step)}:{','.join(inputs)}:{','.join(outputs)}"
         return _compiled(name, text, [*options, ("adjoint", adjoint)], self._device)
@@ -558,7 +559,8 @@ def compile(
     if profile is not None:
         options.append(("profile", profile))
     options += [("ablate", part) for part in ablate]
-    options += [("include", os.fspath(folder)) for folder in include]
+    folders = [include] if isinstance(include, (str, os.PathLike)) else include
+    options += [("include", os.fspath(folder)) for folder in folders]
     options += [(f"define:{key}", _define(value)) for key, value in (defines or {}).items()]
     options += [(f"known:{key}", _numbers(value)) for key, value in (known or {}).items()]
     return _compiled(name, source, options, device if device is not None else where)
