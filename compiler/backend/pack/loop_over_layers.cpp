@@ -27,10 +27,14 @@ constexpr int kLevels = 7;
 // Sums that share a loop: their lanes hold them all.
 constexpr uint32_t kMostTogether = 8;
 
+// A lane goes over all layers, which takes longer than a reduction where they are known to be many.
+constexpr int64_t kMostLayers = 512;
+
 bool is_over_layers(const Graph& graph, const Op& op) {
   if (op.kind != OpKind::ReduceSum || op.attrs.ints != std::vector<int64_t>{0, 0, 1}) return false;
   const Extent& from = graph.value(op.operands[0]).extent;
-  return from.h.is_one() && !from.w.is_one() && !from.l.is_one();
+  const bool many = from.l.is_constant() && from.l.constant() > kMostLayers;
+  return from.h.is_one() && !from.w.is_one() && !from.l.is_one() && !many;
 }
 
 class LoopWriter : Rewriter {

@@ -160,14 +160,16 @@ def freed_with(owner: Any, free: Any, handle: Any) -> None:
     weakref.finalize(owner, free_here, os.getpid()).atexit = False
 
 
-def encoded(text: str, what: str) -> bytes:
+def encoded(text: str, what: str, kind: type[Error] = CompileError) -> bytes:
     """As the C interface takes text, which ends at a zero byte."""
+    if not isinstance(text, str):
+        raise TypeError(f"expected text for {what}, found {text!r}")
     if "\0" in text:
-        raise CompileError(f"{what} contains a zero byte")
+        raise kind(f"{what} contains a zero byte")
     try:
         return text.encode()
     except UnicodeEncodeError as error:
-        raise CompileError(f"{what} is not valid Unicode: {error}") from error
+        raise kind(f"{what} is not valid Unicode: {error}") from error
 
 
 def pairs(options: list[tuple[str, str]]) -> Any:

@@ -30,7 +30,7 @@ class Device:
     """A Vulkan device, or the float64 evaluator ("reference"), which needs none."""
 
     def __init__(self, name: str = "", *, validation: bool = False) -> None:
-        self._handle = c.checked(c.library.dressi_device_open(str(name).encode(), validation), c.DeviceError)
+        self._handle = c.checked(c.library.dressi_device_open(c.encoded(str(name), "the name of a device", c.DeviceError), validation), c.DeviceError)
         c.freed_with(self, c.library.dressi_device_free, self._handle)
         self.info: dict[str, str] = json.loads(c.library.dressi_device_info(self._handle))
         self._process = os.getpid()
@@ -153,7 +153,8 @@ class Program:
         """Why the gradient of an output or `let` with respect to a leaf or `let` is what it is: along which values it flows, and
         where it is cut. No number is computed."""
         name, text, options = self._text("explain")
-        answer = c.library.dressi_explain_gradient(name.encode(), text.encode(), c.pairs(options), loss.encode(), leaf.encode())
+        names = c.encoded(loss, "the name of a loss", c.Error), c.encoded(leaf, "the name of a leaf", c.Error)
+        answer = c.library.dressi_explain_gradient(name.encode(), text.encode(), c.pairs(options), *names)
         return GradientExplanation(json.loads(c.checked(answer)))
 
     def schedule(self, step: str | None = None) -> Schedule:
@@ -243,11 +244,13 @@ class Run:
     def bind(self, arrays: Mapping[str, Any] | None = None, /, *, symbols: Mapping[str, int] | None = None, **more: Any) -> Run:
         """Gives leaves their data, which is copied, and symbols that no leaf determines their values. Returns the run."""
         self.device._check_process()
+        if symbols is not None and not isinstance(symbols, Mapping):
+            raise TypeError(f"symbols: expected a dict of names and counts, found {symbols!r}; a leaf of that name goes into a dict: bind({{'symbols': …}})")
         for symbol, value in (symbols or {}).items():
             if not isinstance(symbol, str):
                 raise c.BindError(f"expected the name of a symbol, found {symbol!r}")
             count = _whole(f"symbol '{symbol}'", value)
-            c.checked(c.library.dressi_bind_symbol(self._handle, symbol.encode(), count), c.BindError)
+            c.checked(c.library.dressi_bind_symbol(self._handle, c.encoded(symbol, "the name of a symbol", c.BindError), count), c.BindError)
             self.symbols[symbol] = count
         for name, value in {**(arrays or {}), **more}.items():
             self._bind(name, value)
