@@ -333,8 +333,8 @@ Array bind_skin(const Scene& scene, Words words) {
     for (const int joint : joints(i)) out.push_back(node(joint).world);
     return all_of(out);
   };
-  // The joint that a joint hangs on, counted in its own skin or, where all skins are asked for, through all of them; and
-  // the way there, or to the world, by nodes that are no joints, too.
+  // The joint that a joint hangs on, counted in its own skin or, where all skins are asked for, through all of them;
+  // and the way there, or to the world, by nodes that are no joints, too.
   const auto hangs_on = [&](size_t i, int joint, Matrix* way) {
     for (int at = node(joint).parent; at >= 0; at = node(at).parent) {
       const auto found = std::ranges::find(joints(i), at);

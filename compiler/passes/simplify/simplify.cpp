@@ -185,15 +185,16 @@ class Round {
     }
   }
 
-  // Two Vjps of one value and for the same targets have one cotangent: where their adjoints are alike, too, they are one,
-  // and what flows into both is added up before the rule sees it. Gives the number of the first.
+  // Two Vjps of one value and for the same targets have one cotangent: where their adjoints are alike, too, they are
+  // one, and what flows into both is added up before the rule sees it. Gives the number of the first.
   int64_t number_of_cotangent(const Op& op) {
     const int64_t own = op.attrs.ints[2];
     const auto rule = rules_.find(op.results[0]);
     if (rule == rules_.end() || !emitter_.in_root()) return own;
     const std::vector<ValueId>& operands = from_.op(rule->second).operands;
     std::vector<ValueId> call{operands[0]};
-    call.insert(call.end(), operands.begin() + 2, operands.begin() + 2 + static_cast<ptrdiff_t>((operands.size() - 2) / 2));
+    call.insert(call.end(), operands.begin() + 2,
+                operands.begin() + 2 + static_cast<ptrdiff_t>((operands.size() - 2) / 2));
     for (ValueId& id : call) {
       if (!map_.has(id)) return own;
       id = map_[id];
@@ -541,7 +542,7 @@ class Round {
   ValueMap map_;
   std::vector<bool> needed_;
   std::vector<bool> target_;
-  std::map<ValueId, OpId> rules_;                        // the Vjp of a cotangent, both of the root
+  std::map<ValueId, OpId> rules_;                       // the Vjp of a cotangent, both of the root
   std::map<std::vector<ValueId>, int64_t> cotangents_;  // their numbers by value and targets, new ones
   size_t dead_ = 0;
   bool is_unfinished_ = false;            // an op or a result that nobody needs
