@@ -7,6 +7,7 @@ if [[ -z ${DR_LAVAPIPE_ICD-} ]]; then
   exit 77
 fi
 export VK_ICD_FILENAMES=$DR_LAVAPIPE_ICD VK_DRIVER_FILES=$DR_LAVAPIPE_ICD
+profiles=$(readlink -f "$(dirname "${BASH_SOURCE[0]}")")/../../compiler/target/profiles
 source "$(dirname "${BASH_SOURCE[0]}")/in_folder.sh"
 
 # expect STATUS TEXT ARGUMENTS...: drun on lavapipe ends so and says so.
@@ -19,4 +20,10 @@ expect() {
     tail -n 5 said
     failed=1
   fi
+}
+
+# gpu_profile FILE: lavapipe's profile, but for subgroups as a GPU has them.
+gpu_profile() {
+  sed 's/"subgroup_size": [0-9]*/"subgroup_size": 32/; s/"lanes_in_turn": true/"lanes_in_turn": false/' "$profiles/lavapipe.json" > "$1"
+  grep -q '"subgroup_size": 32' "$1" && grep -q '"lanes_in_turn": false' "$1"
 }

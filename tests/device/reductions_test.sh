@@ -4,7 +4,7 @@
 # compiler/backend/emit/reduce.cpp promises, to the bit.
 # usage: reductions_test.sh DRUN
 set -eu
-drun=$(readlink -f "$1") profiles=$(readlink -f "$(dirname "${BASH_SOURCE[0]}")")/../../compiler/target/profiles
+drun=$(readlink -f "$1")
 source "$(dirname "${BASH_SOURCE[0]}")/on_lavapipe.sh" "reductions on lavapipe"
 cat > sums.dr << 'END'
 edition 1;
@@ -19,8 +19,7 @@ step look {
 }
 END
 # Where subgroups are a GPU's, eight invocations share what one folds on a processor.
-sed 's/"subgroup_size": [0-9]*/"subgroup_size": 32/; s/"lanes_in_turn": true/"lanes_in_turn": false/' "$profiles/lavapipe.json" > teams.json
-grep -q '"subgroup_size": 32' teams.json && grep -q '"lanes_in_turn": false' teams.json
+gpu_profile teams.json
 drun=$drun python3 - << 'END'
 import os, random, struct, subprocess
 from array import array

@@ -20,13 +20,11 @@ using ir::ValueId;
 
 namespace {
 
-// What a node of the tree of a reduction folds. Levels beyond these add up one after the other, as the tree does while
-// there are 8^8 layers at most.
-constexpr int64_t kFolds = 8;
-constexpr int kLevels = 7;
+// What a node of the tree of a reduction folds, and the layers of the largest nodes that have a loop: these are added
+// up one after the other, as in the tree while there are 8^8 layers at most.
+constexpr int64_t kFolds = 8, kLargest = 1 << 18;
 // Sums that share a loop: their lanes hold them all.
 constexpr uint32_t kMostTogether = 8;
-
 // A lane goes over all layers, which takes longer than a reduction where they are known to be many.
 constexpr int64_t kMostLayers = 512;
 
@@ -92,22 +90,18 @@ class LoopWriter : Rewriter {
 
   // Few layers, as those of views are, have a loop that drivers write out.
   std::vector<ValueId> few_or_many(const Loops& loops, const Dim& layers) {
-    const ValueId zero = ops::constant(to_, ir::kInt, 0.0);
+    const ValueId zero = number(0);
     if (layers.is_constant() && layers.constant() <= kFolds) return layers_of(loops, zero, loops.count);
-    const ValueId few =
-        ops::emit(to_, OpKind::LessEqual, {loops.count, ops::constant(to_, ir::kInt, static_cast<double>(kFolds))});
+    const ValueId few = ops::emit(to_, OpKind::LessEqual, {loops.count, number(kFolds)});
     const ir::RegionId then = to_.begin_region({});
     to_.end_region(layers_of(loops, zero, loops.count));
     const ir::RegionId otherwise = to_.begin_region({});
-    int64_t size = 1;
-    for (int k = 1; k < kLevels; ++k) size *= kFolds;
-    to_.end_region(nodes(loops, zero, loops.count, size));
+    to_.end_region(nodes(loops, zero, loops.count, kLargest));
     return ops::emit_multi(to_, OpKind::If, {few}, attrs(loops, {}, ir::Yield::Element), {then, otherwise});
   }
 
   // The sums of the layers from `begin` to `end`, in nodes of `size` layers, a power of eight, the last one of fewer.
   std::vector<ValueId> nodes(const Loops& loops, ValueId begin, ValueId end, int64_t size) {
-    const auto number = [&](int64_t n) { return ops::constant(to_, ir::kInt, static_cast<double>(n)); };
     const ValueId first = ops::div(to_, begin, number(size));
     const ValueId behind = ops::div(to_, ops::add(to_, end, number(size - 1)), number(size));
     return loop(loops, first, behind, [&](ValueId k) {
@@ -120,8 +114,8 @@ class LoopWriter : Rewriter {
   // Those of the layers one after the other.
   std::vector<ValueId> layers_of(const Loops& loops, ValueId begin, ValueId end) {
     return loop(loops, begin, end, [&](ValueId k) {
-      const ValueId zero = ops::constant(to_, ir::kInt, 0.0), here = ops::coord(to_, 0, loops.domain);
-      const ValueId at = ops::compose(to_, {here, zero, k}, ir::vec(3, ir::Scalar::Int));
+      const ValueId here = ops::coord(to_, 0, loops.domain);
+      const ValueId at = ops::compose(to_, {here, number(0), k}, ir::vec(3, ir::Scalar::Int));
       std::vector<ValueId> out;
       for (const ValueId source : loops.sources) out.push_back(ops::emit(to_, OpKind::Gather, {source, at}));
       return out;
@@ -135,6 +129,8 @@ class LoopWriter : Rewriter {
     to_.end_region(body_of(to_.graph().region(body).params[0]));
     return ops::emit_multi(to_, OpKind::Reduce, {begin, end}, attrs(loops, {-1}, ir::Yield::Sum), {body});
   }
+
+  ValueId number(int64_t n) { return ops::constant(to_, ir::kInt, static_cast<double>(n)); }
 
   static ir::Attrs attrs(const Loops& loops, std::vector<int64_t> ints, ir::Yield yield) {
     return {.ints = std::move(ints),

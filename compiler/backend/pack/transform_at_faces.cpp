@@ -33,8 +33,7 @@ bool is_of_layers(const Extent& extent) { return extent.w.is_one() && extent.h.i
 bool is_loaded(const Graph& graph, ValueId id, const Extent& of) {
   const ir::ValueInfo& info = graph.value(id);
   const Op& op = graph.op(info.op);
-  if (op.kind == OpKind::Leaf) return info.extent == of || info.extent == Extent{of.w, 1, 1};
-  return !of.l.is_one() && info.extent == Extent{of.w, 1, 1} && !ops::info(op.kind).moves;
+  return op.kind == OpKind::Leaf || (!of.l.is_one() && info.extent.l.is_one() && !ops::info(op.kind).moves);
 }
 
 // What a list is computed from, element by element; with layers, from lists that have none and from numbers of its
@@ -53,12 +52,12 @@ class Cone {
     const ir::ValueInfo& info = graph_.value(id);
     if (is_of_layers(info.extent) || !seen_.insert(id).second) return true;
     if (info.type.is_matrix()) return false;
+    if (info.extent != extent_ && info.extent != Extent{extent_.w, 1, 1}) return false;
     const Op& op = graph_.op(info.op);
     if (is_loaded(graph_, id, extent_)) {
       loaded_ += info.type.components();
       return true;
     }
-    if (info.extent != extent_ && info.extent != Extent{extent_.w, 1, 1}) return false;
     if (op.kind == OpKind::Broadcast) return is_of_layers(graph_.value(op.operands[0]).extent);
     const ops::OpInfo& entry = ops::info(op.kind);
     if (entry.shape != ops::Shape::Elementwise || op.kind == OpKind::Pin) return false;  // what is pinned is stored

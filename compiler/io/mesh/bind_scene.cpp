@@ -333,29 +333,35 @@ Array bind_skin(const Scene& scene, Words words) {
     for (const int joint : joints(i)) out.push_back(node(joint).world);
     return all_of(out);
   };
-  // The joint that a joint hangs on, counted in its own skin or, where all skins are asked for, through all of them;
-  // and the way there, or to the world, by nodes that are no joints, too.
-  const auto hangs_on = [&](size_t i, int joint, Matrix* way) {
+  // The joint of its skin that a joint hangs on, -1 if there is none, and the way there, or to the world, by nodes that
+  // are no joints, too.
+  struct Link {
+    int parent = -1;
+    Matrix way;
+  };
+  const auto link = [&](size_t i, int joint) {
+    Matrix way = node(joint).local;
     for (int at = node(joint).parent; at >= 0; at = node(at).parent) {
       const auto found = std::ranges::find(joints(i), at);
-      if (found != joints(i).end()) return static_cast<int>(found - joints(i).begin());
-      if (way != nullptr) *way = product(node(at).local, *way);
+      if (found != joints(i).end()) return Link{static_cast<int>(found - joints(i).begin()), way};
+      way = product(node(at).local, way);
     }
-    return -1;
+    return Link{-1, way};
   };
+  // Where all skins are asked for, joints count through all of them.
   const auto parents = [&](size_t i) {
     size_t first = 0;
     for (size_t k = 0; words.size() == 1 && k < i; ++k) first += joints(k).size();
     Row row;
     for (const int joint : joints(i)) {
-      const int parent = hangs_on(i, joint, nullptr);
+      const int parent = link(i, joint).parent;
       row.push_back(parent < 0 ? -1.0 : static_cast<double>(first) + parent);
     }
     return row;
   };
   const auto ways = [&](size_t i) {
     std::vector<Matrix> out;
-    for (const int joint : joints(i)) hangs_on(i, joint, &out.emplace_back(node(joint).local));
+    for (const int joint : joints(i)) out.push_back(link(i, joint).way);
     return all_of(out);
   };
   return bind_parts(

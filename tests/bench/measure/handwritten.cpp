@@ -497,8 +497,8 @@ int bench(int argc, char** argv) {
   // In turns of many frames, as those that are under way are: behind a frame of the other's, each would find its
   // memory and shaders out of the caches.
   constexpr int kTurns = 5;
+  const int times = std::clamp(compiled_times / 10, 3, 100);
   for (int turn = 0; turn < kTurns; ++turn) {
-    const int times = std::clamp(compiled_times / 10, 3, 100);
     for (int k = 0; k < times; ++k) waited.push_back(compiled_run(1));
     for (int k = 0; k < times; ++k) own_waited.push_back(machine.run(commands, 1));
   }
