@@ -499,8 +499,8 @@ int bench(int argc, char** argv) {
   constexpr int kTurns = 5;
   const int times = std::clamp(compiled_times / 10, 3, 100);
   for (int turn = 0; turn < kTurns; ++turn) {
-    for (int k = 0; k < times; ++k) waited.push_back(compiled_run(1));
-    for (int k = 0; k < times; ++k) own_waited.push_back(machine.run(commands, 1));
+    for (int left = times; left > 0; --left) waited.push_back(compiled_run(1));
+    for (int left = times; left > 0; --left) own_waited.push_back(machine.run(commands, 1));
   }
   // Where the gradients differ, the two do not do the same, and a ratio of times means nothing.
   const bool agree = apart < 0.02;
