@@ -234,17 +234,19 @@ Value Elaborator::index_value(const Value& base, const Value& index, const Expr&
     const auto checked = checked_index(static_cast<int64_t>(known->front()), count, what, expr.b->span);
     return checked ? item(*checked) : Value(Error{});
   }
-  // Known at run time only: a chain of choices, the first and the last item standing for what lies outside.
+  // Known at run time only: choices as a tree, so that few wait for each other. The first and the last item stand for
+  // what lies outside.
   if (count == 0)
     return fail(Code::E0316, expr.b->span, "expected an index into an array that has items, found an empty one");
-  Value result = item(count - 1);
-  for (int64_t i = count - 2; i >= 0; --i) {
-    const Value place = convert_scalar(index, Scalar::Int);
-    const Value here = apply(OpKind::LessEqual, {place, Dim(i)});
+  const auto chosen = [&](const auto& self, int64_t begin, int64_t end) -> Value {
+    if (end - begin == 1) return item(begin);
+    const int64_t middle = begin + (end - begin + 1) / 2;
+    Value first = self(self, begin, middle), last = self(self, middle, end);
+    const Value here = apply(OpKind::LessEqual, {convert_scalar(index, Scalar::Int), Dim(middle - 1)});
     if (here.is_error()) return Error{};
-    result = select_branches(here, item(i), result, expr.span);
-  }
-  return result;
+    return select_branches(here, std::move(first), std::move(last), expr.span);
+  };
+  return chosen(chosen, 0, count);
 }
 
 // ---- arrays ----
