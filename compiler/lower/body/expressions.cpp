@@ -241,10 +241,10 @@ Value Elaborator::index_value(const Value& base, const Value& index, const Expr&
   const auto chosen = [&](const auto& self, int64_t begin, int64_t end) -> Value {
     if (end - begin == 1) return item(begin);
     const int64_t middle = begin + (end - begin + 1) / 2;
-    Value first = self(self, begin, middle), last = self(self, middle, end);
+    const Value first = self(self, begin, middle), last = self(self, middle, end);
     const Value here = apply(OpKind::LessEqual, {convert_scalar(index, Scalar::Int), Dim(middle - 1)});
-    if (here.is_error()) return Error{};
-    return select_branches(here, std::move(first), std::move(last), expr.span);
+    if (here.is_error() || first.is_error() || last.is_error()) return Error{};
+    return select_branches(here, first, last, expr.span);
   };
   return chosen(chosen, 0, count);
 }
