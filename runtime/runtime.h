@@ -104,6 +104,9 @@ struct LoadOptions {
   bool reuse_commands = true;
   // Where the driver's pipelines are kept between runs; empty: nowhere. A damaged file there does no harm.
   std::string pipeline_folder = {};
+  // A driver that compiles shaders late, one after the other, compiles some beside a first run: lavapipe, on more than
+  // one core, where the folder above holds nothing of them.
+  bool compile_beside = false;
   // Bytes of device memory that may be taken; 0: what the device has. Leaves beyond that stay in memory of the host,
   // which the device reads directly, inputs with layers first; that is decided when a step that needs them first runs.
   // With a limit no program is built anew, since two would stand side by side.

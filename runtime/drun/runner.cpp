@@ -111,6 +111,7 @@ int run_program(const Options& options) {
                               .cache = options.cache,
                               .reuse_commands = options.commands,
                               .pipeline_folder = options.pipelines ? jit::cache_folder() : std::string(),
+                              .compile_beside = options.pipelines,
                               .memory_limit = options.memory,
                               .buffer_limit = options.buffers,
                               .store_all = options.check_finite,

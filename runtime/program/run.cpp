@@ -3,6 +3,7 @@
 // runs.
 #include <algorithm>
 
+#include "runtime/program/compile_beside.h"
 #include "runtime/program/state.h"
 
 namespace dr::runtime {
@@ -75,7 +76,13 @@ void Program::State::make_ready(size_t index) {
       if (word >= 0) watch(static_cast<uint32_t>(word));
   o.pipelines.specialize(sizes.symbols());
   StepState& step = o.steps[index];
+  const PipelineCounters before = o.pipelines.counters();
   step.primitives = o.commands.primitives(table);
+  compile_beside.reset();
+  const PipelineCounters& now = o.pipelines.counters();
+  const bool is_new = now.made > before.made && now.kept == before.kept;
+  if (options.compile_beside && is_new && CompileBeside::is_worth_it(*device))
+    compile_beside = std::make_shared<CompileBeside>(*device, bundle, sizes, options, index, resources);
   step.list.emplace(table);
   if (rebuilder) step.moving.emplace(table.leaves);
 }

@@ -84,6 +84,8 @@ struct Views {
   bool lent = false;  // since the last run but one began
 };
 
+class CompileBeside;
+
 struct Program::State {
   std::shared_ptr<DeviceState> device;  // none: tables only
   bundle::BundleT bundle;
@@ -103,8 +105,9 @@ struct Program::State {
   // Outputs of steps' last runs whose memory is gone or was written since: by the step, the output's name.
   std::map<size_t, std::map<std::string, io::Array>> kept;
   int rebuilds = 0;
-  PipelineCounters pipelines_before;   // of the programs that this one took over from
-  std::optional<Rebuilder> rebuilder;  // destroyed first: it waits
+  PipelineCounters pipelines_before;              // of the programs that this one took over from
+  std::shared_ptr<CompileBeside> compile_beside;  // of the step that was prepared last, where that was worth it
+  std::optional<Rebuilder> rebuilder;             // destroyed first: it waits
 
   // program.cpp: with its tables alone. Throws Failure.
   static std::unique_ptr<State> load(std::shared_ptr<DeviceState> device, std::span<const uint8_t> bytes,

@@ -51,7 +51,7 @@ void record_dispatch(const vk::raii::CommandBuffer& c, vk::Pipeline pipeline, co
                      vk::DeviceSize offset = 0) {
   constexpr int64_t kMaxGroups = 65535;
   const int64_t groups = (elements + group - 1) / group;
-  const int64_t x = std::min(groups, kMaxGroups), y = (groups + x - 1) / x;
+  const int64_t x = std::min(groups, kMaxGroups), y = x == 0 ? 0 : (groups + x - 1) / x;
   c.bindPipeline(vk::PipelineBindPoint::eCompute, pipeline);
   c.bindDescriptorSets(vk::PipelineBindPoint::eCompute, bound.layout, 0, bound.set, {});
   c.pushConstants<int32_t>(bound.layout, vk::ShaderStageFlagBits::eCompute, 0, push);
@@ -59,6 +59,11 @@ void record_dispatch(const vk::raii::CommandBuffer& c, vk::Pipeline pipeline, co
     c.dispatchIndirect(indirect, offset);
   else
     c.dispatch(static_cast<uint32_t>(x), static_cast<uint32_t>(y), 1);
+}
+
+// Does nothing, but drivers that compile late do it now.
+void record_no_dispatch(const vk::raii::CommandBuffer& c, vk::Pipeline pipeline, const Bound& bound, uint32_t group) {
+  record_dispatch(c, pipeline, bound, {}, 0, group);
 }
 
 void record_barrier(const vk::raii::CommandBuffer& commands, const Barrier& b) {
@@ -137,6 +142,9 @@ void Commands::dispatch(const bundle::CommandT& c, std::vector<Primitive>& out) 
     p.record = [=, this](const vk::raii::CommandBuffer& commands) {
       record_dispatch(commands, pipelines_[pipeline], bound, push, invocations, group, indirect, offset);
     };
+    p.compile = [=, this](const vk::raii::CommandBuffer& commands) {
+      record_no_dispatch(commands, pipelines_[pipeline], bound, group);
+    };
     out.push_back(p);
   }
 }
@@ -213,6 +221,9 @@ void Commands::reduce(const bundle::CommandT& c, std::vector<Primitive>& out) {
     const std::array<int32_t, 4> push{0, static_cast<int32_t>(n), static_cast<int32_t>(partials), 0};
     p.record = [=, this](const vk::raii::CommandBuffer& commands) {
       record_dispatch(commands, pipelines_[pipeline], bound, push, invocations, group);
+    };
+    p.compile = [=, this](const vk::raii::CommandBuffer& commands) {
+      record_no_dispatch(commands, pipelines_[pipeline], bound, group);
     };
     out.push_back(std::move(p));
     if (partials == 1) return;

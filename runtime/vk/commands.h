@@ -19,6 +19,7 @@ struct Primitive {
   int pipeline = -1, group = 0;  // of a dispatch
   int64_t bytes = 0;             // that it touches: of whole resources, but for what clears the head of some
   std::function<void(const vk::raii::CommandBuffer&)> record;
+  std::function<void(const vk::raii::CommandBuffer&)> compile;  // a dispatch, of no workgroups
 };
 
 class Commands {

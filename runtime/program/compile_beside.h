@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: Apache-2.0
+// Lavapipe compiles a shader when it is dispatched for the first time, one after the other. Where it has not seen them
+// before, that is most of a first run. A second device compiles a step's shaders meanwhile, the last one first, by
+// dispatches of no workgroup. The driver keeps what it compiled in files, where the run finds it.
+//   the run       a b c d e f g h
+//   beside it     h g f e              then all are there
+#pragma once
+
+#include <atomic>
+#include <set>
+#include <thread>
+
+#include "runtime/program/state.h"
+
+namespace dr::runtime {
+
+class CompileBeside {
+ public:
+  // Symbols of the step have values; `resources` are what its commands use. Nothing here fails: a step runs as well
+  // without.
+  CompileBeside(const DeviceState& device, const bundle::BundleT& bundle, const Sizes& sizes,
+                const LoadOptions& options, size_t step, std::set<uint32_t> resources);
+  // Waits for the shader that is being compiled, and leaves out the rest.
+  ~CompileBeside();
+  // Until all are compiled.
+  void wait();
+  // Whether it gains anything: by this driver, on more than one core.
+  static bool is_worth_it(const DeviceState& device);
+
+ private:
+  void compile();
+  bundle::BundleT bundle_;
+  Sizes sizes_;
+  LoadOptions options_;
+  std::string device_;
+  size_t step_;
+  std::set<uint32_t> resources_;
+  std::atomic<bool> stop_ = false;
+  std::thread thread_;
+};
+
+}  // namespace dr::runtime
