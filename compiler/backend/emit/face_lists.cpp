@@ -72,17 +72,15 @@ std::string FaceLists::append(Shader& s, const std::string& list, const std::str
     more =
         "  int rows = large ? large_rows(place + 1) - large_rows(place) : middle_rows(place + 1) - "
         "middle_rows(place);\n"
-        "  if (place == 0) atomicMax(" +
-        list + ".d[0], " + std::to_string(row() / kIndirectGroup) +
-        "u);\n"
-        "  if (rows > 0) atomicAdd(" +
-        list + ".d[1], uint(rows));\n";
+        // The first face of both lists asks for the first row: without any, no workgroup starts.
+        "  if (place == 0 && atomicMax(" +
+        list + ".d[2], 1u) == 0u) {\n    " + list + ".d[0] = " + std::to_string(row() / kIndirectGroup) +
+        "u;\n    ++rows;\n  }\n  if (rows > 0) atomicAdd(" + list + ".d[1], uint(rows));\n";
   }
   // An atomic each, whose place is known: then drivers add for all lanes of a subgroup at once.
-  const std::string one = std::string(", 1u))") + (bounded() ? " - 1" : "") + ";\n";
   s.declare("void list_face(bool large, int index) {\n  int place;\n  if (large) place = int(atomicAdd(" + list +
-            ".d[" + count(1) + "]" + one + "  else place = int(atomicAdd(" + list + ".d[" + count(0) + "]" + one +
-            "  " + list + ".d[(large ? " + dim_expression(faces_ + Dim(head())) + " : " + std::to_string(head()) +
+            ".d[" + count(1) + "], 1u));\n  else place = int(atomicAdd(" + list + ".d[" + count(0) + "], 1u));\n  " +
+            list + ".d[(large ? " + dim_expression(faces_ + Dim(head())) + " : " + std::to_string(head()) +
             ") + place] = uint(index);\n" + more + "}\n");
   return "list_face(" + large + ", " + index + ");";
 }
@@ -122,8 +120,8 @@ void FaceLists::open_items(Shader& s, const std::string& list) const {
                   " + index % " + group + ";");
     s.declare("int quotient(int a, int b) { return middle_shares * large_shares > 1 ? a / b : " + by_float + "; }\n");
     // Rows behind the first are those of the middle list, then those of the large one.
-    s.body().line("int faces_of[2] = int[2](int(" + list + "(" + count(0) + ")) - 1, int(" + list + "(" + count(1) +
-                  ")) - 1);");
+    s.body().line("int faces_of[2] = int[2](int(" + list + "(" + count(0) + ")), int(" + list + "(" + count(1) +
+                  ")));");
     s.body().line("int more = " + row + " * middle_rows(faces_of[0]);");
     s.body().line("bool in_first = index < " + row + ", large = in_first ? index >= " + first[0] +
                   " : index >= " + row + " + more;");

@@ -34,7 +34,6 @@ class FaceLists {
   ir::Dim invocations() const { return ir::Dim(row()); }
   // Of the first words, which are cleared before.
   int cleared() const { return head(); }
-  uint32_t clear_value() const { return bounded() ? 1 : 0; }
 
   // Whether a box of `area` pixels belongs to a face of the second list.
   std::string is_large() const;

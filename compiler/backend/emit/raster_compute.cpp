@@ -421,8 +421,7 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
   const FaceLists lists(raster.walk.lists, schedule_.code.loop_trips, parts, trips);
   const bool watched = raster.walk.watched;
   const uint32_t list_words = lists.used() ? add_scratch(pass.name + "_lists", lists.words().str()) : keys;
-  if (lists.used())
-    fill("clear " + pass.name + " lists", list_words, lists.clear_value(), std::to_string(lists.cleared()));
+  if (lists.used()) fill("clear " + pass.name + " lists", list_words, 0, std::to_string(lists.cleared()));
   const Walk walk{graph_,
                   pass,
                   op,
