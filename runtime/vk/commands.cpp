@@ -51,7 +51,7 @@ void record_dispatch(const vk::raii::CommandBuffer& c, vk::Pipeline pipeline, co
                      vk::DeviceSize offset = 0) {
   constexpr int64_t kMaxGroups = 65535;
   const int64_t groups = (elements + group - 1) / group;
-  const int64_t x = std::min(groups, kMaxGroups), y = x == 0 ? 0 : (groups + x - 1) / x;
+  const int64_t x = std::min(groups, kMaxGroups), y = (groups + kMaxGroups - 1) / kMaxGroups;
   c.bindPipeline(vk::PipelineBindPoint::eCompute, pipeline);
   c.bindDescriptorSets(vk::PipelineBindPoint::eCompute, bound.layout, 0, bound.set, {});
   c.pushConstants<int32_t>(bound.layout, vk::ShaderStageFlagBits::eCompute, 0, push);
@@ -59,11 +59,6 @@ void record_dispatch(const vk::raii::CommandBuffer& c, vk::Pipeline pipeline, co
     c.dispatchIndirect(indirect, offset);
   else
     c.dispatch(static_cast<uint32_t>(x), static_cast<uint32_t>(y), 1);
-}
-
-// Does nothing, but drivers that compile late do it now.
-void record_no_dispatch(const vk::raii::CommandBuffer& c, vk::Pipeline pipeline, const Bound& bound, uint32_t group) {
-  record_dispatch(c, pipeline, bound, {}, 0, group);
 }
 
 void record_barrier(const vk::raii::CommandBuffer& commands, const Barrier& b) {
@@ -128,6 +123,7 @@ void Commands::dispatch(const bundle::CommandT& c, std::vector<Primitive>& out) 
   const int64_t parts = parts_of(c);
   const size_t pipeline = pipelines_.compute(c.compute, bound, group, parts > 1 ? c.part_trips : 0);
   p.pipeline = static_cast<int>(pipeline), p.group = static_cast<int>(group);
+  p.compile = compiling(pipeline, bound, group);
   vk::DeviceSize offset = 0;
   for (int64_t part = 1; part <= parts; ++part) {
     std::array<int32_t, 4> push = push_of(c);
@@ -142,11 +138,16 @@ void Commands::dispatch(const bundle::CommandT& c, std::vector<Primitive>& out) 
     p.record = [=, this](const vk::raii::CommandBuffer& commands) {
       record_dispatch(commands, pipelines_[pipeline], bound, push, invocations, group, indirect, offset);
     };
-    p.compile = [=, this](const vk::raii::CommandBuffer& commands) {
-      record_no_dispatch(commands, pipelines_[pipeline], bound, group);
-    };
     out.push_back(p);
+    p.compile = nullptr;  // the parts have one shader
   }
+}
+
+std::function<void(const vk::raii::CommandBuffer&)> Commands::compiling(size_t pipeline, const Bound& bound,
+                                                                        uint32_t group) const {
+  return [=, this](const vk::raii::CommandBuffer& commands) {
+    record_dispatch(commands, pipelines_[pipeline], bound, {}, 0, group);
+  };
 }
 
 // No workgroups for the next dispatch of a command, until loops of this one stop before their end.
@@ -222,9 +223,7 @@ void Commands::reduce(const bundle::CommandT& c, std::vector<Primitive>& out) {
     p.record = [=, this](const vk::raii::CommandBuffer& commands) {
       record_dispatch(commands, pipelines_[pipeline], bound, push, invocations, group);
     };
-    p.compile = [=, this](const vk::raii::CommandBuffer& commands) {
-      record_no_dispatch(commands, pipelines_[pipeline], bound, group);
-    };
+    p.compile = compiling(pipeline, bound, group);
     out.push_back(std::move(p));
     if (partials == 1) return;
     n = partials;

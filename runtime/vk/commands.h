@@ -19,7 +19,7 @@ struct Primitive {
   int pipeline = -1, group = 0;  // of a dispatch
   int64_t bytes = 0;             // that it touches: of whole resources, but for what clears the head of some
   std::function<void(const vk::raii::CommandBuffer&)> record;
-  std::function<void(const vk::raii::CommandBuffer&)> compile;  // a dispatch, of no workgroups
+  std::function<void(const vk::raii::CommandBuffer&)> compile;  // see Commands::compiling
 };
 
 class Commands {
@@ -54,6 +54,9 @@ class Commands {
   void must_be_due(const bundle::CommandT& command, int64_t invocations) const;
   void dispatch(const bundle::CommandT& command, std::vector<Primitive>& out);
   int64_t parts_of(const bundle::CommandT& command) const;
+  // Records a dispatch of no workgroup: it does nothing, but drivers that compile late do it then.
+  std::function<void(const vk::raii::CommandBuffer&)> compiling(size_t pipeline, const Bound& bound,
+                                                                uint32_t group) const;
   Primitive clear_left(const bundle::CommandT& command, vk::DeviceSize offset) const;
   void reduce(const bundle::CommandT& command, std::vector<Primitive>& out);
   void fill(const bundle::CommandT& command, std::vector<Primitive>& out);

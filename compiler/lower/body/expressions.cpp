@@ -238,11 +238,12 @@ Value Elaborator::index_value(const Value& base, const Value& index, const Expr&
   // what lies outside.
   if (count == 0)
     return fail(Code::E0316, expr.b->span, "expected an index into an array that has items, found an empty one");
+  const Value place = convert_scalar(index, Scalar::Int);
   const auto chosen = [&](const auto& self, int64_t begin, int64_t end) -> Value {
     if (end - begin == 1) return item(begin);
     const int64_t middle = begin + (end - begin + 1) / 2;
     const Value first = self(self, begin, middle), last = self(self, middle, end);
-    const Value here = apply(OpKind::LessEqual, {convert_scalar(index, Scalar::Int), Dim(middle - 1)});
+    const Value here = apply(OpKind::LessEqual, {place, Dim(middle - 1)});
     if (here.is_error() || first.is_error() || last.is_error()) return Error{};
     return select_branches(here, first, last, expr.span);
   };
