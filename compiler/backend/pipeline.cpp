@@ -88,7 +88,7 @@ Outcome run_add_where_computed(Compilation& c) {
 }
 
 Outcome run_list_where_computed(Compilation& c) {
-  list_where_computed(c.graph(), c.profile, c.out.schedule);
+  list_where_computed(c.graph(), c.profile, c.options.list_branches, c.out.schedule);
   return std::nullopt;
 }
 

@@ -389,3 +389,95 @@ step run { tone <- tone - 0.001 * grad(error, tone); output error; }
       }
     }
 }
+
+// Where lanes take turns, a heavy branch has a dispatch of its own, and what it scatters is added there: by guesses, of
+// which the run itself says whether they were wrong. The largest contributions go up and down from run to run, each
+// sum's for itself, and some runs add nothing to one of them, or to none.
+TEST_CASE("what a heavy branch adds in its own dispatch is what a first run adds, whatever was guessed before") {
+  const auto path = (std::filesystem::path(DR_BUILD_DIR) / "scatter_heavy_test.dr").string();
+  std::ofstream(path) << R"(edition 1;
+input place : ivec2[W, H];
+input x : vec2[W, H];
+input factor : vec3;
+input from : float;
+param tone : vec2[T] = vec2(1.5);
+param glow : float[R] = 0.5;
+param runs : int = 0;
+fn far(p: vec2, k: int) -> float { sin(p.x * float(k)) * exp(-p.y) / (1.0 + float(k) * abs(p.x)) }
+let now = x * float(1 + runs - runs);
+let read = if now.x > from {
+  let a = tone.at(place.x) * factor.x * far(now, 1) + tone.at(place.y) * exp(sin(now.y)) * far(now.yx, 2);
+  let b = glow.at(place.y) * factor.y * (far(now, 3) + far(now.yx, 4) * cos(now.x) * sqrt(1.0 + now.y * now.y));
+  dot(a, vec2(1.0, factor.z)) * b
+} else { 0.0 };
+let error = sum(read * read);
+step run {
+  runs <- runs + 1;
+  output pull = grad(error, tone), share = grad(error, glow);
+}
+)";
+  constexpr int kWidth = 70, kHeight = 41, kTones = 50, kGlows = 9;
+  std::mt19937 random(7);
+  std::vector<float> x;
+  std::vector<int32_t> place;
+  for (int k = 0; k < 2 * kWidth * kHeight; ++k) {
+    x.push_back(static_cast<float>(random() % 1000) / 1000.0F);
+    place.push_back(static_cast<int32_t>(random() % (kTones + 4)) - 2);
+  }
+  const auto bind = [&](auto& program) {
+    must(program.bind("place", Array::from_ints(place, 2, kWidth, kHeight)));
+    must(program.bind("x", Array::from_floats(x, 2, kWidth, kHeight)));
+    must(program.bind("tone", Array::from_floats(std::vector<float>(size_t{2} * kTones, 1.5F), 2)));
+    must(program.bind("glow", Array::from_floats(std::vector<float>(kGlows, 0.5F))));
+  };
+  const auto once = [&](auto& program, const std::array<float, 3>& factor, float from) {
+    must(program.bind("factor", Array::from_floats(factor, 3)));
+    must(program.bind("from", Array::from_floats(std::span(&from, 1))));
+    must(program.run("run"));
+    return std::vector<Array>{must(program.output("run", "pull")), must(program.output("run", "share"))};
+  };
+  for (const auto& [name, device] : test::devices()) {
+    jit::Options options;
+    options.profile = name, options.scatter = "exact";
+    const auto guessing = compile(path, options);
+    const auto bundle = std::get<bundle::BundleT>(bundle::read(guessing));
+    const auto has = [&](const char* end) {
+      return std::ranges::any_of(bundle.resources, [&](const auto& r) { return r->name.ends_with(end); });
+    };
+    if (name == std::string("lavapipe")) {
+      CHECK(has("_wrong"));
+      CHECK(has("_heavy"));
+      CHECK(!has("_active"));
+    }
+    auto program = must(runtime::Program::load(device, guessing));
+    bind(program);
+    std::vector<runtime::Program> others;  // of these, the first guesses nothing
+    for (const char* part : {"guesses", "branches"}) {
+      options.ablate = {part};
+      others.push_back(must(runtime::Program::load(device, compile(path, options))));
+      bind(others.back());
+    }
+    auto reference = must(jit::ReferenceProgram::load(guessing));
+    bind(reference);
+    for (const std::array<float, 3> factor : {std::array{1.0F, 1.0F, 1.0F},
+                                              {1.0F, 1.0F, 1.0F},
+                                              {3e4F, 1.0F, 1.0F},
+                                              {1e-7F, 1.0F, 1.0F},
+                                              {1.0F, 1e12F, 0.0F},
+                                              {1.0F, 0.0F, 0.0F},
+                                              {1.0F, 2.5F, 1e-3F},
+                                              {0.0F, 0.0F, 0.0F},
+                                              {INFINITY, 1.0F, 1.0F},
+                                              {1.0F, 0.5F, 0.25F},
+                                              {1.0F, NAN, 1.0F},
+                                              {1.0F, 0.25F, 1.0F}})
+      for (const float from : {0.1F, 2.0F}) {
+        INFO(name << ", factors " << factor[0] << ", " << factor[1] << ", " << factor[2] << ", from " << from);
+        const std::vector<Array> found = once(program, factor, from);
+        for (runtime::Program& other : others) CHECK(same_bits(found, once(other, factor, from)));
+        const std::vector<Array> truth = once(reference, factor, from);
+        const bool finite = std::ranges::all_of(factor, [](float f) { return std::isfinite(f); });
+        for (size_t k = 0; finite && k < found.size(); ++k) CHECK(distance(found[k], truth[k]) <= kTolerance);
+      }
+  }
+}

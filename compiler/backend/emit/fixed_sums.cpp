@@ -7,6 +7,7 @@
 #include "compiler/backend/analysis/bins.h"
 #include "compiler/backend/emit/generator.h"
 #include "compiler/backend/glsl/fixed_point.h"
+#include "compiler/backend/schedule/limits.h"
 
 namespace dr::backend {
 
@@ -29,6 +30,12 @@ std::string word_of(const ir::Extent& extent, const std::string& element, int n,
   if (!wide || n == 1) return head + element + " * " + std::to_string(n) + " + " + std::to_string(k);
   const std::string before = k == 0 ? "" : dim_expression(element_count(extent) * ir::Dim(k)) + " + ";
   return head + before + element;
+}
+
+// Rows of workgroups of 64 that are no fewer than look for guesses.
+ir::Dim rows_of_second_run(const ir::Extent& domain) {
+  constexpr int kGroup = 64;
+  return looking_for_guesses(domain).divided_by(kGroup) + ir::Dim(1);
 }
 
 std::string part(int c) { return "part_" + std::to_string(c); }
@@ -104,6 +111,11 @@ ir::Dim words_of_sums(const ir::Type& type, const ir::Extent& extent, bool wide)
   return wide ? words * ir::Dim(2) : words;
 }
 
+ir::Dim looking_for_guesses(const ir::Extent& domain) {
+  constexpr int kAlways = 1024;
+  return element_count(domain).divided_by(kElementsOfGuess) + ir::Dim(kAlways);
+}
+
 ir::Dim words_of_head(bool wide) { return wide ? 2 * kHead : kHead; }
 
 Generator::Adding Generator::fixed_adding(Shader& s, const Pass& pass, const Target& t, Runs runs, bool lists) {
@@ -123,8 +135,10 @@ Generator::Adding Generator::fixed_adding(Shader& s, const Pass& pass, const Tar
                       elect = joins_lanes ? " && subgroupElect()" : "";
     if (joins_lanes) out.finish += "  largest_" + id + " = subgroupMax(largest_" + id + ");\n";
     // The largest only grows: what an invocation reads late is too small, and the atomic decides.
-    out.finish += "  if (" + guard + "largest_" + id + " > uint(" + buffer + ".d[0])" + elect + ") atomicMax(" +
-                  buffer + ".d[0], " + sum_word() + "(largest_" + id + "));\n";
+    const std::string larger = "  if (" + guard + "largest_" + id + " > uint(" + buffer + ".d[0])" + elect + ") ",
+                      take = "atomicMax(" + buffer + ".d[0], " + sum_word() + "(largest_" + id + "));\n";
+    const bool tells = runs == Runs::First && t.wrong != 0;
+    out.finish += larger + (tells ? "{\n    " + take + tell_guess(s, pass, t) + "  }\n" : take);
     if (t.most < 0)
       out.finish += "  if (" + guard + "count_" + id + " != 0u) atomicAdd(" + buffer + ".d[1], " +
                     std::string(sum_word()) + "(count_" + id + "));\n";
@@ -142,6 +156,18 @@ Generator::Adding Generator::fixed_adding(Shader& s, const Pass& pass, const Tar
   out.body += add_fixed(s, t, runs, joins_parts, buffer);
   if (runs == Runs::Both && !guesses) out.body += "  }\n";
   return out;
+}
+
+std::string Generator::tell_guess(Shader& s, const Pass& pass, const Target& t) {
+  const std::string& id = t.accumulator.name;
+  const std::string wrong = s.bind_words(t.wrong, "wrong" + t.list, bundle::Access::ReadWrite);
+  const auto bit = [](size_t k) { return std::to_string(1u << k) + "u"; };
+  // Of the bits in the number of workgroups, one says for each target that no contribution is as large as its guess,
+  // and the last one that some contribution is larger. The rows are those that all elements take.
+  return "    int needed = " + shift_of("largest_" + id, "0", t.most, pass.domain) + ";\n    if (needed <= guessed_" +
+         id + ") atomicAnd(" + wrong + ".d[0], ~" + bit(t.told) + ");\n    if (needed < guessed_" + id + ") atomicOr(" +
+         wrong + ".d[0], " + bit(t.of_told) + ");\n    " + wrong + ".d[1] = uint(" +
+         dim_expression(rows_of_second_run(pass.domain)) + ");\n";
 }
 
 std::string Generator::find_largest(Shader& s, const Pass& pass, const Target& t, bool lists) {

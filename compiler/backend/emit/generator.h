@@ -89,6 +89,8 @@ class Generator {
     bool binned = false;           // added in bins; neither: as they are
     uint32_t terms = 0;            // bundle resource: contributions kept, where the pass keeps them
     uint32_t guess = 0;            // bundle resource: the shift of the run before, where the pass guesses
+    uint32_t wrong = 0;            // bundle resource: the workgroups of the second run, where the first one tells
+    size_t told = 0, of_told = 0;  // the number of the target among those it tells of
     int group = 0;                 // invocations of a workgroup that joins what they add; 0: none does
     int run = 0;                   // lanes of a subgroup whose runs join what they add; 0: none does
     bool emptied = false;          // the pass that reads the words leaves zeros; of fixed point numbers
@@ -117,6 +119,8 @@ class Generator {
   void choose_shift(glsl::Shader& shader, const Pass& pass, const Target& target, Runs runs, const std::string& buffer);
   std::string add_fixed(glsl::Shader& shader, const Target& target, Runs runs, bool joins_lanes,
                         const std::string& buffer);
+  // Statements behind a larger contribution than any before: they say which workgroups the second run needs.
+  std::string tell_guess(glsl::Shader& shader, const Pass& pass, const Target& target);
   // Adds an element's fixed point numbers to memory, and its flags.
   std::string add_parts(glsl::Shader& shader, const Target& target, const std::string& buffer);
   // A component of `value` in fixed point.
@@ -307,6 +311,9 @@ ir::Dim room_for_terms(const ir::Extent& domain);
 void linear_index(glsl::Shader& shader, const std::string& elements);
 // Computes `at`, an element's place.
 void place_from_index(glsl::Shader& shader, const ir::Extent& extent, const std::string& index = "index");
+
+// Invocations that look whether the first run guessed right: starting more takes longer than the look.
+ir::Dim looking_for_guesses(const ir::Extent& domain);
 
 // Not 0 where a value is anything but zeros; NaN is. Without branches, of which drivers compile many slowly.
 std::string any_bits(const ir::Type& type, const std::string& value);

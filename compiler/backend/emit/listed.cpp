@@ -6,8 +6,8 @@
 
 #include "compiler/backend/analysis/same_in_run.h"
 #include "compiler/backend/analysis/uses.h"
-#include "compiler/backend/analysis/zero_without.h"
 #include "compiler/backend/emit/generator.h"
+#include "compiler/backend/schedule/limits.h"
 
 namespace dr::backend {
 
@@ -19,22 +19,6 @@ namespace {
 // Invocations that share the listed elements of a GPU: where few elements are listed, starting more takes longer.
 // Those that share loops are as many as it runs at once.
 constexpr int kWalking = 1 << 14, kSharing = 1 << 16;
-
-// Whether a scatter adds nothing where these branches are left out: each clause has one of their conditions, or all
-// that it adds is zero.
-bool adds_nothing(const ir::Graph& graph, const ScatterPass& scatter, const std::vector<ir::OpId>& heavy) {
-  const auto leaves_out = [&](const std::vector<ValueId>& clause) {
-    return std::ranges::any_of(
-        heavy, [&](ir::OpId id) { return std::ranges::find(clause, graph.op(id).operands[0]) != clause.end(); });
-  };
-  if (std::ranges::all_of(scatter.clauses(), leaves_out)) return true;
-  return std::ranges::all_of(scatter.sums, [&](const ScatterSum& sum) {
-    return std::ranges::all_of(sum.terms, [&](ValueId term) {
-      const ir::Op& op = graph.op(graph.value(term).op);
-      return op.kind == ir::OpKind::ScatterAdd && is_zero_without(graph, op.operands[1], heavy);
-    });
-  });
-}
 
 // Lanes that follow each other in a subgroup have an element, a power of two of them.
 void share_by_lanes(Shader& s) {
@@ -88,8 +72,9 @@ void Generator::listed_map_pass(const Pass& pass, const HeavyBranches& branches)
     s.body().line(loop.skip());
     s.body().line("}");
     std::vector<const Pass*> scatters = listed_for(pass);
-    std::erase_if(scatters,
-                  [&](const Pass* scatter) { return adds_nothing(graph_, scatter->get<ScatterPass>(), heavy); });
+    std::erase_if(scatters, [&](const Pass* scatter) {
+      return adds_nothing_without(graph_, scatter->get<ScatterPass>(), heavy);
+    });
     store_results(s, pass, scatters, &loop);
     end_cut(s, cut);
     const std::string invocations = loop.close();

@@ -27,11 +27,8 @@ namespace {
 // Fewer elements than these have no targets to wait for, and joining takes as long as adding.
 constexpr int kWorthJoining = 1 << 14;
 
-// Invocations that look whether the first run guessed right: starting more takes longer than the look.
-ir::Dim looking_for_guesses(const ir::Extent& domain) {
-  constexpr int kAlways = 1024;
-  return element_count(domain).divided_by(kElementsOfGuess) + ir::Dim(kAlways);
-}
+// Words of a scratch buffer with the workgroups of an indirect dispatch.
+constexpr int kSizeWords = 3;
 
 // An element only grows: what a lane reads late is too small, and the atomic decides. Lanes that name one element send
 // the largest of theirs.
@@ -216,6 +213,13 @@ std::vector<Generator::Target> Generator::scatter_targets(const Pass& pass, size
   for (const ValueId v : pass.writes)
     if (graph_.op(graph_.value(v).op).kind == OpKind::ScatterMax) sums.push_back({v, {v}});
   const PassId id = pass_id(static_cast<size_t>(&pass - step_->passes.data()));
+  uint32_t wrong = 0;
+  if (scatter.tells()) {
+    // Where no element adds anything, the second run finds nothing to do in workgroups that are as few as targets.
+    wrong = add_scratch(pass.name + "_wrong", std::to_string(kSizeWords));
+    fill("clear " + pass.name + " wrong", wrong, 1, std::to_string(kSizeWords));
+    if (sums.size() > 1) fill("clear " + pass.name + " wrong guesses", wrong, (1u << sums.size()) - 1, "1");
+  }
   for (const ScatterSum& sum : sums) {
     const Resource& r = resource(sum.value);
     const Pass* const update = r.is_emptied() ? update_of(*step_, id, sum.value) : nullptr;
@@ -232,6 +236,9 @@ std::vector<Generator::Target> Generator::scatter_targets(const Pass& pass, size
       if (scatter.guesses()) {
         t.guess = guesses_[t.words] = add_scratch(r.name + "_guess", "1");
         bundle_->resources[t.guess]->role = bundle::Role::Guess;
+        t.wrong = wrong;
+        t.told = targets.size();
+        t.of_told = sums.size();
       }
     }
     // The pass that reads emptied sums leaves zeros in all but the head.
@@ -349,13 +356,14 @@ void Generator::scatter_pass(const Pass& pass) {
   const uint32_t list = !listed ? 0 : scatter.lister() ? active_lists_.at(&pass) : list_active(pass);
   uint32_t adding = 0;
   if (lists) adding = add_list(pass, "adding", bundle::ListKind::Active);
+  const bool tells = scatter.tells();
   const std::vector<Target> targets = joined ? targets_.at(&pass) : scatter_targets(pass);
   const ir::Dim invocations = keeps     ? room_for_terms(pass.domain)
                               : strides ? looking_for_guesses(pass.domain)
                                         : element_count(pass.domain);
   Shader s = shader();
   // Where elements have several invocations each, the list says where they end.
-  linear_index(s, scatter.shares_loops() ? std::string() : dim_expression(invocations));
+  linear_index(s, scatter.shares_loops() || tells ? std::string() : dim_expression(invocations));
   if (!lists && !listed && !strides) {
     // Pixels of a square share more elements than those of a row do.
     if (joins_parts && !scatter.cut()) index_in_tiles(s, pass.domain);
@@ -396,7 +404,12 @@ void Generator::scatter_pass(const Pass& pass) {
     close_cut(s, cut);
     s.body().line("if (pc.a == 0 && adds != 0u) " + append(s, again, "element") + ";");
   } else {
-    const std::string room = dim_expression(invocations);
+    std::string room = dim_expression(invocations);
+    if (tells) {
+      const std::string wrong = s.read_words(targets.front().wrong, "wrong");
+      s.body().line("int invocations = int(" + wrong + "(0) * " + wrong + "(1) * gl_WorkGroupSize.x);");
+      room = "invocations";
+    }
     if (strides && !listed) {
       s.body().line("for (int element = index; element < " + dim_expression(element_count(pass.domain)) +
                     "; element += " + room + ") {");
@@ -443,6 +456,8 @@ void Generator::scatter_pass(const Pass& pass) {
   auto& magnitudes = dispatch(pass, joined ? " add" : "", s, invocations.str(), {two_runs ? 0 : 1, 0, 0});
   if (scatter.shares_loops())
     magnitudes.elements = std::to_string(kAtOnce);
+  else if (tells)
+    magnitudes.indirect = static_cast<int>(targets.front().wrong);
   else if (listed && !strides)
     magnitudes.indirect = static_cast<int>(list);
   set_trips(magnitudes, cut);

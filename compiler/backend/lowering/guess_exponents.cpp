@@ -18,7 +18,7 @@ namespace {
 bool may_guess_where_listed(const ir::Graph& graph, const target::Profile& profile, const Schedule& schedule,
                             const StepSchedule& step, const Pass& scatter) {
   Bindings bindings = joined_bindings(schedule.resources, step, scatter);
-  bindings.more += static_cast<uint32_t>(scatter.get<ScatterPass>().sums.size());
+  bindings.more += static_cast<uint32_t>(scatter.get<ScatterPass>().sums.size()) + (profile.lanes_in_turn ? 1 : 0);
   return !needs_cut(trips_of(graph, scatter.ops), profile, kElementsOfGuess) && fits(profile, bindings);
 }
 
@@ -35,19 +35,21 @@ bool guesses_have_room(const target::Profile& profile, const Schedule& schedule,
 }
 
 void guess_exponents(const ir::Graph& graph, const target::Profile& profile, Schedule& schedule) {
-  if (!profile.is_gpu()) return;
   for (StepSchedule& step : schedule.steps)
     for (Pass& pass : step.passes) {
       auto* scatter = pass.as<ScatterPass>();
       // What runs once guesses nothing.
       if (scatter == nullptr || !pass.steady || !may_guess(graph, schedule.resources, step, pass)) continue;
       ExactScatter& exact = *scatter->exact();
+      if (exact.guesses) continue;  // see add_where_computed.h
       auto* joined = std::get_if<JoinedFirstRun>(&exact.first_run);
-      if (!are_cached(graph, scatter->sums)) continue;
+      if (!are_cached(graph, scatter->sums) || (joined == nullptr && !profile.is_gpu())) continue;
       if (joined != nullptr && !may_guess_where_listed(graph, profile, schedule, step, pass)) continue;
       exact.guesses = true;
+      if (joined != nullptr) joined->tells = profile.lanes_in_turn && may_tell(graph, *scatter);
       if (!guesses_have_room(profile, schedule, step)) {
         exact.guesses = false;
+        if (joined != nullptr) joined->tells = false;
       } else if (joined != nullptr) {
         joined->keeps_terms = false;
         exact.joins_pairs = false;

@@ -6,6 +6,7 @@
 #include "compiler/backend/analysis/bins.h"
 #include "compiler/backend/analysis/scatter_leaves.h"
 #include "compiler/backend/analysis/uses.h"
+#include "compiler/backend/lowering/heavy_branches.h"
 #include "compiler/backend/lowering/scatter_active.h"
 #include "compiler/backend/lowering/scatter_costs.h"
 #include "compiler/backend/schedule/limits.h"
@@ -17,13 +18,19 @@ using ir::ValueId;
 
 namespace {
 
+// Whether elements add only where the lister takes a branch that has a dispatch of its own.
+bool adds_in_branch(const ir::Graph& graph, const target::Profile& profile, const Pass& lister, const Pass& scatter) {
+  const auto heavy = heavy_branches(graph, lister, trips_of(graph, lister.ops), profile);
+  return !heavy.empty() && adds_nothing_without(graph, scatter.get<ScatterPass>(), heavy);
+}
+
 // Whether the lister can do at an active element what the scatter's first run does: all that it needs is there by then,
 // nothing that the lister writes is read at other places, and one shader may bind it all. Where lanes run both branches
 // of every `if`, few elements would make all pay.
-bool may_join(const ir::Graph& graph, const target::Profile& profile, const Schedule& schedule,
+bool may_join(const ir::Graph& graph, const target::Profile& profile, bool branches, const Schedule& schedule,
               const StepSchedule& step, const Pass& scatter) {
-  if (profile.lanes_in_turn) return false;
   const PassId lister = *scatter.lister();
+  if (profile.lanes_in_turn && !(branches && adds_in_branch(graph, profile, step.pass(lister), scatter))) return false;
   // Behind the lister's loops its shader has stored where it stopped, so loops that follow must not be cut with them.
   Trips trips = trips_of(graph, scatter.ops);
   for (const Pass* other : listed_for(step, lister))
@@ -119,7 +126,7 @@ void store_partly(const ir::Graph& graph, StepSchedule& step) {
 
 }  // namespace
 
-void list_where_computed(const ir::Graph& graph, const target::Profile& profile, Schedule& schedule) {
+void list_where_computed(const ir::Graph& graph, const target::Profile& profile, bool branches, Schedule& schedule) {
   std::set<uint32_t> unused;
   for (StepSchedule& step : schedule.steps) {
     choose_listers(graph, profile, schedule, step);
@@ -129,7 +136,7 @@ void list_where_computed(const ir::Graph& graph, const target::Profile& profile,
       if (!lister || scatter.get<ScatterPass>().joined_run() != nullptr) continue;
       auto& sums = scatter.get<ScatterPass>();
       forget_conditions(graph, step, step.pass(*lister), scatter, unused);
-      if (!may_join(graph, profile, schedule, step, scatter)) continue;
+      if (!may_join(graph, profile, branches, schedule, step, scatter)) continue;
       sums.join_lister();
       if (ExactScatter* exact = sums.exact()) {
         exact->joins_pairs = pairs_may_join(graph, profile, scatter);

@@ -7,6 +7,7 @@
 #include "compiler/backend/analysis/named_once.h"
 #include "compiler/backend/analysis/scatter_leaves.h"
 #include "compiler/backend/analysis/uses.h"
+#include "compiler/backend/analysis/zero_without.h"
 
 namespace dr::backend {
 
@@ -71,6 +72,27 @@ std::vector<ir::ValueId> true_where_listed(const ir::Graph& graph, const Pass& p
   return out;
 }
 
+bool adds_nothing_without(const ir::Graph& graph, const ScatterPass& scatter, std::span<const ir::OpId> heavy) {
+  const auto leaves_out = [&](const std::vector<ir::ValueId>& clause) {
+    return std::ranges::any_of(
+        heavy, [&](ir::OpId id) { return std::ranges::find(clause, graph.op(id).operands[0]) != clause.end(); });
+  };
+  if (std::ranges::all_of(scatter.clauses(), leaves_out)) return true;
+  return std::ranges::all_of(scatter.sums, [&](const ScatterSum& sum) {
+    return std::ranges::all_of(sum.terms, [&](ir::ValueId term) {
+      const ir::Op& op = graph.op(graph.value(term).op);
+      return op.kind == ir::OpKind::ScatterAdd && is_zero_without(graph, op.operands[1], heavy);
+    });
+  });
+}
+
+bool may_tell(const ir::Graph& graph, const ScatterPass& scatter) {
+  return scatter.guesses() && scatter.joined_run() != nullptr && scatter.sums.size() <= kMostTold &&
+         std::ranges::all_of(scatter.sums, [&](const ScatterSum& sum) {
+           return std::ranges::none_of(sum.terms, [&](ir::ValueId term) { return contributions(graph, term) < 0; });
+         });
+}
+
 size_t guesses_bound(const std::vector<Resource>& resources, const StepSchedule& step, const Pass& pass) {
   size_t out = 0;
   for (const Pass& other : step.passes) {
@@ -80,6 +102,7 @@ size_t guesses_bound(const std::vector<Resource>& resources, const StepSchedule&
     const bool adds = &other == &pass || (joined != nullptr && &step.pass(joined->lister) == &pass);
     for (const ScatterSum& sum : scatter->sums)
       if (adds || reads_sums(resources, step, pass, sum)) ++out;
+    if (adds && scatter->tells()) ++out;
   }
   return out;
 }

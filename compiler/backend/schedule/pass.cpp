@@ -88,6 +88,11 @@ bool ScatterPass::runs_again() const {
   return joined != nullptr && joined->again;
 }
 
+bool ScatterPass::tells() const {
+  const auto* joined = exact() == nullptr ? nullptr : std::get_if<JoinedFirstRun>(&exact()->first_run);
+  return joined != nullptr && joined->tells;
+}
+
 bool ScatterPass::joins_parts() const {
   return (exact() != nullptr && exact()->joins_parts) || (binned() != nullptr && binned()->joins_parts);
 }

@@ -177,7 +177,11 @@ struct JoinedFirstRun : JoinedRun {
   // It keeps what elements add, as far as there is room: the second then need not compute it again.
   bool keeps_terms = false;
   bool again = false;  // the second run computes what the map does again, and needs no list
+  bool tells = false;  // the first run tells whether a guess was wrong: if none was, the second starts no workgroup
 };
+
+// Sums whose wrong guesses a scatter may tell of: each has a bit of a number of workgroups.
+inline constexpr size_t kMostTold = 6;
 
 // Invocations that share an element's loops, at most: where many elements are listed, each has one.
 inline constexpr int kLoopShares = 8;
@@ -263,6 +267,7 @@ struct ScatterPass {
   bool relists() const;
   bool keeps_terms() const;
   bool runs_again() const;  // see JoinedFirstRun::again
+  bool tells() const;       // see JoinedFirstRun::tells
   bool guesses() const { return exact() != nullptr && exact()->guesses; }
   bool joins_lanes() const { return exact() != nullptr && exact()->joins_lanes; }
   bool shares_loops() const { return exact() != nullptr && exact()->shares_loops; }

@@ -248,6 +248,7 @@ bool PassReader::decides(ScatterPass& scatter, ExactScatter& exact, bool& ok) {
     own->relists = true;
   } else if (take_word("guesses")) {
     ok = exact.guesses = expect_word("exponents");
+    if (ok && joined != nullptr && take(',')) ok = joined->tells = expect_word("told");
   } else if (own != nullptr && take_word("shares")) {
     ok = exact.shares_loops = expect_word("loops");
   } else if (take_word("join")) {

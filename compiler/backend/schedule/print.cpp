@@ -188,7 +188,7 @@ class Writer {
       out_ += (scatter.joined_run() != nullptr ? "    joins " : "    listed by ") + pass_at(*lister) + "\n";
     if (scatter.keeps_terms()) out_ += "    keeps terms\n";
     if (scatter.runs_again()) out_ += "    again\n";
-    if (scatter.guesses()) out_ += "    guesses exponents\n";
+    if (scatter.guesses()) out_ += scatter.tells() ? "    guesses exponents, told\n" : "    guesses exponents\n";
     if (scatter.shares_loops()) out_ += "    shares loops\n";
     if (scatter.joins_lanes()) out_ += "    join lanes\n";
     if (scatter.joins_parts()) out_ += "    join parts\n";

@@ -32,7 +32,7 @@
 //   listed by seen                              // or: joins seen
 //   set up by clip_pixel, twice where listed
 //   keeps terms                                 // or: again
-//   guesses exponents
+//   guesses exponents                           // `guesses exponents, told`: see JoinedFirstRun::tells
 //   shares loops
 //   join lanes                                  // and: join parts, join workgroups, join pairs
 //   relist
