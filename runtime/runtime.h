@@ -107,6 +107,9 @@ struct LoadOptions {
   // A driver that compiles shaders late, one after the other, compiles some beside a first run: lavapipe, on more than
   // one core, where the folder above holds nothing of them.
   bool compile_beside = false;
+  // The steps that will run, in order, as far as that is known: beside the first run of one of them, and the runs
+  // behind it, those of the next ones are compiled, too.
+  std::vector<std::string> steps = {};
   // Bytes of device memory that may be taken; 0: what the device has. Leaves beyond that stay in memory of the host,
   // which the device reads directly, inputs with layers first; that is decided when a step that needs them first runs.
   // With a limit no program is built anew, since two would stand side by side.

@@ -116,6 +116,7 @@ int run_program(const Options& options) {
                               .buffer_limit = options.buffers,
                               .store_all = options.check_finite,
                               .warn = {}};  // a session says more
+    for (const auto& [step, times] : options.steps) load.steps.push_back(step);
     if (options.rebuild) load.rebuild = jit::rebuilder(bundle, options.compile);
     runtime::Program program = loaded(options, runtime::Program::load(device, bundle, load));
     const jit::Floor floor =

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/program/compile_beside.h"
 
+#include <algorithm>
 #include <ranges>
 #include <string_view>
 #include <system_error>
@@ -20,13 +21,12 @@ LoadOptions only_for_shaders(const LoadOptions& options) {
 }  // namespace
 
 CompileBeside::CompileBeside(const DeviceState& device, const bundle::BundleT& bundle, const Sizes& sizes,
-                             const LoadOptions& options, size_t step, std::set<uint32_t> resources)
+                             const LoadOptions& options, std::vector<Step> steps)
     : bundle_(bundle),
       sizes_(sizes),
       options_(only_for_shaders(options)),
       device_(device.properties.deviceName.data()),
-      step_(step),
-      resources_(std::move(resources)) {
+      steps_(std::move(steps)) {
   try {
     thread_ = std::thread([this] {
       try {
@@ -43,6 +43,8 @@ CompileBeside::~CompileBeside() {
   wait();
 }
 
+bool CompileBeside::has(size_t step) const { return std::ranges::find(steps_, step, &Step::index) != steps_.end(); }
+
 void CompileBeside::wait() {
   if (thread_.joinable()) thread_.join();
 }
@@ -57,12 +59,14 @@ void CompileBeside::compile() {
   DeviceOptions like;
   like.name = device_;
   OnDevice on(open_device(like), bundle_, sizes_, options_, std::make_shared<Tally>());
-  on.memory.allocate({resources_.begin(), resources_.end()});  // untouched memory takes none
   on.pipelines.specialize(sizes_.symbols());
-  const std::vector<Primitive> primitives = on.commands.primitives(*bundle_.steps[step_]);
-  for (const Primitive& p : primitives | std::views::reverse) {
-    if (stop_) return;
-    if (p.compile) on.queue.once(p.compile);
+  for (const Step& step : steps_) {
+    on.memory.allocate({step.resources.begin(), step.resources.end()});  // untouched memory takes none
+    const std::vector<Primitive> primitives = on.commands.primitives(*bundle_.steps[step.index]);
+    for (const Primitive& p : primitives | std::views::reverse) {
+      if (stop_) return;
+      if (p.compile) on.queue.once(p.compile);
+    }
   }
 }
 

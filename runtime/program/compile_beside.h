@@ -4,11 +4,13 @@
 // dispatches of no workgroup. The driver keeps what it compiled in files, where the run finds it.
 //   the run       a b c d e f g h
 //   beside it     h g f e              then all are there
+// Behind them it compiles those of the steps that come next, whose first runs then find them.
 #pragma once
 
 #include <atomic>
 #include <set>
 #include <thread>
+#include <vector>
 
 #include "runtime/program/state.h"
 
@@ -16,14 +18,19 @@ namespace dr::runtime {
 
 class CompileBeside {
  public:
-  // Symbols of the step have values; `resources` are what its commands use. Nothing here fails: a step runs as well
-  // without.
+  struct Step {
+    size_t index;
+    std::set<uint32_t> resources;  // that its commands use
+  };
+  // Steps in the order in which they will run; symbols of the first one have values. Nothing here fails: a step runs as
+  // well without.
   CompileBeside(const DeviceState& device, const bundle::BundleT& bundle, const Sizes& sizes,
-                const LoadOptions& options, size_t step, std::set<uint32_t> resources);
+                const LoadOptions& options, std::vector<Step> steps);
   // Waits for the shader that is being compiled, and leaves out the rest.
   ~CompileBeside();
   // Until all are compiled.
   void wait();
+  bool has(size_t step) const;
   // Whether it gains anything: by this driver, on more than one core.
   static bool is_worth_it(const DeviceState& device);
 
@@ -33,8 +40,7 @@ class CompileBeside {
   Sizes sizes_;
   LoadOptions options_;
   std::string device_;
-  size_t step_;
-  std::set<uint32_t> resources_;
+  const std::vector<Step> steps_;
   std::atomic<bool> stop_ = false;
   std::thread thread_;
 };

@@ -78,13 +78,24 @@ void Program::State::make_ready(size_t index) {
   StepState& step = o.steps[index];
   const PipelineCounters before = o.pipelines.counters();
   step.primitives = o.commands.primitives(table);
-  compile_beside.reset();
   const PipelineCounters& now = o.pipelines.counters();
   const bool is_new = now.made > before.made && now.kept == before.kept;
-  if (options.compile_beside && is_new && CompileBeside::is_worth_it(*device))
-    compile_beside = std::make_shared<CompileBeside>(*device, bundle, sizes, options, index, resources);
+  if (options.compile_beside && is_new && CompileBeside::is_worth_it(*device)) begin_compile_beside(index);
   step.list.emplace(table);
   if (rebuilder) step.moving.emplace(table.leaves);
+}
+
+void Program::State::begin_compile_beside(size_t index) {
+  if (compile_beside && compile_beside->has(index)) return;
+  compile_beside.reset();
+  std::vector<CompileBeside::Step> steps = {{index, resources_of(*bundle.steps[index])}};
+  auto next = std::ranges::find(options.steps, bundle.steps[index]->name);
+  for (; next != options.steps.end(); ++next)
+    for (size_t k = 0; k < bundle.steps.size(); ++k) {
+      const bool is_there = std::ranges::find(steps, k, &CompileBeside::Step::index) != steps.end();
+      if (bundle.steps[k]->name == *next && !is_there) steps.push_back({k, resources_of(*bundle.steps[k])});
+    }
+  compile_beside = std::make_shared<CompileBeside>(*device, bundle, sizes, options, std::move(steps));
 }
 
 vk::raii::CommandBuffer Program::State::record(const StepState& step, const std::vector<bool>& dirty, int times) {

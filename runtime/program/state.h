@@ -106,7 +106,7 @@ struct Program::State {
   std::map<size_t, std::map<std::string, io::Array>> kept;
   int rebuilds = 0;
   PipelineCounters pipelines_before;              // of the programs that this one took over from
-  std::shared_ptr<CompileBeside> compile_beside;  // of the step that was prepared last, where that was worth it
+  std::shared_ptr<CompileBeside> compile_beside;  // of a step that was prepared and those behind it, if it was worth it
   std::optional<Rebuilder> rebuilder;             // destroyed first: it waits
 
   // program.cpp: with its tables alone. Throws Failure.
@@ -137,6 +137,8 @@ struct Program::State {
   void prepare(const bundle::StepT& step);
   // Memory without contents, pipelines and commands for a step, whose symbols have values.
   void make_ready(size_t step);
+  // Compiles what the step and those behind it need on a second device, unless that goes on already.
+  void begin_compile_beside(size_t step);
   // The step that fills the leaf, where it has no data and its initial value is computed.
   std::optional<size_t> initial_step(size_t leaf) const;
   bool has_memory(size_t resource) const { return on_device && on_device->memory.has(resource); }

@@ -77,8 +77,9 @@ TEST_CASE("a run finds what was compiled beside it", "[device]") {
   sizes.set("H", 30, "the test");
   {
     const auto device = runtime::open_device({});
-    for (size_t step = 0; step < bundle.steps.size(); ++step)
-      runtime::CompileBeside(*device, bundle, sizes, {}, step, all).wait();
+    runtime::CompileBeside beside(*device, bundle, sizes, {}, {{0, all}, {1, all}});
+    CHECK((beside.has(0) && beside.has(1) && !beside.has(2)));
+    beside.wait();
   }
   const auto before = folder.files();
   CHECK(before.size() >= 3);
