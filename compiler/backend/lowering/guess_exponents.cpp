@@ -43,7 +43,8 @@ void guess_exponents(const ir::Graph& graph, const target::Profile& profile, Sch
       ExactScatter& exact = *scatter->exact();
       if (exact.guesses) continue;  // see add_where_computed.h
       auto* joined = std::get_if<JoinedFirstRun>(&exact.first_run);
-      if (!are_cached(graph, scatter->sums) || (joined == nullptr && !profile.is_gpu())) continue;
+      if (!are_cached(graph, scatter->sums) || !(profile.is_gpu() || (joined != nullptr && profile.lanes_in_turn)))
+        continue;
       if (joined != nullptr && !may_guess_where_listed(graph, profile, schedule, step, pass)) continue;
       exact.guesses = true;
       if (joined != nullptr) joined->tells = profile.lanes_in_turn && may_tell(graph, *scatter);

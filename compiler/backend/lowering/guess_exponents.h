@@ -7,8 +7,8 @@
 //     sum grad of %7                            =>      sum grad of %7
 //     joins p                                           joins p
 //     keeps terms                                       guesses exponents
-// Only on GPUs, or where a map adds (list_where_computed.h), and where the sums are no larger than their caches. Both
-// runs must compute the same contributions: with the driver's own floats they need not.
+// Only on GPUs, or where a map adds and lanes take turns (list_where_computed.h), and where the sums are no larger than
+// their caches. Both runs must compute the same contributions: with the driver's own floats they need not.
 #pragma once
 
 #include "compiler/backend/schedule/schedule.h"
