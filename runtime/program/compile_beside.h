@@ -8,6 +8,9 @@
 #pragma once
 
 #include <atomic>
+#include <condition_variable>
+#include <mutex>
+#include <optional>
 #include <set>
 #include <thread>
 #include <vector>
@@ -31,17 +34,26 @@ class CompileBeside {
   // Until all are compiled.
   void wait();
   bool has(size_t step) const;
-  // Whether it gains anything: by this driver, on more than one core.
+  // The run comes to a step: its first shader is the run's, unless it is being compiled, which this waits for.
+  void arrive(size_t step);
+  // Whether it gains anything: by this driver, where it keeps files, on more than one core.
   static bool is_worth_it(const DeviceState& device);
 
  private:
   void compile();
+  // Whether a shader is to be compiled here; it is the one in work then.
+  bool take(size_t step, bool is_first);
+  void give_back();
   bundle::BundleT bundle_;
   Sizes sizes_;
   LoadOptions options_;
   std::string device_;
   const std::vector<Step> steps_;
   std::atomic<bool> stop_ = false;
+  std::mutex lock_;
+  std::condition_variable changed_;
+  size_t arrived_;                       // the step that runs
+  std::optional<size_t> first_in_work_;  // the step whose first shader is being compiled
   std::thread thread_;
 };
 

@@ -80,16 +80,18 @@ void Program::State::make_ready(size_t index) {
   step.primitives = o.commands.primitives(table);
   const PipelineCounters& now = o.pipelines.counters();
   const bool is_new = now.made > before.made && now.kept == before.kept;
-  if (options.compile_beside && is_new && CompileBeside::is_worth_it(*device)) begin_compile_beside(index);
+  has_new_pipelines = has_new_pipelines || is_new;  // lavapipe's data is that of any pipeline from the first on
+  if (options.compile_beside && has_new_pipelines && CompileBeside::is_worth_it(*device)) begin_compile_beside(index);
   step.list.emplace(table);
   if (rebuilder) step.moving.emplace(table.leaves);
 }
 
 void Program::State::begin_compile_beside(size_t index) {
-  if (compile_beside && compile_beside->has(index)) return;
+  if (compile_beside && compile_beside->has(index)) return compile_beside->arrive(index);
   compile_beside.reset();
   std::vector<CompileBeside::Step> steps = {{index, resources_of(*bundle.steps[index])}};
   auto next = std::ranges::find(options.steps, bundle.steps[index]->name);
+  if (next == options.steps.end()) next = options.steps.begin();  // it fills a leaf, before all others
   for (; next != options.steps.end(); ++next)
     for (size_t k = 0; k < bundle.steps.size(); ++k) {
       const bool is_there = std::ranges::find(steps, k, &CompileBeside::Step::index) != steps.end();

@@ -107,6 +107,7 @@ struct Program::State {
   int rebuilds = 0;
   PipelineCounters pipelines_before;              // of the programs that this one took over from
   std::shared_ptr<CompileBeside> compile_beside;  // of a step that was prepared and those behind it, if it was worth it
+  bool has_new_pipelines = false;                 // some step's were in no file
   std::optional<Rebuilder> rebuilder;             // destroyed first: it waits
 
   // program.cpp: with its tables alone. Throws Failure.

@@ -77,9 +77,14 @@ TEST_CASE("a run finds what was compiled beside it", "[device]") {
   sizes.set("H", 30, "the test");
   {
     const auto device = runtime::open_device({});
+    // The first shader of the step that runs is the run's own.
+    runtime::CompileBeside(*device, bundle, sizes, {}, {{1, all}, {0, all}}).wait();
+    const size_t but_one = folder.files().size();
     runtime::CompileBeside beside(*device, bundle, sizes, {}, {{0, all}, {1, all}});
     CHECK((beside.has(0) && beside.has(1) && !beside.has(2)));
     beside.wait();
+    beside.arrive(1);  // waits for nothing
+    CHECK(folder.files().size() == but_one + 1);
   }
   const auto before = folder.files();
   CHECK(before.size() >= 3);
