@@ -92,11 +92,12 @@ void Program::State::begin_compile_beside(size_t index) {
   std::vector<CompileBeside::Step> steps = {{index, resources_of(*bundle.steps[index])}};
   auto next = std::ranges::find(options.steps, bundle.steps[index]->name);
   if (next == options.steps.end()) next = options.steps.begin();  // it fills a leaf, before all others
-  for (; next != options.steps.end(); ++next)
-    for (size_t k = 0; k < bundle.steps.size(); ++k) {
-      const bool is_there = std::ranges::find(steps, k, &CompileBeside::Step::index) != steps.end();
-      if (bundle.steps[k]->name == *next && !is_there) steps.push_back({k, resources_of(*bundle.steps[k])});
-    }
+  for (; next != options.steps.end(); ++next) {
+    const auto found = std::ranges::find(bundle.steps, *next, [](const auto& s) { return s->name; });
+    const auto k = static_cast<size_t>(found - bundle.steps.begin());
+    if (found != bundle.steps.end() && std::ranges::find(steps, k, &CompileBeside::Step::index) == steps.end())
+      steps.push_back({k, resources_of(**found)});
+  }
   compile_beside = std::make_shared<CompileBeside>(*device, bundle, sizes, options, std::move(steps));
 }
 

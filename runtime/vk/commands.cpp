@@ -118,7 +118,7 @@ void Commands::dispatch(const bundle::CommandT& c, std::vector<Primitive>& out) 
   }
   const int64_t invocations = invocations_for(elements, c.each);
   const uint32_t group = c.group != 0 ? c.group
-                         : indirect   ? kGroup
+                         : indirect   ? bundle::kIndirectGroup
                                       : group_size(device_->properties, invocations, c.each);
   const int64_t parts = parts_of(c);
   const size_t pipeline = pipelines_.compute(c.compute, bound, group, parts > 1 ? c.part_trips : 0);

@@ -17,6 +17,8 @@ namespace dr::bundle {
 
 inline constexpr uint32_t kVersion = 21;
 
+// Invocations of a workgroup of a dispatch whose workgroups a buffer counts.
+inline constexpr int kIndirectGroup = 64;
 // Words of a list (ListKind): 0 to 2 the workgroups of 64 that take one element each, then one more than there are,
 // then the elements, or marks of blocks.
 inline constexpr int kListEnd = 3, kListHead = 4;

@@ -12,7 +12,7 @@ using ir::Dim;
 
 namespace {
 
-constexpr int kIndirectGroup = 64;  // invocations of a workgroup whose number a buffer says
+using bundle::kIndirectGroup;
 
 const char* const kListNames[] = {"middle", "large"};
 

@@ -32,10 +32,9 @@ std::string word_of(const ir::Extent& extent, const std::string& element, int n,
   return head + before + element;
 }
 
-// Rows of workgroups of 64 that are no fewer than look for guesses.
+// Rows of a workgroup that have no fewer invocations than look for guesses.
 ir::Dim rows_of_second_run(const ir::Extent& domain) {
-  constexpr int kGroup = 64;
-  return looking_for_guesses(domain).divided_by(kGroup) + ir::Dim(1);
+  return looking_for_guesses(domain).divided_by(bundle::kIndirectGroup) + ir::Dim(1);
 }
 
 std::string part(int c) { return "part_" + std::to_string(c); }
@@ -162,12 +161,14 @@ std::string Generator::tell_guess(Shader& s, const Pass& pass, const Target& t) 
   const std::string& id = t.accumulator.name;
   const std::string wrong = s.bind_words(t.wrong, "wrong" + t.list, bundle::Access::ReadWrite);
   const auto bit = [](size_t k) { return std::to_string(1u << k) + "u"; };
-  // Of the bits in the number of workgroups, one says for each target that no contribution is as large as its guess,
-  // and the last one that some contribution is larger. The rows are those that all elements take.
-  return "    int needed = " + shift_of("largest_" + id, "0", t.most, pass.domain) + ";\n    if (needed <= guessed_" +
-         id + ") atomicAnd(" + wrong + ".d[0], ~" + bit(t.told) + ");\n    if (needed < guessed_" + id + ") atomicOr(" +
-         wrong + ".d[0], " + bit(t.of_told) + ");\n    " + wrong + ".d[1] = uint(" +
-         dim_expression(rows_of_second_run(pass.domain)) + ");\n";
+  // Of the bits in the number of workgroups, one says for each target that all contributions are smaller than its guess
+  // foresees, and the last one that some are larger. A smaller one that comes late may leave its bit behind: then the
+  // second run finds nothing to do. The rows are those that all elements take.
+  return "    int needed = " + shift_of("largest_" + id, "0", t.most, pass.domain) + ";\n    if (needed > guessed_" +
+         id + ") atomicOr(" + wrong + ".d[0], " + bit(t.told) + ");\n    else atomicAnd(" + wrong + ".d[0], ~" +
+         bit(t.told) + ");\n    if (needed < guessed_" + id + ") atomicOr(" + wrong + ".d[0], " + bit(t.of_told) +
+         ");\n    " + wrong + ".d[1] = uint(" + dim_expression(rows_of_second_run(pass.domain)) + ");\n    " + wrong +
+         ".d[2] = 1u;\n";
 }
 
 std::string Generator::find_largest(Shader& s, const Pass& pass, const Target& t, bool lists) {

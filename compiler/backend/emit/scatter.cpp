@@ -215,10 +215,8 @@ std::vector<Generator::Target> Generator::scatter_targets(const Pass& pass, size
   const PassId id = pass_id(static_cast<size_t>(&pass - step_->passes.data()));
   uint32_t wrong = 0;
   if (scatter.tells()) {
-    // Where no element adds anything, the second run finds nothing to do in workgroups that are as few as targets.
     wrong = add_scratch(pass.name + "_wrong", std::to_string(kSizeWords));
-    fill("clear " + pass.name + " wrong", wrong, 1, std::to_string(kSizeWords));
-    if (sums.size() > 1) fill("clear " + pass.name + " wrong guesses", wrong, (1u << sums.size()) - 1, "1");
+    fill("clear " + pass.name + " wrong", wrong, 0, std::to_string(kSizeWords));
   }
   for (const ScatterSum& sum : sums) {
     const Resource& r = resource(sum.value);
