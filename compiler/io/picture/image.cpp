@@ -1,58 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-// Pictures to linear float arrays and back: channel selection, the sRGB curve, stacks of layers, and the PNG and JPEG
-// codecs (stb, compiled here alone and for these two formats only).
+// Pictures to linear float arrays: channel selection, the sRGB curve, stacks of layers.
 
 #include "compiler/io/picture/image.h"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdlib>
 #include <cstring>
-#include <limits>
-#include <memory>
 
 #include "compiler/io/array/checked.h"
 #include "compiler/io/file/failure.h"
 
-namespace {
-
-// A compressed stream can ask for a thousand times its size. The decoder gets as much as the header's picture can need,
-// and its own error path does the rest.
-thread_local size_t stb_allocation_limit = 0;
-
-// Cleared, so that what a damaged file leaves out is zero instead of whatever the memory held.
-void* stb_allocate(size_t size) { return size <= stb_allocation_limit ? std::calloc(size, 1) : nullptr; }
-void* stb_reallocate(void* block, size_t size) {
-  return size <= stb_allocation_limit ? std::realloc(block, size) : nullptr;
-}
-
-}  // namespace
-
-#define STB_IMAGE_STATIC
-#define STB_IMAGE_IMPLEMENTATION
-#define STBI_ONLY_PNG
-#define STBI_ONLY_JPEG
-#define STBI_NO_STDIO
-#define STBI_MAX_DIMENSIONS 16384
-#define STBI_MALLOC(size) stb_allocate(size)
-#define STBI_REALLOC(block, size) stb_reallocate(block, size)
-#define STBI_FREE(block) std::free(block)
-#define STB_IMAGE_WRITE_STATIC
-#define STB_IMAGE_WRITE_IMPLEMENTATION
-#define STBI_WRITE_NO_STDIO
-#pragma GCC diagnostic push
-#pragma GCC diagnostic ignored "-Wunused-function"
-#include <stb/stb_image.h>
-#include <stb/stb_image_write.h>
-#pragma GCC diagnostic pop
-
 namespace dr::io {
 namespace {
-
-struct FreeStb {
-  void operator()(void* block) const { std::free(block); }
-};
 
 // A table of the curve for every stored value.
 std::vector<float> curve_table(size_t levels, bool linear) {
@@ -162,6 +122,19 @@ double linear_to_srgb(double value) {
   return value <= 0.0031308 ? value * 12.92 : 1.055 * std::pow(value, 1 / 2.4) - 0.055;
 }
 
+void check_size(const PictureSize& size, size_t at) {
+  if (size.width < 1 || size.height < 1 || size.width > kMaxImageSide || size.height > kMaxImageSide) {
+    fail("byte ", at, ": a picture of ", size.width, "x", size.height, ", sides must be in 1 to ", kMaxImageSide);
+  }
+}
+
+void check_decoded_size(const PictureSize& size, size_t at) {
+  const int64_t bytes = size.width * size.height * size.channels * size.sample_bytes;  // sides are checked: no overflow
+  if (bytes <= kMaxDecodedBytes) return;
+  fail("byte ", at, ": a picture of ", size.width, "x", size.height, " with ", size.channels, " x ",
+       size.sample_bytes * 8, " bits takes ", bytes, " bytes, the limit is ", kMaxDecodedBytes);
+}
+
 bool is_image_extension(std::string_view extension) {
   return extension == ".png" || extension == ".jpg" || extension == ".jpeg" || extension == ".hdr";
 }
@@ -170,41 +143,9 @@ Picture decode_png_or_jpeg(std::span<const uint8_t> file) {
   if (file.empty()) fail("the file is empty");
   if (file.size() >= 3 && std::memcmp(file.data(), "GIF", 3) == 0) fail("byte 0: this is a GIF file");
   // By content: a .png that holds a JPEG is common, and harmless.
-  const bool png = file[0] == 0x89;
-  if (!png && file[0] != 0xff) fail("byte 0: neither a PNG nor a JPEG file");
-  const PictureSize size = png ? check_png(file) : check_jpeg(file);
-
-  // The largest single block: 4 channels of 16 bits, a filter byte a row, doubled because the inflating buffer grows by
-  // doubling; and some room for the fixed tables.
-  const auto pixels = static_cast<size_t>(size.width * size.height);
-  stb_allocation_limit = (pixels * 8 + static_cast<size_t>(size.height)) * 2 + (size_t{1} << 20);
-
-  const auto* data = file.data();
-  const int length = static_cast<int>(file.size());
-  Picture picture;
-  int width = 0;
-  int height = 0;
-  stbi__g_failure_reason = nullptr;  // not every refusal sets one, and an old one would mislead
-  const auto check = [&](const void* decoded) {
-    const char* reason = stbi_failure_reason();
-    if (!decoded) fail("the picture data is damaged (", reason ? reason : "the decoder gives no reason", ")");
-    if (width != size.width || height != size.height) fail("the picture data is damaged");
-  };
-  if (png && stbi_is_16_bit_from_memory(data, length) != 0) {
-    const std::unique_ptr<stbi_us, FreeStb> samples(
-        stbi_load_16_from_memory(data, length, &width, &height, &picture.channels, 0));
-    check(samples.get());
-    picture.bits = 16;
-    picture.samples16.assign(samples.get(), samples.get() + pixels * static_cast<size_t>(picture.channels));
-  } else {
-    const std::unique_ptr<stbi_uc, FreeStb> samples(
-        stbi_load_from_memory(data, length, &width, &height, &picture.channels, 0));
-    check(samples.get());
-    picture.samples8.assign(samples.get(), samples.get() + pixels * static_cast<size_t>(picture.channels));
-  }
-  picture.width = width;
-  picture.height = height;
-  return picture;
+  if (file[0] == 0x89) return decode_png(file);
+  if (file[0] == 0xff) return decode_jpeg(file);
+  fail("byte 0: neither a PNG nor a JPEG file");
 }
 
 Array to_array(const Picture& picture, const ImageOptions& options) {
@@ -275,53 +216,6 @@ Array read_images(const std::vector<std::string>& paths, const ImageOptions& opt
     }
   }
   return array;
-}
-
-Bytes encode_png(const Array& array, int64_t layer, bool raw) {
-  const bool is_float = array.kind == ElementKind::Float32 || array.kind == ElementKind::Float64;
-  if (!is_float && array.kind != ElementKind::Bool) {
-    fail("a PNG holds floats in 0 to 1 or bools, found ", kind_name(array.kind), "; .npy holds any kind");
-  }
-  if (array.components > 4) fail("a PNG holds 1 to 4 components, found ", array.components);
-  if (array.width > kMaxImageSide || array.height > kMaxImageSide) {
-    fail("a picture of ", array.width, "x", array.height, ", sides must be in 1 to ", kMaxImageSide);
-  }
-  const auto components = static_cast<size_t>(array.components);
-  const auto count = static_cast<size_t>(array.width * array.height) * components;
-  // The encoder counts bytes in an int and doubles its buffer.
-  if (count > (size_t{1} << 29)) fail("a picture of ", count, " bytes is too large for a PNG");
-
-  const size_t begin = static_cast<size_t>(layer) * count;
-  const auto value_at = [&](size_t i) -> double {
-    switch (array.kind) {
-      case ElementKind::Float32: return array.as<float>()[begin + i];
-      case ElementKind::Float64: return array.as<double>()[begin + i];
-      case ElementKind::Bool: return static_cast<double>(array.bytes[begin + i] != std::byte{0});
-      case ElementKind::Int32:
-      case ElementKind::UInt32: break;
-    }
-    return 0;
-  };
-  std::vector<uint8_t> samples(count);
-  for (size_t i = 0; i < count; ++i) {
-    const double value = value_at(i);
-    if (std::isnan(value)) {
-      const size_t element = i / components;
-      const auto width = static_cast<size_t>(array.width);
-      fail("component ", i % components, " of the element at x ", element % width, ", y ", element / width, ", layer ",
-           layer, " is NaN; .npy holds it");
-    }
-    const bool curved = !raw && components >= 3 && i % components < 3;
-    const double clamped = std::clamp(value, 0.0, 1.0);
-    samples[i] = static_cast<uint8_t>(std::floor((curved ? linear_to_srgb(clamped) : clamped) * 255 + 0.5));
-  }
-  int length = 0;
-  stb_allocation_limit = std::numeric_limits<size_t>::max();
-  const std::unique_ptr<unsigned char, FreeStb> png(
-      stbi_write_png_to_mem(samples.data(), static_cast<int>(array.width) * array.components,
-                            static_cast<int>(array.width), static_cast<int>(array.height), array.components, &length));
-  if (!png) throw std::bad_alloc();
-  return Bytes(png.get(), png.get() + length);
 }
 
 }  // namespace dr::io

@@ -40,19 +40,23 @@ struct Picture {
   std::vector<float> floats;
 };
 
-// What the header of a file says, after the structure of the whole file was walked: a file that is cut short or whose
-// chunks do not add up fails here, before a decoder sees it.
+// What the header of a file says. Of a PNG the structure of the whole file was walked: one that is cut short or whose chunks
+// do not add up fails here, before a decoder sees it.
 struct PictureSize {
   int64_t width = 0;
   int64_t height = 0;
   int64_t channels = 0;  // at most, of the decoded samples
   int64_t sample_bytes = 1;
 };
-// Fails when the decoded samples would pass kMaxDecodedBytes. `at` is the byte of the file that gives the size.
+// Fail when a side is not in 1 to kMaxImageSide, and when the decoded samples would pass kMaxDecodedBytes. `at` is the
+// byte of the file that gives the size.
+void check_size(const PictureSize& size, size_t at);
 void check_decoded_size(const PictureSize& size, size_t at);
 PictureSize check_png(std::span<const uint8_t> file);
 PictureSize check_jpeg(std::span<const uint8_t> file);
 
+Picture decode_png(std::span<const uint8_t> file);
+Picture decode_jpeg(std::span<const uint8_t> file);
 Picture decode_png_or_jpeg(std::span<const uint8_t> file);
 Picture decode_hdr(std::span<const uint8_t> file);
 

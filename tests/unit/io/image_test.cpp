@@ -110,6 +110,24 @@ TEST_CASE("a JPEG is read by content, whatever its extension", "[io][image]") {
   }
 }
 
+TEST_CASE("a JPEG gives libjpeg's numbers, whatever it stores", "[io][image]") {
+  const TemporaryFolder folder;
+  // Colours at half the width, as cameras store them: what Pillow 11 reads in row 4 beside a sharp edge.
+  const Array edge = load_array(folder.write("a.jpg", jpeg_of_half_width()) + ":raw", 3);
+  const std::vector<int> expected = {253, 2, 0, 203, 14, 72, 50, 0, 177, 2, 1, 255};
+  for (size_t i = 0; i < expected.size(); ++i) {
+    CHECK(std::lround(edge.as<float>()[(4 * 16 + 12) * 3 + i] * 255) == expected[i]);
+  }
+  // Inks, of which there are four, with Adobe's marker and without it.
+  const std::string inks = jpeg_of_inks();
+  for (const std::string& file : {inks, inks.substr(0, 2) + inks.substr(18)}) {
+    const Array colours = load_array(folder.write("b.jpg", file) + ":raw", 3);
+    CHECK(std::lround(colours.as<float>()[0] * 255) == 204);
+    CHECK(colours.as<float>()[1] == 0);
+    CHECK(colours.as<float>()[2] == 0);
+  }
+}
+
 TEST_CASE("HDR pictures are linear as stored", "[io][image]") {
   const TemporaryFolder folder;
   const Array array = load_array(folder.write("a.hdr", hdr_file()), 3);

@@ -258,7 +258,7 @@ TEST_CASE("malformed pictures are refused by byte", "[io][malformed]") {
   };
   std::string large_jpeg = jpeg;
   const size_t frame = jpeg.find("\xff\xc0");
-  large_jpeg.replace(frame + 5, 2, "\xff\xff");
+  large_jpeg.replace(frame + 5, 2, "\x60\x60");
   // What a careless decoder would write past its tables, or read from tables that it never filled.
   const size_t table = jpeg.find("\xff\xc4");
   std::string counts(16, '\0');
@@ -268,8 +268,14 @@ TEST_CASE("malformed pictures are refused by byte", "[io][malformed]") {
                                    std::string(257, 'x') + jpeg.substr(table);
   std::string many_codes = jpeg;
   many_codes.replace(table + 5, 1, "\x03");
-  std::string other_number = jpeg;
-  other_number.replace(table + 4, 1, "\x03");
+  std::string twelve_bits = jpeg;
+  twelve_bits.replace(frame + 4, 1, "\x0c");
+  // The last third of the coded data is missing, and the file ends as it should.
+  const std::string cut_jpeg = jpeg.substr(0, 612) + "\xff\xd9";
+  // One component again and again: two blocks of nothing.
+  std::string many_scans = jpeg.substr(0, jpeg.find("\xff\xda"));
+  for (int i = 0; i < 600; ++i) many_scans += std::string("\xff\xda\0\x08\x01\x01\0\0\x3f\0\x28\xaf", 12);
+  many_scans += "\xff\xd9";
   const std::string no_quantization = jpeg.substr(0, 20) + jpeg.substr(frame);
   check({
       picture("a.png", "", "the file is empty"),
@@ -291,13 +297,15 @@ TEST_CASE("malformed pictures are refused by byte", "[io][malformed]") {
       picture("a.png", png.substr(0, 8) + png_chunk("IDAT", "x"),
               "byte 8: the first chunk is not a header of 13 bytes"),
       picture("a.jpg", jpeg.substr(0, jpeg.size() - 2), "byte 621: the file is cut short"),
-      picture("a.jpg", jpeg.substr(0, 100), "byte 20: the file is cut short in a segment of 132 bytes"),
-      picture("a.jpg", large_jpeg, "byte 154: a picture of 16x65535, sides must be in 1 to 16384"),
-      picture("a.jpg", many_symbols, "byte 173: a Huffman table of 257 symbols does not fit"),
-      picture("a.jpg", many_codes, "byte 173: a Huffman table has more codes than bits"),
-      picture("a.jpg", other_number, "byte 593: the scan uses a Huffman table that is not defined"),
-      picture("a.jpg", no_quantization, "byte 459: the scan uses a quantization table that is not defined"),
-      picture("a.jpg", "\xff\xd8\xff\xd9", "byte 2: there is no picture data"),
+      picture("a.jpg", jpeg.substr(0, 100), "byte 100: the file is cut short"),
+      picture("a.jpg", cut_jpeg, "byte 607: Corrupt JPEG data: premature end of data segment"),
+      picture("a.jpg", large_jpeg, "byte 607: a picture of 16x24672, sides must be in 1 to 16384"),
+      picture("a.jpg", many_symbols, "byte 175: Bogus Huffman table definition"),
+      picture("a.jpg", many_codes, "byte 175: Bogus Huffman table definition"),
+      picture("a.jpg", no_quantization, "byte 473: Quantization table 0x00 was not defined"),
+      picture("a.jpg", twelve_bits, "byte 607: Unsupported JPEG data precision 12"),
+      picture("a.jpg", many_scans, "byte 6603: it has too many scans"),
+      picture("a.jpg", "\xff\xd8\xff\xd9", "byte 4: JPEG datastream contains no image"),
       picture("a.hdr", "P6 1 1", "byte 0: not a Radiance HDR file"),
       picture("a.hdr", "#?RADIANCE\n", "byte 11: the header is cut short"),
       picture("a.hdr", "#?RADIANCE\n\n-Y 1 +X 1\n", "byte 12: the header has no FORMAT"),

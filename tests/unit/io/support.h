@@ -63,6 +63,8 @@ std::string hair_file(uint32_t arrays);
 
 // 16x8 pixels, the left half about (200, 40, 40), the right half about (20, 60, 220).
 std::string jpeg_file();
+std::string jpeg_of_half_width();  // 16 x 8: red, and two columns of blue; colours at half the width
+std::string jpeg_of_inks();        // 4 x 2 of one red, with Adobe's marker
 
 // 8x2 pixels: a run-length coded row of (1, 0.5, 0.25) and a row that counts red up in sixteenths.
 std::string hdr_file();

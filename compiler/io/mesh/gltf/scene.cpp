@@ -71,7 +71,6 @@ class SceneReader {
       Scene::Node node;
       node.name = from.name;
       node.local = to_matrix(local_transform(from));
-      node.world = node.local;
       node.mesh = from.mesh;
       node.skin = from.skin;
       node.camera = from.camera;
@@ -96,10 +95,12 @@ class SceneReader {
       scene_.nodes.push_back(std::move(node));
     }
     for (const PlacedNode& placed : placed_nodes(document_)) {
-      Scene::Node& node = scene_.nodes[static_cast<size_t>(placed.node)];
-      node.parent = placed.parent;
-      node.world = to_matrix(placed.world);
-      node.placed = true;
+      scene_.nodes[static_cast<size_t>(placed.node)].placed = true;
+    }
+    for (const PlacedNode& any : all_nodes(document_)) {
+      Scene::Node& node = scene_.nodes[static_cast<size_t>(any.node)];
+      node.parent = any.parent;
+      node.world = to_matrix(any.world);
     }
   }
 

@@ -12,11 +12,7 @@
 namespace dr::io::gltf {
 namespace {
 
-// The nodes to start from.
-std::vector<int> root_nodes(const tinygltf::Model& model) {
-  if (model.defaultScene >= 0 || !model.scenes.empty()) {
-    return model.scenes[static_cast<size_t>(std::max(model.defaultScene, 0))].nodes;
-  }
+std::vector<int> without_parent(const tinygltf::Model& model) {
   std::vector<bool> has_parent(model.nodes.size());
   for (const tinygltf::Node& node : model.nodes) {
     for (const int child : node.children) has_parent[static_cast<size_t>(child)] = true;
@@ -26,6 +22,28 @@ std::vector<int> root_nodes(const tinygltf::Model& model) {
     if (!has_parent[i]) roots.push_back(static_cast<int>(i));
   }
   return roots;
+}
+
+// Adds the trees of `roots` to `placed`, but for roots that are there already.
+void place(const std::vector<tinygltf::Node>& nodes, const std::vector<int>& roots, std::vector<PlacedNode>& placed) {
+  std::vector<bool> seen(nodes.size());
+  for (const PlacedNode& node : placed) seen[static_cast<size_t>(node.node)] = true;
+  std::vector<PlacedNode> stack;
+  for (auto it = roots.rbegin(); it != roots.rend(); ++it) {
+    if (!seen[static_cast<size_t>(*it)]) stack.push_back({*it, -1, glm::dmat4(1.0)});
+  }
+  while (!stack.empty()) {
+    PlacedNode entry = stack.back();
+    stack.pop_back();
+    const auto at = static_cast<size_t>(entry.node);
+    // A node has one parent at most, so that a second visit means a cycle or a shared child.
+    if (seen[at]) fail("nodes[", entry.node, "]: it is reached twice, nodes must form a tree");
+    seen[at] = true;
+    entry.world = entry.world * local_transform(nodes[at]);
+    const std::vector<int>& children = nodes[at].children;
+    for (auto it = children.rbegin(); it != children.rend(); ++it) stack.push_back({*it, entry.node, entry.world});
+    placed.push_back(entry);
+  }
 }
 
 }  // namespace
@@ -43,24 +61,18 @@ glm::dmat4 local_transform(const tinygltf::Node& node) {
 }
 
 std::vector<PlacedNode> placed_nodes(const Document& document) {
-  const std::vector<tinygltf::Node>& nodes = document.model.nodes;
-  std::vector<PlacedNode> stack;
-  const std::vector<int> roots = root_nodes(document.model);
-  for (auto it = roots.rbegin(); it != roots.rend(); ++it) stack.push_back({*it, -1, glm::dmat4(1.0)});
-  std::vector<bool> seen(nodes.size());
+  const tinygltf::Model& model = document.model;
+  const bool has_scene = model.defaultScene >= 0 || !model.scenes.empty();
   std::vector<PlacedNode> placed;
-  while (!stack.empty()) {
-    PlacedNode entry = stack.back();
-    stack.pop_back();
-    const auto at = static_cast<size_t>(entry.node);
-    // A node has one parent at most, so that a second visit means a cycle or a shared child.
-    if (seen[at]) fail("nodes[", entry.node, "]: it is reached twice, nodes must form a tree");
-    seen[at] = true;
-    entry.world = entry.world * local_transform(nodes[at]);
-    const std::vector<int>& children = nodes[at].children;
-    for (auto it = children.rbegin(); it != children.rend(); ++it) stack.push_back({*it, entry.node, entry.world});
-    placed.push_back(entry);
-  }
+  place(model.nodes,
+        has_scene ? model.scenes[static_cast<size_t>(std::max(model.defaultScene, 0))].nodes : without_parent(model),
+        placed);
+  return placed;
+}
+
+std::vector<PlacedNode> all_nodes(const Document& document) {
+  std::vector<PlacedNode> placed = placed_nodes(document);
+  place(document.model.nodes, without_parent(document.model), placed);
   return placed;
 }
 
