@@ -44,6 +44,11 @@ MeshParts parse_mesh(const std::string& file, const std::string& what) {
     throw Mistake{"--mesh " + file + ": an .obj file has no '" + out.material.begin()->first +
                   "', a .gltf or .glb file has"};
   if (out.names.size() > 4) out.material["base_color_texture"] = out.names[4];
+  const auto is_texture = [](const auto& part) { return part.first.ends_with("_texture"); };
+  if (out.names.size() < 3 && std::ranges::any_of(out.material, is_texture))
+    throw Mistake{"--mesh " + file + ": there is a texture but no uv, expected POSITION:FACE:UV, found '" + what + "'"};
+  if (out.names.size() > 4 && file.ends_with(".obj"))
+    if (const auto checked = io::check_material_file(file); !checked) throw Mistake{"--mesh: " + checked.error()};
   return out;
 }
 

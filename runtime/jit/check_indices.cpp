@@ -12,10 +12,11 @@ namespace {
 
 using ir::OpKind;
 
-// The leaf and its component that an index is, unchanged.
+// The leaf and its component that an index is, unchanged: of all elements, or of the one at a constant place.
 struct Column {
   std::string leaf;
   int64_t component = 0;
+  std::optional<size_t> element;
 };
 
 std::optional<Column> column_of(const ir::Graph& graph, ir::ValueId index) {
@@ -23,6 +24,12 @@ std::optional<Column> column_of(const ir::Graph& graph, ir::ValueId index) {
   Column out;
   if (op->kind == OpKind::Extract) {
     out.component = op->attrs.ints[0];
+    op = &graph.op(graph.value(op->operands[0]).op);
+  }
+  if (op->kind == OpKind::Gather) {
+    const ir::Op& place = graph.op(graph.value(op->operands[1]).op);
+    if (place.kind != OpKind::Const || place.attrs.floats.size() != 1 || place.attrs.floats[0] < 0) return std::nullopt;
+    out.element = static_cast<size_t>(place.attrs.floats[0]);
     op = &graph.op(graph.value(op->operands[0]).op);
   }
   if (op->kind != OpKind::Leaf) return std::nullopt;
@@ -69,6 +76,7 @@ std::optional<std::string> check_indices(std::span<const uint8_t> bytes, const s
     const io::Array& a = bound->second;
     const std::vector<double> numbers = a.to_doubles();
     for (auto k = static_cast<size_t>(column->component); k < numbers.size(); k += static_cast<size_t>(a.components)) {
+      if (column->element && *column->element != k / static_cast<size_t>(a.components)) continue;
       if (numbers[k] >= -1 && numbers[k] < static_cast<double>(*count)) continue;
       return "leaf '" + column->leaf + "': element " + std::to_string(k / static_cast<size_t>(a.components)) +
              " names " + std::to_string(static_cast<int64_t>(numbers[k])) + ", but " + name_of(*graph, from) + " has " +

@@ -21,6 +21,12 @@ step look { output corner = position.at(face.x); }
 step beside { output edge = topology(face, 3).edge; }
 END_OF_PROGRAM
 grep -v topology mesh.dr > corner.dr
+cat > place.dr << 'END'
+edition 1;
+input position : vec3[V];
+input face : ivec3[F];
+step look { output seen = position.at(face.at(1).y); }
+END
 cat > outline.dr << 'END_OF_PROGRAM'
 edition 1;
 import std.coverage;
@@ -117,6 +123,8 @@ faults() { # DEVICE
     mesh.dr "${on[@]}" --step look --bind 'position=[[0, 0, 0], [1, 0, 0], [0, 1, 0]]' --bind 'face=[[0, 1, 2], [3, -1, 9]]'
   expect 1 "leaf 'face': element 0 names 3, but 'position' has 3 elements" \
     outline.dr "${on[@]}" --bind 'position=[[0, 0, 0], [1, 0, 0], [0, 1, 0]]' --bind 'face=[[0, 1, 3]]'
+  expect 1 "leaf 'face': element 1 names 4, but 'position' has 2 elements" \
+    place.dr "${on[@]}" --bind 'position=[[0, 0, 0], [1, 0, 0]]' --bind 'face=[[9, 9, 9], [0, 4, 0]]'
   expect 1 "expected a file, or a number or list, after '='" mesh.dr "${on[@]}" --step look --bind face=
   expect 1 "expected a program, found data: 'bad.obj' can be bound to an input" bad.obj "${on[@]}"
   expect 1 'names -2,' \

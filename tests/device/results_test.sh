@@ -90,6 +90,8 @@ go=("$drun" "${shape[@]}" --device reference)
 refuses "did you mean 'position'" "${go[@]}" --mesh a.glb=positon:face
 refuses "'total' is not made of vec3" "${go[@]}" --mesh a.glb=total:face
 refuses "a material has no 'rough'" "${go[@]}" --mesh a.glb=position:face:rough=total
+refuses "there is a texture but no uv" "${go[@]}" --mesh a.glb=position:face:base_color_texture=total
+refuses "an OBJ file cannot name 'a b.mtl'" "${go[@]}" --mesh "a b.obj=position:face:position:face:total"
 refuses "there is no folder 'none'" "${go[@]}" --mesh none/a.glb=position:face
 refuses "unknown extension '.fbx'" "${go[@]}" --mesh a.fbx=position:face
 

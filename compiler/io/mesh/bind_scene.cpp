@@ -282,13 +282,18 @@ Array bind_material(const gltf::Document& document, const Scene& scene, Words wo
       {"alpha_mode", 1, [&](size_t i) { return Row{static_cast<double>(material(i).alpha)}; }, true},
       {"double_sided", 1, [&](size_t i) { return Row{material(i).double_sided ? 1.0 : 0.0}; }, true},
       {"unlit", 1, [&](size_t i) { return Row{material(i).unlit ? 1.0 : 0.0}; }, true}};
-  // The number of each texture, for ':texture:...', named here so that a misspelled one is found, too; and which
-  // texture coordinates it is looked up by, ':uv' or ':uv1'.
-  std::vector<std::string> uv_names;
-  for (const Slot& slot : kSlots) uv_names.push_back(cat(slot.name, "_uv"));
+  // The number of each texture, for ':texture:...', and which texture coordinates it is looked up by, ':uv' or ':uv1'. The
+  // pictures themselves are bound above, and named here so that a misspelled one is found, too.
+  std::vector<std::string> number_names, uv_names;
+  for (const Slot& slot : kSlots) {
+    number_names.push_back(cat(slot.name, "_number"));
+    uv_names.push_back(cat(slot.name, "_uv"));
+  }
   for (size_t k = 0; k < uv_names.size(); ++k) {
     const Slot& slot = kSlots[k];
-    parts.push_back({slot.name, 1, [&](size_t i) { return Row{double((material(i).*slot.use).texture)}; }, true});
+    const auto number = [&](size_t i) { return Row{double((material(i).*slot.use).texture)}; };
+    parts.push_back({slot.name, 1, number, true});
+    parts.push_back({number_names[k], 1, number, true});
     parts.push_back({uv_names[k], 1, [&](size_t i) { return Row{double((material(i).*slot.use).uv)}; }, true});
   }
   return bind_parts("material", words, names_of(scene.materials), parts);

@@ -164,17 +164,24 @@ Bytes write_obj(const MeshView& mesh, const std::string& material_file) {
   return out.take();
 }
 
+// What the OBJ file calls the file of its material.
+std::string material_file_of(const std::string& path) {
+  const std::string stem = path.substr(0, path.size() - extension_of(path).size());
+  std::string name = std::string(file_name_of(stem)) + ".mtl";
+  // The format splits names at blanks and starts comments at '#'.
+  if (name.find_first_of(" \t\r\n#\\") != std::string::npos) {
+    fail("an OBJ file cannot name ", in_quotes(name), ", choose a name without blanks or '#'");
+  }
+  return name;
+}
+
 void save_obj(const std::string& path, const MeshView& mesh) {
   std::vector<OutputFile> files;
   std::string material_file;
   if (mesh.texture) {
     const std::string stem = path.substr(0, path.size() - extension_of(path).size());
     const std::string texture_path = stem + "_texture.png";
-    material_file = std::string(file_name_of(stem)) + ".mtl";
-    // The format splits names at blanks and starts comments at '#'.
-    if (material_file.find_first_of(" \t\r\n#\\") != std::string::npos) {
-      fail("an OBJ file cannot name ", in_quotes(material_file), ", choose a name without blanks or '#'");
-    }
+    material_file = material_file_of(path);
     TextWriter material;
     material << "newmtl surface\nKd 1 1 1\nmap_Kd " << file_name_of(texture_path) << "\n";
     files.push_back({texture_path, encode_png(*mesh.texture, 0)});
@@ -275,6 +282,10 @@ Mesh read_mesh(const std::string& path, RequiredAttribute required) {
 
 Result<Mesh> load_mesh(const std::string& path) {
   return guarded(cat("cannot read ", path_in_quotes(path), ": "), [&] { return read_mesh(path, std::nullopt); });
+}
+
+Result<void> check_material_file(const std::string& path) {
+  return guarded(cat("cannot write ", path_in_quotes(path), ": "), [&] { material_file_of(path); });
 }
 
 Result<void> save_mesh(const std::string& path, const MeshView& mesh) {

@@ -99,6 +99,8 @@ struct MeshView {
 // In glTF a vertex has one texture coordinate: vertex i keeps its place with the first one it is used with, and a copy
 // for each further one is appended.
 Result<void> save_mesh(const std::string& path, const MeshView& mesh);
+// Whether an OBJ file of this name can name its material's file.
+Result<void> check_material_file(const std::string& path);
 
 // Unit normals of the vertices, weighted by area; (0, 0, 1) where there is no face or no area.
 // Precondition: indices in range, three per triangle.

@@ -110,6 +110,13 @@ TEST_CASE("a JPEG is read by content, whatever its extension", "[io][image]") {
   }
 }
 
+TEST_CASE("a file's name may hold a colon", "[io][image]") {
+  const TemporaryFolder folder;
+  const std::string path = folder.write("a:b.jpg", jpeg_file());
+  CHECK(load_array(path, 3).width == 16);
+  CHECK(load_array(path + ":raw:r", 1).width == 16);
+}
+
 TEST_CASE("a JPEG gives libjpeg's numbers, whatever it stores", "[io][image]") {
   const TemporaryFolder folder;
   // Colours at half the width, as cameras store them: what Pillow 11 reads in row 4 beside a sharp edge.

@@ -189,6 +189,8 @@ TEST_CASE("a material's textures say by which coordinates they are looked up", "
   const Bound bound(R"("baseColorTexture": {"index": 0})", R"("baseColorTexture": {"index": 0, "texCoord": 1})");
   check_near(bound("material:Metal:base_color_texture_uv"), {1});
   check_near(bound("material:Metal:normal_texture_uv"), {0});
+  check_near(bound("material:Metal:base_color_texture_number"), {0});
+  check_near(bound("material:Metal:emissive_texture_number"), {-1});
 }
 
 TEST_CASE("a right angle that is rounded to a float is one", "[io][scene]") {
