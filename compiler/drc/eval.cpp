@@ -171,6 +171,7 @@ class Evaluator {
 
   // Of each step's last run.
   const std::map<std::string, reference::StepResult>& results() const { return results_; }
+  const reference::Image& leaf(const std::string& name) const { return session_.leaf(name); }
 
  private:
   // In the form of the compiler's diagnostics, where the source is at hand.
@@ -375,7 +376,8 @@ double relative_distance(const reference::Image& a, const reference::Image& b) {
   return longer == 0 ? 0 : std::sqrt(difference / longer);
 }
 
-// `--check-vjp`: every output with the gradients that functions bring along, and with those of their text.
+// `--check-vjp`: every output, and every leaf that changed, with the gradients that functions bring along, and with those of
+// their text.
 int check_vjp(const EvalOptions& options, const ir::Graph& graph, const dsl::SourceManager& sources,
               const std::vector<Run>& runs) {
   EvalOptions plain_options = options;
@@ -387,15 +389,21 @@ int check_vjp(const EvalOptions& options, const ir::Graph& graph, const dsl::Sou
   Evaluator own(options, graph, sources), text(options, plain, plain_program->sources());
   if (!own.process(runs) || !text.process(*plain_runs)) return kUserError;
   bool differs = false;
+  const auto compare = [&](const std::string& name, const reference::Image& a, const reference::Image& b) {
+    const double distance = relative_distance(a, b);
+    const bool agrees = distance <= kVjpTolerance;  // false for NaN
+    differs = differs || !agrees;
+    std::printf("%s: %s (relative L2 %.3g)\n", name.c_str(), agrees ? "agrees" : "differs", distance);
+  };
+  std::set<std::string> changed;
   for (const auto& [step, result] : own.results()) {
-    for (const auto& [name, image] : result.outputs) {
-      const double distance = relative_distance(image, text.results().at(step).outputs.at(name));
-      const bool agrees = distance <= kVjpTolerance;  // false for NaN
-      differs = differs || !agrees;
-      std::printf("%s.%s: %s (relative L2 %.3g)\n", step.c_str(), name.c_str(), agrees ? "agrees" : "differs",
-                  distance);
-    }
+    for (const auto& [name, image] : result.outputs)
+      compare(step + "." + name, image, text.results().at(step).outputs.at(name));
+    for (const ir::Step& other : graph.steps)
+      for (const ir::Update& update : other.updates)
+        if (other.name == step) changed.insert(graph.leaves[update.leaf].name);
   }
+  for (const std::string& name : changed) compare(name, own.leaf(name), text.leaf(name));
   if (differs) print_error("a '@vjp' is not the gradient of its function's text");
   return differs ? kUserError : kOk;
 }

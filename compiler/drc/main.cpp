@@ -275,7 +275,7 @@ class CommandLine {
             ->check(CLI::IsMember({"all", "results"}));
     eval_command_
         ->add_flag("--check-vjp", eval_options_.check_vjp,
-                   "Compare outputs with those of --plain-gradients; they should agree to 1e-6")
+                   "Compare outputs and changed leaves with those of --plain-gradients; they should agree to 1e-6")
         ->excludes("--plain-gradients");
     eval_command_->add_flag("--float32", eval_options_.float32, "Round every op's result to float32");
     eval_command_->add_option("--threads", eval_options_.threads, "Threads to use, 0: all; no result depends on it")

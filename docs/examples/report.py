@@ -11,10 +11,13 @@ import json
 import sys
 from pathlib import Path
 
-import matplotlib
+try:
+    import matplotlib
 
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+except ImportError:
+    sys.exit("report.py: it needs matplotlib (Debian: python3-matplotlib, else: pip install matplotlib)")
 
 out = Path(sys.argv[1])
 title = sys.argv[2] if len(sys.argv) > 2 else out.name
