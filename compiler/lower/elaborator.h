@@ -178,6 +178,7 @@ class Elaborator {
   };
 
   // Messages (lower.cpp). `fail` reports and gives Error.
+  bool is_of_library(const Span& span) const { return library_files_.count(span.file.index) > 0; }
   void report(Code code, const Span& span, std::string message, std::vector<dsl::Note> notes = {},
               std::string help = {});
   Error fail(Code code, const Span& span, std::string message, std::vector<dsl::Note> notes = {},
@@ -562,6 +563,7 @@ class Elaborator {
   Value seed_ = Nothing{};               // the leaf 'seed' once something has read it
 
   std::vector<Frame> frames_;
+  std::set<uint32_t> library_files_;  // by FileId, those of the library that comes with the compiler
   std::vector<RegionFrame> regions_;
   StepFrame* step_ = nullptr;
   OptimizerFrame* optimizer_ = nullptr;

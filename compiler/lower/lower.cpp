@@ -40,19 +40,27 @@ std::vector<std::string> type_names() {
 
 // ---- messages ----
 
+// A mistake that shows itself inside of the library is its caller's: the message stands at the first call in a file that is not
+// the library's, and notes lead from there to the place itself, and on to how that call was reached.
 void Elaborator::report(Code code, const Span& span, std::string message, std::vector<dsl::Note> notes,
                         std::string help) {
   ++mistakes_;
-  if (!reported_.emplace(span.file.index, span.begin, span.end, code).second) return;
-  dsl::Diagnostic& diagnostic = diagnostics_.error(code, span, std::move(message));
+  std::vector<const Frame*> calls;  // from the inside out
+  for (auto frame = frames_.rbegin(); frame != frames_.rend(); ++frame)
+    if (frame->call.valid() && !frame->name.empty()) calls.push_back(&*frame);
+  size_t own = 0;  // calls that the library makes, and the one that calls it
+  if (is_of_library(span))
+    for (size_t k = 0; k < calls.size() && own == 0; ++k)
+      if (!is_of_library(calls[k]->call)) own = k + 1;
+  const Span& place = own == 0 ? span : calls[own - 1]->call;
+  if (!reported_.emplace(place.file.index, place.begin, place.end, code).second) return;
+  dsl::Diagnostic& diagnostic = diagnostics_.error(code, place, std::move(message));
   diagnostic.notes = std::move(notes);
-  // From the inside out: how this place was reached.
   size_t told = 0;
-  for (auto frame = frames_.rbegin(); frame != frames_.rend(); ++frame) {
-    if (!frame->call.valid() || frame->name.empty()) continue;
-    if (told++ == kMaxCallNotes) break;
-    diagnostic.notes.push_back({frame->call, "in the call of '" + frame->name + "' here"});
-  }
+  for (size_t k = own; k-- > 0 && told < kMaxCallNotes; ++told)
+    diagnostic.notes.push_back({k == 0 ? span : calls[k - 1]->call, "in '" + calls[k]->name + "', here"});
+  for (size_t k = own; k < calls.size() && told < kMaxCallNotes; ++k, ++told)
+    diagnostic.notes.push_back({calls[k]->call, "in the call of '" + calls[k]->name + "' here"});
   for (auto instance = instances_.rbegin(); instance != instances_.rend() && told++ < kMaxCallNotes; ++instance)
     diagnostic.notes.push_back({instance->second, "in the instance of '" + instance->first + "' here"});
   diagnostic.help = std::move(help);

@@ -103,7 +103,11 @@ void Elaborator::load_import(ModuleInfo& importer, const dsl::ImportDecl& import
     add_item(importer, bound, {.kind = ModuleItem::Kind::Import, .span = bound.span, .value = Error{}});
     return;
   }
-  if (!module) module = load_module(sources_.add(path, *std::move(text)), identity, folder);
+  if (!module) {
+    const dsl::FileId added = sources_.add(path, *std::move(text));
+    if (folder.empty()) library_files_.insert(added.index);
+    module = load_module(added, identity, folder);
+  }
   add_item(importer, bound, {.kind = ModuleItem::Kind::Import, .span = bound.span, .value = ModuleValue{module}});
 }
 
