@@ -160,9 +160,9 @@ let lamp = light.directional(vec3(0.0, 0.6, 0.8), vec3(3.0));
 step go { output y = material.shade(m, normal, lamp, vec3(0.0, 0.0, 1.0), matt = material.burley); })",
        .bound = {{"normal", Array::from_floats(std::vector<float>(24, 0.5773503f), 3, 8)}},
        .define = "metallic=0.5",
-       .with = {65, 83},
-       .without = {121, 0},
-       .woken = {98, 39}},
+       .with = {65, 93},
+       .without = {128, 0},
+       .woken = {106, 39}},
       {.id = "zero",
        // A term of weight 0: its gradient is zero whatever `a` is.
        .text = R"(

@@ -421,7 +421,9 @@ TEST_CASE("malformed literals are refused", "[io][malformed]") {
   CHECK(error("=[[[[[1]]]]]") == "cannot read the value '[[[[[1]]]]]': lists are nested deeper than 4");
   CHECK(error("=[1, 2, 3, 4]", 3) ==
         "cannot read the value '[1, 2, 3, 4]': shape (4,) does not end in the 3 components of an element");
-  CHECK(error("=2", 3) == "cannot read the value '2': shape () does not end in the 3 components of an element");
+  CHECK(error("=2", 3) ==
+        "cannot read the value '2': shape () does not end in the 3 components of an element; such as "
+        "=[0, 0, 0]");
   CHECK(error("=[[[[1, 2]]]]", 1) ==
         "cannot read the value '[[[[1, 2]]]]': shape (1, 1, 1, 2) has too many dimensions, expected layers, height, "
         "width");
