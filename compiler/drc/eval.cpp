@@ -376,8 +376,8 @@ double relative_distance(const reference::Image& a, const reference::Image& b) {
   return longer == 0 ? 0 : std::sqrt(difference / longer);
 }
 
-// `--check-vjp`: every output, and every leaf that changed, with the gradients that functions bring along, and with those of
-// their text.
+// `--check-vjp`: every output, and every leaf that changed, with the gradients that functions bring along, and with
+// those of their text.
 int check_vjp(const EvalOptions& options, const ir::Graph& graph, const dsl::SourceManager& sources,
               const std::vector<Run>& runs) {
   EvalOptions plain_options = options;

@@ -27,8 +27,8 @@ struct Source {
 constexpr std::string_view kBindable[] = {".obj", ".gltf", ".glb",  ".png", ".jpg", ".jpeg",
                                           ".hdr", ".tfx",  ".hair", ".npy", ".csv", ".json"};
 
-// The first ':' behind a file's extension, since names that selectors hold may have a '/', and those of files a ':'; or else
-// the first one of the last part of the path.
+// The first ':' behind a file's extension, since names that selectors hold may have a '/', and those of files a ':'; or
+// else the first one of the last part of the path.
 size_t selectors_of(std::string_view text) {
   for (size_t colon = text.find(':'); colon != std::string_view::npos; colon = text.find(':', colon + 1))
     if (std::ranges::count(kBindable, extension_of(text.substr(0, colon))) > 0) return colon;

@@ -40,8 +40,8 @@ std::vector<std::string> type_names() {
 
 // ---- messages ----
 
-// A mistake that shows itself inside of the library is its caller's: the message stands at the first call in a file that is not
-// the library's, and notes lead from there to the place itself, and on to how that call was reached.
+// A mistake that shows itself inside of the library is its caller's: the message stands at the first call in a file
+// that is not the library's, and notes lead from there to the place itself, and on to how that call was reached.
 void Elaborator::report(Code code, const Span& span, std::string message, std::vector<dsl::Note> notes,
                         std::string help) {
   ++mistakes_;

@@ -262,7 +262,8 @@ void Program::State::prepare(const bundle::StepT& step) {
                   missing + (count == 1 ? ", which is not bound" : ", which are not bound") + written};
   for (const std::string& symbol : step.symbols)
     if (sizes.symbols().count(symbol) == 0)
-      throw Failure{"symbol '" + symbol + "' has no value: bind a leaf that has it, or the symbol itself (drun: --symbol " + symbol + "=N)"};
+      throw Failure{"symbol '" + symbol +
+                    "' has no value: bind a leaf that has it, or the symbol itself (drun: --symbol " + symbol + "=N)"};
   give_memory(resources_of(step));
 }
 

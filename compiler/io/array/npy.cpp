@@ -211,7 +211,9 @@ Extent extent_of_shape(std::span<const int64_t> shape, int expected_components) 
         shape[rank - 1] * shape[rank - 2] == expected_components) {
       hint = cat("; a matrix is ", expected_components, " numbers, column after column");
     } else if (rank == 0) {
-      hint = expected_components == 2 ? "; such as =[0, 0]" : expected_components == 3 ? "; such as =[0, 0, 0]" : "; a list of them does";
+      hint = expected_components == 2   ? "; such as =[0, 0]"
+             : expected_components == 3 ? "; such as =[0, 0, 0]"
+                                        : "; a list of them does";
     }
     fail("shape ", shape_text(shape), " does not end in the ", expected_components, " components of an element", hint);
   }

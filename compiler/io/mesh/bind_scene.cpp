@@ -282,8 +282,8 @@ Array bind_material(const gltf::Document& document, const Scene& scene, Words wo
       {"alpha_mode", 1, [&](size_t i) { return Row{static_cast<double>(material(i).alpha)}; }, true},
       {"double_sided", 1, [&](size_t i) { return Row{material(i).double_sided ? 1.0 : 0.0}; }, true},
       {"unlit", 1, [&](size_t i) { return Row{material(i).unlit ? 1.0 : 0.0}; }, true}};
-  // The number of each texture, for ':texture:...', and which texture coordinates it is looked up by, ':uv' or ':uv1'. The
-  // pictures themselves are bound above, and named here so that a misspelled one is found, too.
+  // The number of each texture, for ':texture:...', and which texture coordinates it is looked up by, ':uv' or ':uv1'.
+  // The pictures themselves are bound above, and named here so that a misspelled one is found, too.
   std::vector<std::string> number_names, uv_names;
   for (const Slot& slot : kSlots) {
     number_names.push_back(cat(slot.name, "_number"));

@@ -40,8 +40,8 @@ struct Picture {
   std::vector<float> floats;
 };
 
-// What the header of a file says. Of a PNG the structure of the whole file was walked: one that is cut short or whose chunks
-// do not add up fails here, before a decoder sees it.
+// What the header of a file says. Of a PNG the structure of the whole file was walked: one that is cut short or whose
+// chunks do not add up fails here, before a decoder sees it.
 struct PictureSize {
   int64_t width = 0;
   int64_t height = 0;

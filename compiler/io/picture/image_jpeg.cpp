@@ -1,16 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-// JPEG files, by libjpeg. Where data is missing or wrong it warns and goes on with grey; here a picture is whole or refused.
-
-#include <cstddef>
-#include <cstdio>  // before jpeglib.h, which needs it
-
-#include <jerror.h>
-#include <jpeglib.h>
+// JPEG files, by libjpeg. Where data is missing or wrong it warns and goes on with grey; here a picture is whole or
+// refused.
 
 #include <csetjmp>
+#include <cstddef>
+#include <cstdio>
 
 #include "compiler/io/file/failure.h"
 #include "compiler/io/picture/image.h"
+
+// clang-format off
+#include <jpeglib.h>  // wants what stands above
+#include <jerror.h>
+// clang-format on
 
 namespace dr::io {
 namespace {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// PNG files, by stb, which is compiled here alone and for this format only. The structure of a file is walked before it is
-// decoded, so that the decoder sees only what adds up: it would fill what is missing from a file that was cut short.
+// PNG files, by stb, which is compiled here alone and for this format only. The structure of a file is walked before it
+// is decoded, so that the decoder sees only what adds up: it would fill what is missing from a file that was cut short.
 
 #include <algorithm>
 #include <array>
