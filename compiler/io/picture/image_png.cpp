@@ -20,7 +20,9 @@ namespace {
 thread_local size_t stb_allocation_limit = 0;
 
 // Cleared, so that what a damaged file leaves out is zero instead of whatever the memory held.
-void* stb_allocate(size_t size) { return size <= stb_allocation_limit ? std::calloc(size, 1) : nullptr; }
+void* stb_allocate(size_t size) {
+  return size <= stb_allocation_limit ? std::calloc(std::max<size_t>(size, 1), 1) : nullptr;
+}
 void* stb_reallocate(void* block, size_t size) {
   return size <= stb_allocation_limit ? std::realloc(block, size) : nullptr;
 }
@@ -38,6 +40,9 @@ void* stb_reallocate(void* block, size_t size) {
 #define STB_IMAGE_WRITE_STATIC
 #define STB_IMAGE_WRITE_IMPLEMENTATION
 #define STBI_WRITE_NO_STDIO
+#define STBIW_MALLOC(size) stb_allocate(size)
+#define STBIW_REALLOC(block, size) stb_reallocate(block, size)
+#define STBIW_FREE(block) std::free(block)
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wunused-function"
 #include <stb/stb_image.h>
@@ -160,8 +165,8 @@ Bytes encode_png(const Array& array, int64_t layer, bool raw) {
   if (!is_float && array.kind != ElementKind::Bool) {
     fail("a PNG holds floats in 0 to 1 or bools, found ", kind_name(array.kind), "; .npy holds any kind");
   }
-  if (array.components > 4) fail("a PNG holds 1 to 4 components, found ", array.components);
-  if (array.width > kMaxImageSide || array.height > kMaxImageSide) {
+  if (array.components < 1 || array.components > 4) fail("a PNG holds 1 to 4 components, found ", array.components);
+  if (array.width < 1 || array.height < 1 || array.width > kMaxImageSide || array.height > kMaxImageSide) {
     fail("a picture of ", array.width, "x", array.height, ", sides must be in 1 to ", kMaxImageSide);
   }
   const auto components = static_cast<size_t>(array.components);
