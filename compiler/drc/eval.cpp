@@ -399,9 +399,8 @@ int check_vjp(const EvalOptions& options, const ir::Graph& graph, const dsl::Sou
   for (const auto& [step, result] : own.results()) {
     for (const auto& [name, image] : result.outputs)
       compare(step + "." + name, image, text.results().at(step).outputs.at(name));
-    for (const ir::Step& other : graph.steps)
-      for (const ir::Update& update : other.updates)
-        if (other.name == step) changed.insert(graph.leaves[update.leaf].name);
+    for (const ir::Update& update : graph.steps[*graph.step_index(step)].updates)
+      changed.insert(graph.leaves[update.leaf].name);
   }
   for (const std::string& name : changed) compare(name, own.leaf(name), text.leaf(name));
   if (differs) print_error("a '@vjp' is not the gradient of its function's text");

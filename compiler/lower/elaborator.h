@@ -177,7 +177,7 @@ class Elaborator {
     Span before_;
   };
 
-  // Messages (lower.cpp). `fail` reports and gives Error.
+  // Messages (messages.cpp). `fail` reports and gives Error.
   bool is_of_library(const Span& span) const { return library_files_.count(span.file.index) > 0; }
   void report(Code code, const Span& span, std::string message, std::vector<dsl::Note> notes = {},
               std::string help = {});

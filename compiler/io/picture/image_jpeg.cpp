@@ -36,7 +36,7 @@ class JpegReader {
       }
     };
     cinfo_.client_data = this;
-    jpeg_create_decompress(&cinfo_);
+    guarded([this] { jpeg_create_decompress(&cinfo_); });
     cinfo_.progress = &progress_;
   }
   ~JpegReader() { jpeg_destroy_decompress(&cinfo_); }

@@ -94,10 +94,10 @@ class SceneReader {
       }
       scene_.nodes.push_back(std::move(node));
     }
-    for (const PlacedNode& placed : placed_nodes(document_)) {
-      scene_.nodes[static_cast<size_t>(placed.node)].placed = true;
-    }
-    for (const PlacedNode& any : all_nodes(document_)) {
+    std::vector<PlacedNode> all = placed_nodes(document_);
+    for (const PlacedNode& placed : all) scene_.nodes[static_cast<size_t>(placed.node)].placed = true;
+    add_other_nodes(document_, all);
+    for (const PlacedNode& any : all) {
       Scene::Node& node = scene_.nodes[static_cast<size_t>(any.node)];
       node.parent = any.parent;
       node.world = to_matrix(any.world);

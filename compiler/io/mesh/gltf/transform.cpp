@@ -70,10 +70,8 @@ std::vector<PlacedNode> placed_nodes(const Document& document) {
   return placed;
 }
 
-std::vector<PlacedNode> all_nodes(const Document& document) {
-  std::vector<PlacedNode> placed = placed_nodes(document);
+void add_other_nodes(const Document& document, std::vector<PlacedNode>& placed) {
   place(document.model.nodes, without_parent(document.model), placed);
-  return placed;
 }
 
 void add_placed(std::vector<float>& all, const glm::dmat4& transform, const float* position, size_t i,

@@ -25,8 +25,8 @@ struct PlacedNode {
 // in the order of the file.
 std::vector<PlacedNode> placed_nodes(const Document& document);
 
-// These, and then the nodes of other scenes and of none.
-std::vector<PlacedNode> all_nodes(const Document& document);
+// Adds the nodes of other scenes, and of none, to these.
+void add_other_nodes(const Document& document, std::vector<PlacedNode>& placed);
 
 // Adds the place of vertex `i`, as floats. `where` names the primitive.
 void add_placed(std::vector<float>& all, const glm::dmat4& transform, const float* position, size_t i,
