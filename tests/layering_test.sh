@@ -20,7 +20,7 @@ compiler/passes          dsl/ compiler/ir/ compiler/ops/ compiler/target/ compil
 compiler/passes/gradient  GRAPH PASSES
 compiler/passes/scatter   GRAPH PASSES
 compiler/passes/simplify  GRAPH PASSES
-compiler/reference       dsl/ compiler/ir/ compiler/ops/ compiler/topology/
+compiler/reference       dsl/ compiler/ir/ compiler/ops/ compiler/topology/ compiler/io/array/ compiler/io/file/
 compiler/backend/bundle    compiler/ir/dim.h
 compiler/backend/analysis  BUNDLE GRAPH dsl/source/source.h
 compiler/backend/schedule  BUNDLE GRAPH compiler/target/ B/analysis/

@@ -17,49 +17,22 @@
 #include "compiler/ir/pins.h"
 #include "compiler/ir/symbols.h"
 #include "compiler/passes/passes.h"
-#include "compiler/reference/evaluate.h"
+#include "compiler/reference/arrays.h"
 #include "dsl/diagnostic/diagnostic.h"
 #include "dsl/source/place.h"
 
 namespace dr::drc {
 namespace {
 
+using reference::first_not_finite;
+using reference::kind_of;
+using reference::to_array;
+using reference::to_image;
+
 std::string number_text(double number) {
   if (std::isnan(number)) return "nan";  // whatever its sign
   char buffer[40];
   return std::string(buffer, std::to_chars(buffer, buffer + sizeof buffer, number).ptr);
-}
-
-// Element by element in a file, plane by plane in the evaluator.
-reference::Image to_image(const io::Array& array, const ir::Type& type) {
-  reference::Image image = reference::zeros(type, array.width, array.height, array.layers);
-  const std::vector<double> values = array.to_doubles();
-  const auto components = static_cast<size_t>(type.components());
-  const auto count = static_cast<size_t>(image.count());
-  for (size_t i = 0; i < count; ++i) {
-    for (size_t c = 0; c < components; ++c) image.data[c * count + i] = values[i * components + c];
-  }
-  return image;
-}
-
-io::Array to_array(const reference::Image& image) {
-  const auto components = static_cast<size_t>(image.type.components());
-  const auto count = static_cast<size_t>(image.count());
-  std::vector<double> values(components * count);
-  for (size_t i = 0; i < count; ++i) {
-    for (size_t c = 0; c < components; ++c) values[i * components + c] = image.data[c * count + i];
-  }
-  return io::Array::from_doubles(values, static_cast<int>(components), image.width, image.height, image.layers);
-}
-
-io::ElementKind kind_of(ir::Scalar scalar) {
-  switch (scalar) {
-    case ir::Scalar::Bool: return io::ElementKind::Bool;
-    case ir::Scalar::Int: return io::ElementKind::Int32;
-    case ir::Scalar::Uint: return io::ElementKind::UInt32;
-    case ir::Scalar::Float: return io::ElementKind::Float64;
-  }
-  DR_ICE("a scalar of no kind");
 }
 
 std::string value_text(const reference::Image& image) {
@@ -106,9 +79,12 @@ bool bind_all(const EvalOptions& options, const ir::Graph& graph, reference::Ses
     if (!loaded) return print_error(loaded.error()), false;
     if (const auto doubt = io::doubt_about(parts->second, *loaded))
       print_warning("leaf '" + parts->first + "': " + *doubt);
-    const auto converted = loaded->converted(kind_of(type.scalar));
-    if (!converted) return print_error("the data for '" + parts->first + "': " + converted.error()), false;
-    if (const auto wrong = session.bind(parts->first, to_image(*converted, type))) return print_error(*wrong), false;
+    // Floats of any kind go in as they are.
+    if (!type.is_float() && loaded->kind != kind_of(type.scalar)) {
+      loaded = loaded->converted(kind_of(type.scalar));
+      if (!loaded) return print_error("the data for '" + parts->first + "': " + loaded.error()), false;
+    }
+    if (const auto wrong = session.bind(parts->first, to_image(*loaded, type))) return print_error(*wrong), false;
   }
   return true;
 }
@@ -227,12 +203,12 @@ class Evaluator {
     for (const ir::Output& output : step.outputs) {
       const reference::Image& image = result.outputs.at(output.name);
       const std::string name = io::ResultName{step.name, output.name}.str();
-      if (image.count() == 1 && io::first_not_finite(to_array(image)))
+      if (image.count() == 1 && first_not_finite(image))
         tell_not_finite(name, "output '" + name + "' is " + value_text(image) + " in " + when);
     }
     for (const ir::Update& update : step.updates) {
       const std::string& name = graph_.leaves[update.leaf].name;
-      if (const auto place = io::first_not_finite(to_array(session_.leaf(name))))
+      if (const auto place = first_not_finite(session_.leaf(name)))
         tell_not_finite(
             name, "'" + name + "' has " + io::describe(*place) + " after " + when + " of step '" + step.name + "'");
     }
@@ -263,13 +239,13 @@ class Evaluator {
     for (const auto& raster : record.rasters) {
       auto& arrays = decisions.rasters.emplace_back();
       for (const reference::Image& image : raster) {
-        auto array = to_array(image).converted(io::ElementKind::Int32);
+        auto array = to_array(image);
         if (!array) return print_error("a raster's result: " + array.error()), false;
         arrays.push_back(*std::move(array));
       }
     }
     for (const auto& [name, image] : record.pins) {
-      auto array = to_array(image).converted(kind_of(image.type.scalar));
+      auto array = to_array(image);
       if (!array) return print_error("the pinned value '" + name + "': " + array.error()), false;
       decisions.pins.emplace_back(name, *std::move(array));
     }
@@ -281,10 +257,9 @@ class Evaluator {
 
   // As it was computed: floats in float64.
   std::optional<io::Array> typed(const std::string& name, const reference::Image& image) const {
-    const io::Array exact = to_array(image);
-    if (const auto place = io::first_not_finite(exact))
+    if (const auto place = first_not_finite(image))
       tell_not_finite(name, "'" + name + "' has " + io::describe(*place));
-    auto array = exact.converted(kind_of(image.type.scalar));
+    auto array = to_array(image);
     if (!array) return print_error("the value '" + name + "': " + array.error()), std::nullopt;
     return *std::move(array);
   }

@@ -137,16 +137,14 @@ std::optional<std::string> doubt_about(std::string_view source, const Array& arr
   const bool has_curve = extension == ".png" || extension == ".jpg" || extension == ".jpeg";
   if (!has_curve || array.components < 3 || array.kind != ElementKind::Float32) return std::nullopt;
   if (std::ranges::find(file.selectors, "raw") != file.selectors.end()) return std::nullopt;
-  constexpr size_t kLooks = 4096;
+  constexpr int64_t kLooks = 4096;
   constexpr double kOff = 0.08, kMost = 0.7;
-  const auto n = static_cast<size_t>(array.components), count = static_cast<size_t>(array.size());
-  const std::vector<double> values = array.to_doubles();
-  const size_t step = std::max<size_t>(1, count / kLooks);
-  size_t looked = 0, unit = 0;
-  for (size_t k = 0; k < count; k += step, ++looked) {
+  const int64_t step = std::max<int64_t>(1, array.size() / kLooks);
+  int64_t looked = 0, unit = 0;
+  for (int64_t k = 0; k < array.size(); k += step, ++looked) {
     double square = 0, up = 0;
-    for (size_t c = 0; c < 3; ++c) {
-      up = 2 * linear_to_srgb(values[k * n + c]) - 1;
+    for (int c = 0; c < 3; ++c) {
+      up = 2 * linear_to_srgb(array.scalar(k * array.components + c)) - 1;
       square += up * up;
     }
     if (up > 0 && std::abs(std::sqrt(square) - 1) < kOff) ++unit;

@@ -146,7 +146,9 @@ void Session::bind() {
     bound.emplace(name, std::move(data));
   }
   if (options_.unchecked) return;
-  if (const auto problem = jit::check_indices(bundle_, bound, symbols))
+  std::vector<std::string> steps;
+  for (const auto& step : steps_) steps.push_back(step.first);
+  if (const auto problem = jit::check_indices(bundle_, steps, bound, symbols))
     throw Mistake{*problem + "; if reading 0 there is meant, give --unchecked"};
 }
 

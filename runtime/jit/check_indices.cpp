@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "compiler/backend/bundle/bundle.h"
+#include "compiler/ir/initial_step.h"
 #include "compiler/ir/parse.h"
 
 namespace dr::jit {
@@ -16,7 +17,7 @@ using ir::OpKind;
 struct Column {
   std::string leaf;
   int64_t component = 0;
-  std::optional<size_t> element;
+  std::optional<int64_t> element;
 };
 
 std::optional<Column> column_of(const ir::Graph& graph, ir::ValueId index) {
@@ -29,7 +30,7 @@ std::optional<Column> column_of(const ir::Graph& graph, ir::ValueId index) {
   if (op->kind == OpKind::Gather) {
     const ir::Op& place = graph.op(graph.value(op->operands[1]).op);
     if (place.kind != OpKind::Const || place.attrs.floats.size() != 1 || place.attrs.floats[0] < 0) return std::nullopt;
-    out.element = static_cast<size_t>(place.attrs.floats[0]);
+    out.element = static_cast<int64_t>(place.attrs.floats[0]);
     op = &graph.op(graph.value(op->operands[0]).op);
   }
   if (op->kind != OpKind::Leaf) return std::nullopt;
@@ -46,9 +47,21 @@ std::string name_of(const ir::Graph& graph, const ir::ValueInfo& from) {
   return known ? "'" + leaf->name + "'" : "what it indexes";
 }
 
+// Which ops these steps need, and those that make leaves' first values.
+std::vector<bool> ops_of(const ir::Graph& graph, std::span<const std::string> steps) {
+  std::vector<ir::ValueId> roots;
+  for (const ir::Step& step : graph.steps) {
+    if (ir::leaf_of_initial_step(step.name).empty() && std::ranges::find(steps, step.name) == steps.end()) continue;
+    for (const ir::Output& output : step.outputs) roots.push_back(output.value);
+    for (const ir::Update& update : step.updates) roots.push_back(update.value);
+  }
+  return roots.empty() ? std::vector<bool>(graph.op_count()) : ir::live_ops(graph, roots);
+}
+
 }  // namespace
 
-std::optional<std::string> check_indices(std::span<const uint8_t> bytes, const std::map<std::string, io::Array>& data,
+std::optional<std::string> check_indices(std::span<const uint8_t> bytes, std::span<const std::string> steps,
+                                         const std::map<std::string, io::Array>& data,
                                          std::map<std::string, int64_t> given) {
   const auto bundle = bundle::read(bytes);
   if (std::holds_alternative<std::string>(bundle)) return std::nullopt;  // told by whoever runs it
@@ -65,21 +78,23 @@ std::optional<std::string> check_indices(std::span<const uint8_t> bytes, const s
     for (const auto& [dim, size] : axes)
       if (const auto symbol = dim->as_symbol()) symbols.emplace(*symbol, size);
   }
+  const std::vector<bool> needed = ops_of(*graph, steps);
   for (const ir::OpId id : graph->region(graph->root()).ops) {
     const ir::Op& op = graph->op(id);
-    if (op.kind != OpKind::Gather || graph->value(op.operands[1]).type.rows != 1) continue;
+    if (!needed[id.index] || op.kind != OpKind::Gather || graph->value(op.operands[1]).type.rows != 1) continue;
     const auto column = column_of(*graph, op.operands[1]);
     const ir::ValueInfo& from = graph->value(op.operands[0]);
     const auto count = from.extent.w.evaluate(symbols);
     const auto bound = column ? data.find(column->leaf) : data.end();
     if (bound == data.end() || !count || bound->second.bytes.empty()) continue;
     const io::Array& a = bound->second;
-    const std::vector<double> numbers = a.to_doubles();
-    for (auto k = static_cast<size_t>(column->component); k < numbers.size(); k += static_cast<size_t>(a.components)) {
-      if (column->element && *column->element != k / static_cast<size_t>(a.components)) continue;
-      if (numbers[k] >= -1 && numbers[k] < static_cast<double>(*count)) continue;
-      return "leaf '" + column->leaf + "': element " + std::to_string(k / static_cast<size_t>(a.components)) +
-             " names " + std::to_string(static_cast<int64_t>(numbers[k])) + ", but " + name_of(*graph, from) + " has " +
+    const int64_t begin = column->element.value_or(0);
+    const int64_t end = column->element ? std::min(begin + 1, a.size()) : a.size();
+    for (int64_t k = begin; k < end; ++k) {
+      const double named = a.scalar(k * a.components + column->component);
+      if (named >= -1 && named < static_cast<double>(*count)) continue;
+      return "leaf '" + column->leaf + "': element " + std::to_string(k) + " names " +
+             std::to_string(static_cast<int64_t>(named)) + ", but " + name_of(*graph, from) + " has " +
              std::to_string(*count) + " elements";
     }
   }

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-// Between host arrays and the evaluator's images.
 #include "runtime/jit/reference_program.h"
 
 #include <algorithm>
@@ -7,41 +6,15 @@
 #include "compiler/backend/bundle/bundle.h"
 #include "compiler/ir/parse.h"
 #include "compiler/passes/passes.h"
-#include "compiler/reference/evaluate.h"
+#include "compiler/reference/arrays.h"
 #include "runtime/data/warnings.h"
 
 namespace dr::jit {
 
 namespace {
 
-reference::Image to_image(const io::Array& array, const ir::Type& type) {
-  reference::Image image = reference::zeros(type, array.width, array.height, array.layers);
-  const std::vector<double> values = array.to_doubles();
-  const auto n = static_cast<size_t>(array.components), count = static_cast<size_t>(array.size());
-  for (size_t e = 0; e < count; ++e)
-    for (size_t c = 0; c < n; ++c) image.data[c * count + e] = values[e * n + c];
-  return image;
-}
-
-io::ElementKind kind_of(ir::Scalar scalar) {
-  switch (scalar) {
-    case ir::Scalar::Bool: return io::ElementKind::Bool;
-    case ir::Scalar::Int: return io::ElementKind::Int32;
-    case ir::Scalar::Uint: return io::ElementKind::UInt32;
-    case ir::Scalar::Float: return io::ElementKind::Float64;
-  }
-  DR_ICE("a scalar of no kind");
-}
-
-// As it was computed: floats in float64.
-io::Result<io::Array> to_array(const reference::Image& image) {
-  const auto n = static_cast<size_t>(image.type.components()), count = static_cast<size_t>(image.count());
-  std::vector<double> values(n * count);
-  for (size_t e = 0; e < count; ++e)
-    for (size_t c = 0; c < n; ++c) values[e * n + c] = image.data[c * count + e];
-  return io::Array::from_doubles(values, image.type.components(), image.width, image.height, image.layers)
-      .converted(kind_of(image.type.scalar));
-}
+using reference::to_array;
+using reference::to_image;
 
 const io::Error kMovedFrom{"the program is empty: it was moved from"};
 

@@ -13,26 +13,6 @@
 namespace dr::io {
 namespace {
 
-// Calls `visit(value)` with every scalar of `array` as a double, which holds each kind exactly.
-template <class Visit>
-void for_each_scalar(const Array& array, const Visit& visit) {
-  const auto walk = [&]<class T>(T) {
-    const size_t count = array.bytes.size() / sizeof(T);
-    for (size_t i = 0; i < count; ++i) {
-      T value;
-      std::memcpy(&value, array.bytes.data() + i * sizeof(T), sizeof(T));
-      visit(static_cast<double>(value));
-    }
-  };
-  switch (array.kind) {
-    case ElementKind::Float32: return walk(float{});
-    case ElementKind::Float64: return walk(double{});
-    case ElementKind::Int32: return walk(int32_t{});
-    case ElementKind::UInt32: return walk(uint32_t{});
-    case ElementKind::Bool: return walk(uint8_t{});
-  }
-}
-
 // The value as a scalar of type T, or nothing when T cannot hold it.
 template <class T>
 bool fits(double value) {
@@ -115,6 +95,22 @@ std::vector<float> Array::to_floats() const {
   values.reserve(bytes.size() / scalar_size(kind));
   for_each_scalar(*this, [&](double value) { values.push_back(static_cast<float>(value)); });
   return values;
+}
+
+double Array::scalar(int64_t index) const {
+  const auto read = [&]<class T>(T value) {
+    std::memcpy(&value, bytes.data() + static_cast<size_t>(index) * sizeof(T), sizeof(T));
+    return static_cast<double>(value);
+  };
+  switch (kind) {
+    case ElementKind::Float32: return read(float{});
+    case ElementKind::Float64: return read(double{});
+    case ElementKind::Int32: return read(int32_t{});
+    case ElementKind::UInt32: return read(uint32_t{});
+    case ElementKind::Bool: return read(uint8_t{});
+  }
+  assert(false);
+  return 0;
 }
 
 Scalars scalars_of(const Array& array) {

@@ -6,6 +6,7 @@
 #include <cassert>
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <optional>
 #include <span>
 #include <string>
@@ -87,6 +88,8 @@ struct Array {
   // Every scalar, whatever the kind; false is 0, true is 1.
   std::vector<double> to_doubles() const;
   std::vector<float> to_floats() const;
+  // One of them. Precondition: 0 <= index < scalar_count().
+  double scalar(int64_t index) const;
 
   // The same array with scalars of another kind. Floats are rounded to the nearest float32 (too large is an error); a
   // number becomes an integer or a bool only when nothing is lost, so that 0.5 is never an index.
@@ -152,6 +155,26 @@ Result<void> save_array(const std::string& path, const Array& array);
 std::string layer_path(const std::string& path, int64_t layer, int64_t layers);
 
 // ---------------------------------------------------------------------------------------------------------------
+
+// Calls `visit(value)` with every scalar of `array` as a double, which holds each kind exactly.
+template <class Visit>
+void for_each_scalar(const Array& array, const Visit& visit) {
+  const auto walk = [&]<class T>(T) {
+    const size_t count = array.bytes.size() / sizeof(T);
+    for (size_t i = 0; i < count; ++i) {
+      T value;
+      std::memcpy(&value, array.bytes.data() + i * sizeof(T), sizeof(T));
+      visit(static_cast<double>(value));
+    }
+  };
+  switch (array.kind) {
+    case ElementKind::Float32: return walk(float{});
+    case ElementKind::Float64: return walk(double{});
+    case ElementKind::Int32: return walk(int32_t{});
+    case ElementKind::UInt32: return walk(uint32_t{});
+    case ElementKind::Bool: return walk(uint8_t{});
+  }
+}
 
 template <class T>
 Array Array::from(std::span<const T> values, int components, int64_t width, int64_t height, int64_t layers) {
