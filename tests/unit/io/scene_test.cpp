@@ -297,6 +297,8 @@ TEST_CASE("wrong fields of a scene are named", "[io][scene][malformed]") {
         "skins[0].inverseBindMatrices: 2 matrices for 3 joints");
   CHECK(error(R"("path": "rotation")", R"("path": "rotate")") ==
         "animations[0].channels[0].target.path: 'rotate' is not one of translation, rotation, scale, weights, pointer");
+  // An accessor of no view holds zeros.
+  CHECK(error(R"("bufferView": 9, )", "") == "animations[0].samplers[0].output: key 0 is not a unit quaternion");
   CHECK(error(R"("path": "rotation")", R"("path": "scale")") ==
         "animations[0].samplers[0].output: 4 components, expected 3");
   CHECK(error(R"("sampler": 0, "target")", R"("sampler": 1, "target")") ==

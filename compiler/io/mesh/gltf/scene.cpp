@@ -17,6 +17,8 @@ namespace {
 
 // The most numbers of all animations together.
 constexpr uint64_t kMaxSamples = uint64_t{1} << 26;
+// The square of a quaternion's length below which it turns nothing anywhere.
+constexpr double kLeastTurn = 1e-12;
 
 const tinygltf::Value* extension(const tinygltf::ExtensionMap& all, const char* name) {
   const auto found = all.find(name);
@@ -245,7 +247,19 @@ class SceneReader {
       fail(where, ".output: ", channel.values.size() / components, " values for ", channel.times.size(), " times (",
            channel.interpolation, ")");
     }
+    if (channel.path == "rotation") check_turns(channel, where);
     return channel;
+  }
+
+  // Keys need not have the length 1, but a direction.
+  static void check_turns(const Scene::Channel& channel, const std::string& where) {
+    const bool cubic = channel.interpolation == "CUBICSPLINE";
+    for (size_t key = 0; key < channel.times.size(); ++key) {
+      const float* const q = channel.values.data() + 4 * (cubic ? 3 * key + 1 : key);
+      double square = 0;
+      for (size_t i = 0; i < 4; ++i) square += double{q[i]} * q[i];
+      if (!(square > kLeastTurn)) fail(where, ".output: key ", key, " is not a unit quaternion");
+    }
   }
 
   const Document& document_;
