@@ -366,7 +366,7 @@ class Elaborator {
   // Statements (statements.cpp).
   Value evaluate_block(const dsl::Block& block);
   Value run_statements(const dsl::Block& block);
-  void run_statement(const dsl::Stmt& stmt);
+  bool run_statement(const dsl::Stmt& stmt);
   void run_let(const dsl::Stmt& stmt);
   void bind_pattern(const dsl::Pattern& pattern, const Value& value, const Span& span, Binding::Kind kind);
   void run_assign(const dsl::Stmt& stmt);
@@ -526,6 +526,7 @@ class Elaborator {
   Value builtin_coord(BuiltinCall& call);
   Value builtin_known(BuiltinCall& call);
   Value builtin_known_zero(BuiltinCall& call);
+  Value builtin_require(BuiltinCall& call);
   Value builtin_barrier(BuiltinCall& call);
   Value builtin_grad(BuiltinCall& call);
   Value builtin_jvp(BuiltinCall& call);

@@ -15,13 +15,14 @@ Value Elaborator::evaluate_block(const dsl::Block& block) {
 Value Elaborator::run_statements(const dsl::Block& block) {
   for (const dsl::StmtPtr& stmt : block.statements) {
     if (stmt->kind == dsl::Stmt::Kind::Return) return evaluate(*stmt->a);
-    run_statement(*stmt);
+    if (!run_statement(*stmt) && !frames_.empty()) return Error{};
   }
   return block.value ? evaluate(*block.value) : Value(Nothing{});
 }
 
-void Elaborator::run_statement(const dsl::Stmt& stmt) {
-  if (over_budget(stmt.span)) return;
+// False where a function says nothing behind it: what it requires does not hold.
+bool Elaborator::run_statement(const dsl::Stmt& stmt) {
+  if (over_budget(stmt.span)) return true;
   const SpanScope span(*this, stmt.span);
   switch (stmt.kind) {
     case dsl::Stmt::Kind::Let:
@@ -34,12 +35,15 @@ void Elaborator::run_statement(const dsl::Stmt& stmt) {
         run_update(stmt);
       }
       break;
-    case dsl::Stmt::Kind::Expr:
-      if (!contains_error(evaluate(*stmt.a))) {
+    case dsl::Stmt::Kind::Expr: {
+      const Value value = evaluate(*stmt.a);
+      if (contains_error(value)) return false;
+      if (!value.is<Nothing>()) {
         report(Code::E0509, stmt.a->span, "expected a statement with an effect, found a value that is not used", {},
                "bind it with 'let', or leave out the ';'");
       }
       break;
+    }
     case dsl::Stmt::Kind::For: run_for(stmt); break;
     case dsl::Stmt::Kind::If: run_if(stmt); break;
     case dsl::Stmt::Kind::Break: run_break(stmt); break;
@@ -52,6 +56,7 @@ void Elaborator::run_statement(const dsl::Stmt& stmt) {
       break;
     case dsl::Stmt::Kind::Return: break;  // the block's value
   }
+  return true;
 }
 
 void Elaborator::run_let(const dsl::Stmt& stmt) {

@@ -110,6 +110,7 @@ struct BuiltinTable {
         {"pin", 1, 1, &E::builtin_barrier, OpKind::Pin},
         {"known", 1, 1, &E::builtin_known},
         {"known_zero", 1, 1, &E::builtin_known_zero},
+        {"require", 2, 8, &E::builtin_require},
         {"grad", 2, 2, &E::builtin_grad, OpKind::Grad, {"seed"}},
         {"jvp", 3, 3, &E::builtin_jvp, OpKind::Grad},
         {"array", 2, 2, &E::builtin_array},

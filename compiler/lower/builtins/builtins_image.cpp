@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Built-in functions of whole images, gradients, and arrays.
 #include <algorithm>
+#include <charconv>
 #include <functional>
 #include <map>
 #include <ranges>
@@ -328,6 +329,36 @@ Value Elaborator::builtin_known_zero(BuiltinCall& call) {
   zero = zero && options_.find_zeros;
   if (options_.zero_count) ++(zero ? options_.zero_count->zero : options_.zero_count->other);
   return Constant{ir::kBool, {zero ? 1.0 : 0.0}};
+}
+
+namespace {
+
+std::string short_text(double number) {
+  char text[32];
+  return {text, std::to_chars(text, text + sizeof text, number).ptr};
+}
+
+}  // namespace
+
+// A mistake where the condition does not hold, told in these words: "expected <words>, found 0 and 3".
+Value Elaborator::builtin_require(BuiltinCall& call) {
+  const auto* words = call.args[1].get<StringValue>();
+  if (words == nullptr) return wrong_type(call, 1, "a string that says what is expected");
+  const auto holds = known_components(call.args[0]);
+  if (!holds || !element_type(call.args[0]).is_bool() || holds->size() != 1) {
+    return fail(Code::E0501, call.spans[0],
+                "expected a condition that is known at compile time, found " + describe(call.args[0]), {},
+                "where x may be known only when the program runs, write '!known(x) || …'");
+  }
+  if ((*holds)[0] != 0) return Nothing{};
+  std::string found;
+  for (size_t i = 2; i < call.args.size(); ++i) {
+    const auto numbers = known_components(call.args[i]);
+    const bool is_number = numbers && numbers->size() == 1;
+    found += (i == 2 ? ", found " : i + 1 == call.args.size() ? " and " : ", ") +
+             (is_number ? short_text((*numbers)[0]) : describe(call.args[i]));
+  }
+  return fail(Code::E0516, call.span, "expected " + words->text + found);
 }
 
 Value Elaborator::builtin_grad(BuiltinCall& call) {
