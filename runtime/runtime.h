@@ -236,11 +236,12 @@ class Program {
   // How often it was built anew.
   int rebuilds() const;
   PipelineCounters pipelines() const;
-  // Runs the step once, and takes the time on the device of each command that runs. Waiting for each command to end
-  // takes time too: the sum is more than the whole.
+  // Runs the step once, and takes the time on the device of each command that runs: of none that the cache leaves out.
+  // Waiting for each command to end takes time too: the sum is more than the whole.
   Result<std::vector<CommandTime>> timed_run(const std::string& step);
-  // Runs the step once, command by command, and reads back every float that it stores (see LoadOptions::store_all): the
-  // first that is NaN or Inf, if there is one. The step runs to its end either way. For debugging: slow.
+  // Runs all commands of the step once, also those that the cache would leave out, one by one, and reads back every
+  // float that they store (see LoadOptions::store_all): the first that is NaN or Inf, if there is one. The step runs to
+  // its end either way. For debugging: slow.
   Result<std::optional<NotFinite>> checked_run(const std::string& step);
   // What of the step left a NaN or Inf in a leaf, or in an output of one element, since this was asked last: pass and
   // lines ("update (fit.dr:3)"), one for each pass. Bare sums and scatters do not say so, nor

@@ -317,6 +317,22 @@ TEST_CASE("on the reference a leaf that is read leaves others alone") {
   refuses(program.leaf("face"), "input 'face' : ivec3[F] has no data");
 }
 
+TEST_CASE("a checked run looks at what the cache would leave out, too") {
+  const char* const text = R"(edition 1;
+    input x : float[W];
+    step go { output y = sin(x) * 2.0, total = sum(1.0 / x); }
+  )";
+  everywhere([&](runtime::Device& device, const std::vector<uint8_t>&) {
+    auto program =
+        test::must(runtime::Program::load(device, test::compile_text("cached_nan.dr", text, device.profile_name())));
+    REQUIRE(program.bind("x", Array::from_floats(std::vector<float>{1, 0, 2}, 1)));
+    REQUIRE(program.run("go", 2));
+    for (int k = 0; k < 2; ++k) CHECK(test::must(program.checked_run("go")).has_value());
+    REQUIRE(program.bind("x", ones(3)));
+    CHECK_FALSE(test::must(program.checked_run("go")).has_value());
+  });
+}
+
 TEST_CASE("what is read and is not finite is told of once, and so is what a pass left") {
   const char* text = R"(edition 1;
 param p : float[W] = 1.0;
