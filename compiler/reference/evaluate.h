@@ -94,7 +94,7 @@ class Session {
                                                        const Options& options = {});
 
  private:
-  std::optional<std::string> fill(const std::vector<bool>& read);
+  std::vector<uint32_t> computed(std::vector<bool>& read) const;
   // `needed` get memory; those of them that are `read` must have data.
   std::optional<std::string> prepare_leaves(std::vector<bool> needed, std::vector<bool> read);
   // Makes the tables of topologies whose faces were bound since (topology.cpp).

@@ -36,6 +36,12 @@ bool only_writes(const bundle::BundleT& bundle, const bundle::StepT& step, uint3
          std::ranges::none_of(step.outputs, [r](const auto& o) { return o->resource == r; });
 }
 
+// "step 'fit'"
+std::string title_of(const bundle::StepT& step) {
+  const std::string_view leaf = ir::leaf_of_initial_step(step.name);
+  return leaf.empty() ? "step '" + step.name + "'" : "the initial value of leaf '" + std::string(leaf) + "'";
+}
+
 template <class Tables>
 size_t index_of(const Tables& tables, const std::string& name, const char* what) {
   for (size_t k = 0; k < tables.size(); ++k)
@@ -240,15 +246,25 @@ bool Program::State::is_bound(size_t leaf) const {
   return pending[leaf] || has_memory(l.resource) || !l.initial.empty() || l.kind == bundle::LeafKind::State;
 }
 
-// Memory and contents for a step: what only other steps need may stay unbound.
+void Program::State::collect_needs(const bundle::StepT& step, Needs& needs) const {
+  needs.symbols.insert(step.symbols.begin(), step.symbols.end());
+  needs.resources.merge(resources_of(step));
+  for (const uint32_t k : step.leaves) {
+    if (only_writes(bundle, step, k) || !needs.leaves.insert(k).second) continue;
+    if (const auto initial = initial_step(k)) collect_needs(*bundle.steps[*initial], needs);
+  }
+}
+
+// Memory and contents for a step: what only other steps need may stay unbound. What is missing is told before anything
+// is computed.
 void Program::State::prepare(const bundle::StepT& step) {
   objects();
-  for (const uint32_t k : step.leaves)
-    if (!only_writes(bundle, step, k)) fill(k);
+  Needs needs;
+  collect_needs(step, needs);
   std::string missing, written;
   size_t count = 0;
-  for (const uint32_t k : step.leaves)
-    if (!is_bound(k) && !only_writes(bundle, step, k)) {
+  for (const uint32_t k : needs.leaves)
+    if (!is_bound(k) && !initial_step(k)) {
       const int faces = bundle.leaves[k]->table_of;
       const bundle::LeafT& leaf = *bundle.leaves[faces >= 0 ? static_cast<uint32_t>(faces) : k];
       if (missing.find("'" + leaf.name + "' ") != std::string::npos) continue;
@@ -258,12 +274,15 @@ void Program::State::prepare(const bundle::StepT& step) {
           written += "; step '" + other->name + "' writes '" + leaf.name + "': run it before";
     }
   if (count > 0)
-    throw Failure{std::string("step '") + step.name + "' needs data for " + (count == 1 ? "leaf " : "leaves ") +
-                  missing + (count == 1 ? ", which is not bound" : ", which are not bound") + written};
-  for (const std::string& symbol : step.symbols)
+    throw Failure{title_of(step) + " needs data for " + (count == 1 ? "leaf " : "leaves ") + missing +
+                  (count == 1 ? ", which is not bound" : ", which are not bound") + written};
+  for (const std::string& symbol : needs.symbols)
     if (sizes.symbols().count(symbol) == 0)
       throw Failure{"symbol '" + symbol +
                     "' has no value: bind a leaf that has it, or the symbol itself (drun: --symbol " + symbol + "=N)"};
+  check_memory(needs.resources);
+  for (const uint32_t k : step.leaves)
+    if (!only_writes(bundle, step, k)) fill(k);
   give_memory(resources_of(step));
 }
 
@@ -285,18 +304,13 @@ void Program::State::prepare_leaf(size_t leaf) {
   give_memory({bundle.leaves[leaf]->resource});
 }
 
-// Allocates those that have no memory yet, and fills the leaves among them.
-void Program::State::give_memory(const std::set<uint32_t>& wanted) {
+// Those that have no memory yet can have it, and data that was bound fits the leaves among them.
+std::vector<uint32_t> Program::State::check_memory(const std::set<uint32_t>& wanted) const {
   std::vector<uint32_t> resources;
   for (const uint32_t r : wanted)
     if (!on_device->memory.has(r)) resources.push_back(r);
-  if (resources.empty()) return;
-  std::vector<size_t> leaves;
   for (size_t k = 0; k < bundle.leaves.size(); ++k)
-    if (std::find(resources.begin(), resources.end(), bundle.leaves[k]->resource) != resources.end())
-      leaves.push_back(k);
-  for (const size_t k : leaves)
-    if (pending[k]) {
+    if (pending[k] && std::ranges::find(resources, bundle.leaves[k]->resource) != resources.end()) {
       const Size s = sizes.size_of(*bundle.leaves[k]->extent, "leaf '" + bundle.leaves[k]->name + "'");
       const io::Array& data = *pending[k];
       if (data.width != s.w || data.height != s.h || data.layers != s.l)
@@ -305,6 +319,15 @@ void Program::State::give_memory(const std::set<uint32_t>& wanted) {
                       std::to_string(s.w) + " x " + std::to_string(s.h) + " x " + std::to_string(s.l)};
     }
   on_device->memory.check_sizes(resources);
+  return resources;
+}
+
+// Allocates those that have no memory yet, and fills the leaves among them.
+void Program::State::give_memory(const std::set<uint32_t>& wanted) {
+  const std::vector<uint32_t> resources = check_memory(wanted);
+  std::vector<size_t> leaves;
+  for (size_t k = 0; k < bundle.leaves.size(); ++k)
+    if (std::ranges::find(resources, bundle.leaves[k]->resource) != resources.end()) leaves.push_back(k);
   std::map<size_t, io::Array> initial;
   for (const size_t k : leaves)
     if (!pending[k]) initial.emplace(k, initial_value(k));

@@ -202,6 +202,14 @@ struct Program::State {
   std::set<uint32_t> resources_of(const bundle::StepT& step) const;
   bool is_bound(size_t leaf) const;
   io::Array initial_value(size_t leaf) const;
+  // What a step takes, also for the initial values that are computed for it.
+  struct Needs {
+    std::set<uint32_t> leaves, resources;  // leaves: those that are read
+    std::set<std::string> symbols;
+  };
+  void collect_needs(const bundle::StepT& step, Needs& needs) const;
+  // Gives those of them that have no memory.
+  std::vector<uint32_t> check_memory(const std::set<uint32_t>& wanted) const;
   void give_memory(const std::set<uint32_t>& wanted);
 };
 

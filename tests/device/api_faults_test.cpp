@@ -300,6 +300,41 @@ TEST_CASE("the reference answers alike") {
   REQUIRE(other.run("fit"));
 }
 
+TEST_CASE("a run that lacks data computes no initial value") {
+  const char* const text = R"(edition 1;
+    input base : float;
+    input more : float[N];
+    param p : float[N] = base * float(coord(N).x + 1);
+    state wide : float[K, M];
+    step go { output q = p + more; }
+    step grow { wide <- wide + p.at(0); }
+  )";
+  const auto number = [](float value) { return Array::from_floats(std::span(&value, 1)); };
+  const auto check = [&](auto program, const std::string& names) {
+    REQUIRE(program.bind_symbol("N", 3));
+    refuses(program.run("go"), names);
+    REQUIRE(program.bind("base", number(1)));
+    refuses(program.run("go"), "more");
+    REQUIRE(program.bind_symbol("K", 1 << 30));
+    REQUIRE(program.bind_symbol("M", 1 << 30));
+    refuses(program.run("grow"), "has more than 2^31 elements");
+    REQUIRE(program.bind("base", number(2)));
+    REQUIRE(program.bind("more", ones(3)));
+    REQUIRE(program.run("go"));
+    CHECK(test::must(program.output("go", "q")).to_doubles() == std::vector<double>{3, 5, 7});
+  };
+  everywhere([&](runtime::Device& device, const std::vector<uint8_t>&) {
+    const auto bundle = test::compile_text("lacks_data.dr", text, device.profile_name());
+    check(test::must(runtime::Program::load(device, bundle)),
+          "step 'go' needs data for leaves 'base' [1, 1, 1], 'more' [N, 1, 1]");
+    auto other = test::must(runtime::Program::load(device, bundle));
+    REQUIRE(other.bind_symbol("N", 3));
+    refuses(other.leaf("p"), "the initial value of leaf 'p' needs data for leaf 'base'");
+  });
+  check(test::must(jit::ReferenceProgram::load(test::compile_text("lacks_data.dr", text, "lavapipe"))),
+        "input 'base' : float, input 'more' : float[N] have no data");
+}
+
 TEST_CASE("on the reference a leaf that is read leaves others alone") {
   const char* const text = R"(edition 1;
     input seed : int = 1;
