@@ -335,6 +335,64 @@ TEST_CASE("a run that lacks data computes no initial value") {
         "input 'base' : float, input 'more' : float[N] have no data");
 }
 
+TEST_CASE("on the reference a step's counter ends, and sizes do") {
+  const char* const text = R"(edition 1;
+    state wide : float[K, M];
+    step grow { wide <- wide + 1.0; }
+    step count { output n = step_index; }
+  )";
+  auto program = test::must(jit::ReferenceProgram::load(test::compile_text("counter.dr", text, "lavapipe")));
+  REQUIRE(program.set_runs("count", INT32_MAX - 2));
+  refuses(program.run("count", 3), "its counter ends at 2^31 - 1");
+  REQUIRE(program.run("count", 2));
+  refuses(program.run("count"), "its counter ends at 2^31 - 1");
+  for (const char* symbol : {"K", "M"}) REQUIRE(program.bind_symbol(symbol, INT32_MAX));
+  refuses(program.run("grow"), "state 'wide' has more than 2^31 elements");
+}
+
+TEST_CASE("on the reference frozen decisions are checked, and are those of the last run") {
+  const char* const text = R"(edition 1;
+    input position : vec2[V];
+    input face : ivec3[F];
+    let seen = raster(F, 8, 8, 1) {
+      setup(f) -> array<vec2,3> { let i = face.at(f); [position.at(i.x), position.at(i.y), position.at(i.z)] }
+      corner(s, c) -> vec2 { s[c] }
+      depth(s, p) -> float { 0.5 }
+    }[0];
+    step look { output f = seen.face; }
+  )";
+  auto program = test::must(jit::ReferenceProgram::load(test::compile_text("frozen.dr", text, "lavapipe")));
+  const auto corners = [](float size) { return Array::from_floats(std::vector<float>{0, 0, size, 0, 0, size}, 2); };
+  REQUIRE(program.bind("face", Array::from_ints(std::vector<int32_t>{0, 1, 2}, 3)));
+  REQUIRE(program.bind("position", corners(8)));
+  REQUIRE(program.run("look"));
+  const auto large = program.rasters("look");
+  REQUIRE(program.bind("position", corners(1)));
+  REQUIRE(program.run("look"));
+  const auto faces = [&] { return program.rasters("look").at(0).at(0).bytes; };
+  REQUIRE(faces() != large[0][0].bytes);
+  REQUIRE(program.freeze("look", large));
+  REQUIRE(program.run("look"));
+  CHECK(faces() == large[0][0].bytes);
+
+  refuses(program.freeze("nowhere", large), "there is no step 'nowhere'");
+  auto bad = large;
+  bad[0][0].bytes.resize(4);
+  refuses(program.freeze("look", bad), "raster 0: faces and tags are arrays of one int32 an element");
+  refuses(program.freeze("look", {{large[0][0], Array::zeros(io::ElementKind::Int32, 2, 8, 8)}}), "one int32");
+  refuses(program.freeze("look", {{large[0][0], ones(64)}}), "one int32");
+  bad = large;
+  bad[0][0].as<int32_t>()[5] = -2;
+  refuses(program.freeze("look", bad), "at least 0, or -1 for none, found -2");
+  REQUIRE(program.run("look"));  // with those before
+  CHECK(faces() == large[0][0].bytes);
+  REQUIRE(program.freeze("look", {{large[0][0]}}));
+  refuses(program.run("look"), "do not have the results of raster 0");
+  REQUIRE(program.freeze("look", {}));
+  REQUIRE(program.run("look"));
+  CHECK(faces() != large[0][0].bytes);
+}
+
 TEST_CASE("on the reference a leaf that is read leaves others alone") {
   const char* const text = R"(edition 1;
     input seed : int = 1;
