@@ -217,8 +217,8 @@ class Program {
   };
   std::vector<LeafInfo> leaves() const;
   bool is_input(const std::string& leaf) const;
-  // The leaves that a step reads or changes: those that it reads must be bound before it runs, unless they have initial
-  // values.
+  // The leaves that a step reads or changes, and those that their initial values are computed from. Those that are read
+  // must be bound before it runs, unless they have initial values.
   std::vector<std::string> needed_leaves(const std::string& step) const;
 
   // Gives a leaf its data; the first time this also gives values to the symbols of its extent, which later data must

@@ -55,6 +55,13 @@ struct ReferenceProgram::State {
     return io::Error{"there is no step '" + name + "'; there are: " + all};
   }
 
+  io::Error no_leaf(const std::string& name) const {
+    std::string all;
+    for (const ir::Leaf& leaf : graph.leaves)
+      if (leaf.table.empty()) all += (all.empty() ? "" : ", ") + leaf.name;
+    return io::Error{"there is no leaf '" + name + "'; there are: " + all};
+  }
+
   io::Result<io::Array> seen(const std::string& what, const reference::Image& image) {
     auto out = to_array(image);
     if (out) warnings.look(what, *out);
@@ -86,7 +93,7 @@ io::Result<ReferenceProgram> ReferenceProgram::load(std::span<const uint8_t> byt
 io::Result<void> ReferenceProgram::bind(const std::string& name, const io::Array& data) {
   if (!state_) return kMovedFrom;
   const auto index = state_->graph.leaf_index(name);
-  if (!index) return io::Error{"there is no leaf '" + name + "'"};
+  if (!index) return state_->no_leaf(name);
   const ir::Type type = state_->graph.leaves[*index].type;
   if (!data.consistent())
     return io::Error{"leaf '" + name + "': the array's extent and bytes do not agree, or it is empty"};
@@ -155,7 +162,7 @@ io::Result<io::Array> ReferenceProgram::output(const std::string& step, const st
 
 io::Result<io::Array> ReferenceProgram::leaf(const std::string& name) {
   if (!state_) return kMovedFrom;
-  if (!state_->graph.leaf_index(name)) return io::Error{"there is no leaf '" + name + "'"};
+  if (!state_->graph.leaf_index(name)) return state_->no_leaf(name);
   reference::Session& session = state_->session;
   return guarded([&]() -> io::Result<io::Array> {
     if (auto problem = session.settle(name)) return io::Error{*problem};

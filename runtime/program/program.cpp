@@ -229,21 +229,31 @@ bool Program::is_input(const std::string& leaf) const {
 std::vector<std::string> Program::steps() const {
   std::vector<std::string> out;
   for (const auto& s : known().bundle.steps)
-    if (ir::leaf_of_initial_step(s->name).empty()) out.push_back(s->name);
+    if (is_users(*s)) out.push_back(s->name);
   return out;
 }
 
 std::vector<Program::LeafInfo> Program::leaves() const {
   std::vector<LeafInfo> out;
-  for (const auto& l : known().bundle.leaves) out.push_back({l->name, components_of(*l->type), kind_of(*l->type)});
+  for (const auto& l : known().bundle.leaves)
+    if (is_users(*l)) out.push_back({l->name, components_of(*l->type), kind_of(*l->type)});
   return out;
 }
 
 std::vector<std::string> Program::needed_leaves(const std::string& step) const {
+  const State& s = known();
   std::vector<std::string> out;
-  for (const auto& s : known().bundle.steps)
-    if (s->name == step)
-      for (uint32_t leaf : s->leaves) out.push_back(known().bundle.leaves[leaf]->name);
+  std::set<std::string> seen{step};  // and steps that compute initial values
+  const auto add = [&](const auto& again, const bundle::StepT& one) -> void {
+    for (const uint32_t k : one.leaves) {
+      const int faces = s.bundle.leaves[k]->table_of;
+      const bundle::LeafT& leaf = *s.bundle.leaves[faces >= 0 ? static_cast<uint32_t>(faces) : k];
+      if (std::ranges::find(out, leaf.name) == out.end()) out.push_back(leaf.name);
+      const auto initial = s.any_step(ir::initial_step_of(leaf.name));
+      if (initial && seen.insert(s.bundle.steps[*initial]->name).second) again(again, *s.bundle.steps[*initial]);
+    }
+  };
+  if (const auto index = s.any_step(step)) add(add, *s.bundle.steps[*index]);
   return out;
 }
 

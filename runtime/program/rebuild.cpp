@@ -48,7 +48,9 @@ std::unique_ptr<Program::State> build(const Job& job) try {
   LoadOptions options = job.options;
   options.trusted = true;  // compiled just now
   auto state = Program::State::load(job.device, *bytes, options);
-  const bundle::StepT& step = *state->bundle.steps[state->step_index(job.step)];
+  const auto index = state->any_step(job.step);
+  if (!index) return nullptr;
+  const bundle::StepT& step = *state->bundle.steps[*index];
   std::vector<uint32_t> moving;
   for (uint32_t k = 0; k < state->bundle.leaves.size(); ++k)
     if (job.moving.at(job.step).count(state->bundle.leaves[k]->name) != 0) moving.push_back(k);
@@ -56,7 +58,11 @@ std::unique_ptr<Program::State> build(const Job& job) try {
   state->sizes = job.sizes;
   state->tally = job.tally;
   state->rebuilder.emplace(job.moving);
-  for (const std::string& name : job.prepared) state->make_ready(state->step_index(name));
+  for (const std::string& name : job.prepared) {
+    const auto prepared = state->any_step(name);
+    if (!prepared) return nullptr;
+    state->make_ready(*prepared);
+  }
   return state;
 } catch (const Failure&) {
   return nullptr;  // such as no memory for both
@@ -146,7 +152,7 @@ void Program::State::take_over(State& old) {
   });
   // Steps by name; what their last runs gave stays readable until they run again.
   for (size_t k = 0; k < bundle.steps.size(); ++k) {
-    const size_t was = old.step_index(bundle.steps[k]->name);
+    const size_t was = *old.any_step(bundle.steps[k]->name);
     on_device->steps[k].counters = old.on_device->steps[was].counters;
     upload_counter(k);
     if (const auto it = old.kept.find(was); it != old.kept.end()) kept[k] = std::move(it->second);

@@ -12,6 +12,9 @@
 
 namespace dr::runtime {
 
+bool is_users(const bundle::LeafT& leaf) { return leaf.table_of < 0; }
+bool is_users(const bundle::StepT& step) { return ir::leaf_of_initial_step(step.name).empty(); }
+
 namespace {
 
 std::string extent_text(const bundle::ExtentT& e) { return "[" + e.w + ", " + e.h + ", " + e.l + "]"; }
@@ -43,20 +46,19 @@ std::string title_of(const bundle::StepT& step) {
 }
 
 template <class Tables>
-size_t index_of(const Tables& tables, const std::string& name, const char* what) {
+std::optional<size_t> index_of(const Tables& tables, const std::string& name) {
   for (size_t k = 0; k < tables.size(); ++k)
     if (tables[k]->name == name) return k;
-  std::string all;
-  for (const auto& table : tables) all += (all.empty() ? "" : ", ") + table->name;
-  throw Failure{std::string("there is no ") + what + " '" + name + "'; there are: " + all};
+  return std::nullopt;
 }
 
-}  // namespace
-
-size_t Program::State::leaf_index(const std::string& name) const { return index_of(bundle.leaves, name, "leaf"); }
-size_t Program::State::step_index(const std::string& name) const { return index_of(bundle.steps, name, "step"); }
-
-namespace {
+template <class Tables>
+Failure none_of(const Tables& tables, const char* what, const std::string& name) {
+  std::string all;
+  for (const auto& table : tables)
+    if (is_users(*table)) all += (all.empty() ? "" : ", ") + table->name;
+  return {std::string("there is no ") + what + " '" + name + "'; there are: " + all};
+}
 
 // Whether it is what the compiler knew of the leaf, in whatever kind of numbers.
 bool holds_initial(const bundle::LeafT& leaf, const io::Array& data) {
@@ -66,6 +68,18 @@ bool holds_initial(const bundle::LeafT& leaf, const io::Array& data) {
 }
 
 }  // namespace
+
+size_t Program::State::leaf_index(const std::string& name) const {
+  if (const auto index = index_of(bundle.leaves, name)) return *index;
+  throw none_of(bundle.leaves, "leaf", name);
+}
+
+size_t Program::State::step_index(const std::string& name) const {
+  if (const auto index = any_step(name); index && is_users(*bundle.steps[*index])) return *index;
+  throw none_of(bundle.steps, "step", name);
+}
+
+std::optional<size_t> Program::State::any_step(const std::string& name) const { return index_of(bundle.steps, name); }
 
 void Program::State::bind(const std::string& name, const io::Array& data) {
   const auto index = leaf_index(name);
@@ -235,10 +249,7 @@ bool Program::State::has_tables(size_t leaf) const {
 
 std::optional<size_t> Program::State::initial_step(size_t leaf) const {
   if (pending[leaf] || has_memory(bundle.leaves[leaf]->resource)) return std::nullopt;
-  const std::string name = ir::initial_step_of(bundle.leaves[leaf]->name);
-  for (size_t k = 0; k < bundle.steps.size(); ++k)
-    if (bundle.steps[k]->name == name) return k;
-  return std::nullopt;
+  return any_step(ir::initial_step_of(bundle.leaves[leaf]->name));
 }
 
 bool Program::State::is_bound(size_t leaf) const {
@@ -270,7 +281,7 @@ void Program::State::prepare(const bundle::StepT& step) {
       if (missing.find("'" + leaf.name + "' ") != std::string::npos) continue;
       missing += (count++ == 0 ? "" : ", ") + ("'" + leaf.name + "' " + extent_text(*leaf.extent));
       for (const auto& other : bundle.steps)
-        if (faces < 0 && only_writes(bundle, *other, k) && ir::leaf_of_initial_step(other->name).empty())
+        if (faces < 0 && only_writes(bundle, *other, k) && is_users(*other))
           written += "; step '" + other->name + "' writes '" + leaf.name + "': run it before";
     }
   if (count > 0)

@@ -42,6 +42,11 @@ struct StepState {
   std::vector<const Primitive*> chosen(const std::vector<bool>& dirty) const;
 };
 
+// Whether users know it by its name: leaves that are made of others', and steps that compute initial values, are the
+// runtime's own.
+bool is_users(const bundle::LeafT& leaf);
+bool is_users(const bundle::StepT& step);
+
 // Lines of the program behind a primitive of the step: "fit.dr:3".
 std::vector<std::string> lines_of(const bundle::BundleT& bundle, const bundle::StepT& step, const Primitive& primitive);
 
@@ -118,7 +123,8 @@ struct Program::State {
 
   // state.cpp: leaves and memory
   size_t leaf_index(const std::string& name) const;
-  size_t step_index(const std::string& name) const;
+  size_t step_index(const std::string& name) const;               // of a user's
+  std::optional<size_t> any_step(const std::string& name) const;  // also one that computes an initial value
   void bind(const std::string& name, const io::Array& data);
   void prepare_leaf(size_t leaf);
   // Whether the data went right into the leaf's memory: it has some, the host sees it, and the data is as there.

@@ -300,6 +300,33 @@ TEST_CASE("the reference answers alike") {
   REQUIRE(other.run("fit"));
 }
 
+TEST_CASE("leaves and steps of the runtime's own are not the user's") {
+  const char* const text = R"(edition 1;
+    input face : ivec3[F];
+    input base : float;
+    param p : float[N] = base * float(coord(N).x + 1);
+    let table = topology(face, 6);
+    step go { output edges = table.edge, q = p; }
+  )";
+  everywhere([&](runtime::Device& device, const std::vector<uint8_t>&) {
+    const auto bundle = test::compile_text("own.dr", text, device.profile_name());
+    auto program = test::must(runtime::Program::load(device, bundle));
+    std::vector<std::string> leaves;
+    for (const auto& leaf : program.leaves()) leaves.push_back(leaf.name);
+    CHECK(leaves == std::vector<std::string>{"face", "base", "p"});
+    auto needed = program.needed_leaves("go");
+    std::ranges::sort(needed);
+    CHECK(needed == std::vector<std::string>{"base", "face", "p"});
+    CHECK(program.steps() == std::vector<std::string>{"go"});
+    refuses(program.run("p.initial"), "there is no step 'p.initial'; there are: go");
+    refuses(program.set_runs("p.initial", 3), "there is no step 'p.initial'");
+    refuses(program.bind("q", ones(1)), "there is no leaf 'q'; there are: face, base, p");
+    auto judge = test::must(jit::ReferenceProgram::load(bundle));
+    refuses(judge.run("p.initial"), "there is no step 'p.initial'; there are: go");
+    refuses(judge.bind("q", ones(1)), "there is no leaf 'q'; there are: face, base, p");
+  });
+}
+
 TEST_CASE("a run that lacks data computes no initial value") {
   const char* const text = R"(edition 1;
     input base : float;
