@@ -227,7 +227,9 @@ class Program {
   // Gives a symbol its value where no leaf does.
   Result<void> bind_symbol(const std::string& symbol, int64_t value);
   // Runs a step, `times` times without waiting in between. The first run allocates, compiles and records. Returns when
-  // the device is done.
+  // the device is done. Where a loop takes more trips than the device gives one, that is told when the runs are over:
+  // they count, but what they left is refused, the step's results until it runs again, and leaves that it changes until
+  // they are bound again.
   Result<void> run(const std::string& step, int times = 1);
   // How often the step counts as having run: the program's step_index in the next run. 0 at first.
   Result<void> set_runs(const std::string& step, int64_t runs);

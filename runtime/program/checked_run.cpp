@@ -48,6 +48,7 @@ std::optional<NotFinite> Program::State::checked_run(const std::string& name) {
   step.begun = false;
   ++step.counters.recorded;
   count_run(index, dirty, variant.run, variant.skipped);
+  require_whole_loops(index);
   return found;
 }
 

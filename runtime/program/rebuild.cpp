@@ -131,6 +131,7 @@ void Program::State::take_over(State& old) {
     if (found == old.bundle.leaves.end()) continue;
     const auto was = static_cast<size_t>(found - old.bundle.leaves.begin());
     versions[k] = old.versions[was];
+    if (old.spoiled.contains(was)) spoiled.insert(k);
     if (leaf.table_of >= 0) continue;
     if (old.pending[was]) {
       assign(k, *old.pending[was]);
@@ -156,7 +157,7 @@ void Program::State::take_over(State& old) {
     on_device->steps[k].counters = old.on_device->steps[was].counters;
     upload_counter(k);
     if (const auto it = old.kept.find(was); it != old.kept.end()) kept[k] = std::move(it->second);
-    if (!old.on_device->steps[was].variants.empty())
+    if (old.on_device->steps[was].has_outputs())
       for (const auto& o : old.bundle.steps[was]->outputs)
         if (kept_output(k, o->name) == nullptr) kept[k].emplace(o->name, old.on_device->transfer.download(o->resource));
   }

@@ -15,6 +15,17 @@ namespace dr::runtime {
 bool is_users(const bundle::LeafT& leaf) { return leaf.table_of < 0; }
 bool is_users(const bundle::StepT& step) { return ir::leaf_of_initial_step(step.name).empty(); }
 
+bool only_writes(const bundle::BundleT& bundle, const bundle::StepT& step, uint32_t leaf) {
+  const uint32_t r = bundle.leaves[leaf]->resource;
+  const auto reads = [r](const auto& c) {
+    return c->depth == static_cast<int>(r) || c->source == static_cast<int>(r) ||
+           std::ranges::any_of(c->bindings,
+                               [r](const auto& b) { return b->resource == r && b->access != bundle::Access::Write; });
+  };
+  return std::ranges::find(step.changes, leaf) != step.changes.end() && std::ranges::none_of(step.commands, reads) &&
+         std::ranges::none_of(step.outputs, [r](const auto& o) { return o->resource == r; });
+}
+
 namespace {
 
 std::string extent_text(const bundle::ExtentT& e) { return "[" + e.w + ", " + e.h + ", " + e.l + "]"; }
@@ -25,18 +36,6 @@ void collect(const bundle::CommandT& c, std::set<uint32_t>& out) {
   out.insert(c.colors.begin(), c.colors.end());
   for (const int index : {c.depth, c.source, c.target, c.scratch_a, c.scratch_b})
     if (index >= 0) out.insert(static_cast<uint32_t>(index));
-}
-
-// Whether the step gives the leaf a value without a look at the one that it has.
-bool only_writes(const bundle::BundleT& bundle, const bundle::StepT& step, uint32_t leaf) {
-  const uint32_t r = bundle.leaves[leaf]->resource;
-  const auto reads = [r](const auto& c) {
-    return c->depth == static_cast<int>(r) || c->source == static_cast<int>(r) ||
-           std::ranges::any_of(c->bindings,
-                               [r](const auto& b) { return b->resource == r && b->access != bundle::Access::Write; });
-  };
-  return std::ranges::find(step.changes, leaf) != step.changes.end() && std::ranges::none_of(step.commands, reads) &&
-         std::ranges::none_of(step.outputs, [r](const auto& o) { return o->resource == r; });
 }
 
 // "step 'fit'"
@@ -180,6 +179,7 @@ void Program::State::assign(size_t index, const io::Array& data) {
     waiting_faces.erase(index);
   }
   ++versions[index];
+  spoiled.erase(index);
   keep_outputs(leaf.resource);
   if (has_memory(leaf.resource))
     on_device->transfer.upload(leaf.resource, *converted);
@@ -198,7 +198,7 @@ void Program::State::keep_outputs(uint32_t resource) {
   if (!on_device) return;
   for (size_t step = 0; step < bundle.steps.size(); ++step)
     for (const auto& o : bundle.steps[step]->outputs)
-      if (o->resource == resource && !on_device->steps[step].variants.empty() && kept_output(step, o->name) == nullptr)
+      if (o->resource == resource && on_device->steps[step].has_outputs() && kept_output(step, o->name) == nullptr)
         kept[step].emplace(o->name, on_device->transfer.download(resource));
 }
 
@@ -216,6 +216,7 @@ bool Program::State::write(size_t index, const HostArray& data) {
   // From a view of the same leaf there is nothing to copy.
   std::memmove(to, data.data, static_cast<size_t>(size.count() * data.components) * 4);
   ++versions[index];
+  spoiled.erase(index);
   return true;
 }
 
@@ -310,6 +311,7 @@ std::set<uint32_t> Program::State::resources_of(const bundle::StepT& step) const
 
 void Program::State::prepare_leaf(size_t leaf) {
   objects();
+  require_whole(leaf);
   fill(leaf);
   if (!is_bound(leaf)) throw Failure{"leaf '" + bundle.leaves[leaf]->name + "' is not bound"};
   give_memory({bundle.leaves[leaf]->resource});

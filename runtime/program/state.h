@@ -35,8 +35,11 @@ struct StepState {
   std::optional<MovingLeaves> moving;             // where the program may be built anew
   std::map<std::vector<bool>, Variant> variants;  // by RunList::dirty()
   StepCounters counters;
-  bool begun = true;   // a run that may not have come to its end, or there was none
-  bool whole = false;  // outputs of the program may have been written to since the last run: nothing is skipped
+  bool begun = true;         // a run that may not have come to its end, or there was none
+  bool whole = false;        // outputs of the program may have been written to since the last run: nothing is skipped
+  bool ended_early = false;  // loops of the last run did
+
+  bool has_outputs() const { return !variants.empty() && !ended_early; }
 
   // The primitives of the groups that must run, in order.
   std::vector<const Primitive*> chosen(const std::vector<bool>& dirty) const;
@@ -46,6 +49,8 @@ struct StepState {
 // runtime's own.
 bool is_users(const bundle::LeafT& leaf);
 bool is_users(const bundle::StepT& step);
+// Whether the step gives the leaf a value without a look at the one that it has.
+bool only_writes(const bundle::BundleT& bundle, const bundle::StepT& step, uint32_t leaf);
 
 // Lines of the program behind a primitive of the step: "fit.dr:3".
 std::vector<std::string> lines_of(const bundle::BundleT& bundle, const bundle::StepT& step, const Primitive& primitive);
@@ -109,6 +114,7 @@ struct Program::State {
   std::optional<OnDevice> on_device;
   // Outputs of steps' last runs whose memory is gone or was written since: by the step, the output's name.
   std::map<size_t, std::map<std::string, io::Array>> kept;
+  std::set<size_t> spoiled;  // leaves that a run changed whose loops ended early, and that have no other value since
   int rebuilds = 0;
   PipelineCounters pipelines_before;              // of the programs that this one took over from
   std::shared_ptr<CompileBeside> compile_beside;  // of a step that was prepared and those behind it, if it was worth it
@@ -172,8 +178,10 @@ struct Program::State {
   // One run is on its way, and saw this state.
   void leave_zeros(const bundle::StepT& table);
   void count_run(size_t index, const std::vector<bool>& dirty, const Work& run, const Work& skipped);
-  // Loops whose trips nothing bounds may end before their time: then what ran is not the step.
+  // Loops whose trips nothing bounds may end before their time: then what ran is not the step, and nobody may read what
+  // it left.
   void require_whole_loops(size_t index);
+  void require_whole(size_t leaf) const;
   // Whether such a word was set; clears it.
   bool watch(uint32_t word);
   std::vector<std::string> told_not_finite(const std::string& step);

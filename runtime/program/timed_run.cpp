@@ -140,6 +140,7 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
                                          : sizes.evaluate(elements.extent->w, elements.name) - bundle::kListHead;
     list_heads = list_heads.subspan(bundle::kListHead);
   }
+  require_whole_loops(index);
   return out;
 }
 

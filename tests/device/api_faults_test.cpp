@@ -280,6 +280,51 @@ step go { output total = reduce(sum, i in 0..N) { a.at(i) }; }
   });
 }
 
+TEST_CASE("what a run left whose loops ended early is refused") {
+  const char* const text = R"(edition 1;
+    input n : int;
+    param x : float = 0.0;
+    let long = reduce(sum, i in 0..n) { float(i % 2) };
+    step go { x <- x + long; output y = long; }
+    step look { output z = x + 1.0; }
+    step reset { x <- 7.0; }
+  )";
+  everywhere([&](runtime::Device& device, const std::vector<uint8_t>&) {
+    if (device.profile_name() != "lavapipe") return;
+    const auto trips = [](int32_t n) { return Array::from_ints(std::span(&n, 1)); };
+    auto program =
+        test::must(runtime::Program::load(device, test::compile_text("early.dr", text, device.profile_name())));
+    const auto spoil = [&] {
+      REQUIRE(program.bind("n", trips(200000)));
+      for (int k = 0; k < 2; ++k) {  // what is cached is not taken for whole
+        REQUIRE(program.bind("x", ones(1)));
+        refuses(program.run("go"), "takes more trips");
+      }
+      refuses(program.output("go", "y"), "it left no results");
+      refuses(program.output_view("go", "y"), "it left no results");
+      for (const char* step : {"go", "look"}) refuses(program.run(step), "leaf 'x' was changed by a run whose loops");
+      refuses(program.leaf("x"), "bind it again");
+      refuses(program.leaf_view("x"), "bind it again");
+    };
+    const auto is_whole = [&](double x) {
+      REQUIRE(program.bind("n", trips(10)));
+      REQUIRE(program.run("go"));
+      CHECK(test::must(program.output("go", "y")).to_doubles()[0] == 5);
+      CHECK(test::must(program.leaf("x")).to_doubles()[0] == x + 5);
+    };
+    spoil();
+    REQUIRE(program.bind("x", ones(1)));
+    is_whole(1);
+    spoil();
+    REQUIRE(program.run("reset"));
+    is_whole(7);
+    REQUIRE(program.bind("n", trips(200000)));
+    refuses(program.checked_run("go"), "takes more trips");
+    REQUIRE(program.bind("x", ones(1)));
+    refuses(program.timed_run("go"), "takes more trips");
+  });
+}
+
 TEST_CASE("the reference answers alike") {
   auto program = test::must(jit::ReferenceProgram::load(fit_bundle("lavapipe")));
   Array bad = ones(8);
