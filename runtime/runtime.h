@@ -123,7 +123,8 @@ struct LoadOptions {
   // Leaves and outputs stand in memory that CUDA sees, on devices that can: see Program::cuda_leaf.
   bool share = false;
   // Told once of each output and leaf that is read and holds a NaN or Inf, and of each pass that left one: a line on
-  // stderr. Called by the thread that calls the program. Empty: nobody is told, and nothing looked at.
+  // stderr. Called by the thread that calls the program. It must not throw: what it throws is dropped. Empty: nobody is
+  // told, and nothing looked at.
   std::function<void(const std::string&)> warn = warn_on_stderr;
 };
 
@@ -188,6 +189,7 @@ struct HostArray {
   int64_t width = 1, height = 1, layers = 1;
   void* data = nullptr;
   std::shared_ptr<void> held = {};  // of a view: says that it is in use
+  // Empty where there is no data, or an extent that is none or beyond io::kMaxArrayBytes.
   io::Array copied() const;
 };
 

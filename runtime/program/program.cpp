@@ -115,15 +115,14 @@ bool has(const DeviceState& device, bundle::Feature feature) {
 }  // namespace
 
 io::Array HostArray::copied() const {
-  io::Array out;
-  out.kind = kind;
-  out.components = components;
-  out.width = width;
-  out.height = height;
-  out.layers = layers;
+  if (data == nullptr) return {};
+  auto bytes = static_cast<int64_t>(io::scalar_size(kind));
+  for (const int64_t n : {int64_t{components}, width, height, layers}) {
+    if (n < 1 || n > io::kMaxArrayBytes / bytes) return {};
+    bytes *= n;
+  }
   const auto* from = static_cast<const std::byte*>(data);
-  out.bytes.assign(from, from + static_cast<size_t>(out.scalar_count()) * io::scalar_size(kind));
-  return out;
+  return {kind, components, width, height, layers, {from, from + bytes}};
 }
 
 void warn_on_stderr(const std::string& warning) { std::fprintf(stderr, "dressi: warning: %s\n", warning.c_str()); }
@@ -269,12 +268,15 @@ Result<void> Program::bind(const std::string& leaf, const io::Array& data) {
 
 Result<void> Program::bind(const std::string& leaf, const HostArray& data) {
   return guarded([&] {
-    if (state().write(state().leaf_index(leaf), data)) return;
-    if (data.width < 1 || data.height < 1 || data.layers < 1 || data.components < 1)
+    const size_t index = state().leaf_index(leaf);
+    if (data.data == nullptr) throw Failure{"leaf '" + leaf + "': the array has no data"};
+    if (state().write(index, data)) return;
+    const io::Array copy = data.copied();
+    if (copy.empty())
       throw Failure{"leaf '" + leaf + "': the array has " + std::to_string(data.width) + " x " +
                     std::to_string(data.height) + " x " + std::to_string(data.layers) + " elements of " +
                     std::to_string(data.components) + " components"};
-    state().bind(leaf, data.copied());
+    state().bind(leaf, copy);
   });
 }
 

@@ -94,6 +94,7 @@ void Program::State::copy_from_cuda(size_t index, const HostArray& data) {
                   (has_tables(index) ? "tables are made of it there" : "it is made of bools")};
   if (data.kind != kind_of(*leaf.type))
     throw Failure{"leaf '" + leaf.name + "' takes scalars of another type from CUDA"};
+  if (data.data == nullptr) throw Failure{"leaf '" + leaf.name + "': the array has no data"};
   Sizes agreed = sizes_with(index, data);
   in_order();
   sizes = std::move(agreed);

@@ -91,6 +91,25 @@ TEST_CASE("arrays that do not agree with themselves are refused, and symbols sta
   });
 }
 
+TEST_CASE("an array in memory that is none is refused") {
+  CHECK(runtime::HostArray{}.copied().empty());
+  float number = 1;
+  for (const int64_t size : {int64_t{-3}, int64_t{0}, int64_t{1} << 40, int64_t{1} << 62})
+    CHECK(runtime::HostArray{.width = size, .height = 4, .data = &number}.copied().empty());
+  CHECK(runtime::HostArray{.data = &number}.copied().consistent());
+  everywhere([&](runtime::Device& device, const std::vector<uint8_t>& bundle) {
+    auto program = test::must(runtime::Program::load(device, bundle));
+    for (int k = 0; k < 2; ++k) {  // the leaf has memory the second time
+      refuses(program.bind("t", runtime::HostArray{.width = 8}), "leaf 't': the array has no data");
+      refuses(program.bind("t", runtime::HostArray{}), "leaf 't': the array has no data");
+      refuses(program.bind("t", runtime::HostArray{.width = -8, .data = &number}), "-8 x 1 x 1 elements");
+      refuses(program.bind("t", runtime::HostArray{.width = int64_t{1} << 62, .height = 4, .data = &number}),
+              " x 4 x 1 elements");
+      works(program);
+    }
+  });
+}
+
 TEST_CASE("what there is not is named") {
   everywhere([](runtime::Device& device, const std::vector<uint8_t>& bundle) {
     auto program = test::must(runtime::Program::load(device, bundle));
@@ -529,6 +548,15 @@ step spoil { p <- p / t; output total = sum(p); }
     REQUIRE(program.leaf("p"));
     REQUIRE(said.size() == 2);
     CHECK(said[1] == "leaf 'p' has Inf at element (1, 0, 0)");
+
+    options.warn = [](const std::string&) { throw 5; };
+    auto thrown = test::must(runtime::Program::load(device, bundle, options));
+    REQUIRE(thrown.bind("t", some));
+    REQUIRE(thrown.run("spoil"));
+    REQUIRE(thrown.leaf("p"));
+    REQUIRE(thrown.leaf_view("p"));
+    REQUIRE(thrown.run("look"));
+    REQUIRE(thrown.output("look", "wide"));
 
     options.warn = {};
     auto silent = test::must(runtime::Program::load(device, bundle, options));
