@@ -63,7 +63,7 @@ class Device {
  public:
   const std::shared_ptr<DeviceState>& state() const { return state_; }
   static Result<std::vector<DeviceInfo>> list();
-  static Result<Device> open(const DeviceOptions& options);
+  static Result<Device> open(const DeviceOptions& options = {});
   DeviceInfo info() const;
   DeviceLimits limits() const;
   // The name of the built-in profile that fits the device, by the device's name: "lavapipe", "nvidia-h200", or empty.
@@ -205,8 +205,7 @@ class Program {
   static Result<Program> load(const Device& device, std::span<const uint8_t> bundle, const LoadOptions& options = {});
   // The tables alone, without a device: leaves(), steps(), outputs() answer, nothing runs.
   static Result<Program> describe(std::span<const uint8_t> bundle);
-  struct State;    // the runtime's own
-  State& state();  // throws where there is none
+  struct State;  // the runtime's own
   Program(Program&&) noexcept;
   Program& operator=(Program&&) noexcept;
   ~Program();
@@ -298,7 +297,9 @@ class Program {
 
  private:
   Program();
+  friend struct Inside;  // of measurements of the runtime
   void take_rebuilt();
+  State& state();              // throws where there is none
   const State& known() const;  // one without tables where there is none
   std::unique_ptr<State> state_;
 };
