@@ -80,7 +80,8 @@ class Device {
 };
 
 // Compiles a program anew: the bundle of the same leaves, steps and results, in which what depends on the leaves
-// `moving`, by step, stands apart from what does not. Called from another thread; an error means: stay as you are.
+// `moving`, by step, stands apart from what does not. Called from another thread; an error means: stay as you are, and
+// so does a bundle of others.
 using Moving = std::map<std::string, std::set<std::string>>;
 using Rebuild = std::function<Result<std::vector<uint8_t>>(const Moving& moving)>;
 
@@ -142,8 +143,8 @@ struct StepCounters {
   int64_t recorded = 0;  // runs whose commands were recorded for them; the others took recorded ones
 };
 
-// Pipelines made, and those of them that the driver had kept in a file (LoadOptions::pipeline_folder): it had nothing
-// to add to the file then.
+// Pipelines made, and those of them that the driver had kept in a file (LoadOptions::pipeline_folder) of a program
+// before: it had nothing to add to the file then.
 struct PipelineCounters {
   int64_t made = 0, kept = 0;
   PipelineCounters& operator+=(const PipelineCounters& other);
@@ -282,8 +283,8 @@ class Program {
   Result<void> cuda_run(const std::string& step, std::span<const Named> leaves, std::span<const Named> outputs);
   // Whether a leaf's data must come from the host: faces that tables are made of, and bools.
   bool comes_from_host(const std::string& leaf) const;
-  // The discrete decisions of the step's last run: for each raster its faces and tags, rank by rank. They are there
-  // until another step runs.
+  // The discrete decisions of the step's last run: for each raster its faces and tags, rank by rank. They and pins are
+  // there until another step runs or the program is built anew.
   Result<std::vector<std::vector<io::Array>>> rasters(const std::string& step);
   // The values that the program pins and the step's last run stored, by the names of compiler/ir/pins.h.
   Result<std::vector<std::pair<std::string, io::Array>>> pins(const std::string& step);

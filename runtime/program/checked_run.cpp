@@ -9,6 +9,7 @@ namespace dr::runtime {
 std::optional<NotFinite> Program::State::checked_run(const std::string& name) {
   const size_t index = step_index(name);
   StepState& step = prepared_step(index);
+  require_counts(index, 1);
   const std::vector<bool> dirty = step.list->everything();
   const Variant& variant = recorded(step, dirty);
   const std::vector<const Primitive*> chosen = step.chosen(dirty);

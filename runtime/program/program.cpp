@@ -298,6 +298,7 @@ Result<void> Program::bind_symbol(const std::string& symbol, int64_t value) {
 void Program::take_rebuilt() {
   if (!state().rebuilder || !state().rebuilder->ready() || state().has_views()) return;
   auto next = state().rebuilder->take();
+  if (!Rebuilder::same_names(next->bundle, state_->bundle)) return;  // it is another program
   next->take_over(*state_);
   state_ = std::move(next);
 }
@@ -339,7 +340,6 @@ Result<CudaArray> Program::cuda_output(const std::string& step, const std::strin
     State& s = state();
     const size_t index = s.step_index(step);
     const uint32_t resource = s.output_of(index, name);
-    if (s.kept_output(index, name) != nullptr) throw Failure{"the program was built anew: run '" + step + "' again"};
     s.require_run(step);
     return s.in_cuda(resource, s.bundle.leaves.size());
   });

@@ -114,6 +114,26 @@ std::unique_ptr<Program::State> Rebuilder::take() {
   return std::move(built_);
 }
 
+bool Rebuilder::same_names(const bundle::BundleT& a, const bundle::BundleT& b) {
+  const auto names = [](const bundle::BundleT& bundle) {
+    std::set<std::string> out;
+    const auto add = [&](const std::string& name, const bundle::TypeT& type, const bundle::ExtentT& extent) {
+      out.insert(name + " " + bundle::word(EnumNameScalar(type.scalar)) + std::to_string(type.rows) + "x" +
+                 std::to_string(type.cols) + "[" + extent.w + ", " + extent.h + ", " + extent.l + "]");
+    };
+    for (const auto& leaf : bundle.leaves) add(leaf->name, *leaf->type, *leaf->extent);
+    for (const auto& step : bundle.steps) {
+      out.insert("step " + step->name);
+      for (const auto& o : step->outputs) {
+        const bundle::ResourceT& resource = *bundle.resources[o->resource];
+        add("output " + step->name + "." + o->name, *resource.type, *resource.extent);
+      }
+    }
+    return out;
+  };
+  return names(a) == names(b);
+}
+
 void Program::State::take_over(State& old) {
   old.on_device->queue.finish();
   sizes = old.sizes;

@@ -168,7 +168,8 @@ Variant& Program::State::recorded(StepState& step, const std::vector<bool>& dirt
 
 void Program::State::require_run(const std::string& step) const {
   const size_t index = step_index(step);
-  if (!on_device || on_device->steps[index].variants.empty()) throw Failure{"step '" + step + "' has not run yet"};
+  if (!on_device || on_device->steps[index].variants.empty())
+    throw Failure{"step '" + step + "' has not run yet" + (rebuilds > 0 ? " since the program was built anew" : "")};
   if (on_device->steps[index].ended_early)
     throw Failure{"loops of the last run of step '" + step + "' ended early: it left no results"};
 }
@@ -194,9 +195,7 @@ void Program::State::count_run(size_t index, const std::vector<bool>& dirty, con
 int Program::State::run(const std::string& name, int times, bool wait) {
   const size_t index = step_index(name);
   StepState& step = prepared_step(index);
-  if (step.counters.runs > INT32_MAX - int64_t{times})
-    throw Failure{"step '" + name + "' has run " + std::to_string(step.counters.runs) + " times; it cannot run " +
-                  std::to_string(times) + " times more, as its counter ends at 2^31 - 1"};
+  require_counts(index, times);
   const std::vector<vk::CommandBuffer> copies = mirror_copies(index);
   int done = 0;
   // What was built anew takes over between two runs, unless views hold the memory here.
@@ -224,6 +223,13 @@ int Program::State::run(const std::string& name, int times, bool wait) {
     require_whole_loops(index);
   }
   return done;
+}
+
+void Program::State::require_counts(size_t index, int times) const {
+  const int64_t runs = on_device->steps[index].counters.runs;
+  if (runs > INT32_MAX - int64_t{times})
+    throw Failure{"step '" + bundle.steps[index]->name + "' has run " + std::to_string(runs) +
+                  " times; it cannot run " + std::to_string(times) + " times more, as its counter ends at 2^31 - 1"};
 }
 
 bool Program::State::watch(uint32_t word) {

@@ -173,6 +173,8 @@ struct Program::State {
   int submit(const StepState& step, const std::vector<bool>& dirty, Variant& variant, int most,
              const std::vector<vk::CommandBuffer>& after);
   void require_run(const std::string& step) const;
+  // Whether the step's counter has room for so many runs.
+  void require_counts(size_t index, int times) const;
   // Says how often: less than asked for when the program was built anew meanwhile. `wait`: for the device.
   int run(const std::string& step, int times, bool wait = true);
   // One run is on its way, and saw this state.

@@ -3,9 +3,11 @@
 #include <atomic>
 #include <climits>
 #include <cmath>
+#include <filesystem>
 #include <thread>
 
 #include "runtime/jit/jit.h"
+#include "runtime/jit/measure.h"
 #include "runtime/jit/reference_program.h"
 #include "runtime/runtime.h"
 #include "tests/catch.h"
@@ -183,6 +185,8 @@ TEST_CASE("a step runs once or more often") {
     REQUIRE(program.set_runs("fit", INT32_MAX - 2));
     refuses(program.run("fit", 3), "its counter ends at 2^31 - 1");
     REQUIRE(program.run("fit", 2));
+    refuses(program.checked_run("fit"), "its counter ends at 2^31 - 1");
+    refuses(program.timed_run("fit"), "its counter ends at 2^31 - 1");
   });
 }
 
@@ -219,6 +223,8 @@ TEST_CASE("objects that were moved from are empty, and say so") {
 
     runtime::Device kept = std::move(device);
     refuses(runtime::Program::load(device, bundle), empty);
+    refuses(jit::measure_profile(device), "cannot measure the device: the device is empty");
+    refuses(jit::measure_loop_trips(device), "cannot measure the device: the device is empty");
     CHECK(device.info().name.empty());
     CHECK(device.profile_name().empty());
     CHECK(device.limits().subgroup_size == 0);
@@ -261,6 +267,64 @@ TEST_CASE("a rebuild that throws, or gives what is no bundle, changes nothing") 
       options.rebuild_beside = false;
       auto program = test::must(runtime::Program::load(device, bundle, options));
       for (int k = 0; k < 12; ++k) works(program);
+    }
+  });
+}
+
+TEST_CASE("a rebuild that gives another program is not taken over") {
+  const char* const text = R"(edition 1;
+    input moving : float;
+    input still : float[W];
+    step go { output y = sin(still) * cos(still) + moving, z = moving; }
+  )";
+  const char* const others[] = {
+      "edition 1;\ninput moving : float;\nstep go { output y = moving, z = moving; }\n",
+      "edition 1;\ninput moving : float;\ninput still : float[W];\nstep go { output z = still + moving; }\n",
+      "edition 1;\ninput moving : float;\ninput still : float[W];\nstep go { output y = moving + still, z = moving; "
+      "}\n"};
+  everywhere([&](runtime::Device& device, const std::vector<uint8_t>&) {
+    const auto bundle = test::compile_text("moving.dr", text, device.profile_name());
+    for (size_t k = 0; k < std::size(others); ++k) {
+      INFO(others[k]);
+      const auto other = test::compile_text("moving_other.dr", others[k], device.profile_name());
+      int calls = 0;
+      runtime::LoadOptions options;
+      options.rebuild = [&](const runtime::Moving&) -> io::Result<std::vector<uint8_t>> { return ++calls, other; };
+      options.rebuild_after = 2;
+      options.rebuild_beside = false;
+      auto program = test::must(runtime::Program::load(device, bundle, options));
+      REQUIRE(program.bind("still", ones(4)));
+      for (int run = 0; run < 6; ++run) {
+        REQUIRE(program.bind("moving", Array::from_floats(std::vector<float>{static_cast<float>(run)}, 1)));
+        REQUIRE(program.run("go"));
+      }
+      CHECK(calls > 0);
+      CHECK(program.rebuilds() == (k == 2 ? 1 : 0));  // the last has all names: it is taken at its word
+      CHECK(test::must(program.output("go", "y")).width == 4);
+      REQUIRE(program.leaf("still"));
+    }
+  });
+}
+
+TEST_CASE("pipelines were kept only by a program before") {
+  const char* const text = R"(edition 1;
+    input x : float[W];
+    step one { output y = sin(x); }
+    step two { output z = sqrt(x), total = sum(x); }
+  )";
+  const auto folder = std::filesystem::path(DR_BUILD_DIR) / "api_faults_pipelines";
+  everywhere([&](runtime::Device& device, const std::vector<uint8_t>&) {
+    const auto bundle = test::compile_text("kept.dr", text, device.profile_name());
+    std::filesystem::remove_all(folder);
+    for (const bool is_first : {true, false}) {
+      auto program = test::must(runtime::Program::load(device, bundle, {.pipeline_folder = folder.string()}));
+      REQUIRE(program.bind("x", ones(4)));
+      for (const char* step : {"one", "two"}) REQUIRE(program.run(step));
+      CHECK(program.pipelines().made > 1);
+      if (is_first)
+        CHECK(program.pipelines().kept == 0);
+      else if (device.profile_name() == "lavapipe")  // SwiftShader never gives the same data twice
+        CHECK(program.pipelines().kept == program.pipelines().made);
     }
   });
 }
