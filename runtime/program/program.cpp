@@ -244,9 +244,11 @@ std::vector<std::string> Program::needed_leaves(const std::string& step) const {
   std::vector<std::string> out;
   std::set<std::string> seen{step};  // and steps that compute initial values
   const auto add = [&](const auto& again, const bundle::StepT& one) -> void {
-    for (const uint32_t k : one.leaves) {
-      const int faces = s.bundle.leaves[k]->table_of;
-      const bundle::LeafT& leaf = *s.bundle.leaves[faces >= 0 ? static_cast<uint32_t>(faces) : k];
+    std::vector<uint32_t> leaves = one.leaves;
+    for (const std::string& symbol : one.symbols)
+      if (const auto faces = s.faces_of(symbol)) leaves.push_back(*faces);
+    for (const uint32_t k : leaves) {
+      const bundle::LeafT& leaf = *s.bundle.leaves[s.bound_for(k)];
       if (std::ranges::find(out, leaf.name) == out.end()) out.push_back(leaf.name);
       const auto initial = s.any_step(ir::initial_step_of(leaf.name));
       if (initial && seen.insert(s.bundle.steps[*initial]->name).second) again(again, *s.bundle.steps[*initial]);

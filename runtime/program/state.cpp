@@ -258,8 +258,24 @@ bool Program::State::is_bound(size_t leaf) const {
   return pending[leaf] || has_memory(l.resource) || !l.initial.empty() || l.kind == bundle::LeafKind::State;
 }
 
+uint32_t Program::State::bound_for(uint32_t leaf) const {
+  while (bundle.leaves[leaf]->table_of >= 0) leaf = static_cast<uint32_t>(bundle.leaves[leaf]->table_of);
+  return leaf;
+}
+
+std::optional<uint32_t> Program::State::faces_of(const std::string& symbol) const {
+  for (uint32_t k = 0; k < bundle.leaves.size(); ++k)
+    if (const uint32_t faces = bound_for(k);
+        faces != k && bundle.leaves[k]->extent->w == symbol && bundle.leaves[faces]->extent->w != symbol)
+      return faces;
+  return std::nullopt;
+}
+
 void Program::State::collect_needs(const bundle::StepT& step, Needs& needs) const {
-  needs.symbols.insert(step.symbols.begin(), step.symbols.end());
+  for (const std::string& symbol : step.symbols) {
+    needs.symbols.insert(symbol);
+    if (const auto faces = faces_of(symbol); faces && !sizes.symbols().contains(symbol)) needs.leaves.insert(*faces);
+  }
   needs.resources.merge(resources_of(step));
   for (const uint32_t k : step.leaves) {
     if (only_writes(bundle, step, k) || !needs.leaves.insert(k).second) continue;
@@ -277,12 +293,11 @@ void Program::State::prepare(const bundle::StepT& step) {
   size_t count = 0;
   for (const uint32_t k : needs.leaves)
     if (!is_bound(k) && !initial_step(k)) {
-      const int faces = bundle.leaves[k]->table_of;
-      const bundle::LeafT& leaf = *bundle.leaves[faces >= 0 ? static_cast<uint32_t>(faces) : k];
+      const bundle::LeafT& leaf = *bundle.leaves[bound_for(k)];
       if (missing.find("'" + leaf.name + "' ") != std::string::npos) continue;
       missing += (count++ == 0 ? "" : ", ") + ("'" + leaf.name + "' " + extent_text(*leaf.extent));
       for (const auto& other : bundle.steps)
-        if (faces < 0 && only_writes(bundle, *other, k) && is_users(*other))
+        if (only_writes(bundle, *other, k) && is_users(*other))
           written += "; step '" + other->name + "' writes '" + leaf.name + "': run it before";
     }
   if (count > 0)

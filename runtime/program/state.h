@@ -152,6 +152,10 @@ struct Program::State {
   void make_ready(size_t step);
   // Compiles what the step and those behind it need on a second device, unless that goes on already.
   void begin_compile_beside(size_t step);
+  // The leaf that users bind: of a table the faces that it is made of.
+  uint32_t bound_for(uint32_t leaf) const;
+  // The faces whose topology gives the symbol its value, if it is such a one.
+  std::optional<uint32_t> faces_of(const std::string& symbol) const;
   // The step that fills the leaf, where it has no data and its initial value is computed.
   std::optional<size_t> initial_step(size_t leaf) const;
   bool has_memory(size_t resource) const { return on_device && on_device->memory.has(resource); }

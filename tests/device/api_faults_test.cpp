@@ -435,6 +435,7 @@ TEST_CASE("leaves and steps of the runtime's own are not the user's") {
     param p : float[N] = base * float(coord(N).x + 1);
     let table = topology(face, 6);
     step go { output edges = table.edge, q = p; }
+    step count { output n = table.edge.width; }
   )";
   everywhere([&](runtime::Device& device, const std::vector<uint8_t>&) {
     const auto bundle = test::compile_text("own.dr", text, device.profile_name());
@@ -445,8 +446,10 @@ TEST_CASE("leaves and steps of the runtime's own are not the user's") {
     auto needed = program.needed_leaves("go");
     std::ranges::sort(needed);
     CHECK(needed == std::vector<std::string>{"base", "face", "p"});
-    CHECK(program.steps() == std::vector<std::string>{"go"});
-    refuses(program.run("p.initial"), "there is no step 'p.initial'; there are: go");
+    CHECK(program.needed_leaves("count") == std::vector<std::string>{"face"});
+    refuses(program.run("count"), "step 'count' needs data for leaf 'face'");
+    CHECK(program.steps() == std::vector<std::string>{"go", "count"});
+    refuses(program.run("p.initial"), "there is no step 'p.initial'; there are: go, count");
     refuses(program.set_runs("p.initial", 3), "there is no step 'p.initial'");
     refuses(program.bind("q", ones(1)), "there is no leaf 'q'; there are: face, base, p");
     auto judge = test::must(jit::ReferenceProgram::load(bundle));
