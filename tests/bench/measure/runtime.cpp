@@ -18,11 +18,13 @@
 #include "runtime/jit/jit.h"
 #include "runtime/program/state.h"
 
-using namespace dr;
-
-struct dr::runtime::Inside {
+namespace dr::runtime {
+struct Inside {
   static OnDevice& of(Program& program) { return *program.state().on_device; }
 };
+}  // namespace dr::runtime
+
+using namespace dr;
 
 namespace {
 
