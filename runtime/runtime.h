@@ -63,7 +63,7 @@ class Device {
  public:
   const std::shared_ptr<DeviceState>& state() const { return state_; }
   static Result<std::vector<DeviceInfo>> list();
-  static Result<Device> open(const DeviceOptions& options);
+  static Result<Device> open(const DeviceOptions& options = {});
   DeviceInfo info() const;
   DeviceLimits limits() const;
   // The name of the built-in profile that fits the device, by the device's name: "lavapipe", "nvidia-h200", or empty.
@@ -80,7 +80,8 @@ class Device {
 };
 
 // Compiles a program anew: the bundle of the same leaves, steps and results, in which what depends on the leaves
-// `moving`, by step, stands apart from what does not. Called from another thread; an error means: stay as you are.
+// `moving`, by step, stands apart from what does not. Called from another thread; an error means: stay as you are, and
+// so does a bundle of others.
 using Moving = std::map<std::string, std::set<std::string>>;
 using Rebuild = std::function<Result<std::vector<uint8_t>>(const Moving& moving)>;
 
@@ -123,7 +124,8 @@ struct LoadOptions {
   // Leaves and outputs stand in memory that CUDA sees, on devices that can: see Program::cuda_leaf.
   bool share = false;
   // Told once of each output and leaf that is read and holds a NaN or Inf, and of each pass that left one: a line on
-  // stderr. Called by the thread that calls the program. Empty: nobody is told, and nothing looked at.
+  // stderr. Called by the thread that calls the program. It must not throw: what it throws is dropped. Empty: nobody is
+  // told, and nothing looked at.
   std::function<void(const std::string&)> warn = warn_on_stderr;
 };
 
@@ -141,8 +143,8 @@ struct StepCounters {
   int64_t recorded = 0;  // runs whose commands were recorded for them; the others took recorded ones
 };
 
-// Pipelines made, and those of them that the driver had kept in a file (LoadOptions::pipeline_folder): it had nothing
-// to add to the file then.
+// Pipelines made, and those of them that the driver had kept in a file (LoadOptions::pipeline_folder) of a program
+// before: it had nothing to add to the file then.
 struct PipelineCounters {
   int64_t made = 0, kept = 0;
   PipelineCounters& operator+=(const PipelineCounters& other);
@@ -188,6 +190,7 @@ struct HostArray {
   int64_t width = 1, height = 1, layers = 1;
   void* data = nullptr;
   std::shared_ptr<void> held = {};  // of a view: says that it is in use
+  // Empty where there is no data, or an extent that is none or beyond io::kMaxArrayBytes.
   io::Array copied() const;
 };
 
@@ -203,8 +206,7 @@ class Program {
   static Result<Program> load(const Device& device, std::span<const uint8_t> bundle, const LoadOptions& options = {});
   // The tables alone, without a device: leaves(), steps(), outputs() answer, nothing runs.
   static Result<Program> describe(std::span<const uint8_t> bundle);
-  struct State;    // the runtime's own
-  State& state();  // throws where there is none
+  struct State;  // the runtime's own
   Program(Program&&) noexcept;
   Program& operator=(Program&&) noexcept;
   ~Program();
@@ -217,8 +219,8 @@ class Program {
   };
   std::vector<LeafInfo> leaves() const;
   bool is_input(const std::string& leaf) const;
-  // The leaves that a step reads or changes: those that it reads must be bound before it runs, unless they have initial
-  // values.
+  // The leaves that a step reads or changes, and those that their initial values are computed from. Those that are read
+  // must be bound before it runs, unless they have initial values.
   std::vector<std::string> needed_leaves(const std::string& step) const;
 
   // Gives a leaf its data; the first time this also gives values to the symbols of its extent, which later data must
@@ -227,7 +229,9 @@ class Program {
   // Gives a symbol its value where no leaf does.
   Result<void> bind_symbol(const std::string& symbol, int64_t value);
   // Runs a step, `times` times without waiting in between. The first run allocates, compiles and records. Returns when
-  // the device is done.
+  // the device is done. Where a loop takes more trips than the device gives one, that is told when the runs are over:
+  // they count, but what they left is refused, the step's results until it runs again, and leaves that it changes until
+  // they are bound again.
   Result<void> run(const std::string& step, int times = 1);
   // How often the step counts as having run: the program's step_index in the next run. 0 at first.
   Result<void> set_runs(const std::string& step, int64_t runs);
@@ -236,11 +240,12 @@ class Program {
   // How often it was built anew.
   int rebuilds() const;
   PipelineCounters pipelines() const;
-  // Runs the step once, and takes the time on the device of each command that runs. Waiting for each command to end
-  // takes time too: the sum is more than the whole.
+  // Runs the step once, and takes the time on the device of each command that runs: of none that the cache leaves out.
+  // Waiting for each command to end takes time too: the sum is more than the whole.
   Result<std::vector<CommandTime>> timed_run(const std::string& step);
-  // Runs the step once, command by command, and reads back every float that it stores (see LoadOptions::store_all): the
-  // first that is NaN or Inf, if there is one. The step runs to its end either way. For debugging: slow.
+  // Runs all commands of the step once, also those that the cache would leave out, one by one, and reads back every
+  // float that they store (see LoadOptions::store_all): the first that is NaN or Inf, if there is one. The step runs to
+  // its end either way. For debugging: slow.
   Result<std::optional<NotFinite>> checked_run(const std::string& step);
   // What of the step left a NaN or Inf in a leaf, or in an output of one element, since this was asked last: pass and
   // lines ("update (fit.dr:3)"), one for each pass. Bare sums and scatters do not say so, nor
@@ -278,8 +283,8 @@ class Program {
   Result<void> cuda_run(const std::string& step, std::span<const Named> leaves, std::span<const Named> outputs);
   // Whether a leaf's data must come from the host: faces that tables are made of, and bools.
   bool comes_from_host(const std::string& leaf) const;
-  // The discrete decisions of the step's last run: for each raster its faces and tags, rank by rank. They are there
-  // until another step runs.
+  // The discrete decisions of the step's last run: for each raster its faces and tags, rank by rank. They and pins are
+  // there until another step runs or the program is built anew.
   Result<std::vector<std::vector<io::Array>>> rasters(const std::string& step);
   // The values that the program pins and the step's last run stored, by the names of compiler/ir/pins.h.
   Result<std::vector<std::pair<std::string, io::Array>>> pins(const std::string& step);
@@ -293,7 +298,9 @@ class Program {
 
  private:
   Program();
+  friend struct Inside;  // of measurements of the runtime
   void take_rebuilt();
+  State& state();              // throws where there is none
   const State& known() const;  // one without tables where there is none
   std::unique_ptr<State> state_;
 };

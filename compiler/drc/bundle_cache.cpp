@@ -70,9 +70,8 @@ BundleCache::BundleCache(const BuildOptions& options) {
   text << file.rdbuf();
   if (id.empty() || std::holds_alternative<std::string>(profile) || !file) return;
   key_ = "bundle ";
-  for (const std::string& part :
-       {id, input.file, text.str(), target::write_profile(std::get<target::Profile>(profile)),
-        driver::command_line(input.compile), std::string(input.compile.plain_gradients ? "plain" : "")})
+  for (const std::string& part : {id, input.file, text.str(), target::write_profile(std::get<target::Profile>(profile)),
+                                  driver::command_line(input.compile)})
     add(key_, part);
   add(key_, "defines");
   for (const std::string& part : input.defines) add(key_, part);

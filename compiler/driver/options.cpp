@@ -48,6 +48,7 @@ std::string command_line(const Options& options) {
     if (options.*choice.value != plain.*choice.value) out += " --" + choice.name + "=" + options.*choice.value;
   for (const std::string& part : options.ablate)
     out += (std::ranges::find(ablations(), part) != ablations().end() ? " --ablate=" : " --no-skip=") + part;
+  if (options.plain_gradients) out += " --plain-gradients";
   for (const auto& [name, numbers] : options.known) {
     out += " --known=" + name;
     for (size_t k = 0; k < numbers.size(); ++k) {

@@ -39,7 +39,8 @@ const std::vector<std::string>& ablations();
 // `text` as the value of a known input: numbers with commas.
 std::optional<std::vector<double>> known_value(const std::string& text);
 
-// The options as words of a command line, those that are not the default ones.
+// The options as words of drc's command line, those that are not the default ones: how a graph becomes a bundle. What
+// only reading a text takes (folders, defines, adjoints) and where shaders are kept is not among them.
 std::string command_line(const Options& options);
 
 }  // namespace dr::driver

@@ -76,6 +76,10 @@ class Session {
   std::optional<std::string> bind_symbol(const std::string& symbol, int64_t value);
   // How often a step counts as having run: its step_index in the next run.
   void set_runs(const std::string& step, int64_t runs) { runs_[step] = runs; }
+  int64_t runs(const std::string& step) const {
+    const auto it = runs_.find(step);
+    return it == runs_.end() ? 0 : it->second;
+  }
   const ir::SymbolValues& symbols() const { return symbols_; }
   // The current content of a leaf that is bound, or prepared with a step that needs it.
   const Image& leaf(const std::string& name) const;
@@ -94,7 +98,7 @@ class Session {
                                                        const Options& options = {});
 
  private:
-  std::optional<std::string> fill(const std::vector<bool>& read);
+  std::vector<uint32_t> computed(std::vector<bool>& read) const;
   // `needed` get memory; those of them that are `read` must have data.
   std::optional<std::string> prepare_leaves(std::vector<bool> needed, std::vector<bool> read);
   // Makes the tables of topologies whose faces were bound since (topology.cpp).

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Sessions: leaves, the symbols that their data gives values to, and steps that change them.
 #include <algorithm>
+#include <array>
 #include <charconv>
 #include <cmath>
 #include <utility>
@@ -264,16 +265,20 @@ std::optional<std::string> Session::prepare(std::span<const std::string> steps) 
   return prepare_leaves(needed, read);
 }
 
-// Leaves that have no data get what their steps for it compute, before a step reads them.
-std::optional<std::string> Session::fill(const std::vector<bool>& read) {
-  for (size_t k = 0; k < leaves_.size(); ++k) {
-    if (!read[k] || leaves_[k]) continue;
-    const std::string step = ir::initial_step_of(graph_.leaves[k].name);
-    if (!graph_.step_index(step)) continue;
-    auto result = run(step);
-    if (auto* error = std::get_if<EvalError>(&result)) return describe(graph_.leaves[k]) + ": " + error->message;
+// The leaves among `read` whose data is computed; what that reads is `read`, too.
+std::vector<uint32_t> Session::computed(std::vector<bool>& read) const {
+  std::vector<uint32_t> out;
+  for (bool more = true; more;) {
+    more = false;
+    for (uint32_t k = 0; k < leaves_.size(); ++k) {
+      const auto step = graph_.step_index(ir::initial_step_of(graph_.leaves[k].name));
+      if (!read[k] || leaves_[k] || !step || std::ranges::find(out, k) != out.end()) continue;
+      out.push_back(k);
+      mark_leaves(graph_, roots_of(graph_.steps[*step]), read);
+      more = true;
+    }
   }
-  return std::nullopt;
+  return out;
 }
 
 void Session::settle() {
@@ -298,8 +303,10 @@ std::optional<std::string> Session::settle(const std::string& name) {
 }
 
 std::optional<std::string> Session::prepare_leaves(std::vector<bool> needed, std::vector<bool> read) {
-  if (auto error = fill(read)) return error;
+  const std::vector<uint32_t> to_fill = computed(read);
+  const auto is_computed = [&](size_t k) { return std::ranges::find(to_fill, k) != to_fill.end(); };
   for (size_t k = 0; k < leaves_.size(); ++k) {
+    needed[k] = needed[k] || read[k];
     const ir::Leaf& leaf = graph_.leaves[k];
     if (!needed[k] || leaf.table.empty()) continue;
     const uint32_t faces = *graph_.leaf_index(leaf.table_of);
@@ -309,7 +316,8 @@ std::optional<std::string> Session::prepare_leaves(std::vector<bool> needed, std
   size_t unbound_leaves = 0;
   for (size_t k = 0; k < leaves_.size(); ++k) {
     const ir::Leaf& leaf = graph_.leaves[k];
-    if (!read[k] || leaves_[k] || !leaf.initial.empty() || leaf.kind == ir::Leaf::Kind::State || !leaf.table.empty())
+    if (!read[k] || leaves_[k] || !leaf.initial.empty() || leaf.kind == ir::Leaf::Kind::State || !leaf.table.empty() ||
+        is_computed(k))
       continue;
     missing += (unbound_leaves++ == 0 ? "" : ", ") + describe(leaf) + " : " + leaf.type.str() + leaf.extent.str();
     for (const ir::Step& step : graph_.steps)
@@ -320,10 +328,11 @@ std::optional<std::string> Session::prepare_leaves(std::vector<bool> needed, std
     return missing + (unbound_leaves == 1 ? " has no data; bind it" : " have no data; bind them") +
            " before the first step" + written;
   if (auto error = make_tables()) return error;
+  std::map<size_t, std::array<int64_t, 3>> sizes;  // of those without data
   for (size_t k = 0; k < leaves_.size(); ++k) {
     const ir::Leaf& leaf = graph_.leaves[k];
     if (!needed[k]) continue;
-    int64_t extents[3];
+    std::array<int64_t, 3> extents;
     const Dim* const dims[3] = {&leaf.extent.w, &leaf.extent.h, &leaf.extent.l};
     for (size_t axis = 0; axis < 3; ++axis) {
       const std::string of =
@@ -339,7 +348,20 @@ std::optional<std::string> Session::prepare_leaves(std::vector<bool> needed, std
       }
       extents[axis] = *extent;
     }
+    constexpr int64_t kMost = int64_t{1} << 31;
+    const auto [w, h, l] = extents;
+    if (w > kMost / h || w * h > kMost / l) return describe(leaf) + " has more than 2^31 elements";
+    if (!leaves_[k]) sizes.emplace(k, extents);
+  }
+  // Nothing is missing: initial values are computed, and then others given.
+  for (const uint32_t k : to_fill) {
+    if (leaves_[k]) continue;  // for one before
+    auto result = run(ir::initial_step_of(graph_.leaves[k].name));
+    if (auto* error = std::get_if<EvalError>(&result)) return describe(graph_.leaves[k]) + ": " + error->message;
+  }
+  for (const auto& [k, extents] : sizes) {
     if (leaves_[k]) continue;
+    const ir::Leaf& leaf = graph_.leaves[k];
     Image image = zeros(leaf.type, extents[0], extents[1], extents[2]);
     if (!leaf.initial.empty()) {
       DR_ASSERT(leaf.initial.size() == components(leaf.type) || leaf.initial.size() == 1);

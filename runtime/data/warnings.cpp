@@ -11,7 +11,11 @@ void Warnings::look(const std::string& what, const io::Scalars& read) {
 void Warnings::look(const std::string& what, const io::Array& read) { look(what, io::scalars_of(read)); }
 
 void Warnings::once(const std::string& of, const std::string& message) {
-  if (wanted() && told_.insert(of).second) warn_(message);
+  if (!wanted() || !told_.insert(of).second) return;
+  try {
+    warn_(message);
+  } catch (...) {  // somebody else's: it must not look like a failure of the program
+  }
 }
 
 }  // namespace dr::runtime

@@ -33,7 +33,10 @@ std::string repeat(int times, const std::function<std::string(int)>& line) {
 
 class Measurement {
  public:
-  explicit Measurement(const runtime::Device& device) : device_(device) { renew(); }
+  explicit Measurement(const runtime::Device& device) : device_(device) {
+    if (!device.state()) throw Problem{"the device is empty: it was moved from"};
+    renew();
+  }
 
   uint32_t trips() {
     profile_ = std::get<target::Profile>(target::load_profile("lavapipe"));

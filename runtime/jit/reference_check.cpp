@@ -185,7 +185,7 @@ io::Result<Comparison> ReferenceCheck::State::run(runtime::Program& program, con
   if (!chosen) return io::Error{chosen.error()};
 
   Comparison out;
-  reference.freeze(name, {});
+  if (auto freed = reference.freeze(name, {}); !freed) return io::Error{freed.error()};
   if (auto ran = run_reference(leaves, name, runs, false); !ran) return io::Error{ran.error()};
   const auto own = reference.rasters(name);
   bool others = false;
@@ -213,7 +213,7 @@ io::Result<Comparison> ReferenceCheck::State::run(runtime::Program& program, con
         out.differ.push_back(difference);
     }
   if (others) {
-    reference.freeze(name, *chosen);
+    if (auto taken = reference.freeze(name, *chosen); !taken) return io::Error{taken.error()};
     if (auto ran = run_reference(leaves, name, runs, false); !ran) return io::Error{ran.error()};
   }
 
@@ -231,7 +231,7 @@ io::Result<Comparison> ReferenceCheck::State::run(runtime::Program& program, con
     if (difference.count == 0) continue;
     if (!in_float32) {
       // Both decide alike, so that only rounding is between them.
-      reference.freeze(name, *chosen);
+      if (auto taken = reference.freeze(name, *chosen); !taken) return io::Error{taken.error()};
       if (auto ran = run_reference(leaves, name, runs, true); !ran) return io::Error{ran.error()};
       auto rounded = expected(name, values);
       if (!rounded) return io::Error{rounded.error()};

@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "compiler/backend/bundle/bundle.h"
+#include "compiler/ir/initial_step.h"
 #include "compiler/ir/parse.h"
 #include "compiler/passes/passes.h"
 #include "compiler/reference/arrays.h"
@@ -18,6 +19,18 @@ using reference::to_image;
 
 const io::Error kMovedFrom{"the program is empty: it was moved from"};
 
+// Functions that take memory as data asks for: exceptions stay inside.
+template <class F>
+auto guarded(const F& f) -> decltype(f()) {
+  try {
+    return f();
+  } catch (const std::bad_alloc&) {
+    return io::Error{"this machine has not enough memory for the program's data"};
+  } catch (const std::exception& e) {
+    return io::Error{e.what()};
+  }
+}
+
 }  // namespace
 
 struct ReferenceProgram::State {
@@ -30,6 +43,24 @@ struct ReferenceProgram::State {
   std::map<std::string, reference::Frozen> frozen, recorded;
   bool float32 = false;
   runtime::Warnings warnings;
+
+  // What a user knows no step by.
+  std::optional<io::Error> unknown_step(const std::string& name) const {
+    std::string all;
+    for (const ir::Step& step : graph.steps) {
+      if (!ir::leaf_of_initial_step(step.name).empty()) continue;
+      if (step.name == name) return std::nullopt;
+      all += (all.empty() ? "" : ", ") + step.name;
+    }
+    return io::Error{"there is no step '" + name + "'; there are: " + all};
+  }
+
+  io::Error no_leaf(const std::string& name) const {
+    std::string all;
+    for (const ir::Leaf& leaf : graph.leaves)
+      if (leaf.table.empty()) all += (all.empty() ? "" : ", ") + leaf.name;
+    return io::Error{"there is no leaf '" + name + "'; there are: " + all};
+  }
 
   io::Result<io::Array> seen(const std::string& what, const reference::Image& image) {
     auto out = to_array(image);
@@ -62,15 +93,17 @@ io::Result<ReferenceProgram> ReferenceProgram::load(std::span<const uint8_t> byt
 io::Result<void> ReferenceProgram::bind(const std::string& name, const io::Array& data) {
   if (!state_) return kMovedFrom;
   const auto index = state_->graph.leaf_index(name);
-  if (!index) return io::Error{"there is no leaf '" + name + "'"};
+  if (!index) return state_->no_leaf(name);
   const ir::Type type = state_->graph.leaves[*index].type;
   if (!data.consistent())
     return io::Error{"leaf '" + name + "': the array's extent and bytes do not agree, or it is empty"};
   if (type.components() != data.components)
     return io::Error{"leaf '" + name + "' has " + std::to_string(type.components()) +
                      " components an element, the data has " + std::to_string(data.components)};
-  if (auto problem = state_->session.bind(name, to_image(data, type))) return io::Error{*problem};
-  return {};
+  return guarded([&]() -> io::Result<void> {
+    if (auto problem = state_->session.bind(name, to_image(data, type))) return io::Error{*problem};
+    return {};
+  });
 }
 
 io::Result<void> ReferenceProgram::bind_symbol(const std::string& symbol, int64_t value) {
@@ -89,24 +122,29 @@ io::Result<void> ReferenceProgram::bind_symbol(const std::string& symbol, int64_
 
 io::Result<void> ReferenceProgram::run(const std::string& step, int times) {
   if (!state_) return kMovedFrom;
+  if (auto problem = state_->unknown_step(step)) return *problem;
   if (times < 1) return io::Error{"a step runs once or more often, found " + std::to_string(times)};
-  reference::Options options;
-  options.float32 = state_->float32;
-  if (const auto it = state_->frozen.find(step); it != state_->frozen.end())
-    options.frozen = &it->second;
-  else
-    options.record = &state_->recorded[step];
-  for (int k = 0; k < times; ++k) {
-    auto result = state_->session.run(step, options);
-    if (const auto* error = std::get_if<reference::EvalError>(&result)) return io::Error{error->message};
-    state_->results[step] = std::move(std::get<reference::StepResult>(result));
-  }
-  return {};
+  if (const int64_t runs = state_->session.runs(step); runs > INT32_MAX - int64_t{times})
+    return io::Error{"step '" + step + "' has run " + std::to_string(runs) + " times; it cannot run " +
+                     std::to_string(times) + " times more, as its counter ends at 2^31 - 1"};
+  const auto frozen = state_->frozen.find(step);
+  return guarded([&]() -> io::Result<void> {
+    for (int k = 0; k < times; ++k) {
+      reference::Frozen record;
+      auto result = state_->session.run(step, {.frozen = frozen == state_->frozen.end() ? nullptr : &frozen->second,
+                                               .record = &record,
+                                               .float32 = state_->float32});
+      if (const auto* error = std::get_if<reference::EvalError>(&result)) return io::Error{error->message};
+      state_->results[step] = std::move(std::get<reference::StepResult>(result));
+      state_->recorded[step] = std::move(record);
+    }
+    return {};
+  });
 }
 
 io::Result<void> ReferenceProgram::set_runs(const std::string& step, int64_t runs) {
   if (!state_) return kMovedFrom;
-  if (!state_->graph.step_index(step)) return io::Error{"there is no step '" + step + "'"};
+  if (auto problem = state_->unknown_step(step)) return *problem;
   if (runs < 0 || runs > INT32_MAX) return io::Error{"a step cannot have run " + std::to_string(runs) + " times"};
   state_->session.set_runs(step, runs);
   return {};
@@ -114,6 +152,7 @@ io::Result<void> ReferenceProgram::set_runs(const std::string& step, int64_t run
 
 io::Result<io::Array> ReferenceProgram::output(const std::string& step, const std::string& name) {
   if (!state_) return kMovedFrom;
+  if (auto problem = state_->unknown_step(step)) return *problem;
   const auto result = state_->results.find(step);
   if (result == state_->results.end()) return io::Error{"step '" + step + "' has not run yet"};
   const auto it = result->second.outputs.find(name);
@@ -123,24 +162,35 @@ io::Result<io::Array> ReferenceProgram::output(const std::string& step, const st
 
 io::Result<io::Array> ReferenceProgram::leaf(const std::string& name) {
   if (!state_) return kMovedFrom;
-  if (!state_->graph.leaf_index(name)) return io::Error{"there is no leaf '" + name + "'"};
+  if (!state_->graph.leaf_index(name)) return state_->no_leaf(name);
   reference::Session& session = state_->session;
-  if (auto problem = session.settle(name)) return io::Error{*problem};
-  return state_->seen("leaf '" + name + "'", state_->session.leaf(name));
+  return guarded([&]() -> io::Result<io::Array> {
+    if (auto problem = session.settle(name)) return io::Error{*problem};
+    return state_->seen("leaf '" + name + "'", session.leaf(name));
+  });
 }
 
-void ReferenceProgram::freeze(const std::string& step, const std::vector<std::vector<io::Array>>& rasters) {
-  if (!state_) return;
-  if (rasters.empty()) {
-    state_->frozen.erase(step);
-    return;
-  }
+io::Result<void> ReferenceProgram::freeze(const std::string& step, const std::vector<std::vector<io::Array>>& rasters) {
+  if (!state_) return kMovedFrom;
+  if (auto problem = state_->unknown_step(step)) return *problem;
   reference::Frozen frozen;
   for (const auto& raster : rasters) {
+    const std::string which = "raster " + std::to_string(frozen.rasters.size());
     frozen.rasters.emplace_back();
-    for (const io::Array& a : raster) frozen.rasters.back().push_back(to_image(a, ir::kInt));
+    for (const io::Array& a : raster) {
+      if (!a.consistent() || a.kind != io::ElementKind::Int32 || a.components != 1)
+        return io::Error{which + ": faces and tags are arrays of one int32 an element, whose extents and bytes agree"};
+      if (const auto numbers = a.as<int32_t>(); std::ranges::any_of(numbers, [](int32_t n) { return n < -1; }))
+        return io::Error{which + ": faces and tags are at least 0, or -1 for none, found " +
+                         std::to_string(std::ranges::min(numbers))};
+      frozen.rasters.back().push_back(to_image(a, ir::kInt));
+    }
   }
-  state_->frozen[step] = std::move(frozen);
+  if (rasters.empty())
+    state_->frozen.erase(step);
+  else
+    state_->frozen[step] = std::move(frozen);
+  return {};
 }
 
 void ReferenceProgram::round_to_float32(bool rounds) {

@@ -33,11 +33,12 @@ class ReferenceProgram {
   io::Result<io::Array> leaf(const std::string& name);
 
   // Discrete decisions of another device: for the k-th raster of the step its faces and tags, rank by rank, used by
-  // every later run of that step instead of computing them; none: it computes its own again.
-  void freeze(const std::string& step, const std::vector<std::vector<io::Array>>& rasters);
+  // every later run of that step instead of computing them; none: it computes its own again. Later runs say so where
+  // rasters or sizes are not those of the step.
+  io::Result<void> freeze(const std::string& step, const std::vector<std::vector<io::Array>>& rasters);
   // Later runs round what every op gives to float32, as a device does.
   void round_to_float32(bool rounds);
-  // The raster results of the step's last run, in the same form.
+  // The raster results of the step's last run, in the same form: frozen ones too.
   std::vector<std::vector<io::Array>> rasters(const std::string& step) const;
   // The values that the program pins, as the step's last run had them.
   std::vector<std::pair<std::string, io::Array>> pins(const std::string& step) const;

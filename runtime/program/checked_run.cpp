@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A run of a step, command by command, that looks at all that is stored.
+// A run of a whole step, command by command, that looks at all that is stored.
 #include <algorithm>
 
 #include "runtime/program/state.h"
@@ -9,7 +9,8 @@ namespace dr::runtime {
 std::optional<NotFinite> Program::State::checked_run(const std::string& name) {
   const size_t index = step_index(name);
   StepState& step = prepared_step(index);
-  const std::vector<bool> dirty = must_run(step);
+  require_counts(index, 1);
+  const std::vector<bool> dirty = step.list->everything();
   const Variant& variant = recorded(step, dirty);
   const std::vector<const Primitive*> chosen = step.chosen(dirty);
 
@@ -48,6 +49,7 @@ std::optional<NotFinite> Program::State::checked_run(const std::string& name) {
   step.begun = false;
   ++step.counters.recorded;
   count_run(index, dirty, variant.run, variant.skipped);
+  require_whole_loops(index);
   return found;
 }
 

@@ -115,15 +115,14 @@ bool has(const DeviceState& device, bundle::Feature feature) {
 }  // namespace
 
 io::Array HostArray::copied() const {
-  io::Array out;
-  out.kind = kind;
-  out.components = components;
-  out.width = width;
-  out.height = height;
-  out.layers = layers;
+  if (data == nullptr) return {};
+  auto bytes = static_cast<int64_t>(io::scalar_size(kind));
+  for (const int64_t n : {int64_t{components}, width, height, layers}) {
+    if (n < 1 || n > io::kMaxArrayBytes / bytes) return {};
+    bytes *= n;
+  }
   const auto* from = static_cast<const std::byte*>(data);
-  out.bytes.assign(from, from + static_cast<size_t>(out.scalar_count()) * io::scalar_size(kind));
-  return out;
+  return {kind, components, width, height, layers, {from, from + bytes}};
 }
 
 void warn_on_stderr(const std::string& warning) { std::fprintf(stderr, "dressi: warning: %s\n", warning.c_str()); }
@@ -229,21 +228,33 @@ bool Program::is_input(const std::string& leaf) const {
 std::vector<std::string> Program::steps() const {
   std::vector<std::string> out;
   for (const auto& s : known().bundle.steps)
-    if (ir::leaf_of_initial_step(s->name).empty()) out.push_back(s->name);
+    if (is_users(*s)) out.push_back(s->name);
   return out;
 }
 
 std::vector<Program::LeafInfo> Program::leaves() const {
   std::vector<LeafInfo> out;
-  for (const auto& l : known().bundle.leaves) out.push_back({l->name, components_of(*l->type), kind_of(*l->type)});
+  for (const auto& l : known().bundle.leaves)
+    if (is_users(*l)) out.push_back({l->name, components_of(*l->type), kind_of(*l->type)});
   return out;
 }
 
 std::vector<std::string> Program::needed_leaves(const std::string& step) const {
+  const State& s = known();
   std::vector<std::string> out;
-  for (const auto& s : known().bundle.steps)
-    if (s->name == step)
-      for (uint32_t leaf : s->leaves) out.push_back(known().bundle.leaves[leaf]->name);
+  std::set<std::string> seen{step};  // and steps that compute initial values
+  const auto add = [&](const auto& again, const bundle::StepT& one) -> void {
+    std::vector<uint32_t> leaves = one.leaves;
+    for (const std::string& symbol : one.symbols)
+      if (const auto faces = s.faces_of(symbol)) leaves.push_back(*faces);
+    for (const uint32_t k : leaves) {
+      const bundle::LeafT& leaf = *s.bundle.leaves[s.bound_for(k)];
+      if (std::ranges::find(out, leaf.name) == out.end()) out.push_back(leaf.name);
+      const auto initial = s.any_step(ir::initial_step_of(leaf.name));
+      if (initial && seen.insert(s.bundle.steps[*initial]->name).second) again(again, *s.bundle.steps[*initial]);
+    }
+  };
+  if (const auto index = s.any_step(step)) add(add, *s.bundle.steps[*index]);
   return out;
 }
 
@@ -259,12 +270,15 @@ Result<void> Program::bind(const std::string& leaf, const io::Array& data) {
 
 Result<void> Program::bind(const std::string& leaf, const HostArray& data) {
   return guarded([&] {
-    if (state().write(state().leaf_index(leaf), data)) return;
-    if (data.width < 1 || data.height < 1 || data.layers < 1 || data.components < 1)
+    const size_t index = state().leaf_index(leaf);
+    if (data.data == nullptr) throw Failure{"leaf '" + leaf + "': the array has no data"};
+    if (state().write(index, data)) return;
+    const io::Array copy = data.copied();
+    if (copy.empty())
       throw Failure{"leaf '" + leaf + "': the array has " + std::to_string(data.width) + " x " +
                     std::to_string(data.height) + " x " + std::to_string(data.layers) + " elements of " +
                     std::to_string(data.components) + " components"};
-    state().bind(leaf, data.copied());
+    state().bind(leaf, copy);
   });
 }
 
@@ -286,6 +300,7 @@ Result<void> Program::bind_symbol(const std::string& symbol, int64_t value) {
 void Program::take_rebuilt() {
   if (!state().rebuilder || !state().rebuilder->ready() || state().has_views()) return;
   auto next = state().rebuilder->take();
+  if (!Rebuilder::same_names(next->bundle, state_->bundle)) return;  // it is another program
   next->take_over(*state_);
   state_ = std::move(next);
 }
@@ -327,7 +342,6 @@ Result<CudaArray> Program::cuda_output(const std::string& step, const std::strin
     State& s = state();
     const size_t index = s.step_index(step);
     const uint32_t resource = s.output_of(index, name);
-    if (s.kept_output(index, name) != nullptr) throw Failure{"the program was built anew: run '" + step + "' again"};
     s.require_run(step);
     return s.in_cuda(resource, s.bundle.leaves.size());
   });

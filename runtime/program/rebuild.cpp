@@ -48,7 +48,9 @@ std::unique_ptr<Program::State> build(const Job& job) try {
   LoadOptions options = job.options;
   options.trusted = true;  // compiled just now
   auto state = Program::State::load(job.device, *bytes, options);
-  const bundle::StepT& step = *state->bundle.steps[state->step_index(job.step)];
+  const auto index = state->any_step(job.step);
+  if (!index) return nullptr;
+  const bundle::StepT& step = *state->bundle.steps[*index];
   std::vector<uint32_t> moving;
   for (uint32_t k = 0; k < state->bundle.leaves.size(); ++k)
     if (job.moving.at(job.step).count(state->bundle.leaves[k]->name) != 0) moving.push_back(k);
@@ -56,7 +58,11 @@ std::unique_ptr<Program::State> build(const Job& job) try {
   state->sizes = job.sizes;
   state->tally = job.tally;
   state->rebuilder.emplace(job.moving);
-  for (const std::string& name : job.prepared) state->make_ready(state->step_index(name));
+  for (const std::string& name : job.prepared) {
+    const auto prepared = state->any_step(name);
+    if (!prepared) return nullptr;
+    state->make_ready(*prepared);
+  }
   return state;
 } catch (const Failure&) {
   return nullptr;  // such as no memory for both
@@ -108,6 +114,26 @@ std::unique_ptr<Program::State> Rebuilder::take() {
   return std::move(built_);
 }
 
+bool Rebuilder::same_names(const bundle::BundleT& a, const bundle::BundleT& b) {
+  const auto names = [](const bundle::BundleT& bundle) {
+    std::set<std::string> out;
+    const auto add = [&](const std::string& name, const bundle::TypeT& type, const bundle::ExtentT& extent) {
+      out.insert(name + " " + bundle::word(EnumNameScalar(type.scalar)) + std::to_string(type.rows) + "x" +
+                 std::to_string(type.cols) + "[" + extent.w + ", " + extent.h + ", " + extent.l + "]");
+    };
+    for (const auto& leaf : bundle.leaves) add(leaf->name, *leaf->type, *leaf->extent);
+    for (const auto& step : bundle.steps) {
+      out.insert("step " + step->name);
+      for (const auto& o : step->outputs) {
+        const bundle::ResourceT& resource = *bundle.resources[o->resource];
+        add("output " + step->name + "." + o->name, *resource.type, *resource.extent);
+      }
+    }
+    return out;
+  };
+  return names(a) == names(b);
+}
+
 void Program::State::take_over(State& old) {
   old.on_device->queue.finish();
   sizes = old.sizes;
@@ -125,6 +151,7 @@ void Program::State::take_over(State& old) {
     if (found == old.bundle.leaves.end()) continue;
     const auto was = static_cast<size_t>(found - old.bundle.leaves.begin());
     versions[k] = old.versions[was];
+    if (old.spoiled.contains(was)) spoiled.insert(k);
     if (leaf.table_of >= 0) continue;
     if (old.pending[was]) {
       assign(k, *old.pending[was]);
@@ -146,11 +173,11 @@ void Program::State::take_over(State& old) {
   });
   // Steps by name; what their last runs gave stays readable until they run again.
   for (size_t k = 0; k < bundle.steps.size(); ++k) {
-    const size_t was = old.step_index(bundle.steps[k]->name);
+    const size_t was = *old.any_step(bundle.steps[k]->name);
     on_device->steps[k].counters = old.on_device->steps[was].counters;
     upload_counter(k);
     if (const auto it = old.kept.find(was); it != old.kept.end()) kept[k] = std::move(it->second);
-    if (!old.on_device->steps[was].variants.empty())
+    if (old.on_device->steps[was].has_outputs())
       for (const auto& o : old.bundle.steps[was]->outputs)
         if (kept_output(k, o->name) == nullptr) kept[k].emplace(o->name, old.on_device->transfer.download(o->resource));
   }

@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "compiler/backend/bundle/bundle.h"
 #include "runtime/cache/moving_leaves.h"
 #include "runtime/runtime.h"
 
@@ -26,6 +27,8 @@ class Rebuilder {
   // Whether there is something to take: the program with its pipelines, but without contents.
   bool ready() const { return ready_; }
   std::unique_ptr<Program::State> take();
+  // Whether the user finds the same leaves, steps and outputs in both.
+  static bool same_names(const bundle::BundleT& a, const bundle::BundleT& b);
 
  private:
   Moving built_for_;

@@ -27,6 +27,10 @@ StepState& Program::State::prepared_step(size_t index) {
   make_tables();
   StepState& step = o.steps[index];
   const bundle::StepT& table = *bundle.steps[index];
+  for (const size_t k : spoiled)
+    if (const auto leaf = static_cast<uint32_t>(k);
+        std::ranges::find(table.leaves, leaf) != table.leaves.end() && !only_writes(bundle, table, leaf))
+      require_whole(k);
   const bool is_new = !step.list;
   if (is_new) prepare(table);
   count_written();
@@ -164,15 +168,21 @@ Variant& Program::State::recorded(StepState& step, const std::vector<bool>& dirt
 
 void Program::State::require_run(const std::string& step) const {
   const size_t index = step_index(step);
-  if (!on_device || on_device->steps[index].variants.empty()) throw Failure{"step '" + step + "' has not run yet"};
+  if (!on_device || on_device->steps[index].variants.empty())
+    throw Failure{"step '" + step + "' has not run yet" + (rebuilds > 0 ? " since the program was built anew" : "")};
+  if (on_device->steps[index].ended_early)
+    throw Failure{"loops of the last run of step '" + step + "' ended early: it left no results"};
 }
 
 void Program::State::count_run(size_t index, const std::vector<bool>& dirty, const Work& run, const Work& skipped) {
   StepState& step = on_device->steps[index];
   if (step.moving) step.moving->begin_run(versions);
   step.list->ran(dirty, versions);
-  step.whole = false;
-  for (const uint32_t leaf : bundle.steps[index]->changes) ++versions[leaf];
+  step.whole = step.ended_early = false;
+  for (const uint32_t leaf : bundle.steps[index]->changes) {
+    ++versions[leaf];
+    spoiled.erase(leaf);
+  }
   step.counters.run += run;
   step.counters.skipped += skipped;
   ++step.counters.runs;
@@ -185,9 +195,7 @@ void Program::State::count_run(size_t index, const std::vector<bool>& dirty, con
 int Program::State::run(const std::string& name, int times, bool wait) {
   const size_t index = step_index(name);
   StepState& step = prepared_step(index);
-  if (step.counters.runs > INT32_MAX - int64_t{times})
-    throw Failure{"step '" + name + "' has run " + std::to_string(step.counters.runs) + " times; it cannot run " +
-                  std::to_string(times) + " times more, as its counter ends at 2^31 - 1"};
+  require_counts(index, times);
   const std::vector<vk::CommandBuffer> copies = mirror_copies(index);
   int done = 0;
   // What was built anew takes over between two runs, unless views hold the memory here.
@@ -215,6 +223,13 @@ int Program::State::run(const std::string& name, int times, bool wait) {
     require_whole_loops(index);
   }
   return done;
+}
+
+void Program::State::require_counts(size_t index, int times) const {
+  const int64_t runs = on_device->steps[index].counters.runs;
+  if (runs > INT32_MAX - int64_t{times})
+    throw Failure{"step '" + bundle.steps[index]->name + "' has run " + std::to_string(runs) +
+                  " times; it cannot run " + std::to_string(times) + " times more, as its counter ends at 2^31 - 1"};
 }
 
 bool Program::State::watch(uint32_t word) {
@@ -259,12 +274,21 @@ void Program::State::hear_of_not_finite(const std::string& name) {
 
 void Program::State::require_whole_loops(size_t index) {
   const bundle::StepT& step = *bundle.steps[index];
-  for (const auto& c : step.commands) {
-    if (c->watch < 0 || !watch(static_cast<uint32_t>(c->watch))) continue;
-    throw Failure{"a loop of pass " + named(bundle, *c) +
-                  " takes more trips than this device gives one whose range depends on data: say how many it takes at "
-                  "most, as in reduce(sum, i in a..b, max = 1000000)"};
-  }
+  const bundle::CommandT* early = nullptr;
+  for (const auto& c : step.commands)
+    if (c->watch >= 0 && watch(static_cast<uint32_t>(c->watch)) && early == nullptr) early = c.get();
+  if (early == nullptr) return;
+  spoiled.insert(step.changes.begin(), step.changes.end());
+  on_device->steps[index].ended_early = on_device->steps[index].whole = true;
+  throw Failure{"a loop of pass " + named(bundle, *early) +
+                " takes more trips than this device gives one whose range depends on data: say how many it takes at "
+                "most, as in reduce(sum, i in a..b, max = 1000000)"};
+}
+
+void Program::State::require_whole(size_t leaf) const {
+  if (spoiled.contains(leaf))
+    throw Failure{"leaf '" + bundle.leaves[leaf]->name +
+                  "' was changed by a run whose loops ended early: bind it again"};
 }
 
 void Program::State::set_runs(const std::string& name, int64_t runs) {

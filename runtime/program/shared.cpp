@@ -94,10 +94,12 @@ void Program::State::copy_from_cuda(size_t index, const HostArray& data) {
                   (has_tables(index) ? "tables are made of it there" : "it is made of bools")};
   if (data.kind != kind_of(*leaf.type))
     throw Failure{"leaf '" + leaf.name + "' takes scalars of another type from CUDA"};
+  if (data.data == nullptr) throw Failure{"leaf '" + leaf.name + "': the array has no data"};
   Sizes agreed = sizes_with(index, data);
   in_order();
   sizes = std::move(agreed);
   ++versions[index];
+  spoiled.erase(index);
   pending[index].reset();
   if (!has_memory(leaf.resource)) on_device->memory.allocate({leaf.resource});
   const CudaArray to = in_cuda(leaf.resource, std::nullopt);
@@ -114,6 +116,7 @@ uint32_t Program::State::output_of(size_t step, const std::string& name) const {
 
 void Program::State::copy_to_cuda(const std::string& step, const std::string& output, const HostArray& to) {
   const uint32_t resource = output_of(step_index(step), output);
+  require_run(step);
   const CudaArray from = in_cuda(resource, std::nullopt);
   const HostArray& has = from.array;
   if (to.kind != has.kind || to.components != has.components || to.width != has.width || to.height != has.height ||

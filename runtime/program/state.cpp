@@ -12,6 +12,20 @@
 
 namespace dr::runtime {
 
+bool is_users(const bundle::LeafT& leaf) { return leaf.table_of < 0; }
+bool is_users(const bundle::StepT& step) { return ir::leaf_of_initial_step(step.name).empty(); }
+
+bool only_writes(const bundle::BundleT& bundle, const bundle::StepT& step, uint32_t leaf) {
+  const uint32_t r = bundle.leaves[leaf]->resource;
+  const auto reads = [r](const auto& c) {
+    return c->depth == static_cast<int>(r) || c->source == static_cast<int>(r) ||
+           std::ranges::any_of(c->bindings,
+                               [r](const auto& b) { return b->resource == r && b->access != bundle::Access::Write; });
+  };
+  return std::ranges::find(step.changes, leaf) != step.changes.end() && std::ranges::none_of(step.commands, reads) &&
+         std::ranges::none_of(step.outputs, [r](const auto& o) { return o->resource == r; });
+}
+
 namespace {
 
 std::string extent_text(const bundle::ExtentT& e) { return "[" + e.w + ", " + e.h + ", " + e.l + "]"; }
@@ -24,33 +38,26 @@ void collect(const bundle::CommandT& c, std::set<uint32_t>& out) {
     if (index >= 0) out.insert(static_cast<uint32_t>(index));
 }
 
-// Whether the step gives the leaf a value without a look at the one that it has.
-bool only_writes(const bundle::BundleT& bundle, const bundle::StepT& step, uint32_t leaf) {
-  const uint32_t r = bundle.leaves[leaf]->resource;
-  const auto reads = [r](const auto& c) {
-    return c->depth == static_cast<int>(r) || c->source == static_cast<int>(r) ||
-           std::ranges::any_of(c->bindings,
-                               [r](const auto& b) { return b->resource == r && b->access != bundle::Access::Write; });
-  };
-  return std::ranges::find(step.changes, leaf) != step.changes.end() && std::ranges::none_of(step.commands, reads) &&
-         std::ranges::none_of(step.outputs, [r](const auto& o) { return o->resource == r; });
+// "step 'fit'"
+std::string title_of(const bundle::StepT& step) {
+  const std::string_view leaf = ir::leaf_of_initial_step(step.name);
+  return leaf.empty() ? "step '" + step.name + "'" : "the initial value of leaf '" + std::string(leaf) + "'";
 }
 
 template <class Tables>
-size_t index_of(const Tables& tables, const std::string& name, const char* what) {
+std::optional<size_t> index_of(const Tables& tables, const std::string& name) {
   for (size_t k = 0; k < tables.size(); ++k)
     if (tables[k]->name == name) return k;
-  std::string all;
-  for (const auto& table : tables) all += (all.empty() ? "" : ", ") + table->name;
-  throw Failure{std::string("there is no ") + what + " '" + name + "'; there are: " + all};
+  return std::nullopt;
 }
 
-}  // namespace
-
-size_t Program::State::leaf_index(const std::string& name) const { return index_of(bundle.leaves, name, "leaf"); }
-size_t Program::State::step_index(const std::string& name) const { return index_of(bundle.steps, name, "step"); }
-
-namespace {
+template <class Tables>
+Failure none_of(const Tables& tables, const char* what, const std::string& name) {
+  std::string all;
+  for (const auto& table : tables)
+    if (is_users(*table)) all += (all.empty() ? "" : ", ") + table->name;
+  return {std::string("there is no ") + what + " '" + name + "'; there are: " + all};
+}
 
 // Whether it is what the compiler knew of the leaf, in whatever kind of numbers.
 bool holds_initial(const bundle::LeafT& leaf, const io::Array& data) {
@@ -60,6 +67,18 @@ bool holds_initial(const bundle::LeafT& leaf, const io::Array& data) {
 }
 
 }  // namespace
+
+size_t Program::State::leaf_index(const std::string& name) const {
+  if (const auto index = index_of(bundle.leaves, name)) return *index;
+  throw none_of(bundle.leaves, "leaf", name);
+}
+
+size_t Program::State::step_index(const std::string& name) const {
+  if (const auto index = any_step(name); index && is_users(*bundle.steps[*index])) return *index;
+  throw none_of(bundle.steps, "step", name);
+}
+
+std::optional<size_t> Program::State::any_step(const std::string& name) const { return index_of(bundle.steps, name); }
 
 void Program::State::bind(const std::string& name, const io::Array& data) {
   const auto index = leaf_index(name);
@@ -160,6 +179,7 @@ void Program::State::assign(size_t index, const io::Array& data) {
     waiting_faces.erase(index);
   }
   ++versions[index];
+  spoiled.erase(index);
   keep_outputs(leaf.resource);
   if (has_memory(leaf.resource))
     on_device->transfer.upload(leaf.resource, *converted);
@@ -178,7 +198,7 @@ void Program::State::keep_outputs(uint32_t resource) {
   if (!on_device) return;
   for (size_t step = 0; step < bundle.steps.size(); ++step)
     for (const auto& o : bundle.steps[step]->outputs)
-      if (o->resource == resource && !on_device->steps[step].variants.empty() && kept_output(step, o->name) == nullptr)
+      if (o->resource == resource && on_device->steps[step].has_outputs() && kept_output(step, o->name) == nullptr)
         kept[step].emplace(o->name, on_device->transfer.download(resource));
 }
 
@@ -196,6 +216,7 @@ bool Program::State::write(size_t index, const HostArray& data) {
   // From a view of the same leaf there is nothing to copy.
   std::memmove(to, data.data, static_cast<size_t>(size.count() * data.components) * 4);
   ++versions[index];
+  spoiled.erase(index);
   return true;
 }
 
@@ -229,10 +250,7 @@ bool Program::State::has_tables(size_t leaf) const {
 
 std::optional<size_t> Program::State::initial_step(size_t leaf) const {
   if (pending[leaf] || has_memory(bundle.leaves[leaf]->resource)) return std::nullopt;
-  const std::string name = ir::initial_step_of(bundle.leaves[leaf]->name);
-  for (size_t k = 0; k < bundle.steps.size(); ++k)
-    if (bundle.steps[k]->name == name) return k;
-  return std::nullopt;
+  return any_step(ir::initial_step_of(bundle.leaves[leaf]->name));
 }
 
 bool Program::State::is_bound(size_t leaf) const {
@@ -240,30 +258,58 @@ bool Program::State::is_bound(size_t leaf) const {
   return pending[leaf] || has_memory(l.resource) || !l.initial.empty() || l.kind == bundle::LeafKind::State;
 }
 
-// Memory and contents for a step: what only other steps need may stay unbound.
+uint32_t Program::State::bound_for(uint32_t leaf) const {
+  while (bundle.leaves[leaf]->table_of >= 0) leaf = static_cast<uint32_t>(bundle.leaves[leaf]->table_of);
+  return leaf;
+}
+
+std::optional<uint32_t> Program::State::faces_of(const std::string& symbol) const {
+  for (uint32_t k = 0; k < bundle.leaves.size(); ++k)
+    if (const uint32_t faces = bound_for(k);
+        faces != k && bundle.leaves[k]->extent->w == symbol && bundle.leaves[faces]->extent->w != symbol)
+      return faces;
+  return std::nullopt;
+}
+
+void Program::State::collect_needs(const bundle::StepT& step, Needs& needs) const {
+  for (const std::string& symbol : step.symbols) {
+    needs.symbols.insert(symbol);
+    if (const auto faces = faces_of(symbol); faces && !sizes.symbols().contains(symbol)) needs.leaves.insert(*faces);
+  }
+  needs.resources.merge(resources_of(step));
+  for (const uint32_t k : step.leaves) {
+    if (only_writes(bundle, step, k) || !needs.leaves.insert(k).second) continue;
+    if (const auto initial = initial_step(k)) collect_needs(*bundle.steps[*initial], needs);
+  }
+}
+
+// Memory and contents for a step: what only other steps need may stay unbound. What is missing is told before anything
+// is computed.
 void Program::State::prepare(const bundle::StepT& step) {
   objects();
-  for (const uint32_t k : step.leaves)
-    if (!only_writes(bundle, step, k)) fill(k);
+  Needs needs;
+  collect_needs(step, needs);
   std::string missing, written;
   size_t count = 0;
-  for (const uint32_t k : step.leaves)
-    if (!is_bound(k) && !only_writes(bundle, step, k)) {
-      const int faces = bundle.leaves[k]->table_of;
-      const bundle::LeafT& leaf = *bundle.leaves[faces >= 0 ? static_cast<uint32_t>(faces) : k];
+  for (const uint32_t k : needs.leaves)
+    if (!is_bound(k) && !initial_step(k)) {
+      const bundle::LeafT& leaf = *bundle.leaves[bound_for(k)];
       if (missing.find("'" + leaf.name + "' ") != std::string::npos) continue;
       missing += (count++ == 0 ? "" : ", ") + ("'" + leaf.name + "' " + extent_text(*leaf.extent));
       for (const auto& other : bundle.steps)
-        if (faces < 0 && only_writes(bundle, *other, k) && ir::leaf_of_initial_step(other->name).empty())
+        if (only_writes(bundle, *other, k) && is_users(*other))
           written += "; step '" + other->name + "' writes '" + leaf.name + "': run it before";
     }
   if (count > 0)
-    throw Failure{std::string("step '") + step.name + "' needs data for " + (count == 1 ? "leaf " : "leaves ") +
-                  missing + (count == 1 ? ", which is not bound" : ", which are not bound") + written};
-  for (const std::string& symbol : step.symbols)
+    throw Failure{title_of(step) + " needs data for " + (count == 1 ? "leaf " : "leaves ") + missing +
+                  (count == 1 ? ", which is not bound" : ", which are not bound") + written};
+  for (const std::string& symbol : needs.symbols)
     if (sizes.symbols().count(symbol) == 0)
       throw Failure{"symbol '" + symbol +
                     "' has no value: bind a leaf that has it, or the symbol itself (drun: --symbol " + symbol + "=N)"};
+  check_memory(needs.resources);
+  for (const uint32_t k : step.leaves)
+    if (!only_writes(bundle, step, k)) fill(k);
   give_memory(resources_of(step));
 }
 
@@ -280,23 +326,19 @@ std::set<uint32_t> Program::State::resources_of(const bundle::StepT& step) const
 
 void Program::State::prepare_leaf(size_t leaf) {
   objects();
+  require_whole(leaf);
   fill(leaf);
   if (!is_bound(leaf)) throw Failure{"leaf '" + bundle.leaves[leaf]->name + "' is not bound"};
   give_memory({bundle.leaves[leaf]->resource});
 }
 
-// Allocates those that have no memory yet, and fills the leaves among them.
-void Program::State::give_memory(const std::set<uint32_t>& wanted) {
+// Those that have no memory yet can have it, and data that was bound fits the leaves among them.
+std::vector<uint32_t> Program::State::check_memory(const std::set<uint32_t>& wanted) const {
   std::vector<uint32_t> resources;
   for (const uint32_t r : wanted)
     if (!on_device->memory.has(r)) resources.push_back(r);
-  if (resources.empty()) return;
-  std::vector<size_t> leaves;
   for (size_t k = 0; k < bundle.leaves.size(); ++k)
-    if (std::find(resources.begin(), resources.end(), bundle.leaves[k]->resource) != resources.end())
-      leaves.push_back(k);
-  for (const size_t k : leaves)
-    if (pending[k]) {
+    if (pending[k] && std::ranges::find(resources, bundle.leaves[k]->resource) != resources.end()) {
       const Size s = sizes.size_of(*bundle.leaves[k]->extent, "leaf '" + bundle.leaves[k]->name + "'");
       const io::Array& data = *pending[k];
       if (data.width != s.w || data.height != s.h || data.layers != s.l)
@@ -305,6 +347,15 @@ void Program::State::give_memory(const std::set<uint32_t>& wanted) {
                       std::to_string(s.w) + " x " + std::to_string(s.h) + " x " + std::to_string(s.l)};
     }
   on_device->memory.check_sizes(resources);
+  return resources;
+}
+
+// Allocates those that have no memory yet, and fills the leaves among them.
+void Program::State::give_memory(const std::set<uint32_t>& wanted) {
+  const std::vector<uint32_t> resources = check_memory(wanted);
+  std::vector<size_t> leaves;
+  for (size_t k = 0; k < bundle.leaves.size(); ++k)
+    if (std::ranges::find(resources, bundle.leaves[k]->resource) != resources.end()) leaves.push_back(k);
   std::map<size_t, io::Array> initial;
   for (const size_t k : leaves)
     if (!pending[k]) initial.emplace(k, initial_value(k));

@@ -35,12 +35,22 @@ struct StepState {
   std::optional<MovingLeaves> moving;             // where the program may be built anew
   std::map<std::vector<bool>, Variant> variants;  // by RunList::dirty()
   StepCounters counters;
-  bool begun = true;   // a run that may not have come to its end, or there was none
-  bool whole = false;  // outputs of the program may have been written to since the last run: nothing is skipped
+  bool begun = true;         // a run that may not have come to its end, or there was none
+  bool whole = false;        // outputs of the program may have been written to since the last run: nothing is skipped
+  bool ended_early = false;  // loops of the last run did
+
+  bool has_outputs() const { return !variants.empty() && !ended_early; }
 
   // The primitives of the groups that must run, in order.
   std::vector<const Primitive*> chosen(const std::vector<bool>& dirty) const;
 };
+
+// Whether users know it by its name: leaves that are made of others', and steps that compute initial values, are the
+// runtime's own.
+bool is_users(const bundle::LeafT& leaf);
+bool is_users(const bundle::StepT& step);
+// Whether the step gives the leaf a value without a look at the one that it has.
+bool only_writes(const bundle::BundleT& bundle, const bundle::StepT& step, uint32_t leaf);
 
 // Lines of the program behind a primitive of the step: "fit.dr:3".
 std::vector<std::string> lines_of(const bundle::BundleT& bundle, const bundle::StepT& step, const Primitive& primitive);
@@ -104,6 +114,7 @@ struct Program::State {
   std::optional<OnDevice> on_device;
   // Outputs of steps' last runs whose memory is gone or was written since: by the step, the output's name.
   std::map<size_t, std::map<std::string, io::Array>> kept;
+  std::set<size_t> spoiled;  // leaves that a run changed whose loops ended early, and that have no other value since
   int rebuilds = 0;
   PipelineCounters pipelines_before;              // of the programs that this one took over from
   std::shared_ptr<CompileBeside> compile_beside;  // of a step that was prepared and those behind it, if it was worth it
@@ -118,7 +129,8 @@ struct Program::State {
 
   // state.cpp: leaves and memory
   size_t leaf_index(const std::string& name) const;
-  size_t step_index(const std::string& name) const;
+  size_t step_index(const std::string& name) const;               // of a user's
+  std::optional<size_t> any_step(const std::string& name) const;  // also one that computes an initial value
   void bind(const std::string& name, const io::Array& data);
   void prepare_leaf(size_t leaf);
   // Whether the data went right into the leaf's memory: it has some, the host sees it, and the data is as there.
@@ -140,6 +152,10 @@ struct Program::State {
   void make_ready(size_t step);
   // Compiles what the step and those behind it need on a second device, unless that goes on already.
   void begin_compile_beside(size_t step);
+  // The leaf that users bind: of a table the faces that it is made of.
+  uint32_t bound_for(uint32_t leaf) const;
+  // The faces whose topology gives the symbol its value, if it is such a one.
+  std::optional<uint32_t> faces_of(const std::string& symbol) const;
   // The step that fills the leaf, where it has no data and its initial value is computed.
   std::optional<size_t> initial_step(size_t leaf) const;
   bool has_memory(size_t resource) const { return on_device && on_device->memory.has(resource); }
@@ -161,13 +177,17 @@ struct Program::State {
   int submit(const StepState& step, const std::vector<bool>& dirty, Variant& variant, int most,
              const std::vector<vk::CommandBuffer>& after);
   void require_run(const std::string& step) const;
+  // Whether the step's counter has room for so many runs.
+  void require_counts(size_t index, int times) const;
   // Says how often: less than asked for when the program was built anew meanwhile. `wait`: for the device.
   int run(const std::string& step, int times, bool wait = true);
   // One run is on its way, and saw this state.
   void leave_zeros(const bundle::StepT& table);
   void count_run(size_t index, const std::vector<bool>& dirty, const Work& run, const Work& skipped);
-  // Loops whose trips nothing bounds may end before their time: then what ran is not the step.
+  // Loops whose trips nothing bounds may end before their time: then what ran is not the step, and nobody may read what
+  // it left.
   void require_whole_loops(size_t index);
+  void require_whole(size_t leaf) const;
   // Whether such a word was set; clears it.
   bool watch(uint32_t word);
   std::vector<std::string> told_not_finite(const std::string& step);
@@ -202,6 +222,14 @@ struct Program::State {
   std::set<uint32_t> resources_of(const bundle::StepT& step) const;
   bool is_bound(size_t leaf) const;
   io::Array initial_value(size_t leaf) const;
+  // What a step takes, also for the initial values that are computed for it.
+  struct Needs {
+    std::set<uint32_t> leaves, resources;  // leaves: those that are read
+    std::set<std::string> symbols;
+  };
+  void collect_needs(const bundle::StepT& step, Needs& needs) const;
+  // Gives those of them that have no memory.
+  std::vector<uint32_t> check_memory(const std::set<uint32_t>& wanted) const;
   void give_memory(const std::set<uint32_t>& wanted);
 };
 

@@ -41,6 +41,7 @@ std::optional<uint32_t> list_of(const bundle::BundleT& bundle, const bundle::Com
 std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
   const size_t index = step_index(name);
   StepState& step = prepared_step(index);
+  require_counts(index, 1);
   const uint32_t bits = on_device->queue.timestamp_bits();
   if (bits == 0) throw Failure{"the device's queue takes no times"};
   const std::vector<bool> dirty = must_run(step);
@@ -140,6 +141,7 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
                                          : sizes.evaluate(elements.extent->w, elements.name) - bundle::kListHead;
     list_heads = list_heads.subspan(bundle::kListHead);
   }
+  require_whole_loops(index);
   return out;
 }
 

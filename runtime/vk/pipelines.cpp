@@ -320,7 +320,8 @@ std::string Pipelines::cache_key() const {
 
 void Pipelines::build() {
   if (wanted_.empty()) return;
-  const PipelineFile file(cache_folder_, cache_key());
+  const std::string key = cache_key();
+  const PipelineFile file(cache_folder_, key);
   const std::vector<uint8_t> known = file.read();
   vk::PipelineCacheCreateInfo info;
   info.initialDataSize = known.size();
@@ -336,9 +337,12 @@ void Pipelines::build() {
   }
   const auto made = static_cast<int64_t>(wanted.size());
   const std::vector<uint8_t> data = cache.getData();
-  const bool kept = !known.empty() && data == known;
-  counters_ += {made, kept ? made : 0};
-  if (data != known) file.write(data);
+  if (data != known) {
+    file.write(data);
+    written_.insert(key);
+  }
+  // What lavapipe wants kept is the same for any pipelines: a file of one's own says nothing of others.
+  counters_ += {made, known.empty() || written_.contains(key) ? 0 : made};
 }
 
 std::vector<int32_t> Pipelines::constants(uint32_t group, uint32_t part_trips) const {

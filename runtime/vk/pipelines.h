@@ -6,7 +6,9 @@
 #include <filesystem>
 #include <functional>
 #include <map>
+#include <set>
 #include <span>
+#include <string>
 #include <tuple>
 
 #include "compiler/backend/bundle/split_buffers.h"
@@ -88,6 +90,7 @@ class Pipelines {
   const Memory& memory_;
   std::filesystem::path cache_folder_;
   PipelineCounters counters_;
+  std::set<std::string> written_;                                        // keys of files that were written here
   std::vector<std::function<vk::raii::Pipeline(const Cache&)>> wanted_;  // the last of pipelines_
   std::vector<int32_t> values_;                                          // of the symbols
   std::vector<int32_t> numbers_;                                         // of Bundle.numbers

@@ -187,7 +187,7 @@ TEST_CASE("one program gives one answer on every road") {
       // Against the evaluator, given what this device saw.
       auto frozen = must(jit::ReferenceProgram::load(any_bundle));
       bind_inputs(frozen);
-      frozen.freeze("probe", answer.rasters);
+      must(frozen.freeze("probe", answer.rasters));
       must(frozen.run("probe"));
       const double alpha = max_difference(answer.outputs.at("alpha"), must(frozen.output("probe", "alpha")));
       const double picture = max_difference(answer.outputs.at("picture"), must(frozen.output("probe", "picture")));
@@ -240,7 +240,7 @@ TEST_CASE("the driver's floats are as close as their built-ins") {
       bind_inputs(program);
       bind_inputs(frozen);
       must(program.run("probe"));
-      frozen.freeze("probe", must(program.rasters("probe")));
+      must(frozen.freeze("probe", must(program.rasters("probe"))));
       must(frozen.run("probe"));
       double worst[2] = {0, 0};
       for (const char* output : {"alpha", "picture"})

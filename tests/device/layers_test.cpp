@@ -130,7 +130,7 @@ void check_lively(const Answer& answer, int layers) {
 void check_against_evaluator(const Answer& answer, const std::vector<uint8_t>& bundle, int layers) {
   auto reference = must(jit::ReferenceProgram::load(bundle));
   bind(reference, layers);
-  reference.freeze("go", answer.rasters);
+  must(reference.freeze("go", answer.rasters));
   must(reference.run("go"));
   for (const char* name : kOutputs) {
     const auto found = answer.values.at(name).to_doubles(), expected = must(reference.output("go", name)).to_doubles();

@@ -42,6 +42,11 @@ template <>
 struct KindOf<uint32_t> {
   static constexpr ElementKind value = ElementKind::UInt32;
 };
+template <>
+struct KindOf<bool> {
+  static constexpr ElementKind value = ElementKind::Bool;
+};
+static_assert(sizeof(bool) == 1);
 
 // A dense host array: `components` scalars per element, elements in x-fastest order (x, then y, then layer). Row y = 0
 // is the top of a picture. A matrix is stored column after column. A default-made array is empty.

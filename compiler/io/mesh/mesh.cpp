@@ -39,6 +39,7 @@ void check_multiple(size_t size, size_t components, std::string_view what) {
 }
 
 void check_texture(const Array* texture, std::string_view what) {
+  if (texture && !texture->consistent()) fail(what, ": the array's extent and bytes do not agree, or it is empty");
   if (texture && (texture->components < 3 || texture->layers != 1)) {
     fail(what, " has 3 or 4 components and one layer, found ", texture->components, " and ", texture->layers);
   }

@@ -82,7 +82,8 @@ struct MeshView {
   const Array* texture = nullptr;            // base colour: linear, 3 or 4 components, one layer; needs `uv`
   MaterialView material = {};                // glTF only
 
-  // Precondition: the mesh outlives the view.
+  // What a view has no place for is left out: colours, the second uv, tangents, joints, weights, materials and morph
+  // targets. Precondition: the mesh outlives the view.
   static MeshView of(const Mesh& mesh) {
     return {.positions = mesh.positions,
             .indices = mesh.indices,
@@ -92,12 +93,14 @@ struct MeshView {
   }
 };
 
-// Writes a mesh, whole or not at all, by extension. Every number reads back as it was.
+// Writes a mesh, whole or not at all, by extension. Positions, uv and indices read back as they were, and so do normals
+// of unit length; others are written at unit length.
 //   .obj   the texture goes to NAME.mtl and NAME_texture.png beside it
 //   .gltf  one file, with buffer and texture embedded as text
 //   .glb   one file, with buffer and texture embedded
 // In glTF a vertex has one texture coordinate: vertex i keeps its place with the first one it is used with, and a copy
-// for each further one is appended.
+// for each further one is appended; those that no corner uses are left out. In OBJ a normal is that of a corner: the
+// vertices that no triangle uses read back with (0, 0, 1).
 Result<void> save_mesh(const std::string& path, const MeshView& mesh);
 // Whether an OBJ file of this name can name its material's file.
 Result<void> check_material_file(const std::string& path);

@@ -18,6 +18,12 @@
 #include "runtime/jit/jit.h"
 #include "runtime/program/state.h"
 
+namespace dr::runtime {
+struct Inside {
+  static OnDevice& of(Program& program) { return *program.state().on_device; }
+};
+}  // namespace dr::runtime
+
 using namespace dr;
 
 namespace {
@@ -81,7 +87,7 @@ std::vector<uint8_t> compile(const std::string& profile) {
 // The commands of so many steps in one command buffer: what the device takes when no host stands between steps.
 class Unattended {
  public:
-  Unattended(runtime::Program& program, int steps) : on_device_(*program.state().on_device) {
+  Unattended(runtime::Program& program, int steps) : on_device_(runtime::Inside::of(program)) {
     runtime::StepState& step = on_device_.steps[0];
     commands_ = on_device_.queue.command_buffer();
     commands_.begin(vk::CommandBufferBeginInfo(vk::CommandBufferUsageFlagBits::eSimultaneousUse));

@@ -45,6 +45,16 @@ TEST_CASE("scalars of any kind become doubles and floats", "[io][array]") {
   CHECK(Array::from_doubles(std::vector<double>{0.5}).to_floats() == std::vector<float>{0.5f});
 }
 
+TEST_CASE("an array is made of each kind of scalars", "[io][array]") {
+  const bool flags[] = {true, false, true};
+  const Array bools = Array::from<bool>(flags, 1, 0, 1, 1);
+  CHECK(bools.kind == ElementKind::Bool);
+  CHECK(bools.to_doubles() == std::vector<double>{1, 0, 1});
+  CHECK(bools.as<bool>()[2]);
+  const uint32_t words[] = {4294967295u, 2};
+  CHECK(Array::from<uint32_t>(words, 2, 0, 1, 1).width == 1);
+}
+
 TEST_CASE("a conversion that would lose something is refused", "[io][array]") {
   const Array floats = Array::from_floats(std::vector<float>{0, 1, 3});
   REQUIRE(floats.converted(ElementKind::Int32).ok());

@@ -67,6 +67,45 @@ TEST_CASE("an OBJ file names its texture", "[io][save]") {
   CHECK(load_binding(folder / "a_texture.png", 3)->to_floats() == picture.to_floats());
 }
 
+TEST_CASE("a picture whose bytes are not those of its extent is not written", "[io][save]") {
+  const TemporaryFolder folder;
+  const Mesh mesh = seam();
+  Array picture = texture();
+  picture.bytes.resize(5);
+  const Array none;
+  for (const std::string_view name : {"a.obj", "a.gltf", "a.glb"})
+    for (const Array* bad : {&std::as_const(picture), &none}) {
+      MeshView view = MeshView::of(mesh);
+      view.texture = bad;
+      CHECK(save_mesh(folder / name, view).error() ==
+            "cannot write '" + (folder / name) +
+                "': a texture: the array's extent and bytes do not agree, or it is empty");
+      for (const Array* MaterialView::*member : {&MaterialView::metallic_roughness, &MaterialView::normal,
+                                                 &MaterialView::occlusion, &MaterialView::emission}) {
+        view = MeshView::of(mesh);
+        view.material.*member = bad;
+        CHECK_FALSE(save_mesh(folder / name, view).ok());
+      }
+    }
+  CHECK(folder.names().empty());
+}
+
+TEST_CASE("normals are written at unit length", "[io][save]") {
+  const TemporaryFolder folder;
+  Mesh mesh = seam();
+  mesh.positions.insert(mesh.positions.end(), {5, 5, 5});  // of no triangle
+  mesh.normals = {1, 0, 0, 0, 2, 0, 0, 0, -3, 0.6f, 0.8f, 0, 0, 1, 0};
+  std::vector<float> unit = {1, 0, 0, 0, 1, 0, 0, 0, -1, 0.6f, 0.8f, 0, 0, 1, 0};
+  save(folder / "a.glb", MeshView::of(mesh));
+  const Mesh back = load(folder / "a.glb");
+  CHECK(std::vector<float>(back.normals.begin(), back.normals.begin() + 15) == unit);
+  // In OBJ a normal is that of a corner.
+  save(folder / "a.obj", MeshView::of(mesh));
+  unit[13] = 0;
+  unit[14] = 1;
+  CHECK(load(folder / "a.obj").normals == unit);
+}
+
 TEST_CASE("a glTF vertex keeps its place and seams are appended", "[io][save]") {
   const TemporaryFolder folder;
   const Mesh mesh = seam();
