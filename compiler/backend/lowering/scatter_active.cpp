@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 
 #include "compiler/backend/analysis/uses.h"
 #include "compiler/ir/yields.h"
@@ -76,7 +77,14 @@ class ActiveElements {
            std::ranges::all_of(op.attrs.floats, [](double x) { return std::isfinite(x); });
   }
 
-  Zeros zero_with(ValueId v) const {
+  // Each value is looked at once: values that are mixed of mixed ones have more ways to them than anybody can walk.
+  const Zeros& zero_with(ValueId v) const {
+    const auto found = known_.find(v);
+    if (found != known_.end()) return found->second;
+    Zeros zeros = find_zeros(v);
+    return known_.emplace(v, std::move(zeros)).first->second;
+  }
+  Zeros find_zeros(ValueId v) const {
     const ir::ValueInfo& info = graph_.value(v);
     std::set<ValueId> self;
     if (info.region == graph_.root()) self.insert(v);
@@ -115,6 +123,7 @@ class ActiveElements {
 
   const Graph& graph_;
   std::set<ValueId> readable_;
+  mutable std::map<ValueId, Zeros> known_;
 };
 
 }  // namespace
