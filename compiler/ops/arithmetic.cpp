@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Arithmetic, component by component, of Float, Int and Uint. Integers wrap to 32 bits; nothing of them is undefined.
 #include <algorithm>
+#include <bit>
+#include <charconv>
 
 #include "compiler/ops/families.h"
 #include "compiler/ops/prelude.h"
@@ -32,6 +34,47 @@ int64_t int_mod(int64_t x, int64_t y) {
 }
 
 bool is_float(const GlslInput& in) { return in.result_type.is_float(); }
+
+// k where each component of an integer is the number 2^k: "4", "16u", "ivec2(8, 8)".
+std::optional<int> power_of_two(std::string_view text) {
+  if (const size_t open = text.find('('); open != std::string_view::npos && text.ends_with(')'))
+    text = text.substr(open + 1, text.size() - open - 2);
+  std::optional<int> power;
+  while (!text.empty()) {
+    uint32_t number = 0;
+    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
+    if (error != std::errc() || !std::has_single_bit(number)) return std::nullopt;
+    const int here = std::countr_zero(number);
+    if (power && *power != here) return std::nullopt;
+    power = here;
+    text.remove_prefix(static_cast<size_t>(end - text.data()));
+    if (text.starts_with('u')) text.remove_prefix(1);
+    if (text.starts_with(", "))
+      text.remove_prefix(2);
+    else if (!text.empty())
+      return std::nullopt;
+  }
+  return power;
+}
+std::optional<int> by_power_of_two(const GlslInput& in) {
+  const auto power =
+      is_float(in) || in.operand_types[1] != in.result_type ? std::nullopt : power_of_two(in.operands[1]);
+  return power && *power < 31 ? power : std::nullopt;
+}
+
+// Processors divide a vector's integers one after another, and shift and mask them at once.
+std::string integer_quotient(const GlslInput& in, int power) {
+  const std::string& x = in.operands[0];
+  const std::string by = " >> " + std::to_string(power) + ")";
+  if (in.result_type.scalar == Scalar::Uint) return "(" + x + by;
+  // Rounded towards 0: of a negative number what is left is carried.
+  const std::string rest = std::to_string((int64_t{1} << power) - 1);
+  return "((" + x + " + ((" + x + " >> 31) & " + rest + "))" + by;
+}
+std::string integer_rest(const GlslInput& in, int power) {
+  const std::string rest = std::to_string((int64_t{1} << power) - 1);
+  return "(" + in.operands[0] + " & " + rest + (in.result_type.scalar == Scalar::Uint ? "u)" : ")");
+}
 
 using Texts = std::vector<std::string_view>;
 
@@ -186,8 +229,13 @@ std::vector<OpInfo> arithmetic_ops() {
              numbers2(
                  e, [](double x, double y) { return x / y; }, int_div);
            },
-       .glsl = [](const GlslInput& in) { return call(is_float(in) ? "dr_quotient" : "dr_div", in); },
+       .glsl =
+           [](const GlslInput& in) {
+             if (const auto power = by_power_of_two(in)) return integer_quotient(in, *power);
+             return call(is_float(in) ? "dr_quotient" : "dr_div", in);
+           },
        .prelude_of = [](const GlslInput& in) -> Texts {
+         if (by_power_of_two(in)) return {};
          if (is_float(in)) return with_vectors(in, {glsl::kQuotient}, glsl::kQuotientVectors);
          return integer_texts(in, glsl::kIntDiv, glsl::kIntDivVectors, glsl::kUintDiv, glsl::kUintDivVectors);
        },
@@ -201,8 +249,13 @@ std::vector<OpInfo> arithmetic_ops() {
            "x - y floor(x / y), from 0 to y without y; by zero gives 0. d/dx is 1, d/dy is -floor(x / y), 0 at y = 0.",
        .infer = component_wise<2, kNumbers>,
        .eval = [](const EvalBatch& e) { numbers2(e, floor_mod, int_mod); },
-       .glsl = function<"dr_mod">,
+       .glsl =
+           [](const GlslInput& in) {
+             if (const auto power = by_power_of_two(in)) return integer_rest(in, *power);
+             return call("dr_mod", in);
+           },
        .prelude_of = [](const GlslInput& in) -> Texts {
+         if (by_power_of_two(in)) return {};
          if (is_float(in)) return with_vectors(in, {glsl::kQuotient, glsl::kMod}, glsl::kModVectors);
          return integer_texts(in, glsl::kIntMod, glsl::kIntModVectors, glsl::kUintMod, glsl::kUintModVectors);
        },

@@ -35,6 +35,20 @@ const Case kCases[] = {
       let face = scatter_add(index, scatter, W);
       step go { output out, y, at, pc, face; })",
      {"go"}},
+    {"integers over numbers that are powers of two, and others",
+     R"(
+      input a : float[W, H];
+      let place = coord(W, H).x + 7 * coord(W, H).y;
+      let i = [-2147483647 - 1, -2147483647, 2147483647, -9, -8, -7, -1, 0, 1, 7, 8, 9][place % 12];
+      let u = uint(i);
+      let v = ivec2(i, 3 - i);
+      step go { output quotients = ivec4(i / 2, i / 8, i / 1073741824, i / 1), rests = ivec4(i % 2, i % 8, i % 1073741824, i % 1),
+                       others = ivec4(i / 3, i % 3, i / -8, i % -8), by_largest = i / (-2147483647 - 1),
+                       unsigned_quotients = uvec4(u / 2u, u / 8u, u / 2147483648u, u / 3u),
+                       unsigned_rests = uvec4(u % 2u, u % 8u, u % 2147483648u, u % 3u),
+                       vectors = v / 4, unlike = v / ivec2(4, 8), rest = v % 16, zero = v / 0; })",
+     {"go"},
+     true},
     {"extents whose parts take more than 32 bits",
      R"(
       input a : float[W, H];
