@@ -196,10 +196,18 @@ class Evaluation {
     const auto value = dim.evaluate(given_.symbols);
     if (!value) return "the extent '" + dim.str() + "', whose value is not known" + missing(dim);
     if (*value < 1)
-      return "the extent '" + dim.str() + "', which is " + std::to_string(*value) + "; at least 1 is expected";
+      return "the extent '" + dim.str() + "', which is " + std::to_string(*value) + "; at least 1 is expected" +
+             where(dim);
     if (*value > INT32_MAX)
       return "the extent '" + dim.str() + "', which is " + std::to_string(*value) + " and too large";
     return std::nullopt;
+  }
+
+  std::string where(const ir::Dim& dim) const {
+    std::string out;
+    for (const std::string& symbol : dim.symbols())
+      out += (out.empty() ? ", where '" : ", '") + symbol + "' is " + std::to_string(given_.symbols.at(symbol));
+    return out;
   }
 
   // Gives a value an image of its size, from a freed one if there is any that fits.

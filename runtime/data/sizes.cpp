@@ -40,8 +40,18 @@ int64_t Sizes::evaluate(const std::string& expression, const std::string& what) 
   if (!value) throw Failure{"the extent '" + expression + "' of " + what + " has no value: bind its symbols"};
   if (*value < 1 || *value > kMaxElements)
     throw Failure{"the extent '" + expression + "' of " + what + " is " + std::to_string(*value) +
-                  ", which is not between 1 and 2^31"};
+                  ", which is not between 1 and 2^31" + where(*dim)};
   return *value;
+}
+
+std::string Sizes::where(const ir::Dim& dim) const {
+  std::string out;
+  for (const std::string& symbol : dim.symbols()) {
+    const auto origin = origins_.find(symbol);
+    out += (out.empty() ? ", where '" : ", '") + symbol + "' is " + std::to_string(symbols_.at(symbol)) +
+           (origin == origins_.end() ? "" : " by " + origin->second);
+  }
+  return out;
 }
 
 Size Sizes::size_of(const bundle::ExtentT& e, const std::string& what) const {

@@ -32,6 +32,8 @@ class Sizes {
   const ir::SymbolValues& symbols() const { return symbols_; }
 
  private:
+  std::string where(const ir::Dim& dim) const;  // what the symbols are, and why
+
   ir::SymbolValues symbols_;
   std::map<std::string, std::string, std::less<>> origins_;
 };

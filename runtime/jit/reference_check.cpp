@@ -9,6 +9,7 @@
 #include "compiler/backend/bundle/bundle.h"
 #include "compiler/backend/bundle/entries.h"
 #include "compiler/backend/bundle/touched.h"
+#include "runtime/data/lines.h"
 #include "runtime/jit/reference_program.h"
 
 namespace dr::jit {
@@ -245,8 +246,7 @@ io::Result<Comparison> ReferenceCheck::State::run(runtime::Program& program, con
 }
 
 std::string describe(const Difference& d) {
-  std::string lines;
-  for (const std::string& line : d.lines) lines += (lines.empty() ? "; lines " : ", ") + line;
+  const std::string lines = d.lines.empty() ? "" : "; lines " + runtime::few_of(d.lines);
   return "pass '" + d.pass + "' gives " + text_of(d.place.value) + " for '" + d.value + "' at element (" +
          std::to_string(d.place.x) + ", " + std::to_string(d.place.y) + ", " + std::to_string(d.place.layer) +
          "), the reference " + text_of(d.expected) + "; " + std::to_string(d.count) + " of " + std::to_string(d.size) +

@@ -3,6 +3,7 @@
 // runs.
 #include <algorithm>
 
+#include "runtime/data/lines.h"
 #include "runtime/program/compile_beside.h"
 #include "runtime/program/state.h"
 
@@ -244,10 +245,10 @@ namespace {
 
 // A command by its label, and its lines: "'update' (fit.dr:3)".
 std::string named(const bundle::BundleT& bundle, const bundle::CommandT& c) {
-  std::string where;
+  std::vector<std::string> lines;
   for (const bundle::Line& line : c.lines)
-    where += (where.empty() ? " (" : ", ") + bundle.files[line.file()] + ":" + std::to_string(line.line());
-  return "'" + c.label + "'" + where + (where.empty() ? "" : ")");
+    lines.push_back(bundle.files[line.file()] + ":" + std::to_string(line.line()));
+  return "'" + c.label + "'" + (lines.empty() ? "" : " (" + few_of(lines) + ")");
 }
 
 }  // namespace

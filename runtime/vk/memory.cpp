@@ -5,6 +5,9 @@
 #include <algorithm>
 #include <bit>
 
+#include "compiler/backend/bundle/touched.h"
+#include "runtime/data/lines.h"
+
 namespace dr::runtime {
 
 using bundle::Storage;
@@ -96,8 +99,29 @@ vk::DeviceSize Memory::buffer_bytes(uint32_t k) const {
 }
 
 void Memory::check_sizes(const std::vector<uint32_t>& resources) const {
-  for (const uint32_t k : resources)
-    if (bundle_.resources[k]->storage == Storage::Buffer) buffer_bytes(k);
+  for (const uint32_t k : resources) {
+    if (bundle_.resources[k]->storage != Storage::Buffer) continue;
+    try {
+      buffer_bytes(k);
+    } catch (const Failure& failure) {
+      throw Failure{failure.message + made_at(k)};
+    }
+  }
+}
+
+// The lines behind the commands that write a resource.
+std::string Memory::made_at(uint32_t k) const {
+  std::vector<std::string> lines;
+  for (const auto& step : bundle_.steps)
+    for (const auto& command : step->commands) {
+      const auto touched = bundle::touched_by(*command);
+      if (std::ranges::none_of(touched, [&](const auto& t) { return t.written && t.resource == k; })) continue;
+      for (const bundle::Line& line : command->lines) {
+        lines.push_back(bundle_.files[line.file()] + ":" + std::to_string(line.line()));
+        if (std::ranges::find(lines.begin(), lines.end() - 1, lines.back()) != lines.end() - 1) lines.pop_back();
+      }
+    }
+  return lines.empty() ? "" : "; made at " + few_of(lines);
 }
 
 std::vector<vk::MemoryRequirements> Memory::create_buffer(uint32_t k) {

@@ -138,6 +138,7 @@ class Memory {
   int64_t room(uint32_t type) const;
   void bind(uint32_t resource, const std::map<SlotId, Slot>& slots);
   std::string largest(const std::vector<uint32_t>& resources) const;
+  std::string made_at(uint32_t resource) const;
 
   std::shared_ptr<DeviceState> device_;
   const bundle::BundleT& bundle_;
