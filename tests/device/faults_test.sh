@@ -21,11 +21,18 @@ step look { output corner = position.at(face.x); }
 step beside { output edge = topology(face, 3).edge; }
 END_OF_PROGRAM
 grep -v topology mesh.dr > corner.dr
+cat > small.dr << 'END'
+edition 1;
+input x : float[W, H];
+let halved = x.at(2 * coord(W, H / 2).xy) + float(coord(W, H / 2).y);
+step look { output halved; }
+END
 cat > place.dr << 'END'
 edition 1;
 input position : vec3[V];
 input face : ivec3[F];
 step look { output seen = position.at(face.at(1).y); }
+step other { output mean = mean(position); }
 END
 cat > outline.dr << 'END_OF_PROGRAM'
 edition 1;
@@ -124,7 +131,13 @@ faults() { # DEVICE
   expect 1 "leaf 'face': element 0 names 3, but 'position' has 3 elements" \
     outline.dr "${on[@]}" --bind 'position=[[0, 0, 0], [1, 0, 0], [0, 1, 0]]' --bind 'face=[[0, 1, 3]]'
   expect 1 "leaf 'face': element 1 names 4, but 'position' has 2 elements" \
-    place.dr "${on[@]}" --bind 'position=[[0, 0, 0], [1, 0, 0]]' --bind 'face=[[9, 9, 9], [0, 4, 0]]'
+    place.dr "${on[@]}" --step look --bind 'position=[[0, 0, 0], [1, 0, 0]]' --bind 'face=[[9, 9, 9], [0, 4, 0]]'
+  "$drun" place.dr "${on[@]}" --step other --bind 'position=[[0, 0, 0], [1, 0, 0]]' --bind 'face=[[9, 9, 9], [0, 4, 0]]' > out 2> err ||
+    complain 'an index that the step does not read' "exit code $?"
+  local made=" by leaf 'x'; made at small.dr:3"
+  [[ $1 == reference ]] && made=
+  expect 1 "where 'H' is 1$made" \
+    small.dr "${on[@]}" --step look --bind 'x=[[1, 2]]'
   expect 1 "expected a file, or a number or list, after '='" mesh.dr "${on[@]}" --step look --bind face=
   expect 1 "expected a program, found data: 'bad.obj' can be bound to an input" bad.obj "${on[@]}"
   expect 1 'names -2,' \

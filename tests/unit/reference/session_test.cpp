@@ -185,7 +185,7 @@ TEST_CASE("extents must be positive") {
     })");
   CHECK(run(graph, {{"x", picture(3)}}).at("r").data == Numbers{1, 1});
   CHECK(error(graph, {{"x", picture(1)}}).message ==
-        "'inner' has the extent 'W - 1', which is 0; at least 1 is expected");
+        "'inner' has the extent 'W - 1', which is 0; at least 1 is expected, where 'W' is 1");
 }
 
 TEST_CASE("a symbol that data do not determine") {
