@@ -257,8 +257,7 @@ class Evaluator {
 
   // As it was computed: floats in float64.
   std::optional<io::Array> typed(const std::string& name, const reference::Image& image) const {
-    if (const auto place = first_not_finite(image))
-      tell_not_finite(name, "'" + name + "' has " + io::describe(*place));
+    if (const auto place = first_not_finite(image)) tell_not_finite(name, "'" + name + "' has " + io::describe(*place));
     auto array = to_array(image);
     if (!array) return print_error("the value '" + name + "': " + array.error()), std::nullopt;
     return *std::move(array);

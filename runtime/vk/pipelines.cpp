@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <cassert>
 #include <iterator>
 #include <string_view>
 #include <utility>
@@ -124,6 +125,7 @@ std::vector<bundle::Split> Pipelines::splits_of(const std::vector<Descriptor>& d
     if (buffer.in_pieces())
       most = std::min(most, texel == 3 ? buffer.each / 12 : buffer.each / 3 / std::max(1u, texel * 4));
     if (has <= most) continue;
+    assert(most > 0);  // buffers in pieces have room for some of any texel
     const auto log_size = static_cast<uint32_t>(std::bit_width(most) - 1);
     const vk::DeviceSize parts = (has + (vk::DeviceSize{1} << log_size) - 1) >> log_size;
     out.push_back({k, static_cast<uint32_t>(count), static_cast<uint32_t>(parts), log_size});

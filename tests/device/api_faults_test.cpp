@@ -14,6 +14,8 @@
 #include "tests/device/compile.h"
 #include "tests/device/devices.h"
 
+// What was moved from is what some cases are about.
+// NOLINTBEGIN(bugprone-use-after-move,clang-analyzer-cplusplus.Move)
 using namespace dr;
 using io::Array;
 
@@ -639,3 +641,4 @@ step spoil { p <- p / t; output total = sum(p); }
     tells(judge, said);
   });
 }
+// NOLINTEND(bugprone-use-after-move,clang-analyzer-cplusplus.Move)

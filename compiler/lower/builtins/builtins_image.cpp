@@ -355,7 +355,9 @@ Value Elaborator::builtin_require(BuiltinCall& call) {
   for (size_t i = 2; i < call.args.size(); ++i) {
     const auto numbers = known_components(call.args[i]);
     const bool is_number = numbers && numbers->size() == 1;
-    found += (i == 2 ? ", found " : i + 1 == call.args.size() ? " and " : ", ") +
+    found += (i == 2                      ? ", found "
+              : i + 1 == call.args.size() ? " and "
+                                          : ", ") +
              (is_number ? short_text((*numbers)[0]) : describe(call.args[i]));
   }
   return fail(Code::E0516, call.span, "expected " + words->text + found);
