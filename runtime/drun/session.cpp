@@ -388,6 +388,9 @@ std::string Session::checked_run(const std::string& step, int run) {
 
 std::string Session::compared_run(const std::string& step, int run) {
   const jit::Comparison found = must(target_.compared_run(step, at_.runs[step]));
+  for (const jit::Difference& one : found.excused)
+    std::fprintf(stderr, "drun: warning: step '%s': float32 alone decides otherwise than the reference: %s\n",
+                 step.c_str(), describe(one).c_str());
   if (found.differ.empty()) {
     std::printf("%s: run %d agrees with the reference in %d values\n", step.c_str(), run, found.values);
     return {};

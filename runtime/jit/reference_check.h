@@ -20,11 +20,14 @@ struct Difference {
   io::Place place;  // what the device has there
   double expected = 0;
   int64_t count = 0, size = 0;  // of numbers: those that differ, and all
+  double share = 0;             // how far the worst is off, of the larger of its magnitude and its value's
 };
 
 struct Comparison {
   int values = 0;                  // compared
   std::vector<Difference> differ;  // in the order in which commands wrote them
+  // Values that pass although some numbers are far off, since float32 alone makes as much of them.
+  std::vector<Difference> excused;
 };
 
 class ReferenceCheck {

@@ -19,5 +19,13 @@ expect 0 'agrees with the reference in 2 values' sum.dr --bind a=ones.csv --chec
 expect 1 "for 'total' at element (0, 0, 0), the reference 70000" sum.dr --bind a=ones.csv --profile no_limit.json \
   --check-against-reference
 expect 1 'sum.dr:4' sum.dr --bind a=ones.csv --profile no_limit.json --check-against-reference=2
+# A number that float32 has no room for passes, and is told of.
+cat > small.dr << 'END'
+edition 1;
+input a : float[N];
+step look { output sure = 2.0 * a, decided = if a * 1e-30 * 1e-30 > 0.0 { a } else { 0.0 }; }
+END
+expect 0 'agrees with the reference in 2 values' small.dr --bind 'a=[1, 2, 3]' --check-against-reference
+expect 0 "float32 alone decides otherwise than the reference: pass" small.dr --bind 'a=[1, 2, 3]' --check-against-reference
 expect 2 'expected a number of runs' sum.dr --bind a=ones.csv --check-against-reference=0
 exit $failed
