@@ -117,8 +117,8 @@ std::string Memory::made_at(uint32_t k) const {
       const auto touched = bundle::touched_by(*command);
       if (std::ranges::none_of(touched, [&](const auto& t) { return t.written && t.resource == k; })) continue;
       for (const bundle::Line& line : command->lines) {
-        lines.push_back(bundle_.files[line.file()] + ":" + std::to_string(line.line()));
-        if (std::ranges::find(lines.begin(), lines.end() - 1, lines.back()) != lines.end() - 1) lines.pop_back();
+        std::string text = bundle_.files[line.file()] + ":" + std::to_string(line.line());
+        if (std::ranges::find(lines, text) == lines.end()) lines.push_back(std::move(text));
       }
     }
   return lines.empty() ? "" : "; made at " + few_of(lines);
