@@ -84,6 +84,16 @@ void Elaborator::forget_outside(ir::RegionId region) {
   b_.remove(region, [&](ir::OpId id) { return unused.contains(id); });
 }
 
+namespace {
+
+// Whether an index is known to name an image's first element.
+bool is_zero(const Value& index) {
+  const auto known = known_components(index);
+  return known && std::ranges::all_of(*known, [](double component) { return component == 0; });
+}
+
+}  // namespace
+
 bool Elaborator::is_index(const Value& value) const {
   if (!value.is_numeric()) return false;
   const Type type = element_type(value);
@@ -131,6 +141,8 @@ Value Elaborator::gather(const Value& base, const Value& index, const Span& base
         "the layers " + places.l.str() + " of the index do not match the layers " + extent.l.str() + " of " + name, {},
         "name the layer with an ivec3");
   }
+  if (const auto* constant = base.get<Constant>(); constant && extent.is_unit() && is_zero(index))
+    return stretched(base, places);
   const Value operands[] = {base, index};
   return image_op(OpKind::Gather, operands, {}, {&index, 1});
 }

@@ -249,6 +249,7 @@ class Identities {
 
   std::optional<ValueId> gather() {
     if (auto simpler = gather_of_select()) return simpler;
+    if (e_.in_root() && e_.value(operand(0)).extent.is_unit() && is_all(1, 0)) return same(0);  // all there is
     return own_place();
   }
 
