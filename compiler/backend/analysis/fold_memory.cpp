@@ -2,6 +2,8 @@
 #include "compiler/backend/analysis/fold_memory.h"
 
 #include <algorithm>
+#include <map>
+#include <utility>
 
 #include "compiler/ir/yields.h"
 
@@ -28,7 +30,8 @@ int64_t words_of(const ir::Graph& graph, const ir::Op& op) {
 }  // namespace
 
 std::optional<std::string> folds_over_limit(const ir::Graph& graph, const SourceLines& lines) {
-  std::string text;
+  // Loops of one line, of which the one that carries most is told.
+  std::map<std::string, std::pair<int64_t, std::string>> found;
   for (uint32_t k = 0; k < graph.op_count(); ++k) {
     const ir::Op& op = graph.op(ir::OpId{k});
     if (op.kind != ir::OpKind::Fold || ir::fold_sweeps(op) < 3) continue;
@@ -37,11 +40,16 @@ std::optional<std::string> folds_over_limit(const ir::Graph& graph, const Source
     const std::string& name = graph.value(graph.region(op.regions[0]).params.back()).name;
     const auto line = lines.of(ir::OpId{k});
     const std::string where = line ? lines.files()[line->file()] + ":" + std::to_string(line->line()) + ": " : "";
-    text += (text.empty() ? "" : "\n") + where + std::string("a gradient of a gradient stores what the loop") +
-            (name.empty() ? "" : " over '" + name + "'") + " carries: promise at most " +
-            std::to_string(kMostWords / words) + " trips with 'max'" +
-            (bound < 0 ? "" : ", not " + std::to_string(bound));
+    auto& [most, text] = found[where + name];
+    if (words <= most) continue;
+    most = words;
+    text = where + std::string("a gradient of a gradient stores what the loop") +
+           (name.empty() ? "" : " over '" + name + "'") + " carries: promise at most " +
+           std::to_string(kMostWords / words) + " trips with 'max'" +
+           (bound < 0 ? "" : ", not " + std::to_string(bound));
   }
+  std::string text;
+  for (const auto& [place, told] : found) text += (text.empty() ? "" : "\n") + told.second;
   return text.empty() ? std::nullopt : std::optional(text);
 }
 

@@ -2,6 +2,8 @@
 #include "compiler/backend/lowering/heavy_branches.h"
 
 #include <algorithm>
+#include <limits>
+#include <map>
 #include <set>
 
 #include "compiler/backend/analysis/shared_loops.h"
@@ -41,36 +43,60 @@ int region_cost(const ir::Graph& graph, ir::RegionId region) {
 // What ops cost of which sinks are made, if a condition is false. None: whatever conditions are.
 class Needed {
  public:
-  Needed(const ir::Graph& graph, const Pass& pass) : graph_(graph), here_(pass.ops.begin(), pass.ops.end()) {}
+  Needed(const ir::Graph& graph, const Pass& pass) : graph_(graph) {
+    for (const ir::OpId id : pass.ops) places_.emplace(id, places_.size());
+    ops_.reserve(pass.ops.size());
+    for (const ir::OpId id : pass.ops) {
+      const ir::Op& op = graph.op(id);
+      OpUse& use = ops_.emplace_back(OpUse{whole_cost(graph, op), {}, {}, {}});
+      const Uses uses = uses_of(graph, op);
+      for (const auto* list : {&uses.at_element, &uses.elsewhere})
+        for (const ir::ValueId operand : *list) include(operand, use.operands);
+      if (op.kind != ir::OpKind::Select) continue;
+      use.condition = op.operands[0];
+      for (const size_t k : {size_t{0}, size_t{2}}) include(op.operands[k], use.if_false);
+    }
+  }
 
-  int cost(std::span<const ir::ValueId> sinks, std::optional<ir::OpId> select) {
-    seen_.clear();
-    cost_ = 0;
+  // Or more than `most`, where it is more than that.
+  int cost(std::span<const ir::ValueId> sinks, std::optional<ir::OpId> select, int most) {
     const ir::ValueId no = select ? graph_.op(*select).operands[0] : ir::ValueId{};
+    std::vector<size_t> open;
     for (const ir::ValueId v : sinks)
-      if (!select || !is_zero_without(graph_, v, {&*select, 1})) add(v, no);
-    return cost_;
+      if (!select || !is_zero_without(graph_, v, {&*select, 1})) include(v, open);
+    seen_.assign(ops_.size(), false);
+    int cost = 0;
+    while (!open.empty() && cost <= most) {
+      const size_t place = open.back();
+      open.pop_back();
+      if (seen_[place]) continue;
+      seen_[place] = true;
+      const OpUse& use = ops_[place];
+      const bool is_false = no.valid() && use.condition == no;
+      if (!is_false) cost += use.cost;
+      const std::vector<size_t>& operands = is_false ? use.if_false : use.operands;
+      open.insert(open.end(), operands.begin(), operands.end());
+    }
+    return cost;
   }
 
  private:
-  void add(ir::ValueId v, ir::ValueId no) {
-    const ir::OpId id = graph_.value(v).op;
-    if (!id.valid() || here_.count(id) == 0 || !seen_.insert(id).second) return;
-    const ir::Op& op = graph_.op(id);
-    if (op.kind == ir::OpKind::Select && op.operands[0] == no) {
-      for (const size_t k : {size_t{0}, size_t{2}}) add(op.operands[k], no);
-      return;
-    }
-    cost_ += whole_cost(graph_, op);
-    const Uses uses = uses_of(graph_, op);
-    for (const auto* list : {&uses.at_element, &uses.elsewhere})
-      for (const ir::ValueId operand : *list) add(operand, no);
+  struct OpUse {
+    int cost;
+    ir::ValueId condition;  // of a select
+    // Places among the pass's ops.
+    std::vector<size_t> operands, if_false;
+  };
+
+  void include(ir::ValueId v, std::vector<size_t>& places) const {
+    const auto found = places_.find(graph_.value(v).op);
+    if (found != places_.end()) places.push_back(found->second);
   }
 
   const ir::Graph& graph_;
-  const std::set<ir::OpId> here_;
-  std::set<ir::OpId> seen_;
-  int cost_ = 0;
+  std::map<ir::OpId, size_t> places_;
+  std::vector<OpUse> ops_;
+  std::vector<bool> seen_;
 };
 
 // Whether there surely are more elements than a GPU runs at once. A heavy branch needs registers, so that fewer run at
@@ -114,8 +140,10 @@ std::optional<ir::OpId> heavy_select(const ir::Graph& graph, const Pass& pass, s
                                      const Trips& trips, const target::Profile& profile) {
   if (!profile.lanes_in_turn || may_pass_limit(trips, profile)) return std::nullopt;
   Needed needed(graph, pass);
-  const int all = needed.cost(sinks, std::nullopt);
-  int least = all;
+  const int all = needed.cost(sinks, std::nullopt, std::numeric_limits<int>::max());
+  // What may be left at most: all - least >= kTimesLighter * (least + 1).
+  const int most = (all - kTimesLighter) / (kTimesLighter + 1);
+  int least = most + 1;
   std::optional<ir::OpId> best;
   std::set<ir::ValueId> conditions;
   for (const ir::OpId id : pass.ops) {
@@ -123,10 +151,9 @@ std::optional<ir::OpId> heavy_select(const ir::Graph& graph, const Pass& pass, s
     if (op.kind != ir::OpKind::Select || graph.value(op.operands[0]).type != ir::kBool ||
         !conditions.insert(op.operands[0]).second)
       continue;
-    if (const int without = needed.cost(sinks, id); without < least) best = id, least = without;
+    if (const int without = needed.cost(sinks, id, least); without < least) best = id, least = without;
   }
-  const int saved = all - least;
-  return saved >= kWorthListing && saved >= kTimesLighter * (least + 1) ? best : std::nullopt;
+  return all - least >= kWorthListing ? best : std::nullopt;
 }
 
 }  // namespace dr::backend

@@ -113,6 +113,16 @@ void Elaborator::load_import(ModuleInfo& importer, const dsl::ImportDecl& import
 
 namespace {
 
+// Whether an op was emitted although all that it is of is constant: its value is not finite.
+bool is_of_constants(const ir::Builder& b, ir::ValueId v) {
+  const ir::OpId id = b.value(v).op;
+  if (!id.valid()) return false;
+  const ir::Op& op = b.graph().op(id);
+  return op.kind == ir::OpKind::Const || (!op.operands.empty() && std::ranges::all_of(op.operands, [&](ir::ValueId x) {
+           return is_of_constants(b, x);
+         }));
+}
+
 // The folder of a module's file, for library modules inside the library.
 std::string folder_of(const ModuleInfo& module) {
   if (module.folder.empty()) return module.path.substr(0, module.path.rfind('/') + 1);
@@ -249,12 +259,15 @@ Value Elaborator::item_value(ModuleInfo& module, std::string_view name, ModuleIt
       const auto fitted = declared(value, *decl.type, decl.name.text, decl.value->span);
       value = fitted ? *fitted : Value(Error{});
     }
-    bool known = true;
-    for_each_leaf(value, [&](const Value& leaf) { known = known && !leaf.is<Image>(); });
-    if (!known) {
+    std::optional<ir::ValueId> unknown;
+    for_each_leaf(value, [&](const Value& leaf) {
+      if (const auto* image = leaf.get<Image>(); image && !unknown) unknown = image->id;
+    });
+    if (unknown) {
       value = fail(Code::E0501, decl.value->span,
-                   "expected a value known at compile time for the const '" + decl.name.text +
-                       "', found one that is computed at run time");
+                   "expected a value known at compile time for the const '" + decl.name.text + "', found " +
+                       (is_of_constants(b_, *unknown) ? "NaN or Inf, which only a run may make"
+                                                      : "one that is computed at run time"));
     }
   }
   item.value = value;

@@ -397,6 +397,14 @@ TEST_CASE("what an element reads at its own place is itself") {
              {"%7"});
 }
 
+TEST_CASE("the first element of one element is all there is") {
+  check_becomes("%4 : int = const floats [0]\n%9 : int = gather %3, %4\n", "%n.3");
+  check_becomes("%4 : ivec3 = const floats [0, 0, 0]\n%9 : int = gather %3, %4\n", "%n.3");
+  // Elsewhere is nothing, and an image has more.
+  check_kept("%4 : ivec2 = const floats [0, 1]\n%5 : int = gather %n.3, %4\n", {"%5"});
+  check_kept("%4 : ivec2 = const floats [0, 0]\n%5 : float = gather %x.0, %4\n", {"%5"});
+}
+
 TEST_CASE("grad targets are left alone") {
   // %5 and %6 are the same number, but the gradient asks for one of them.
   check_kept(R"(%4 : float = const floats [2]
