@@ -44,6 +44,7 @@ class Identities {
         {OpKind::Broadcast, &Identities::broadcast_again},
         {OpKind::Gather, &Identities::gather},
         {OpKind::Shift, &Identities::shift},
+        {OpKind::Length, &Identities::length},
         {OpKind::ReduceSum, &Identities::reduce},
         {OpKind::ReduceMin, &Identities::reduce},
         {OpKind::ReduceMax, &Identities::reduce},
@@ -241,6 +242,9 @@ class Identities {
       return instead(OpKind::Broadcast, inner->operands, c_.attrs);
     return std::nullopt;
   }
+
+  // Of other constants, devices compute it.
+  std::optional<ValueId> length() { return is_all(0, 0) ? constant(0) : std::nullopt; }
 
   std::optional<ValueId> shift() {
     const bool still = std::all_of(c_.attrs.ints.begin(), c_.attrs.ints.end(), [](int64_t by) { return by == 0; });

@@ -397,6 +397,12 @@ TEST_CASE("what an element reads at its own place is itself") {
              {"%7"});
 }
 
+TEST_CASE("the length of no vector is 0, of others the device's own") {
+  check("%4 : vec3 = const floats [0, -0, 0]\n%5 : float = length %4\n", {"%5"}, "%4 : float = const floats [0]\n",
+        {"%4"});
+  check_kept("%4 : vec3 = const floats [0, 0, 2]\n%5 : float = length %4\n", {"%5"});
+}
+
 TEST_CASE("the first element of one element is all there is") {
   check_becomes("%4 : int = const floats [0]\n%9 : int = gather %3, %4\n", "%n.3");
   check_becomes("%4 : ivec3 = const floats [0, 0, 0]\n%9 : int = gather %3, %4\n", "%n.3");
