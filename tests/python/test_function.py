@@ -339,3 +339,15 @@ def test_torch_compile_keeps_the_step_index_of_each_call(torch):
         x.grad = None
         y.sum().backward()
         torch.testing.assert_close(x.grad, expected.detach())
+
+
+def test_torch_arrays_of_numpy_may_change_after_the_call(torch, device):
+    import dressi.torch
+
+    text = "edition 1;\ninput x : float[N];\ninput y : float;\nstep s { output z = x * y; }\n"
+    function = dressi.torch.function(dressi.compile(text, device=device), "s", ["x", "y"])
+    x, y = np.ones(4, np.float32), torch.tensor(2.0, requires_grad=True)
+    z = function(x, y)
+    x[:] = 100
+    function(x, y)
+    assert torch.autograd.grad(z.sum(), y)[0] == 4

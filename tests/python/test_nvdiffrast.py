@@ -340,3 +340,17 @@ def test_a_vertex_in_the_plane_of_the_camera_has_a_gradient():
     rast, _ = dr.rasterize(dr.RasterizeVkContext(DEVICE), pos, tri, (16, 16))
     dr.antialias((rast[..., 3:] > 0).float(), rast, pos, tri).sum().backward()
     assert torch.isfinite(pos.grad).all()
+
+
+def test_arrays_of_numpy_may_change_after_the_call():
+    torch = pytest.importorskip("torch")
+    array, tri = triangle()
+    pos = torch.tensor(array, requires_grad=True)
+    rast, _ = dr.rasterize(dr.RasterizeVkContext(DEVICE), pos, tri, (8, 8))
+    attr = np.random.default_rng(1).normal(size=(1, 3, 1)).astype(np.float32)
+    out, _ = dr.interpolate(attr, rast, tri)
+    (before,) = torch.autograd.grad(out.sum(), pos, retain_graph=True)
+    attr *= 10
+    tri[:] = 0
+    dr.interpolate(attr, rast, tri)
+    assert torch.equal(torch.autograd.grad(out.sum(), pos)[0], before)

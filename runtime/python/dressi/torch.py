@@ -50,7 +50,10 @@ def function(
                 raise TypeError(f"expected the tensors {', '.join(core.inputs)}, found {len(tensors)} of them")
         devices = [value.device for value in tensors if isinstance(value, _torch.Tensor)]
         where = devices[0] if devices else None
-        given = [value if isinstance(value, _torch.Tensor) else _torch.as_tensor(value, device=where) for value in tensors]
+        # Torch counts no changes of what is no tensor: a backward pass needs what was there at the call.
+        given = [
+            value if isinstance(value, _torch.Tensor) else _torch.as_tensor(value, device=where).clone() for value in tensors
+        ]
         # An op of the library takes longer to call, and is needed by the compiler alone.
         results = opaque(*given) if opaque is not None and _torch.compiler.is_compiling() else apply(core, *given)
         return results[0] if len(core.outputs) == 1 else tuple(results)
