@@ -211,6 +211,17 @@ def test_gradients_of_gradients():
     np.testing.assert_allclose(got, -seed * (arrays["a"].sum((0, 2)) * np.sin(arrays["b"])), rtol=1e-9)
 
 
+SCALED = "edition 1;\ninput x : float[N];\ninput y : float;\nstep s { output z = x * y; }\n"
+
+
+def test_constants_keep_their_values(device):
+    y = np.array(2.0)
+    function = Function(dressi.compile(SCALED, device=device), "s", ["x"], constants={"y": y})
+    for n in (2, 3):
+        assert function.forward({"x": np.ones(n)})[0][0].tolist() == [2] * n
+        y[...] = 5
+
+
 # ---- PyTorch ----
 
 
@@ -344,10 +355,19 @@ def test_torch_compile_keeps_the_step_index_of_each_call(torch):
 def test_torch_arrays_of_numpy_may_change_after_the_call(torch, device):
     import dressi.torch
 
-    text = "edition 1;\ninput x : float[N];\ninput y : float;\nstep s { output z = x * y; }\n"
-    function = dressi.torch.function(dressi.compile(text, device=device), "s", ["x", "y"])
+    function = dressi.torch.function(dressi.compile(SCALED, device=device), "s", ["x", "y"])
     x, y = np.ones(4, np.float32), torch.tensor(2.0, requires_grad=True)
     z = function(x, y)
     x[:] = 100
     function(x, y)
     assert torch.autograd.grad(z.sum(), y)[0] == 4
+
+
+def test_torch_constants_keep_their_values(torch, device):
+    import dressi.torch
+
+    y = torch.tensor(2.0)
+    function = dressi.torch.function(dressi.compile(SCALED, device=device), "s", ["x"], constants={"y": y})
+    for n in (2, 3):
+        assert function(torch.ones(n)).tolist() == [2] * n
+        y.fill_(5)

@@ -36,7 +36,7 @@ def function(
     The result is one tensor where one output is asked for, else a tuple. Gradients come from a step that the compiler adds
     to the program; leaves of integers, such as faces, get none, nor do tensors of integers. Gradients have the type and
     device of their tensors. Outputs of floats have the type that PyTorch's own operators give the tensors of floats among the
-    arguments, float32 where there are none. `constants` are leaves that stay as they are. The step's `step_index` counts the calls of the function; the
+    arguments, float32 where there are none. `constants` are leaves that keep the values given here. The step's `step_index` counts the calls of the function; the
     gradient of a call has that of the call. Under `torch.compile` it is one opaque op, where torch has `torch.library.custom_op`.
     """
     core = Function(program, step, inputs, outputs, constants, symbols)
@@ -332,7 +332,7 @@ def _custom_op(core: Function) -> Any:
         for leaf, tensor in zip(core.inputs, tensors):
             symbols.update(core.program.leaf_types[leaf].symbols_of(tensor.shape))
         for leaf, array in core.constants.items():
-            symbols.update(core.program.leaf_types[leaf].symbols_of(_torch.as_tensor(array).shape))
+            symbols.update(core.program.leaf_types[leaf].symbols_of(array.shape))
         results = [
             like.new_empty(types[out].shape(symbols), dtype=None if out in core.seeded else getattr(_torch, types[out].scalar))
             for out in core.outputs
