@@ -2,6 +2,7 @@
 """Steps as functions with derivatives: Function, and PyTorch where it is."""
 import concurrent.futures
 import gc
+import warnings
 import weakref
 
 import numpy as np
@@ -371,3 +372,16 @@ def test_torch_constants_keep_their_values(torch, device):
     for n in (2, 3):
         assert function(torch.ones(n)).tolist() == [2] * n
         y.fill_(5)
+
+
+def test_torch_calls_are_not_blamed_for_a_gradient_before_them(torch, device):
+    import dressi.torch
+
+    function = dressi.torch.function(dressi.compile(SCALED, device=device), "s", ["x", "y"])
+    x, y = torch.ones(3, requires_grad=True), torch.tensor(2.0, requires_grad=True)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", dressi.NotFiniteWarning)
+        with pytest.raises(dressi.NotFiniteWarning, match="'s.adjoint.y' has NaN"):
+            function(x, y).backward(torch.full((3,), float("nan")))
+        function(x, y).sum().backward()
+    assert y.grad == 3

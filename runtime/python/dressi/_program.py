@@ -238,8 +238,14 @@ class Run:
 
     def _tell(self) -> None:
         hint = "" if self._exact else ": Run.check_finite says where it begins"  # the evaluator has no commands to look behind
+        words = []
         while self._words:
-            warnings.warn(self._words.pop(0) + hint, c.NotFiniteWarning, stacklevel=3)
+            words.append(self._words.pop(0))
+        for k, text in enumerate(words):
+            try:
+                warnings.warn(text + hint, c.NotFiniteWarning, stacklevel=3)
+            except c.NotFiniteWarning:  # warnings are errors: one tells all, so that none is left for a later run
+                raise c.NotFiniteWarning("\n".join(words[k:]) + hint) from None
 
     def bind(self, arrays: Mapping[str, Any] | None = None, /, *, symbols: Mapping[str, int] | None = None, **more: Any) -> Run:
         """Gives leaves their data, which is copied, and symbols that no leaf determines their values. Returns the run."""
@@ -454,6 +460,7 @@ class Run:
         for leaf in self.program._steps[step]["leaves"]:
             if leaf in self.program.leaf_types:
                 other._bind(leaf, self._leaf(leaf))
+        self._words.clear()  # of reading leaves: what is found says more, and no later step is told of them
         other.set_runs(step, runs)
         found = json.loads(c.checked(c.library.dressi_checked_step(other._handle, step.encode())))
         return NotFinite(found) if found else None
