@@ -333,6 +333,28 @@ def test_places_at_the_ends_of_a_texture_and_of_lists():
     assert (out == 0).all()
 
 
+@pytest.mark.parametrize("device", ["reference", DEVICE])
+def test_places_far_outside_of_a_texture_see_nothing_of_it(device):
+    row = np.ones((1, 1, 6, 1), np.float32)
+    for place in (1e38, -1e38, 3e38, -3e38):
+        uv = np.full((1, 1, 1, 2), place, np.float32)
+        (out,), back = _core.texture(device, [row], uv, None, None, "linear", "zero")
+        assert out == 0 and (back([np.ones_like(out)])["uv"] == 0).all()
+
+
+@pytest.mark.parametrize("device", ["reference", DEVICE])
+def test_a_pixel_that_sees_more_than_the_texture_reads_its_coarsest_level(device):
+    levels = [np.full((1, size, size, 1), size, np.float32) for size in (8, 4, 2, 1)]
+    cube = [np.repeat(level[:, None], 6, 1) for level in levels]
+    for sizes, place, boundary in ((levels, [0.1, 0.1], "wrap"), (cube, [1.0, 0.1, 0.1], "cube")):
+        for da in (0.0, 1e-30, 2.0, 1e9, 1e18, 1e19, 1e30, 3e38):
+            uv = np.array(place, np.float32).reshape(1, 1, 1, -1)
+            uv_da = np.eye(len(place), 2, -len(place) + 2, dtype=np.float32).reshape(1, 1, 1, -1) * np.float32(da)
+            (out,), back = _core.texture(device, sizes, uv, uv_da, None, "linear-mipmap-linear", boundary)
+            assert out == pytest.approx(8 if da < 1 else 1, rel=1e-5)
+            assert all(np.isfinite(gradient).all() for gradient in back([np.ones_like(out)]).values())
+
+
 def test_a_vertex_in_the_plane_of_the_camera_has_a_gradient():
     torch = pytest.importorskip("torch")
     pos = torch.tensor([[[-0.5, -0.5, 0, 1], [0.7, -0.4, 0, 1], [0.1, 0.9, 0, 0]]], requires_grad=True)
