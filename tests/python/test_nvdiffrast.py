@@ -355,6 +355,26 @@ def test_a_pixel_that_sees_more_than_the_texture_reads_its_coarsest_level(device
             assert all(np.isfinite(gradient).all() for gradient in back([np.ones_like(out)]).values())
 
 
+@pytest.mark.parametrize("device", ["reference", DEVICE])
+def test_coordinates_of_any_size_give_the_same_picture(device):
+    pos, tri = triangle()
+    pos[..., 3] = [1, 2, 3]
+
+    def rasterized(pos):
+        (rast, rast_db), back, _ = _core.rasterize(device, _core.Layers(pos, tri, (8, 8), None))
+        return rast, rast_db, back([np.ones_like(rast), np.ones_like(rast_db)])["pos"]
+
+    rast, rast_db, gradient = rasterized(pos)
+    assert (rast[..., 3] == 1).sum() > 10
+    for factor in (2.0**-100, 2.0**-60, 2.0**60, 2.0**100):
+        scaled = rasterized(pos * np.float32(factor))
+        for one, other in zip(scaled, (rast, rast_db, gradient / factor)):
+            np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-6 * np.abs(other).max())
+    for reach in (1e15, 1e18, 1e30):
+        pos = np.array([[[-reach, -reach, 0, 1], [reach, -reach, 0, 1], [0, reach, 0, 1]]], np.float32)
+        assert (rasterized(pos)[0][..., 3] == 1).all()
+
+
 def test_a_vertex_in_the_plane_of_the_camera_has_a_gradient():
     torch = pytest.importorskip("torch")
     pos = torch.tensor([[[-0.5, -0.5, 0, 1], [0.7, -0.4, 0, 1], [0.1, 0.9, 0, 0]]], requires_grad=True)
