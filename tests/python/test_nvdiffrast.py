@@ -396,3 +396,18 @@ def test_arrays_of_numpy_may_change_after_the_call():
     tri[:] = 0
     dr.interpolate(attr, rast, tri)
     assert torch.equal(torch.autograd.grad(out.sum(), pos)[0], before)
+
+
+def test_contexts_take_devices_and_know_at_once_where_there_is_none():
+    pos, tri = triangle()
+    device = dressi.Device(DEVICE)
+    for given in (device, DEVICE):
+        context = dr.RasterizeVkContext(given)
+        rast, _ = dr.rasterize(context, pos, tri, (8, 8))
+        assert context.device is given and (dr.interpolate(pos, rast, tri)[0] != 0).any()
+    for wrong in (lambda: dr.RasterizeVkContext("zzz"), lambda: dr.set_device("zzz")):
+        with pytest.raises(dressi.DeviceError, match="zzz"):
+            wrong()
+        dr.interpolate(pos, rast, tri)  # on the device that there is
+    dr.set_device(device)
+    dr.interpolate(pos, rast, tri)

@@ -27,9 +27,9 @@ _STOPPED = 2  # of dressi_watched_step
 
 
 class Device:
-    """A Vulkan device, or the float64 evaluator ("reference"), which needs none."""
+    """A Vulkan device, by a part of its name or its number, or the float64 evaluator ("reference"), which needs none."""
 
-    def __init__(self, name: str = "", *, validation: bool = False) -> None:
+    def __init__(self, name: str | int = "", *, validation: bool = False) -> None:
         self._handle = c.checked(c.library.dressi_device_open(c.encoded(str(name), "the name of a device", c.DeviceError), validation), c.DeviceError)
         c.freed_with(self, c.library.dressi_device_free, self._handle)
         self.info: dict[str, str] = json.loads(c.library.dressi_device_info(self._handle))
@@ -74,11 +74,11 @@ def _open_by_name(name: str, process: int) -> Device:
     return Device(name)
 
 
-def _device(device: Device | str | None) -> Device:
+def _device(device: Device | str | int | None) -> Device:
     if isinstance(device, Device):
         device._check_process()
         return device
-    return _open_by_name(device or "", os.getpid())
+    return _open_by_name("" if device is None else str(device), os.getpid())
 
 
 class Program:
@@ -87,7 +87,7 @@ class Program:
     def __init__(
         self,
         bundle: bytes,
-        device: Device | str | None = None,
+        device: Device | str | int | None = None,
         _handle: int | None = None,
         _source: tuple[str, str, list[tuple[str, str]], str] | None = None,
     ) -> None:
@@ -136,7 +136,7 @@ class Program:
         finally:
             part.unlink(missing_ok=True)
 
-    def on(self, device: Device | str | None) -> Program:
+    def on(self, device: Device | str | int | None) -> Program:
         """The same program for runs on another device."""
         return Program(self.bundle, device, None, self._source)
 
@@ -522,7 +522,7 @@ class Watch:
 def compile(
     source: str | os.PathLike[str],
     *,
-    device: Device | str | None = None,
+    device: Device | str | int | None = None,
     defines: Mapping[str, Any] | None = None,
     known: Mapping[str, float | Sequence[float]] | None = None,
     include: Sequence[str | os.PathLike[str]] = (),
@@ -581,7 +581,7 @@ def _is_text(source: str) -> bool:
     return "\n" in source or (";" in source and not os.path.exists(source))
 
 
-def _compiled(name: str, text: str, options: list[tuple[str, str]], device: Device | str | None) -> Program:
+def _compiled(name: str, text: str, options: list[tuple[str, str]], device: Device | str | int | None) -> Program:
     handle = c.library.dressi_compile(c.encoded(name, "the file's name"), c.encoded(text, "the program"), _device(device)._handle, c.pairs(options))
     return Program(b"", device, c.checked(handle, c.CompileError), (name, text, options, _folder()))
 
@@ -604,7 +604,7 @@ def _numbers(value: Any) -> str:
     return ",".join(repr(float(number)) for number in (value if isinstance(value, Sequence) else [value]))
 
 
-def load(bundle: bytes | str | os.PathLike[str], *, device: Device | str | None = None) -> Program:
+def load(bundle: bytes | str | os.PathLike[str], *, device: Device | str | int | None = None) -> Program:
     """A program that `drc build --emit=bundle` or `Program.save` wrote: its bytes, or its file."""
     if isinstance(bundle, (bytes, bytearray, memoryview)):
         return Program(bytes(bundle), device)

@@ -18,6 +18,7 @@ from typing import Any, Sequence
 import numpy as _np
 
 from .._library import Error
+from .._program import Device, _device as _open
 from . import _core
 
 __all__ = [
@@ -36,14 +37,15 @@ __all__ = [
     "texture_construct_mip",
 ]
 
-_device = ""
+_device: Device | str = ""
 _log_level = 1
 
 
-def set_device(name: str) -> None:
-    """The device of operations without a context: part of a device's name, its number, or "reference"."""
+def set_device(device: Device | str | int) -> None:
+    """The device of operations without a context: part of a device's name, its number, "reference", or a `dressi.Device`."""
     global _device
-    _device = name
+    _open(device)  # or says that there is none
+    _device = device if isinstance(device, Device) else str(device)
 
 
 def get_log_level() -> int:
@@ -57,15 +59,17 @@ def set_log_level(level: int) -> None:
 
 
 class RasterizeVkContext:
-    """The device that rasterizes. `device` is part of its name, its number, or "reference"; devices of PyTorch are taken as the
-    first one."""
+    """The device that rasterizes. `device` is part of its name, its number, "reference", or a `dressi.Device`; devices of PyTorch are
+    taken as the first one. A `DeviceError` says where there is none."""
 
     def __init__(self, device: Any = None, output_db: bool = True, mode: str = "automatic") -> None:
-        name = str(device) if device is not None else ""
-        self.device = "" if name in ("cpu", "cuda") or name.startswith("cuda:") else name
+        name = "" if device is None else str(device)
+        if name in ("cpu", "cuda") or name.startswith("cuda:"):
+            name = ""
+        set_device(device if isinstance(device, Device) else name)
+        self.device = _device
         self.output_db = output_db
         self.active_depth_peeler: DepthPeeler | None = None
-        set_device(self.device)
 
     def set_context(self) -> None:
         """Kept for programs that call it, as is `release_context`."""

@@ -16,21 +16,21 @@ import numpy as np
 
 from .._function import Function
 from .._library import Error
-from .._program import Program, Run, compile
+from .._program import Device, Program, Run, compile
 
 # Gradients of the arguments that have one, by name.
 Back = Callable[[Sequence[Any]], dict[str, np.ndarray]]
 
 
-@functools.lru_cache(maxsize=None)
-def program(name: str, device: str, *defines: tuple[str, int]) -> Program:
+@functools.lru_cache(maxsize=64)
+def program(name: str, device: Device | str, *defines: tuple[str, int]) -> Program:
     return compile(pathlib.Path(__file__).with_name(f"{name}.dr"), device=device, defines=dict(defines))
 
 
 @functools.lru_cache(maxsize=64)
 def _function(
     name: str,
-    device: str,
+    device: Device | str,
     defines: tuple[tuple[str, int], ...],
     step: str,
     inputs: tuple[str, ...],
@@ -108,12 +108,12 @@ _finding = threading.Lock()  # what is bound to a finder is there until it has f
 
 
 @functools.lru_cache(maxsize=16)
-def _finder(device: str, defines: tuple[tuple[str, int], ...], width: int, height: int, *_key: Any) -> Run:
+def _finder(device: Device | str, defines: tuple[tuple[str, int], ...], width: int, height: int, *_key: Any) -> Run:
     return program("rasterize", device, *defines).bind(symbols={"W": width, "H": height})
 
 
 def rasterize(
-    device: str, layers: Layers, above: tuple[np.ndarray, np.ndarray] | None = None
+    device: Device | str, layers: Layers, above: tuple[np.ndarray, np.ndarray] | None = None
 ) -> tuple[list[np.ndarray], Back, np.ndarray]:
     """(rast, rast_db), the way back to pos, and the depths. `above`: only what lies behind these depths is seen, or at them with a larger
     face number than these."""
@@ -129,7 +129,7 @@ def rasterize(
     return weigh(device, layers, face)
 
 
-def weigh(device: str, layers: Layers, face: np.ndarray) -> tuple[list[np.ndarray], Back, np.ndarray]:
+def weigh(device: Device | str, layers: Layers, face: np.ndarray) -> tuple[list[np.ndarray], Back, np.ndarray]:
     """What `rasterize` gives where pixels see these faces (-1 is none)."""
     defines = (("STRIDE", layers.stride),)
     inside = _function("rasterize", device, defines, "weigh", ("pos", "tri", "face"), ("rast", "rast_db", "depth"))
@@ -151,7 +151,7 @@ def _seed(array: Any) -> np.ndarray:
 
 
 def interpolate(
-    device: str, attr: Any, rast: Any, tri: Any, rast_db: Any = None, diff_attrs: str | Sequence[int] | None = None
+    device: Device | str, attr: Any, rast: Any, tri: Any, rast_db: Any = None, diff_attrs: str | Sequence[int] | None = None
 ) -> tuple[list[Any], Back]:
     """[out, out_da] (out_da is None without `diff_attrs`) and the way back to attr, rast and rast_db."""
     attr, rast, tri = _floats("attr", attr, (2, 3)), _floats("rast", rast, (4,), (4,)), _faces(tri)
@@ -241,7 +241,7 @@ def _blended(color: Any, rast: Any, pos: Any, tri: Any) -> tuple[np.ndarray, np.
 
 
 def antialias(
-    device: str, color: Any, rast: Any, pos: Any, tri: Any, opposite: np.ndarray | None = None, boost: float = 1.0
+    device: Device | str, color: Any, rast: Any, pos: Any, tri: Any, opposite: np.ndarray | None = None, boost: float = 1.0
 ) -> tuple[list[np.ndarray], Back]:
     """[out] and the way back to color and pos."""
     color, rast, pos, tri = _blended(color, rast, pos, tri)
@@ -254,7 +254,7 @@ def antialias(
 
 
 def antialias_exact(
-    device: str, color: Any, rast: Any, pos: Any, tri: Any, across: np.ndarray | None = None, outlines: int = 64, boost: float = 1.0
+    device: Device | str, color: Any, rast: Any, pos: Any, tri: Any, across: np.ndarray | None = None, outlines: int = 64, boost: float = 1.0
 ) -> tuple[list[np.ndarray], Back]:
     """As `antialias`, by the area that each face covers of a pixel; a tile of 4 x 4 pixels lists at most so many faces with `outlines`."""
     color, rast, pos, tri = _blended(color, rast, pos, tri)
@@ -269,7 +269,7 @@ def antialias_exact(
 
 def _blend(
     name: str,
-    device: str,
+    device: Device | str,
     defines: tuple[tuple[str, int], ...],
     symbols: tuple[tuple[str, int], ...],
     color: np.ndarray,
@@ -334,7 +334,7 @@ def pyramid(tex: Any, max_level: int | None) -> list[Any]:
 
 
 def texture(
-    device: str, levels: Sequence[Any], uv: Any, uv_da: Any, bias: Any, filter_mode: str, boundary_mode: str
+    device: Device | str, levels: Sequence[Any], uv: Any, uv_da: Any, bias: Any, filter_mode: str, boundary_mode: str
 ) -> tuple[list[np.ndarray], Back]:
     """[out] and the way back to uv, uv_da, mip_level_bias and, as tex0, tex1, ..., the levels."""
     cube = boundary_mode == "cube"
