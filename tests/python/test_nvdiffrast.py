@@ -184,11 +184,15 @@ def triangle():
     return pos, np.array([[0, 1, 2]], np.int32)
 
 
-def sampled(uv_da=None, bias=None, mip=None):
+def sampled(uv_da=None, bias=None, mip=None, **more):
     """An 8 x 8 texture at 2 x 3 places, with other arguments of these shapes."""
     zeros = [None if shape is None else np.zeros(shape, np.float32) for shape in (uv_da, bias, mip)]
     texture, uv = np.zeros((1, 8, 8, 1), np.float32), np.zeros((1, 2, 3, 2), np.float32)
-    return dr.texture(texture, uv, *zeros[:2], mip=None if mip is None else zeros[2:])
+    return dr.texture(texture, uv, *zeros[:2], mip=None if mip is None else zeros[2:], **more)
+
+
+def of_range(ctx, pos, tri, *range):
+    return dr.rasterize(ctx, pos[0], tri, (8, 8), ranges=np.array([range], np.int32))
 
 
 def turned_derivatives(ctx, pos, tri):
@@ -208,6 +212,17 @@ def turned_derivatives(ctx, pos, tri):
         (lambda c, p, t: dr.texture(p[None], p[..., None, :2], filter_mode="linear-mipmap-linear"), "needs uv_da"),
         (lambda c, p, t: dr.texture_construct_mip(np.zeros((1, 6, 8, 3), np.float32)), "cannot be halved"),
         (lambda c, p, t: dr.rasterize(c, p, t, (8, 8, 8)), r"resolution: expected two positive numbers, found \(8, 8, 8\)"),
+        (lambda c, p, t: dr.rasterize(c, p, t, 8), "resolution: expected a list of whole numbers, found 8"),
+        (lambda c, p, t: dr.rasterize(c, p, t, (1 << 20, 1 << 20)), r"resolution: expected fewer than 2\^30 pixels in all pictures"),
+        (lambda c, p, t: of_range(c, p, t, 5, 9), r"a count within tri's 1, found \[5, 9\]"),
+        (lambda c, p, t: of_range(c, p, t, -3, 4), r"a count within tri's 1, found \[-3, 4\]"),
+        (lambda c, p, t: of_range(c, p, t, 1, 2**31 - 1), r"a count within tri's 1, found"),
+        (lambda c, p, t: dr.interpolate(p, p[None], t, p[None], "some"), 'diff_attrs: expected a list of channels or "all", found \'some\''),
+        (lambda c, p, t: dr.interpolate(p, p[None], t, p[None], 1), "diff_attrs: expected a list of whole numbers, found 1"),
+        (lambda c, p, t: dr.interpolate(p, p[None], t, p[None], [1.5]), "diff_attrs: expected whole numbers, found 1.5"),
+        (lambda c, p, t: sampled((1, 2, 3, 4), max_mip_level=1.5), "max_mip_level: expected whole numbers, found 1.5"),
+        (lambda c, p, t: dr.texture_construct_mip(np.zeros((1, 8, 8, 3)), -1), "max_mip_level: expected 0 or more, found -1"),
+        (lambda c, p, t: dr.texture(np.zeros((2, 8, 8, 1)), p[None, ..., :2]), "tex: expected 1 in the first dimension, found shape"),
         (lambda c, p, t: sampled((1, 3, 2, 4)), r"uv_da: expected shape \(1, 2, 3, 4\) to fit uv, found shape \(1, 3, 2, 4\)"),
         (lambda c, p, t: sampled((1, 1, 1, 4)), "uv_da: expected shape"),
         (lambda c, p, t: sampled((2, 2, 3, 4)), "uv_da: expected shape"),
@@ -324,10 +339,10 @@ def test_places_at_the_ends_of_a_texture_and_of_lists():
     row = np.arange(6, dtype=np.float32).reshape(1, 1, 6, 1)
     uv = np.array([[[[-1e-9, 0.5], [-6e-8, 0.5], [0.0, 0.5], [1 - 6e-8, 0.5]]]], np.float32)
     assert dr.texture(row, uv, filter_mode="nearest").ravel().tolist() == [5, 5, 0, 5]
-    # Faces of another mesh are none of this one, and a range may name more than there are.
+    # Faces of another mesh are none of this one.
     context, (pos, tri) = dr.RasterizeVkContext(DEVICE), triangle()
     two = np.concatenate([tri, tri[:, ::-1]])
-    rast, _ = dr.rasterize(context, pos[0], two, (8, 8), ranges=np.array([[1, 2**31 - 1]], np.int32))
+    rast, _ = dr.rasterize(context, pos[0], two, (8, 8), ranges=np.array([[1, 1]], np.int32))
     assert rast[..., 3].max() == 2
     out, _ = dr.interpolate(np.ones((1, 3, 1), np.float32), rast, tri)
     assert (out == 0).all()
@@ -411,3 +426,11 @@ def test_contexts_take_devices_and_know_at_once_where_there_is_none():
         dr.interpolate(pos, rast, tri)  # on the device that there is
     dr.set_device(device)
     dr.interpolate(pos, rast, tri)
+
+
+def test_the_order_of_bytes_is_looked_at():
+    pos, tri = triangle()
+    context = dr.RasterizeVkContext(DEVICE)
+    rast, _ = dr.rasterize(context, pos, tri, (8, 8))
+    turned, _ = dr.rasterize(context, pos.astype(">f4"), tri.astype(">i4"), (8, 8))
+    np.testing.assert_array_equal(turned, rast)
