@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 import threading
 import weakref
-from typing import TYPE_CHECKING, Any, Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Callable, Mapping, Sequence, SupportsIndex
 
 from . import _library as c
 from ._arrays import as_numpy
-from ._program import Program, Run, _device
+from ._program import Program, Run, _device, _whole
 
 if TYPE_CHECKING:
     import numpy as np
@@ -48,7 +48,7 @@ class Function:
         inputs: Sequence[str],
         outputs: Sequence[str] | None = None,
         constants: Mapping[str, Any] | None = None,
-        symbols: Mapping[str, int] | None = None,
+        symbols: Mapping[str, SupportsIndex] | None = None,
     ) -> None:
         self.step = program._step(step)
         types = program.output_types[self.step]
@@ -68,7 +68,7 @@ class Function:
         for name in named:
             program._leaf_type(name)
         self.constants = {name: _copied(name, value) for name, value in (constants or {}).items()}
-        self.symbols = dict(symbols or {})
+        self.symbols = {name: _whole(f"symbol '{name}'", count) for name, count in (symbols or {}).items()}
         for name in self.outputs:
             program._output_type(self.step, name)
         self.changed = [name for name in self.inputs if program.leaf_types[name].scalar == "float32"]

@@ -12,7 +12,7 @@ import sys
 import time
 import warnings
 import weakref
-from typing import TYPE_CHECKING, Any, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Mapping, Sequence, SupportsIndex, TypedDict
 
 from . import _library as c
 from ._arrays import Type, from_dense, to_dense
@@ -26,13 +26,24 @@ _VIEW = 1  # of dressi_leaf_view
 _STOPPED = 2  # of dressi_watched_step
 
 
+class DeviceInfo(TypedDict, total=False):
+    """What is known of a device. The evaluator has no version, no driver and no memory to share."""
+
+    name: str
+    kind: str
+    profile: str
+    api_version: str
+    driver: str
+    shares_memory: bool  # with CUDA
+
+
 class Device:
     """A Vulkan device, by a part of its name or its number, or the float64 evaluator ("reference"), which needs none."""
 
     def __init__(self, name: str | int = "", *, validation: bool = False) -> None:
         self._handle = c.checked(c.library.dressi_device_open(c.encoded(str(name), "the name of a device", c.DeviceError), validation), c.DeviceError)
         c.freed_with(self, c.library.dressi_device_free, self._handle)
-        self.info: dict[str, str] = json.loads(c.library.dressi_device_info(self._handle))
+        self.info: DeviceInfo = json.loads(c.library.dressi_device_info(self._handle))
         self._process = os.getpid()
 
     @property
@@ -162,7 +173,7 @@ class Program:
         step = self._step(step)
         return Schedule(step, json.loads(c.checked(c.library.dressi_schedule(self._handle, step.encode()))))
 
-    def bind(self, arrays: Mapping[str, Any] | None = None, /, *, symbols: Mapping[str, int] | None = None, **more: Any) -> Run:
+    def bind(self, arrays: Mapping[str, Any] | None = None, /, *, symbols: Mapping[str, SupportsIndex] | None = None, **more: Any) -> Run:
         """A run with these leaves bound: `program.bind(position=v, face=f)`, or a dict for names that are no words of Python."""
         return Run(self, _device(self._device)).bind({**(arrays or {}), **more}, symbols=symbols)
 
@@ -247,7 +258,7 @@ class Run:
             except c.NotFiniteWarning:  # warnings are errors: one tells all, so that none is left for a later run
                 raise c.NotFiniteWarning("\n".join(words[k:]) + hint) from None
 
-    def bind(self, arrays: Mapping[str, Any] | None = None, /, *, symbols: Mapping[str, int] | None = None, **more: Any) -> Run:
+    def bind(self, arrays: Mapping[str, Any] | None = None, /, *, symbols: Mapping[str, SupportsIndex] | None = None, **more: Any) -> Run:
         """Gives leaves their data, which is copied, and symbols that no leaf determines their values. Returns the run."""
         self.device._check_process()
         if symbols is not None and not isinstance(symbols, Mapping):
@@ -295,7 +306,7 @@ class Run:
             c.checked(c.library.dressi_cuda_stream(self._handle, stream), c.DeviceError)
             self._stream = stream
 
-    def empty(self, leaf: str, shape: Sequence[int] | None = None) -> Any:
+    def empty(self, leaf: str, shape: Sequence[SupportsIndex] | None = None) -> Any:
         """Memory of Dressi for a leaf, to be written to: zeros of that shape, or of the one that is known. What is written to it is
         what the leaf holds, without a copy: on a processor it is an array of NumPy, on an NVIDIA GPU one for CUDA."""
         self.device._check_process()
@@ -309,7 +320,7 @@ class Run:
         return self[leaf]
 
     def step(
-        self, name: str | None = None, times: int = 1, *, outputs: Sequence[str] | None = None, progress: bool = False
+        self, name: str | None = None, times: SupportsIndex = 1, *, outputs: Sequence[str] | None = None, progress: bool = False
     ) -> dict[str, np.ndarray]:
         """Runs a step `times` times and returns its outputs as arrays: all, or those that `outputs` names.
 
@@ -368,7 +379,7 @@ class Run:
             raise c.Stopped("the page of watch() was told to stop the run")
         return made.value
 
-    def watch(self, port: int = 0) -> Watch:
+    def watch(self, port: SupportsIndex = 0) -> Watch:
         """Serves a page about this run on the loopback address, at `port` or any that is free: numbers that steps give as curves,
         outputs as pictures, speed, what was left out, and buttons to pause, step and stop. Stop raises `Stopped` from `step`.
         While nobody looks it costs next to nothing. The page ends with `close`, with `with`, or with the run."""
@@ -434,7 +445,7 @@ class Run:
         self.device._check_process()
         self._bind(leaf, value)
 
-    def set_runs(self, step: str, runs: int) -> None:
+    def set_runs(self, step: str, runs: SupportsIndex) -> None:
         """How often the step counts as having run: its `step_index` in the next run."""
         self.device._check_process()
         c.checked(c.library.dressi_set_runs(self._handle, self.program._step(step).encode(), _whole("runs", runs)), c.Error)
@@ -604,7 +615,7 @@ def _numbers(value: Any) -> str:
     return ",".join(repr(float(number)) for number in (value if isinstance(value, Sequence) else [value]))
 
 
-def load(bundle: bytes | str | os.PathLike[str], *, device: Device | str | int | None = None) -> Program:
+def load(bundle: bytes | bytearray | memoryview | str | os.PathLike[str], *, device: Device | str | int | None = None) -> Program:
     """A program that `drc build --emit=bundle` or `Program.save` wrote: its bytes, or its file."""
     if isinstance(bundle, (bytes, bytearray, memoryview)):
         return Program(bytes(bundle), device)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 import itertools
 import weakref
-from typing import Any, List, Mapping, Sequence
+from typing import Any, Callable, List, Mapping, Sequence, SupportsIndex
 
 import torch as _torch
 
@@ -29,11 +29,11 @@ def function(
     outputs: Sequence[str] | None = None,
     *,
     constants: Mapping[str, Any] | None = None,
-    symbols: Mapping[str, int] | None = None,
-) -> Any:
+    symbols: Mapping[str, SupportsIndex] | None = None,
+) -> Callable[..., _torch.Tensor | Any]:
     """A function of tensors: the step's `outputs` (all by default) from the leaves `inputs`, in that order.
 
-    The result is one tensor where one output is asked for, else a tuple. Gradients come from a step that the compiler adds
+    The result is one tensor where one output is asked for, else a tuple, which types do not tell apart. Gradients come from a step that the compiler adds
     to the program; leaves of integers, such as faces, get none, nor do tensors of integers. Gradients have the type and
     device of their tensors. Outputs of floats have the type that PyTorch's own operators give the tensors of floats among the
     arguments, float32 where there are none. `constants` are leaves that keep the values given here. The step's `step_index` counts the calls of the function; the
@@ -300,7 +300,7 @@ class _Call(_torch.autograd.Function):
 
 def _custom_op(core: Function) -> Any:
     """The same as an op of torch's library: forward and backward are two, since an op keeps nothing."""
-    library = _torch.library
+    library: Any = _torch.library  # whose custom_op some versions lack
     name = f"dressi::{core.step.replace('.', '_')}_{next(_numbers)}"
 
     def forward(tensors):  # type: ignore[no-untyped-def]
