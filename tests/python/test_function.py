@@ -281,8 +281,16 @@ def test_torch_tells_of_wrong_calls(torch):
     import dressi.torch
 
     function = dressi.torch.function(dressi.compile(PROGRAM, device="reference"), "make", INPUTS, OUTPUTS)
-    with pytest.raises(TypeError, match="expected the tensors a, b, unused, index"):
-        function(torch.zeros(3, 4, 2))
+    a, b = torch.zeros(3, 4, 2), torch.zeros(4)
+    for given, named, found in [
+        ([a], {}, "1 of them"),
+        ([a], {"b": b}, "2 of them"),
+        ([a] * 5, {}, "5 of them"),
+        ([a, b], {"a": a}, "'a' twice"),
+        ([a, b], {"z": b, "index": b}, "'z'"),
+    ]:
+        with pytest.raises(TypeError, match=f"expected the tensors a, b, unused, index, found {found}$"):
+            function(*given, **named)
     with pytest.raises(dressi.BindError, match=r"\(H, W, 2\)"):
         function(*[torch.zeros(3, 4), *tensors(torch, torch.float32)[1:]])
 

@@ -313,11 +313,27 @@ class Run:
         import numpy as np
 
         type_ = self.program._leaf_type(leaf)
-        sizes = type_.shape(self.symbols) if shape is None else tuple(_whole("shape", size) for size in shape)
+        if shape is None:
+            sizes = type_.shape({**self._edges(type_), **self.symbols})
+        else:
+            sizes = tuple(_whole("shape", size) for size in shape)
         if any(size < 1 for size in sizes):
             raise c.BindError(f"'{leaf}' is {type_}: expected an array of shape {type_.shape_text()}, found {sizes}")
         self[leaf] = np.zeros(sizes, type_.scalar)
         return self[leaf]
+
+    def _edges(self, type_: Type) -> dict[str, int]:
+        """The symbols of its extent that count the edges of faces that are bound, such as `face_edges`: steps give them values."""
+        import numpy as np
+
+        found = {}
+        for name in self._known:
+            symbol = f"{name.replace('.', '_')}_edges"
+            if self.program.leaf_types[name].name == "ivec3" and any(symbol in dim for dim in type_.dims):
+                face = np.reshape(self._leaf(name), (-1, 3))
+                sides = np.sort(np.stack([face, np.roll(face, -1, 1)], 2).reshape(-1, 2), 1)
+                found[symbol] = max(1, len(np.unique(sides[sides[:, 0] < sides[:, 1]], axis=0)))
+        return found
 
     def step(
         self, name: str | None = None, times: SupportsIndex = 1, *, outputs: Sequence[str] | None = None, progress: bool = False
@@ -385,7 +401,9 @@ class Run:
         While nobody looks it costs next to nothing. The page ends with `close`, with `with`, or with the run."""
         self.device._check_process()
         number = _whole("port", port)
-        address = c.checked(c.library.dressi_watch(self._handle, max(-1, min(number, 2**31 - 1))))
+        if not 0 <= number < 1 << 16:
+            raise c.Error(f"expected a port from 1 to 65535, or 0 for any, found {number}")
+        address = c.checked(c.library.dressi_watch(self._handle, number))
         self._watch = Watch(self, address.decode())
         return self._watch
 
@@ -568,6 +586,7 @@ def compile(
                 raise TypeError(f"'{path}' is compiled already: {', '.join(names)} must be given where the program is compiled")
             return load(path, device=device)
         name = str(path)
+        c.encoded(name, "the file's name")
         try:
             source = path.read_text(encoding="utf-8")
         except OSError as error:
@@ -620,6 +639,8 @@ def load(bundle: bytes | bytearray | memoryview | str | os.PathLike[str], *, dev
     if isinstance(bundle, (bytes, bytearray, memoryview)):
         return Program(bytes(bundle), device)
     path = pathlib.Path(bundle)
+    if "\0" in str(path):
+        raise c.Error("the file's name contains a zero byte")
     try:
         content = path.read_bytes()
     except OSError as error:

@@ -45,9 +45,12 @@ def function(
 
     def run(*tensors: Any, **named: Any) -> Any:
         if named or len(tensors) != len(core.inputs):
-            tensors = (*tensors, *(named.pop(name) for name in core.inputs[len(tensors) :] if name in named))
-            if named or len(tensors) != len(core.inputs):
-                raise TypeError(f"expected the tensors {', '.join(core.inputs)}, found {len(tensors)} of them")
+            rest = core.inputs[len(tensors) :]
+            wrong = [f"'{name}'" + (" twice" if name in core.inputs else "") for name in named if name not in rest]
+            if wrong or len(tensors) + len(named) != len(core.inputs):
+                found = ", ".join(wrong) or f"{len(tensors) + len(named)} of them"
+                raise TypeError(f"expected the tensors {', '.join(core.inputs)}, found {found}")
+            tensors = (*tensors, *(named[name] for name in rest))
         devices = [value.device for value in tensors if isinstance(value, _torch.Tensor)]
         where = devices[0] if devices else None
         # Torch counts no changes of what is no tensor: a backward pass needs what was there at the call.
