@@ -14,6 +14,7 @@ import pytest
 
 import dressi
 import dressi.nvdiffrast as dr
+from dressi import _program
 from dressi.nvdiffrast import _core
 
 PEERS = pathlib.Path(__file__).parents[3] / "shared" / "peers" / "nvdiffrast"
@@ -426,6 +427,7 @@ def test_contexts_take_devices_and_know_at_once_where_there_is_none():
         dr.interpolate(pos, rast, tri)  # on the device that there is
     dr.set_device(device)
     dr.interpolate(pos, rast, tri)
+    assert _program._device(0) is _program._device("0")
 
 
 def test_the_order_of_bytes_is_looked_at():

@@ -36,8 +36,9 @@ def function(
     The result is one tensor where one output is asked for, else a tuple, which types do not tell apart. Gradients come from a step that the compiler adds
     to the program; leaves of integers, such as faces, get none, nor do tensors of integers. Gradients have the type and
     device of their tensors. Outputs of floats have the type that PyTorch's own operators give the tensors of floats among the
-    arguments, float32 where there are none. `constants` are leaves that keep the values given here. The step's `step_index` counts the calls of the function; the
-    gradient of a call has that of the call. Under `torch.compile` it is one opaque op, where torch has `torch.library.custom_op`.
+    arguments, float32 where there are none. What is no tensor is copied at the call, and `constants`, leaves that keep their values, are
+    copied here. The step's `step_index` counts the calls of the function; the gradient of a call has that of the call. Under
+    `torch.compile` it is one opaque op, where torch has `torch.library.custom_op`.
     """
     core = Function(program, step, inputs, outputs, constants, symbols)
     opaque = _custom_op(core) if hasattr(_torch.library, "custom_op") else None

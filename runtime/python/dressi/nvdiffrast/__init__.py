@@ -7,7 +7,7 @@ device, with the same bits every run.
 Signatures and conventions are nvdiffrast's: clip space is OpenGL's, row 0 is the bottom of a picture, face numbers count from 1.
 Arguments are tensors of PyTorch, with gradients, or arrays of NumPy, without. Operations without a context run on the device of
 the context that was made last (`set_device` says another). What differs: triangles are not snapped to a grid of 1/16 pixel,
-so that pixels on edges may be decided otherwise; faces beyond pos, and sizes that do not agree, are errors.
+so that pixels on edges may be decided otherwise; faces beyond pos, ranges beyond tri, and sizes that do not agree, are errors.
 """
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def rasterize(
 ) -> tuple[_Array, _Array]:
     """(u, v, z/w, triangle) and (du/dX, du/dY, dv/dX, dv/dY) for each pixel, [minibatch, height, width, 4] each.
 
-    `pos` is [minibatch, vertices, 4], or [vertices, 4] with `ranges` [pictures, 2] of first triangles and counts. Gradients of
+    `pos` is [minibatch, vertices, 4], or [vertices, 4] with `ranges` [pictures, 2] of first triangles and counts within `tri`. Gradients of
     u and v, and with `grad_db` those of their derivatives, reach `pos`.
     """
     _check_context(glctx)
