@@ -120,8 +120,11 @@ def masked():
         (lambda p: p.explain_grad(None, "x"), TypeError, "expected text for the name of a loss, found None"),
         (lambda p: p.bind(symbols={"V": 0}), dressi.BindError, "not between 1 and 2\\^31"),
         (lambda p: p.bind().step("fit", times=1.5), TypeError, "times: expected a whole number, found 1.5"),
-        (lambda p: p.bind().empty("position"), dressi.BindError, "V have no value yet"),
+        (lambda p: p.bind().empty("position"), dressi.BindError, "V has no value yet: bind a leaf that has it"),
         (lambda p: p.bind().empty("position", (-1, 3)), dressi.BindError, "found \\(-1, 3\\)"),
+        (lambda p: p.bind().watch(-5), dressi.Error, "expected a port from 1 to 65535, or 0 for any, found -5"),
+        (lambda p: dressi.compile("a\0b.dr"), dressi.CompileError, "the file's name contains a zero byte"),
+        (lambda p: dressi.load("a\0b.drb"), dressi.Error, "the file's name contains a zero byte"),
         (lambda p: p.bind().watch("here"), TypeError, "port: expected a whole number, found 'here'"),
         (lambda p: dressi.compile("edition 1;\n\0\n", device="lavapipe"), dressi.CompileError, "zero byte"),
         (lambda p: dressi.compile("edition 1;\n// \udc80\n"), dressi.CompileError, "the program is not valid Unicode"),
@@ -178,6 +181,26 @@ def test_matrices_that_are_not_square_have_rows_first(device):
     assert run.empty("a").shape == (5, 3, 2)
     with pytest.raises(dressi.BindError, match=r"'a' is mat2x3\[N\]: expected an array of shape \(N, 3, 2\), found \(5, 2, 3\)"):
         run["a"] = a.swapaxes(1, 2)
+
+
+EDGES = """edition 1;
+input face : ivec3[F];
+input long : float[face_edges];
+input pair : vec2[face_edges + V];
+step s { output edges = topology(face).edge_faces, total = sum(long) + sum(pair.x); }
+"""
+
+
+def test_extents_that_count_edges_are_known_by_the_faces(device):
+    program = dressi.compile(EDGES, device=device)
+    for face, edges in ([[0, 1, 2], [0, 2, 3]], 5), ([[0, 1, 1], [2, 2, 2]], 1), ([[0, 0, 0]], 1):
+        run = program.bind(face=face, symbols={"V": 2})
+        assert run.empty("long").shape == (edges,) and run.empty("pair").shape == (edges + 2, 2)
+        assert len(run.step()["edges"]) == edges
+        on_gpu = dressi.CudaArray(run, "edges", "s", program.output_types["s"]["edges"])
+        assert on_gpu.shape == (edges,)
+    with pytest.raises(dressi.BindError, match="V and face_edges have no value yet: bind a leaf that has them"):
+        program.bind().empty("pair")
 
 
 def test_integers_that_do_not_fit_are_told():

@@ -2,6 +2,7 @@
 """Steps as functions with derivatives: Function, and PyTorch where it is."""
 import concurrent.futures
 import gc
+import warnings
 import weakref
 
 import numpy as np
@@ -211,6 +212,17 @@ def test_gradients_of_gradients():
     np.testing.assert_allclose(got, -seed * (arrays["a"].sum((0, 2)) * np.sin(arrays["b"])), rtol=1e-9)
 
 
+SCALED = "edition 1;\ninput x : float[N];\ninput y : float;\nstep s { output z = x * y; }\n"
+
+
+def test_constants_keep_their_values(device):
+    y = np.array(2.0)
+    function = Function(dressi.compile(SCALED, device=device), "s", ["x"], constants={"y": y})
+    for n in (2, 3):
+        assert function.forward({"x": np.ones(n)})[0][0].tolist() == [2] * n
+        y[...] = 5
+
+
 # ---- PyTorch ----
 
 
@@ -269,8 +281,16 @@ def test_torch_tells_of_wrong_calls(torch):
     import dressi.torch
 
     function = dressi.torch.function(dressi.compile(PROGRAM, device="reference"), "make", INPUTS, OUTPUTS)
-    with pytest.raises(TypeError, match="expected the tensors a, b, unused, index"):
-        function(torch.zeros(3, 4, 2))
+    a, b = torch.zeros(3, 4, 2), torch.zeros(4)
+    for given, named, found in [
+        ([a], {}, "1 of them"),
+        ([a], {"b": b}, "2 of them"),
+        ([a] * 5, {}, "5 of them"),
+        ([a, b], {"a": a}, "'a' twice"),
+        ([a, b], {"z": b, "index": b}, "'z'"),
+    ]:
+        with pytest.raises(TypeError, match=f"expected the tensors a, b, unused, index, found {found}$"):
+            function(*given, **named)
     with pytest.raises(dressi.BindError, match=r"\(H, W, 2\)"):
         function(*[torch.zeros(3, 4), *tensors(torch, torch.float32)[1:]])
 
@@ -339,3 +359,37 @@ def test_torch_compile_keeps_the_step_index_of_each_call(torch):
         x.grad = None
         y.sum().backward()
         torch.testing.assert_close(x.grad, expected.detach())
+
+
+def test_torch_arrays_of_numpy_may_change_after_the_call(torch, device):
+    import dressi.torch
+
+    function = dressi.torch.function(dressi.compile(SCALED, device=device), "s", ["x", "y"])
+    x, y = np.ones(4, np.float32), torch.tensor(2.0, requires_grad=True)
+    z = function(x, y)
+    x[:] = 100
+    function(x, y)
+    assert torch.autograd.grad(z.sum(), y)[0] == 4
+
+
+def test_torch_constants_keep_their_values(torch, device):
+    import dressi.torch
+
+    y = torch.tensor(2.0)
+    function = dressi.torch.function(dressi.compile(SCALED, device=device), "s", ["x"], constants={"y": y})
+    for n in (2, 3):
+        assert function(torch.ones(n)).tolist() == [2] * n
+        y.fill_(5)
+
+
+def test_torch_calls_are_not_blamed_for_a_gradient_before_them(torch, device):
+    import dressi.torch
+
+    function = dressi.torch.function(dressi.compile(SCALED, device=device), "s", ["x", "y"])
+    x, y = torch.ones(3, requires_grad=True), torch.tensor(2.0, requires_grad=True)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", dressi.NotFiniteWarning)
+        with pytest.raises(dressi.NotFiniteWarning, match="'s.adjoint.y' has NaN"):
+            function(x, y).backward(torch.full((3,), float("nan")))
+        function(x, y).sum().backward()
+    assert y.grad == 3

@@ -14,6 +14,7 @@ import pytest
 
 import dressi
 import dressi.nvdiffrast as dr
+from dressi import _program
 from dressi.nvdiffrast import _core
 
 PEERS = pathlib.Path(__file__).parents[3] / "shared" / "peers" / "nvdiffrast"
@@ -184,11 +185,15 @@ def triangle():
     return pos, np.array([[0, 1, 2]], np.int32)
 
 
-def sampled(uv_da=None, bias=None, mip=None):
+def sampled(uv_da=None, bias=None, mip=None, **more):
     """An 8 x 8 texture at 2 x 3 places, with other arguments of these shapes."""
     zeros = [None if shape is None else np.zeros(shape, np.float32) for shape in (uv_da, bias, mip)]
     texture, uv = np.zeros((1, 8, 8, 1), np.float32), np.zeros((1, 2, 3, 2), np.float32)
-    return dr.texture(texture, uv, *zeros[:2], mip=None if mip is None else zeros[2:])
+    return dr.texture(texture, uv, *zeros[:2], mip=None if mip is None else zeros[2:], **more)
+
+
+def of_range(ctx, pos, tri, *range):
+    return dr.rasterize(ctx, pos[0], tri, (8, 8), ranges=np.array([range], np.int32))
 
 
 def turned_derivatives(ctx, pos, tri):
@@ -208,6 +213,17 @@ def turned_derivatives(ctx, pos, tri):
         (lambda c, p, t: dr.texture(p[None], p[..., None, :2], filter_mode="linear-mipmap-linear"), "needs uv_da"),
         (lambda c, p, t: dr.texture_construct_mip(np.zeros((1, 6, 8, 3), np.float32)), "cannot be halved"),
         (lambda c, p, t: dr.rasterize(c, p, t, (8, 8, 8)), r"resolution: expected two positive numbers, found \(8, 8, 8\)"),
+        (lambda c, p, t: dr.rasterize(c, p, t, 8), "resolution: expected a list of whole numbers, found 8"),
+        (lambda c, p, t: dr.rasterize(c, p, t, (1 << 20, 1 << 20)), r"resolution: expected fewer than 2\^30 pixels in all pictures"),
+        (lambda c, p, t: of_range(c, p, t, 5, 9), r"a count within tri's 1, found \[5, 9\]"),
+        (lambda c, p, t: of_range(c, p, t, -3, 4), r"a count within tri's 1, found \[-3, 4\]"),
+        (lambda c, p, t: of_range(c, p, t, 1, 2**31 - 1), r"a count within tri's 1, found"),
+        (lambda c, p, t: dr.interpolate(p, p[None], t, p[None], "some"), 'diff_attrs: expected a list of channels or "all", found \'some\''),
+        (lambda c, p, t: dr.interpolate(p, p[None], t, p[None], 1), "diff_attrs: expected a list of whole numbers, found 1"),
+        (lambda c, p, t: dr.interpolate(p, p[None], t, p[None], [1.5]), "diff_attrs: expected whole numbers, found 1.5"),
+        (lambda c, p, t: sampled((1, 2, 3, 4), max_mip_level=1.5), "max_mip_level: expected whole numbers, found 1.5"),
+        (lambda c, p, t: dr.texture_construct_mip(np.zeros((1, 8, 8, 3)), -1), "max_mip_level: expected 0 or more, found -1"),
+        (lambda c, p, t: dr.texture(np.zeros((2, 8, 8, 1)), p[None, ..., :2]), "tex: expected 1 in the first dimension, found shape"),
         (lambda c, p, t: sampled((1, 3, 2, 4)), r"uv_da: expected shape \(1, 2, 3, 4\) to fit uv, found shape \(1, 3, 2, 4\)"),
         (lambda c, p, t: sampled((1, 1, 1, 4)), "uv_da: expected shape"),
         (lambda c, p, t: sampled((2, 2, 3, 4)), "uv_da: expected shape"),
@@ -324,13 +340,55 @@ def test_places_at_the_ends_of_a_texture_and_of_lists():
     row = np.arange(6, dtype=np.float32).reshape(1, 1, 6, 1)
     uv = np.array([[[[-1e-9, 0.5], [-6e-8, 0.5], [0.0, 0.5], [1 - 6e-8, 0.5]]]], np.float32)
     assert dr.texture(row, uv, filter_mode="nearest").ravel().tolist() == [5, 5, 0, 5]
-    # Faces of another mesh are none of this one, and a range may name more than there are.
+    # Faces of another mesh are none of this one.
     context, (pos, tri) = dr.RasterizeVkContext(DEVICE), triangle()
     two = np.concatenate([tri, tri[:, ::-1]])
-    rast, _ = dr.rasterize(context, pos[0], two, (8, 8), ranges=np.array([[1, 2**31 - 1]], np.int32))
+    rast, _ = dr.rasterize(context, pos[0], two, (8, 8), ranges=np.array([[1, 1]], np.int32))
     assert rast[..., 3].max() == 2
     out, _ = dr.interpolate(np.ones((1, 3, 1), np.float32), rast, tri)
     assert (out == 0).all()
+
+
+@pytest.mark.parametrize("device", ["reference", DEVICE])
+def test_places_far_outside_of_a_texture_see_nothing_of_it(device):
+    row = np.ones((1, 1, 6, 1), np.float32)
+    for place in (1e38, -1e38, 3e38, -3e38):
+        uv = np.full((1, 1, 1, 2), place, np.float32)
+        (out,), back = _core.texture(device, [row], uv, None, None, "linear", "zero")
+        assert out == 0 and (back([np.ones_like(out)])["uv"] == 0).all()
+
+
+@pytest.mark.parametrize("device", ["reference", DEVICE])
+def test_a_pixel_that_sees_more_than_the_texture_reads_its_coarsest_level(device):
+    levels = [np.full((1, size, size, 1), size, np.float32) for size in (8, 4, 2, 1)]
+    cube = [np.repeat(level[:, None], 6, 1) for level in levels]
+    for sizes, place, boundary in ((levels, [0.1, 0.1], "wrap"), (cube, [1.0, 0.1, 0.1], "cube")):
+        for da in (0.0, 1e-30, 2.0, 1e9, 1e18, 1e19, 1e30, 3e38):
+            uv = np.array(place, np.float32).reshape(1, 1, 1, -1)
+            uv_da = np.eye(len(place), 2, -len(place) + 2, dtype=np.float32).reshape(1, 1, 1, -1) * np.float32(da)
+            (out,), back = _core.texture(device, sizes, uv, uv_da, None, "linear-mipmap-linear", boundary)
+            assert out == pytest.approx(8 if da < 1 else 1, rel=1e-5)
+            assert all(np.isfinite(gradient).all() for gradient in back([np.ones_like(out)]).values())
+
+
+@pytest.mark.parametrize("device", ["reference", DEVICE])
+def test_coordinates_of_any_size_give_the_same_picture(device):
+    pos, tri = triangle()
+    pos[..., 3] = [1, 2, 3]
+
+    def rasterized(pos):
+        (rast, rast_db), back, _ = _core.rasterize(device, _core.Layers(pos, tri, (8, 8), None))
+        return rast, rast_db, back([np.ones_like(rast), np.ones_like(rast_db)])["pos"]
+
+    rast, rast_db, gradient = rasterized(pos)
+    assert (rast[..., 3] == 1).sum() > 10
+    for factor in (2.0**-100, 2.0**-60, 2.0**60, 2.0**100):
+        scaled = rasterized(pos * np.float32(factor))
+        for one, other in zip(scaled, (rast, rast_db, gradient / factor)):
+            np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-6 * np.abs(other).max())
+    for reach in (1e15, 1e18, 1e30):
+        pos = np.array([[[-reach, -reach, 0, 1], [reach, -reach, 0, 1], [0, reach, 0, 1]]], np.float32)
+        assert (rasterized(pos)[0][..., 3] == 1).all()
 
 
 def test_a_vertex_in_the_plane_of_the_camera_has_a_gradient():
@@ -340,3 +398,41 @@ def test_a_vertex_in_the_plane_of_the_camera_has_a_gradient():
     rast, _ = dr.rasterize(dr.RasterizeVkContext(DEVICE), pos, tri, (16, 16))
     dr.antialias((rast[..., 3:] > 0).float(), rast, pos, tri).sum().backward()
     assert torch.isfinite(pos.grad).all()
+
+
+def test_arrays_of_numpy_may_change_after_the_call():
+    torch = pytest.importorskip("torch")
+    array, tri = triangle()
+    pos = torch.tensor(array, requires_grad=True)
+    rast, _ = dr.rasterize(dr.RasterizeVkContext(DEVICE), pos, tri, (8, 8))
+    attr = np.random.default_rng(1).normal(size=(1, 3, 1)).astype(np.float32)
+    out, _ = dr.interpolate(attr, rast, tri)
+    (before,) = torch.autograd.grad(out.sum(), pos, retain_graph=True)
+    attr *= 10
+    tri[:] = 0
+    dr.interpolate(attr, rast, tri)
+    assert torch.equal(torch.autograd.grad(out.sum(), pos)[0], before)
+
+
+def test_contexts_take_devices_and_know_at_once_where_there_is_none():
+    pos, tri = triangle()
+    device = dressi.Device(DEVICE)
+    for given in (device, DEVICE):
+        context = dr.RasterizeVkContext(given)
+        rast, _ = dr.rasterize(context, pos, tri, (8, 8))
+        assert context.device is given and (dr.interpolate(pos, rast, tri)[0] != 0).any()
+    for wrong in (lambda: dr.RasterizeVkContext("zzz"), lambda: dr.set_device("zzz")):
+        with pytest.raises(dressi.DeviceError, match="zzz"):
+            wrong()
+        dr.interpolate(pos, rast, tri)  # on the device that there is
+    dr.set_device(device)
+    dr.interpolate(pos, rast, tri)
+    assert _program._device(0) is _program._device("0")
+
+
+def test_the_order_of_bytes_is_looked_at():
+    pos, tri = triangle()
+    context = dr.RasterizeVkContext(DEVICE)
+    rast, _ = dr.rasterize(context, pos, tri, (8, 8))
+    turned, _ = dr.rasterize(context, pos.astype(">f4"), tri.astype(">i4"), (8, 8))
+    np.testing.assert_array_equal(turned, rast)

@@ -110,3 +110,19 @@ def test_what_is_not_finite_is_warned_of_once(device):
     with pytest.warns(dressi.NotFiniteWarning, match="left a NaN or Inf by run 3|leaf 'p' has Inf"):
         run.step("spoil", times=3)
         assert np.isinf(run["p"][1])
+
+
+def test_warnings_that_are_errors_tell_of_all_at_once(device):
+    program = dressi.compile("edition 1;\ninput a : float;\nstep f { output x = 1.0 / a, y = 2.0 / a; }\n", device=device)
+    run = program.bind(a=0.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", dressi.NotFiniteWarning)
+        with pytest.raises(dressi.NotFiniteWarning, match="(?s)'f.x' has Inf.*'f.y' has Inf"):
+            run.step()
+        run["a"] = 1.0
+        assert run.step() == {"x": 1, "y": 2}
+        if device != "reference":  # which has no commands to look behind
+            run["a"] = np.nan
+            assert run.check_finite() is not None
+            run["a"] = 1.0
+            assert run.step() == {"x": 1, "y": 2}

@@ -4,6 +4,7 @@ ctypes, which is held to dressi.h."""
 import ctypes
 import importlib.util
 import inspect
+import os
 import pathlib
 import re
 import subprocess
@@ -100,13 +101,55 @@ def test_all_that_is_public_is_typed_and_says_what_it_does():
     assert (PACKAGE / "py.typed").exists()
 
 
-def test_a_type_checker_agrees():
+# What users write has these types, and no others: an ignore that nothing needs is an error.
+USED = """# mypy: warn-unused-ignores
+import dressi
+import dressi.nvdiffrast as dr
+import numpy as np
+
+device = dressi.Device(0)
+name: str = device.info["name"]
+shares: bool = device.info["shares_memory"]
+wrong: str = device.info["shares_memory"]  # type: ignore[assignment]
+program = dressi.compile("fit.dr", device=0)
+dressi.load(bytearray(program.bundle), device=device)
+dressi.load(memoryview(program.bundle)).bind(symbols={"V": np.int64(3)}).step(times=np.int64(3))
+
+zeros = np.zeros((1, 3, 4), np.float32)
+context = dr.RasterizeVkContext(device)
+rast: np.ndarray = dr.rasterize(context, zeros, zeros, (8, 8))[0]
+out: np.ndarray = dr.interpolate(zeros, rast, zeros, rast, "all")[0]
+seen: np.ndarray = dr.antialias(dr.texture(zeros, out, out), rast, zeros, zeros)
+"""
+USED_WITH_TORCH = """
+import dressi.torch
+import torch
+
+tensor = torch.zeros(1, 3, 4)
+render = dressi.torch.function(program, "render", ["position"], ["picture"])
+loss: torch.Tensor = ((render(tensor) - tensor) ** 2).mean()
+no_function: str = render  # type: ignore[assignment]
+image: torch.Tensor = dr.rasterize(context, tensor, zeros, (8, 8))[0]
+mixed: torch.Tensor = dr.interpolate(zeros, image, zeros)[0]
+soft: torch.Tensor = dr.antialias(dr.texture(zeros, mixed), image, tensor, zeros)
+with dr.DepthPeeler(context, tensor, zeros, (8, 8)) as peeler:
+    layer: torch.Tensor = peeler.rasterize_next_layer()[0]
+color = dr.texture(tensor, zeros)
+no_array: np.ndarray = color  # type: ignore[assignment]
+seen_of_arrays: torch.Tensor = seen  # type: ignore[assignment]
+"""
+
+
+def test_a_type_checker_agrees(tmp_path):
     if subprocess.run([sys.executable, "-m", "mypy", "--version"], capture_output=True).returncode != 0:
         pytest.skip("no mypy")
     command = [sys.executable, "-m", "mypy", "--disallow-untyped-defs", "--check-untyped-defs", "--ignore-missing-imports"]
+    more = USED_WITH_TORCH if importlib.util.find_spec("torch") else ""
+    (tmp_path / "used.py").write_text(USED + more)
     done = subprocess.run(
-        [*command, "--cache-dir=/dev/null", "-p", "dressi"], cwd=PACKAGE.parent, capture_output=True, text=True
-    )
+        [*command, "--cache-dir=/dev/null", "-p", "dressi", "-m", "used"],
+        cwd=PACKAGE.parent, env={**os.environ, "MYPYPATH": str(tmp_path)}, capture_output=True, text=True,
+    )  # fmt: skip
     assert done.returncode == 0, done.stdout
 
 

@@ -83,7 +83,8 @@ def _evaluate(dim: str, symbols: Mapping[str, Any]) -> Any:
         raise c.Error(f"cannot read the extent '{dim}'")
     missing = [name for name in re.findall(r"[A-Za-z_]\w*", dim) if name not in symbols]
     if missing:
-        raise c.BindError(f"{' and '.join(missing)} have no value yet: bind a leaf that has them, or give a shape")
+        has, them = ("has", "it") if len(missing) == 1 else ("have", "them")
+        raise c.BindError(f"{' and '.join(missing)} {has} no value yet: bind a leaf that has {them}, or give a shape")
     # Division rounds down in both; names are those of symbols alone, which may be words of Python's.
     text = re.sub(r"[A-Za-z_]\w*", r"of_\g<0>", dim).replace("/", "//")
     return eval(text, {"__builtins__": {}}, {f"of_{name}": size for name, size in symbols.items()})

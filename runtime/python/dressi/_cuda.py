@@ -30,7 +30,7 @@ class CudaArray:
         self._run, self._name, self._step, self._type = run, name, step, type_
         try:
             self.shape: tuple[int, ...] = type_.shape(run.symbols)
-        except NameError:  # a symbol that only the run knows, or a leaf that is not bound, which it says
+        except c.BindError:  # a symbol that only the run knows, or a leaf that is not bound, which it says
             self.shape = run._copy(name, step).shape
         self.ndim = len(self.shape)
 

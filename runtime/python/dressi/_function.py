@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 import threading
 import weakref
-from typing import TYPE_CHECKING, Any, Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Callable, Mapping, Sequence, SupportsIndex
 
 from . import _library as c
-from ._program import Program, Run, _device
+from ._arrays import as_numpy
+from ._program import Program, Run, _device, _whole
 
 if TYPE_CHECKING:
     import numpy as np
@@ -36,7 +37,7 @@ class Function:
     """Outputs of a step as a function of leaves, and the way back, which the compiler makes of the same program.
 
     `inputs` and `outputs` are names of leaves and of the step's outputs, in the order of arguments and results. Leaves and
-    outputs of integers may be among them: they have no gradient. `constants` are bound once to each run. The step's
+    outputs of integers may be among them: they have no gradient. `constants` are copied here, and bound once to each run. The step's
     `step_index` counts the calls, and a call's derivative has that of the call.
     """
 
@@ -47,7 +48,7 @@ class Function:
         inputs: Sequence[str],
         outputs: Sequence[str] | None = None,
         constants: Mapping[str, Any] | None = None,
-        symbols: Mapping[str, int] | None = None,
+        symbols: Mapping[str, SupportsIndex] | None = None,
     ) -> None:
         self.step = program._step(step)
         types = program.output_types[self.step]
@@ -64,10 +65,10 @@ class Function:
             )
         self.inputs = list(inputs)
         self.outputs = list(types if outputs is None else outputs)
-        self.constants = dict(constants or {})
-        self.symbols = dict(symbols or {})
-        for name in [*self.inputs, *self.constants]:
+        for name in named:
             program._leaf_type(name)
+        self.constants = {name: _copied(name, value) for name, value in (constants or {}).items()}
+        self.symbols = {name: _whole(f"symbol '{name}'", count) for name, count in (symbols or {}).items()}
         for name in self.outputs:
             program._output_type(self.step, name)
         self.changed = [name for name in self.inputs if program.leaf_types[name].scalar == "float32"]
@@ -149,3 +150,8 @@ class Function:
 
 
 _MAX_RUNS = 16  # that are kept
+
+
+def _copied(name: str, value: Any) -> Any:
+    """A constant for all runs, whatever is written to what was given. Tensors stay where they are."""
+    return value.detach().clone() if hasattr(value, "detach") else as_numpy(name, value).copy()

@@ -12,7 +12,7 @@ import sys
 import time
 import warnings
 import weakref
-from typing import TYPE_CHECKING, Any, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Mapping, Sequence, SupportsIndex, TypedDict
 
 from . import _library as c
 from ._arrays import Type, from_dense, to_dense
@@ -26,13 +26,24 @@ _VIEW = 1  # of dressi_leaf_view
 _STOPPED = 2  # of dressi_watched_step
 
 
-class Device:
-    """A Vulkan device, or the float64 evaluator ("reference"), which needs none."""
+class DeviceInfo(TypedDict, total=False):
+    """What is known of a device. The evaluator has no version, no driver and no memory to share."""
 
-    def __init__(self, name: str = "", *, validation: bool = False) -> None:
+    name: str
+    kind: str
+    profile: str
+    api_version: str
+    driver: str
+    shares_memory: bool  # with CUDA
+
+
+class Device:
+    """A Vulkan device, by a part of its name or its number, or the float64 evaluator ("reference"), which needs none."""
+
+    def __init__(self, name: str | int = "", *, validation: bool = False) -> None:
         self._handle = c.checked(c.library.dressi_device_open(c.encoded(str(name), "the name of a device", c.DeviceError), validation), c.DeviceError)
         c.freed_with(self, c.library.dressi_device_free, self._handle)
-        self.info: dict[str, str] = json.loads(c.library.dressi_device_info(self._handle))
+        self.info: DeviceInfo = json.loads(c.library.dressi_device_info(self._handle))
         self._process = os.getpid()
 
     @property
@@ -74,11 +85,11 @@ def _open_by_name(name: str, process: int) -> Device:
     return Device(name)
 
 
-def _device(device: Device | str | None) -> Device:
+def _device(device: Device | str | int | None) -> Device:
     if isinstance(device, Device):
         device._check_process()
         return device
-    return _open_by_name(device or "", os.getpid())
+    return _open_by_name("" if device is None else str(device), os.getpid())
 
 
 class Program:
@@ -87,7 +98,7 @@ class Program:
     def __init__(
         self,
         bundle: bytes,
-        device: Device | str | None = None,
+        device: Device | str | int | None = None,
         _handle: int | None = None,
         _source: tuple[str, str, list[tuple[str, str]], str] | None = None,
     ) -> None:
@@ -136,7 +147,7 @@ class Program:
         finally:
             part.unlink(missing_ok=True)
 
-    def on(self, device: Device | str | None) -> Program:
+    def on(self, device: Device | str | int | None) -> Program:
         """The same program for runs on another device."""
         return Program(self.bundle, device, None, self._source)
 
@@ -162,7 +173,7 @@ class Program:
         step = self._step(step)
         return Schedule(step, json.loads(c.checked(c.library.dressi_schedule(self._handle, step.encode()))))
 
-    def bind(self, arrays: Mapping[str, Any] | None = None, /, *, symbols: Mapping[str, int] | None = None, **more: Any) -> Run:
+    def bind(self, arrays: Mapping[str, Any] | None = None, /, *, symbols: Mapping[str, SupportsIndex] | None = None, **more: Any) -> Run:
         """A run with these leaves bound: `program.bind(position=v, face=f)`, or a dict for names that are no words of Python."""
         return Run(self, _device(self._device)).bind({**(arrays or {}), **more}, symbols=symbols)
 
@@ -238,10 +249,16 @@ class Run:
 
     def _tell(self) -> None:
         hint = "" if self._exact else ": Run.check_finite says where it begins"  # the evaluator has no commands to look behind
+        words = []
         while self._words:
-            warnings.warn(self._words.pop(0) + hint, c.NotFiniteWarning, stacklevel=3)
+            words.append(self._words.pop(0))
+        for k, text in enumerate(words):
+            try:
+                warnings.warn(text + hint, c.NotFiniteWarning, stacklevel=3)
+            except c.NotFiniteWarning:  # warnings are errors: one tells all, so that none is left for a later run
+                raise c.NotFiniteWarning("\n".join(words[k:]) + hint) from None
 
-    def bind(self, arrays: Mapping[str, Any] | None = None, /, *, symbols: Mapping[str, int] | None = None, **more: Any) -> Run:
+    def bind(self, arrays: Mapping[str, Any] | None = None, /, *, symbols: Mapping[str, SupportsIndex] | None = None, **more: Any) -> Run:
         """Gives leaves their data, which is copied, and symbols that no leaf determines their values. Returns the run."""
         self.device._check_process()
         if symbols is not None and not isinstance(symbols, Mapping):
@@ -289,21 +306,37 @@ class Run:
             c.checked(c.library.dressi_cuda_stream(self._handle, stream), c.DeviceError)
             self._stream = stream
 
-    def empty(self, leaf: str, shape: Sequence[int] | None = None) -> Any:
+    def empty(self, leaf: str, shape: Sequence[SupportsIndex] | None = None) -> Any:
         """Memory of Dressi for a leaf, to be written to: zeros of that shape, or of the one that is known. What is written to it is
         what the leaf holds, without a copy: on a processor it is an array of NumPy, on an NVIDIA GPU one for CUDA."""
         self.device._check_process()
         import numpy as np
 
         type_ = self.program._leaf_type(leaf)
-        sizes = type_.shape(self.symbols) if shape is None else tuple(_whole("shape", size) for size in shape)
+        if shape is None:
+            sizes = type_.shape({**self._edges(type_), **self.symbols})
+        else:
+            sizes = tuple(_whole("shape", size) for size in shape)
         if any(size < 1 for size in sizes):
             raise c.BindError(f"'{leaf}' is {type_}: expected an array of shape {type_.shape_text()}, found {sizes}")
         self[leaf] = np.zeros(sizes, type_.scalar)
         return self[leaf]
 
+    def _edges(self, type_: Type) -> dict[str, int]:
+        """The symbols of its extent that count the edges of faces that are bound, such as `face_edges`: steps give them values."""
+        import numpy as np
+
+        found = {}
+        for name in self._known:
+            symbol = f"{name.replace('.', '_')}_edges"
+            if self.program.leaf_types[name].name == "ivec3" and any(symbol in dim for dim in type_.dims):
+                face = np.reshape(self._leaf(name), (-1, 3))
+                sides = np.sort(np.stack([face, np.roll(face, -1, 1)], 2).reshape(-1, 2), 1)
+                found[symbol] = max(1, len(np.unique(sides[sides[:, 0] < sides[:, 1]], axis=0)))
+        return found
+
     def step(
-        self, name: str | None = None, times: int = 1, *, outputs: Sequence[str] | None = None, progress: bool = False
+        self, name: str | None = None, times: SupportsIndex = 1, *, outputs: Sequence[str] | None = None, progress: bool = False
     ) -> dict[str, np.ndarray]:
         """Runs a step `times` times and returns its outputs as arrays: all, or those that `outputs` names.
 
@@ -362,13 +395,15 @@ class Run:
             raise c.Stopped("the page of watch() was told to stop the run")
         return made.value
 
-    def watch(self, port: int = 0) -> Watch:
+    def watch(self, port: SupportsIndex = 0) -> Watch:
         """Serves a page about this run on the loopback address, at `port` or any that is free: numbers that steps give as curves,
         outputs as pictures, speed, what was left out, and buttons to pause, step and stop. Stop raises `Stopped` from `step`.
         While nobody looks it costs next to nothing. The page ends with `close`, with `with`, or with the run."""
         self.device._check_process()
         number = _whole("port", port)
-        address = c.checked(c.library.dressi_watch(self._handle, max(-1, min(number, 2**31 - 1))))
+        if not 0 <= number < 1 << 16:
+            raise c.Error(f"expected a port from 1 to 65535, or 0 for any, found {number}")
+        address = c.checked(c.library.dressi_watch(self._handle, number))
         self._watch = Watch(self, address.decode())
         return self._watch
 
@@ -428,7 +463,7 @@ class Run:
         self.device._check_process()
         self._bind(leaf, value)
 
-    def set_runs(self, step: str, runs: int) -> None:
+    def set_runs(self, step: str, runs: SupportsIndex) -> None:
         """How often the step counts as having run: its `step_index` in the next run."""
         self.device._check_process()
         c.checked(c.library.dressi_set_runs(self._handle, self.program._step(step).encode(), _whole("runs", runs)), c.Error)
@@ -454,6 +489,7 @@ class Run:
         for leaf in self.program._steps[step]["leaves"]:
             if leaf in self.program.leaf_types:
                 other._bind(leaf, self._leaf(leaf))
+        self._words.clear()  # of reading leaves: what is found says more, and no later step is told of them
         other.set_runs(step, runs)
         found = json.loads(c.checked(c.library.dressi_checked_step(other._handle, step.encode())))
         return NotFinite(found) if found else None
@@ -515,7 +551,7 @@ class Watch:
 def compile(
     source: str | os.PathLike[str],
     *,
-    device: Device | str | None = None,
+    device: Device | str | int | None = None,
     defines: Mapping[str, Any] | None = None,
     known: Mapping[str, float | Sequence[float]] | None = None,
     include: Sequence[str | os.PathLike[str]] = (),
@@ -550,6 +586,7 @@ def compile(
                 raise TypeError(f"'{path}' is compiled already: {', '.join(names)} must be given where the program is compiled")
             return load(path, device=device)
         name = str(path)
+        c.encoded(name, "the file's name")
         try:
             source = path.read_text(encoding="utf-8")
         except OSError as error:
@@ -574,7 +611,7 @@ def _is_text(source: str) -> bool:
     return "\n" in source or (";" in source and not os.path.exists(source))
 
 
-def _compiled(name: str, text: str, options: list[tuple[str, str]], device: Device | str | None) -> Program:
+def _compiled(name: str, text: str, options: list[tuple[str, str]], device: Device | str | int | None) -> Program:
     handle = c.library.dressi_compile(c.encoded(name, "the file's name"), c.encoded(text, "the program"), _device(device)._handle, c.pairs(options))
     return Program(b"", device, c.checked(handle, c.CompileError), (name, text, options, _folder()))
 
@@ -597,11 +634,13 @@ def _numbers(value: Any) -> str:
     return ",".join(repr(float(number)) for number in (value if isinstance(value, Sequence) else [value]))
 
 
-def load(bundle: bytes | str | os.PathLike[str], *, device: Device | str | None = None) -> Program:
+def load(bundle: bytes | bytearray | memoryview | str | os.PathLike[str], *, device: Device | str | int | None = None) -> Program:
     """A program that `drc build --emit=bundle` or `Program.save` wrote: its bytes, or its file."""
     if isinstance(bundle, (bytes, bytearray, memoryview)):
         return Program(bytes(bundle), device)
     path = pathlib.Path(bundle)
+    if "\0" in str(path):
+        raise c.Error("the file's name contains a zero byte")
     try:
         content = path.read_bytes()
     except OSError as error:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 import itertools
 import weakref
-from typing import Any, List, Mapping, Sequence
+from typing import Any, Callable, List, Mapping, Sequence, SupportsIndex
 
 import torch as _torch
 
@@ -29,15 +29,16 @@ def function(
     outputs: Sequence[str] | None = None,
     *,
     constants: Mapping[str, Any] | None = None,
-    symbols: Mapping[str, int] | None = None,
-) -> Any:
+    symbols: Mapping[str, SupportsIndex] | None = None,
+) -> Callable[..., _torch.Tensor | Any]:
     """A function of tensors: the step's `outputs` (all by default) from the leaves `inputs`, in that order.
 
-    The result is one tensor where one output is asked for, else a tuple. Gradients come from a step that the compiler adds
+    The result is one tensor where one output is asked for, else a tuple, which types do not tell apart. Gradients come from a step that the compiler adds
     to the program; leaves of integers, such as faces, get none, nor do tensors of integers. Gradients have the type and
     device of their tensors. Outputs of floats have the type that PyTorch's own operators give the tensors of floats among the
-    arguments, float32 where there are none. `constants` are leaves that stay as they are. The step's `step_index` counts the calls of the function; the
-    gradient of a call has that of the call. Under `torch.compile` it is one opaque op, where torch has `torch.library.custom_op`.
+    arguments, float32 where there are none. What is no tensor is copied at the call, and `constants`, leaves that keep their values, are
+    copied here. The step's `step_index` counts the calls of the function; the gradient of a call has that of the call. Under
+    `torch.compile` it is one opaque op, where torch has `torch.library.custom_op`.
     """
     core = Function(program, step, inputs, outputs, constants, symbols)
     opaque = _custom_op(core) if hasattr(_torch.library, "custom_op") else None
@@ -45,12 +46,18 @@ def function(
 
     def run(*tensors: Any, **named: Any) -> Any:
         if named or len(tensors) != len(core.inputs):
-            tensors = (*tensors, *(named.pop(name) for name in core.inputs[len(tensors) :] if name in named))
-            if named or len(tensors) != len(core.inputs):
-                raise TypeError(f"expected the tensors {', '.join(core.inputs)}, found {len(tensors)} of them")
+            rest = core.inputs[len(tensors) :]
+            wrong = [f"'{name}'" + (" twice" if name in core.inputs else "") for name in named if name not in rest]
+            if wrong or len(tensors) + len(named) != len(core.inputs):
+                found = ", ".join(wrong) or f"{len(tensors) + len(named)} of them"
+                raise TypeError(f"expected the tensors {', '.join(core.inputs)}, found {found}")
+            tensors = (*tensors, *(named[name] for name in rest))
         devices = [value.device for value in tensors if isinstance(value, _torch.Tensor)]
         where = devices[0] if devices else None
-        given = [value if isinstance(value, _torch.Tensor) else _torch.as_tensor(value, device=where) for value in tensors]
+        # Torch counts no changes of what is no tensor: a backward pass needs what was there at the call.
+        given = [
+            value if isinstance(value, _torch.Tensor) else _torch.as_tensor(value, device=where).clone() for value in tensors
+        ]
         # An op of the library takes longer to call, and is needed by the compiler alone.
         results = opaque(*given) if opaque is not None and _torch.compiler.is_compiling() else apply(core, *given)
         return results[0] if len(core.outputs) == 1 else tuple(results)
@@ -297,7 +304,7 @@ class _Call(_torch.autograd.Function):
 
 def _custom_op(core: Function) -> Any:
     """The same as an op of torch's library: forward and backward are two, since an op keeps nothing."""
-    library = _torch.library
+    library: Any = _torch.library  # whose custom_op some versions lack
     name = f"dressi::{core.step.replace('.', '_')}_{next(_numbers)}"
 
     def forward(tensors):  # type: ignore[no-untyped-def]
@@ -329,7 +336,7 @@ def _custom_op(core: Function) -> Any:
         for leaf, tensor in zip(core.inputs, tensors):
             symbols.update(core.program.leaf_types[leaf].symbols_of(tensor.shape))
         for leaf, array in core.constants.items():
-            symbols.update(core.program.leaf_types[leaf].symbols_of(_torch.as_tensor(array).shape))
+            symbols.update(core.program.leaf_types[leaf].symbols_of(array.shape))
         results = [
             like.new_empty(types[out].shape(symbols), dtype=None if out in core.seeded else getattr(_torch, types[out].scalar))
             for out in core.outputs

@@ -7,18 +7,27 @@ device, with the same bits every run.
 Signatures and conventions are nvdiffrast's: clip space is OpenGL's, row 0 is the bottom of a picture, face numbers count from 1.
 Arguments are tensors of PyTorch, with gradients, or arrays of NumPy, without. Operations without a context run on the device of
 the context that was made last (`set_device` says another). What differs: triangles are not snapped to a grid of 1/16 pixel,
-so that pixels on edges may be decided otherwise; faces beyond pos, and sizes that do not agree, are errors.
+so that pixels on edges may be decided otherwise; faces beyond pos, ranges beyond tri, and sizes that do not agree, are errors.
 """
 from __future__ import annotations
 
 import functools as _functools
 import sys
-from typing import Any, Sequence
+from typing import TYPE_CHECKING, Any, Generic, Sequence, TypeVar
 
 import numpy as _np
 
 from .._library import Error
+from .._program import Device, _device as _open
 from . import _core
+
+# Results are tensors where an argument that may have a gradient is one, else arrays.
+if TYPE_CHECKING:
+    import torch as _torch
+
+    _Array = TypeVar("_Array", _np.ndarray, _torch.Tensor)
+else:
+    _Array = TypeVar("_Array")
 
 __all__ = [
     "DepthPeeler",
@@ -36,14 +45,15 @@ __all__ = [
     "texture_construct_mip",
 ]
 
-_device = ""
+_device: Device | str = ""
 _log_level = 1
 
 
-def set_device(name: str) -> None:
-    """The device of operations without a context: part of a device's name, its number, or "reference"."""
+def set_device(device: Device | str | int) -> None:
+    """The device of operations without a context: part of a device's name, its number, "reference", or a `dressi.Device`."""
     global _device
-    _device = name
+    _open(device)  # or says that there is none
+    _device = device if isinstance(device, Device) else str(device)
 
 
 def get_log_level() -> int:
@@ -57,15 +67,17 @@ def set_log_level(level: int) -> None:
 
 
 class RasterizeVkContext:
-    """The device that rasterizes. `device` is part of its name, its number, or "reference"; devices of PyTorch are taken as the
-    first one."""
+    """The device that rasterizes. `device` is part of its name, its number, "reference", or a `dressi.Device`; devices of PyTorch are
+    taken as the first one. A `DeviceError` says where there is none."""
 
     def __init__(self, device: Any = None, output_db: bool = True, mode: str = "automatic") -> None:
-        name = str(device) if device is not None else ""
-        self.device = "" if name in ("cpu", "cuda") or name.startswith("cuda:") else name
+        name = "" if device is None else str(device)
+        if name in ("cpu", "cuda") or name.startswith("cuda:"):
+            name = ""
+        set_device(device if isinstance(device, Device) else name)
+        self.device = _device
         self.output_db = output_db
-        self.active_depth_peeler: DepthPeeler | None = None
-        set_device(self.device)
+        self.active_depth_peeler: DepthPeeler[Any] | None = None
 
     def set_context(self) -> None:
         """Kept for programs that call it, as is `release_context`."""
@@ -108,11 +120,11 @@ def _apply(operation: Any, differentiable: dict[str, Any], fixed: dict[str, Any]
 
 
 def rasterize(
-    glctx: RasterizeVkContext, pos: Any, tri: Any, resolution: Sequence[int], ranges: Any = None, grad_db: bool = True
-) -> tuple[Any, Any]:
+    glctx: RasterizeVkContext, pos: _Array, tri: Any, resolution: Sequence[int], ranges: Any = None, grad_db: bool = True
+) -> tuple[_Array, _Array]:
     """(u, v, z/w, triangle) and (du/dX, du/dY, dv/dX, dv/dY) for each pixel, [minibatch, height, width, 4] each.
 
-    `pos` is [minibatch, vertices, 4], or [vertices, 4] with `ranges` [pictures, 2] of first triangles and counts. Gradients of
+    `pos` is [minibatch, vertices, 4], or [vertices, 4] with `ranges` [pictures, 2] of first triangles and counts within `tri`. Gradients of
     u and v, and with `grad_db` those of their derivatives, reach `pos`.
     """
     _check_context(glctx)
@@ -136,7 +148,7 @@ def _db(glctx: RasterizeVkContext, results: list[Any]) -> list[Any]:
     return results if glctx.output_db else [results[0], results[1][..., :0]]
 
 
-class DepthPeeler:
+class DepthPeeler(Generic[_Array]):
     """Layers of a mesh, one behind the other:
 
         with DepthPeeler(glctx, pos, tri, resolution) as peeler:
@@ -145,14 +157,15 @@ class DepthPeeler:
     """
 
     def __init__(
-        self, glctx: RasterizeVkContext, pos: Any, tri: Any, resolution: Sequence[int], ranges: Any = None, grad_db: bool = True
+        self, glctx: RasterizeVkContext, pos: _Array, tri: Any, resolution: Sequence[int], ranges: Any = None, grad_db: bool = True
     ) -> None:
         _check_context(glctx)
-        self.raster_ctx, self.pos, self.grad_db = glctx, pos, grad_db
+        self.raster_ctx, self.grad_db = glctx, grad_db
+        self.pos: _Array = pos
         self._tri, self._ranges, self._resolution = tri, ranges, resolution
         self._above: Any = None
 
-    def __enter__(self) -> DepthPeeler:
+    def __enter__(self) -> DepthPeeler[_Array]:
         if self.raster_ctx.active_depth_peeler is not None:
             raise Error("this context has an active DepthPeeler already")
         self.raster_ctx.active_depth_peeler = self
@@ -163,7 +176,7 @@ class DepthPeeler:
         self.raster_ctx.active_depth_peeler = None
         self._above = None
 
-    def rasterize_next_layer(self) -> tuple[Any, Any]:
+    def rasterize_next_layer(self) -> tuple[_Array, _Array]:
         """As `rasterize`, of the surface behind those that came before."""
         if self.raster_ctx.active_depth_peeler is not self:
             raise Error("rasterize_next_layer() needs the peeler's `with` around it")
@@ -183,17 +196,22 @@ class DepthPeeler:
         return _apply(operation, {"pos": self.pos}, {"tri": self._tri, "ranges": self._ranges})
 
 
-def interpolate(attr: Any, rast: Any, tri: Any, rast_db: Any = None, diff_attrs: Any = None) -> tuple[Any, Any]:
+def interpolate(
+    attr: _Array | _np.ndarray,
+    rast: _Array | _np.ndarray,
+    tri: Any,
+    rast_db: _Array | _np.ndarray | None = None,
+    diff_attrs: Sequence[int] | str | None = None,
+) -> tuple[_Array, _Array]:
     """Attributes [minibatch, vertices, channels] (1 in front, or two dimensions: for all pictures) at each pixel, and for the
     channels `diff_attrs` (a list, or "all") their derivatives by X and Y, which take `rast_db`."""
-    chosen = None if diff_attrs is None else diff_attrs if isinstance(diff_attrs, str) else [int(k) for k in diff_attrs]
-    given = {"attr": attr, "rast": rast}
-    if chosen is not None and len(chosen):
+    chosen = _core.channels(diff_attrs)
+    given: dict[str, Any] = {"attr": attr, "rast": rast}
+    if chosen:
         given["rast_db"] = rast_db
 
     def operation(arrays: dict[str, Any]) -> tuple[list[Any], Any]:
-        (out, out_da), back = _core.interpolate(_device, arrays["attr"], arrays["rast"], arrays["tri"], arrays.get("rast_db"), chosen)
-        return [out, _np.zeros((*out.shape[:3], 0), _np.float32) if out_da is None else out_da], back
+        return _core.interpolate(_device, arrays["attr"], arrays["rast"], arrays["tri"], arrays.get("rast_db"), chosen)
 
     return _apply(operation, given, {"tri": tri})
 
@@ -206,7 +224,7 @@ class _Mip:
 def texture_construct_mip(tex: Any, max_mip_level: int | None = None, cube_mode: bool = False) -> _Mip:
     """The levels beyond `tex`, for `texture(..., mip=...)`: gradients reach `tex` through them."""
     _check_dimensions(tex, cube_mode)
-    return _Mip(_core.pyramid(tex, max_mip_level))
+    return _Mip(_core.pyramid(tex, _core.max_level(max_mip_level)))
 
 
 def _check_dimensions(tex: Any, cube: bool) -> None:
@@ -215,15 +233,15 @@ def _check_dimensions(tex: Any, cube: bool) -> None:
 
 
 def texture(
-    tex: Any,
-    uv: Any,
-    uv_da: Any = None,
-    mip_level_bias: Any = None,
-    mip: Any = None,
+    tex: _Array | _np.ndarray,
+    uv: _Array | _np.ndarray,
+    uv_da: _Array | _np.ndarray | None = None,
+    mip_level_bias: _Array | _np.ndarray | None = None,
+    mip: _Mip | Sequence[_Array | _np.ndarray] | None = None,
     filter_mode: str = "auto",
     boundary_mode: str = "wrap",
     max_mip_level: int | None = None,
-) -> Any:
+) -> _Array:
     """A texture [minibatch or 1, height, width, channels] (a cube: [minibatch or 1, 6, size, size, channels]) at places
     [minibatch, height, width, 2] (directions: 3).
 
@@ -240,13 +258,12 @@ def texture(
     if "mipmap" in filter_mode:
         if uv_da is None and mip_level_bias is None:
             raise Error(f"the filter mode '{filter_mode}' needs uv_da, mip_level_bias, or both")
-        if max_mip_level is not None and max_mip_level < 0:
-            raise Error(f"max_mip_level: expected 0 or more, found {max_mip_level}")
+        max_mip_level = _core.max_level(max_mip_level)
         stack = mip.levels if isinstance(mip, _Mip) else _core.pyramid(tex, max_mip_level) if mip is None else list(mip)
         levels += stack[:max_mip_level]
     else:
         uv_da = mip_level_bias = None
-    given = {"uv": uv, **{f"tex{k}": level for k, level in enumerate(levels)}}
+    given: dict[str, Any] = {"uv": uv, **{f"tex{k}": level for k, level in enumerate(levels)}}
     if uv_da is not None:
         given["uv_da"] = uv_da
     if mip_level_bias is not None:
@@ -281,16 +298,16 @@ def antialias_construct_topology_hash(tri: Any) -> _TopologyHash:
 
 
 def antialias(
-    color: Any,
+    color: _Array | _np.ndarray,
     rast: Any,
-    pos: Any,
+    pos: _Array | _np.ndarray,
     tri: Any,
     topology_hash: _TopologyHash | None = None,
     pos_gradient_boost: float = 1.0,
     *,
     exact: bool = False,
     outlines: int = 64,
-) -> Any:
+) -> _Array:
     """`color` [minibatch, height, width, channels] with soft edges, through which gradients reach `pos`.
 
     Of faces smaller than a pixel most outlines are not found, as in nvdiffrast. `exact=True` finds all: each pixel has the colours

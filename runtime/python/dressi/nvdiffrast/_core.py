@@ -16,21 +16,21 @@ import numpy as np
 
 from .._function import Function
 from .._library import Error
-from .._program import Program, Run, compile
+from .._program import Device, Program, Run, compile
 
 # Gradients of the arguments that have one, by name.
 Back = Callable[[Sequence[Any]], dict[str, np.ndarray]]
 
 
-@functools.lru_cache(maxsize=None)
-def program(name: str, device: str, *defines: tuple[str, int]) -> Program:
+@functools.lru_cache(maxsize=64)
+def program(name: str, device: Device | str, *defines: tuple[str, int]) -> Program:
     return compile(pathlib.Path(__file__).with_name(f"{name}.dr"), device=device, defines=dict(defines))
 
 
 @functools.lru_cache(maxsize=64)
 def _function(
     name: str,
-    device: str,
+    device: Device | str,
     defines: tuple[tuple[str, int], ...],
     step: str,
     inputs: tuple[str, ...],
@@ -52,6 +52,14 @@ def _count(name: str, value: Any) -> int:
         raise Error(f"{name}: expected whole numbers, found {value!r}") from None
 
 
+def _counts(name: str, values: Any) -> list[int]:
+    try:
+        listed = list(values)
+    except TypeError:
+        raise Error(f"{name}: expected a list of whole numbers, found {values!r}") from None
+    return [_count(name, value) for value in listed]
+
+
 def _floats(name: str, array: Any, ndims: Sequence[int], last: Sequence[int] = ()) -> np.ndarray:
     array = np.asarray(array)
     _check(array.dtype.kind == "f", f"{name}: expected a tensor of floats, found {array.dtype}")
@@ -64,12 +72,22 @@ def _agree(name: str, array: Any, shape: tuple[int, ...], of: str) -> None:
     _check(array.shape == shape, f"{name}: expected shape {shape} to fit {of}, found shape {array.shape}")
 
 
+def _first(name: str, count: int, pictures: int, shape: tuple[int, ...]) -> None:
+    known = "1" if pictures == 1 else f"1 or {pictures}"
+    _check(count in (1, pictures), f"{name}: expected {known} in the first dimension, found shape {shape}")
+
+
+def _ints(name: str, array: Any) -> np.ndarray:
+    array = np.asarray(array)
+    _check(array.dtype.newbyteorder("=") == np.int32, f"{name}: expected a tensor of int32, found {array.dtype}")
+    return np.ascontiguousarray(array, np.int32)
+
+
 def _faces(tri: Any) -> np.ndarray:
-    tri = np.asarray(tri)
-    _check(tri.dtype == np.int32, f"tri: expected a tensor of int32, found {tri.dtype}")
+    tri = _ints("tri", tri)
     _check(tri.ndim == 2 and tri.shape[1] == 3 and tri.shape[0] > 0, f"tri: expected shape [triangles, 3], found {tri.shape}")
     _check(tri.shape[0] < 1 << 24, "tri: a picture of floats counts 2^24 triangles")
-    return np.ascontiguousarray(tri)
+    return tri
 
 
 def _in_range(tri: np.ndarray, vertices: int, what: str) -> None:
@@ -86,19 +104,23 @@ class Layers:
     def __init__(self, pos: Any, tri: Any, resolution: Sequence[int], ranges: Any) -> None:
         self.pos = _floats("pos", pos, (2, 3), (4,))
         self.tri = _faces(tri)
-        sizes = [_count("resolution", n) for n in resolution]
-        _check(len(sizes) == 2 and min(sizes) > 0, f"resolution: expected two positive numbers, found {tuple(resolution)}")
+        sizes = _counts("resolution", resolution)
+        _check(len(sizes) == 2 and min(sizes) > 0, f"resolution: expected two positive numbers, found {tuple(sizes)}")
         self.height, self.width = sizes
         self.is_range = self.pos.ndim == 2
         if self.is_range:
             _check(ranges is not None, "pos has two dimensions, which is range mode: ranges are missing")
-            ranges = np.asarray(ranges)
-            _check(ranges.dtype == np.int32, f"ranges: expected a tensor of int32, found {ranges.dtype}")
-            _check(ranges.ndim == 2 and ranges.shape[1] == 2 and len(ranges) > 0, f"ranges: expected shape [pictures, 2], found {ranges.shape}")
-            self.ranges = np.ascontiguousarray(ranges)
+            self.ranges = _ints("ranges", ranges)
+            shape, count = self.ranges.shape, len(self.tri)
+            _check(len(shape) == 2 and shape[1] == 2 and shape[0] > 0, f"ranges: expected shape [pictures, 2], found {shape}")
+            for first, length in self.ranges.tolist():
+                within = 0 <= first and 0 <= length <= count - first
+                _check(within, f"ranges: expected a first triangle and a count within tri's {count}, found [{first}, {length}]")
         else:
             # nvdiffrast does not look at ranges here either.
             self.ranges = np.zeros((len(self.pos), 2), np.int32)
+        pixels = len(self.ranges) * self.height * self.width
+        _check(pixels < 1 << 30, f"resolution: expected fewer than 2^30 pixels in all pictures, found {pixels}")
         _in_range(self.tri, self.pos.shape[-2], "pos")
         self.stack = self.pos[None] if self.is_range else self.pos
         self.stride = int(len(self.stack) > 1)
@@ -108,12 +130,12 @@ _finding = threading.Lock()  # what is bound to a finder is there until it has f
 
 
 @functools.lru_cache(maxsize=16)
-def _finder(device: str, defines: tuple[tuple[str, int], ...], width: int, height: int, *_key: Any) -> Run:
+def _finder(device: Device | str, defines: tuple[tuple[str, int], ...], width: int, height: int, *_key: Any) -> Run:
     return program("rasterize", device, *defines).bind(symbols={"W": width, "H": height})
 
 
 def rasterize(
-    device: str, layers: Layers, above: tuple[np.ndarray, np.ndarray] | None = None
+    device: Device | str, layers: Layers, above: tuple[np.ndarray, np.ndarray] | None = None
 ) -> tuple[list[np.ndarray], Back, np.ndarray]:
     """(rast, rast_db), the way back to pos, and the depths. `above`: only what lies behind these depths is seen, or at them with a larger
     face number than these."""
@@ -129,7 +151,7 @@ def rasterize(
     return weigh(device, layers, face)
 
 
-def weigh(device: str, layers: Layers, face: np.ndarray) -> tuple[list[np.ndarray], Back, np.ndarray]:
+def weigh(device: Device | str, layers: Layers, face: np.ndarray) -> tuple[list[np.ndarray], Back, np.ndarray]:
     """What `rasterize` gives where pixels see these faces (-1 is none)."""
     defines = (("STRIDE", layers.stride),)
     inside = _function("rasterize", device, defines, "weigh", ("pos", "tri", "face"), ("rast", "rast_db", "depth"))
@@ -150,14 +172,22 @@ def _seed(array: Any) -> np.ndarray:
 # ---- interpolate ----
 
 
+def channels(diff_attrs: Any) -> str | list[int] | None:
+    """What `interpolate` was asked for the derivatives of, as it is now."""
+    if isinstance(diff_attrs, str):
+        _check(diff_attrs == "all", f'diff_attrs: expected a list of channels or "all", found {diff_attrs!r}')
+        return diff_attrs
+    return None if diff_attrs is None else _counts("diff_attrs", diff_attrs)
+
+
 def interpolate(
-    device: str, attr: Any, rast: Any, tri: Any, rast_db: Any = None, diff_attrs: str | Sequence[int] | None = None
+    device: Device | str, attr: Any, rast: Any, tri: Any, rast_db: Any = None, diff_attrs: str | Sequence[int] | None = None
 ) -> tuple[list[Any], Back]:
-    """[out, out_da] (out_da is None without `diff_attrs`) and the way back to attr, rast and rast_db."""
+    """[out, out_da] (out_da has no channels without `diff_attrs`) and the way back to attr, rast and rast_db."""
     attr, rast, tri = _floats("attr", attr, (2, 3)), _floats("rast", rast, (4,), (4,)), _faces(tri)
     stack = attr[None] if attr.ndim == 2 else attr
     n, h, w, _ = rast.shape
-    _check(len(stack) in (1, n), f"attr: expected 1 or {n} in the first dimension, found shape {attr.shape}")
+    _first("attr", len(stack), n, attr.shape)
     _in_range(tri, stack.shape[1], "attr")
     channels = stack.shape[2]
     if diff_attrs == "all":
@@ -187,7 +217,7 @@ def interpolate(
         like = {"attr": attr.shape, "rast": rast.shape, "rast_db": rast.shape}
         return {name: gradient.reshape(like[name]) for name, gradient in gradients.items()}
 
-    return (results if len(chosen) else [results[0], None]), back
+    return (results if len(chosen) else [results[0], np.zeros((n, h, w, 0), np.float32)]), back
 
 
 # ---- antialias ----
@@ -234,14 +264,13 @@ def _blended(color: Any, rast: Any, pos: Any, tri: Any) -> tuple[np.ndarray, np.
     color, rast = _floats("color", color, (4,)), _floats("rast", rast, (4,), (4,))
     pos, tri = _floats("pos", pos, (2, 3), (4,)), _faces(tri)
     _check(color.shape[:3] == rast.shape[:3], f"color and rast: expected pictures of one size, found shapes {color.shape} and {rast.shape}")
-    layers = 1 if pos.ndim == 2 else len(pos)
-    _check(layers in (1, len(color)), f"pos: expected 1 or {len(color)} in the first dimension, found shape {pos.shape}")
+    _first("pos", 1 if pos.ndim == 2 else len(pos), len(color), pos.shape)
     _in_range(tri, pos.shape[-2], "pos")
     return color, rast, pos, tri
 
 
 def antialias(
-    device: str, color: Any, rast: Any, pos: Any, tri: Any, opposite: np.ndarray | None = None, boost: float = 1.0
+    device: Device | str, color: Any, rast: Any, pos: Any, tri: Any, opposite: np.ndarray | None = None, boost: float = 1.0
 ) -> tuple[list[np.ndarray], Back]:
     """[out] and the way back to color and pos."""
     color, rast, pos, tri = _blended(color, rast, pos, tri)
@@ -254,7 +283,7 @@ def antialias(
 
 
 def antialias_exact(
-    device: str, color: Any, rast: Any, pos: Any, tri: Any, across: np.ndarray | None = None, outlines: int = 64, boost: float = 1.0
+    device: Device | str, color: Any, rast: Any, pos: Any, tri: Any, across: np.ndarray | None = None, outlines: int = 64, boost: float = 1.0
 ) -> tuple[list[np.ndarray], Back]:
     """As `antialias`, by the area that each face covers of a pixel; a tile of 4 x 4 pixels lists at most so many faces with `outlines`."""
     color, rast, pos, tri = _blended(color, rast, pos, tri)
@@ -269,7 +298,7 @@ def antialias_exact(
 
 def _blend(
     name: str,
-    device: str,
+    device: Device | str,
     defines: tuple[tuple[str, int], ...],
     symbols: tuple[tuple[str, int], ...],
     color: np.ndarray,
@@ -325,6 +354,14 @@ def halved_back(seed: np.ndarray, like: np.ndarray) -> np.ndarray:
     return seed
 
 
+def max_level(value: Any) -> int | None:
+    if value is None:
+        return None
+    level = _count("max_mip_level", value)
+    _check(level >= 0, f"max_mip_level: expected 0 or more, found {level}")
+    return level
+
+
 def pyramid(tex: Any, max_level: int | None) -> list[Any]:
     """The levels beyond the first."""
     levels = [tex]
@@ -334,7 +371,7 @@ def pyramid(tex: Any, max_level: int | None) -> list[Any]:
 
 
 def texture(
-    device: str, levels: Sequence[Any], uv: Any, uv_da: Any, bias: Any, filter_mode: str, boundary_mode: str
+    device: Device | str, levels: Sequence[Any], uv: Any, uv_da: Any, bias: Any, filter_mode: str, boundary_mode: str
 ) -> tuple[list[np.ndarray], Back]:
     """[out] and the way back to uv, uv_da, mip_level_bias and, as tex0, tex1, ..., the levels."""
     cube = boundary_mode == "cube"
@@ -343,7 +380,7 @@ def texture(
     uv = _floats("uv", uv, (4,), (3 if cube else 2,))
     n, h, w, _ = uv.shape
     layers, channels = levels[0].shape[0], levels[0].shape[-1]
-    _check(layers in (1, n), f"tex: expected 1 or {n} in the first dimension, found shape {levels[0].shape}")
+    _first("tex", layers, n, levels[0].shape)
     table, start = [], 0
     for k, level in enumerate(levels):
         if k > 0:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import torch
 
 from ..torch import differentiable_once
@@ -14,7 +15,11 @@ class Node(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, operation: Any, names: list[str], *tensors: Any) -> Any:
-        arrays = {name: t.detach().cpu().numpy() if isinstance(t, torch.Tensor) else t for name, t in zip(names, tensors)}
+        # Of what is no tensor a copy: nobody would notice that it was written to.
+        arrays = {
+            name: t.detach().cpu().numpy() if isinstance(t, torch.Tensor) else None if t is None else np.array(t)
+            for name, t in zip(names, tensors)
+        }
         results, ctx.back = operation(arrays)
         ctx.names = names
         like = next(t for t in tensors if isinstance(t, torch.Tensor))
