@@ -5,7 +5,6 @@
 #include <cmath>
 #include <csignal>
 #include <cstdio>
-#include <filesystem>
 #include <map>
 #include <set>
 
@@ -424,11 +423,8 @@ int eval(const EvalOptions& options) {
   const ir::Graph& graph = *program->differentiated();
   const auto runs = runs_of(options, graph);
   if (!runs) return kUserError;
-  if (!options.out.empty()) {
-    std::error_code error;
-    std::filesystem::create_directories(options.out, error);
-    if (error) return print_error("cannot make the folder '" + options.out + "': " + error.message()), kUserError;
-  }
+  if (!options.out.empty())
+    if (const auto made = io::make_results_folder(options.out); !made) return print_error(made.error()), kUserError;
   if (options.check_vjp) return check_vjp(options, graph, program->sources(), *runs);
   const bool done = Evaluator(options, graph, program->sources()).process(*runs);
   return !done ? kUserError : stopped_by != 0 ? 128 + stopped_by : kOk;

@@ -5,8 +5,10 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <filesystem>
 #include <sstream>
+#include <system_error>
 #include <utility>
 
 #include "compiler/io/file/failure.h"
@@ -131,6 +133,15 @@ Result<void> check_saved(const std::string& path, ElementKind kind, int componen
       fail("a PNG holds floats in 0 to 1 or bools, found ", kind_name(kind), "; .npy holds any kind");
     if (components > 4) fail("a PNG holds 1 to 4 components, found ", components);
   });
+}
+
+Result<void> make_results_folder(const std::string& path) {
+  std::error_code error, ignored;
+  fs::create_directories(path, error);
+  if (!fs::is_directory(path, ignored)) return Error{"cannot make the folder '" + path + "': " + error.message()};
+  if (::access(path.c_str(), W_OK) != 0)
+    return Error{"nothing can be written into the folder '" + path + "': " + std::generic_category().message(errno)};
+  return {};
 }
 
 ResultsFolder::ResultsFolder(std::string path) : path_(std::move(path)) {

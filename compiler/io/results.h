@@ -41,6 +41,9 @@ Result<void> check_output_file(const std::string& path, std::span<const std::str
                                const std::string& out = "");
 Result<void> check_saved(const std::string& path, ElementKind kind, int components, const std::string& out = "");
 
+// The folder of `--out`, unless it is there; whether files can be written into it is known before a run, too.
+Result<void> make_results_folder(const std::string& path);
+
 // A folder of results. The files that runs wrote stand in its list, `results.txt`: what the run before left, and this
 // one does not write anew, goes when finish() is called. Until then it stays. Nothing else is touched.
 class ResultsFolder {

@@ -11,6 +11,7 @@
 #include <string_view>
 #include <system_error>
 
+#include "compiler/io/results.h"
 #include "runtime/drun/checkpoint.h"
 #include "runtime/drun/target.h"
 
@@ -58,15 +59,10 @@ OutFolder::~OutFolder() {
 
 void OutFolder::take() {
   if (path_.empty() || descriptor_ >= 0) return;
-  std::error_code error;
-  fs::create_directories(path_, error);
-  if (error && !fs::is_directory(path_)) throw Mistake{"cannot make the folder '" + path_ + "': " + error.message()};
+  must(io::make_results_folder(path_));
   descriptor_ = open(path_.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   if (descriptor_ < 0)
     throw Mistake{"cannot open the folder '" + path_ + "': " + std::generic_category().message(errno)};
-  if (access(path_.c_str(), W_OK) != 0)
-    throw Mistake{"nothing can be written into the folder '" + path_ +
-                  "' of --out: " + std::generic_category().message(errno)};
   if (flock(descriptor_, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK)
     throw Mistake{"another drun writes to '" + path_ + "': wait for it, or give another folder with --out"};
 }

@@ -169,6 +169,12 @@ rm -rf full n.csv && mkdir -p full/results.txt
 status=0; "$drc" eval room.dr --symbol N=4 --out full --save fit.seen=n.csv > out 2> err || status=$?
 [[ $status == 1 && -s n.csv ]] || fail "drc eval, a full disk: $status $(cat err)"
 same 'drc eval, a full disk: words' "error: cannot write 'full/results.txt': it is a folder" "$(cat err)"
+# A folder that cannot be made, or takes no files, is told before anything runs.
+touch file
+for tool in "$drc eval" "$drun --device reference"; do
+  refuses "cannot make the folder 'file': Not a directory" $tool room.dr --symbol N=4 --out file
+  [[ -w /sys ]] || refuses "nothing can be written into the folder '/sys'" $tool room.dr --symbol N=4 --out /sys
+done
 # The folder of --out is made before files are written into it.
 rm -rf fresh
 "${room[@]}" --out fresh --save x=fresh/mine.csv --mesh fresh/a.glb=x:x > out 2> err && fail 'a mesh of floats is written'
