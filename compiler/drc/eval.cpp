@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <csignal>
 #include <cstdio>
-#include <filesystem>
 #include <map>
 #include <set>
 
@@ -28,6 +28,19 @@ using reference::first_not_finite;
 using reference::kind_of;
 using reference::to_array;
 using reference::to_image;
+
+// The signal that asked for an end. The run at hand comes to its own, and what there is is written.
+volatile std::sig_atomic_t stopped_by = 0;
+
+void on_signal(int signal) {
+  stopped_by = signal;
+  std::signal(signal, SIG_DFL);  // a second one ends the program
+}
+
+void catch_signals() {
+  for (const int signal : {SIGINT, SIGTERM})
+    if (stopped_by == 0) std::signal(signal, on_signal);
+}
 
 std::string number_text(double number) {
   if (std::isnan(number)) return "nan";  // whatever its sign
@@ -140,9 +153,10 @@ class Evaluator {
     for (const Run& run : runs) names.push_back(run.step->name);
     if (const auto wrong = session_.prepare(names); !names.empty() && wrong) return print_error(*wrong), false;
     const bool ran = run_all(runs);
-    // What ran before a mistake is not lost.
+    // What ran before a mistake is not lost, and a file that cannot be written costs no other one.
     if (!results_.empty()) session_.settle();
-    return ((results_.empty() || save_all()) && ran) && save_named();
+    const bool saved = results_.empty() || save_all();
+    return save_named() && saved && ran;
   }
 
   // Of each step's last run.
@@ -161,8 +175,14 @@ class Evaluator {
 
   bool run_all(const std::vector<Run>& runs) {
     for (const Run& run : runs)
-      for (int64_t k = 0; k < run.times; ++k)
+      for (int64_t k = 0; k < run.times; ++k) {
+        if (stopped_by != 0) {
+          print_warning("stopped by a signal: writing what there is");
+          return true;
+        }
         if (!run_once(*run.step)) return false;
+        catch_signals();
+      }
     return true;
   }
 
@@ -300,6 +320,8 @@ class Evaluator {
         types[io::ResultName{run.step->name, output.name}.str()] = graph_.value(output.value).type;
       }
     }
+    if (const auto shared = options_.out.empty() ? std::nullopt : io::shared_name(names))
+      return print_error(*shared), false;
     for (const std::string& text : options_.saves) {
       const auto parts = split_assignment(text, "--save");
       if (!parts) return false;
@@ -312,16 +334,25 @@ class Evaluator {
     return true;
   }
 
+  // Each is written, whatever becomes of the others.
   bool save_named() const {
+    bool saved = true;
     for (const auto& [name, file] : saves_) {
-      if (name.step.empty() && !session_.has_leaf(name.name))
-        return print_error("leaf '" + name.name + "' has no value to save: no step that ran needs it"), false;
+      if (!name.step.empty() && !results_.contains(name.step)) {
+        print_warning("--save: '" + file + "' is not written, as the step of '" + name.str() + "' has not run");
+        continue;
+      }
+      if (name.step.empty() && !session_.has_leaf(name.name)) {
+        print_error("leaf '" + name.name + "' has no value to save: no step that ran needs it");
+        saved = false;
+        continue;
+      }
       const reference::Image& image =
           name.step.empty() ? session_.leaf(name.name) : results_.at(name.step).outputs.at(name.name);
       const auto array = typed(name.str(), image);
-      if (!array || !told(io::save_array(file, *array))) return false;
+      saved = array && told(io::save_array(file, *array)) && saved;
     }
-    return true;
+    return saved;
   }
 
   const EvalOptions& options_;
@@ -392,13 +423,11 @@ int eval(const EvalOptions& options) {
   const ir::Graph& graph = *program->differentiated();
   const auto runs = runs_of(options, graph);
   if (!runs) return kUserError;
-  if (!options.out.empty()) {
-    std::error_code error;
-    std::filesystem::create_directories(options.out, error);
-    if (error) return print_error("cannot make the folder '" + options.out + "'"), kUserError;
-  }
+  if (!options.out.empty())
+    if (const auto made = io::make_results_folder(options.out); !made) return print_error(made.error()), kUserError;
   if (options.check_vjp) return check_vjp(options, graph, program->sources(), *runs);
-  return Evaluator(options, graph, program->sources()).process(*runs) ? kOk : kUserError;
+  const bool done = Evaluator(options, graph, program->sources()).process(*runs);
+  return !done ? kUserError : stopped_by != 0 ? 128 + stopped_by : kOk;
 }
 
 }  // namespace dr::drc

@@ -5,8 +5,10 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <filesystem>
 #include <sstream>
+#include <system_error>
 #include <utility>
 
 #include "compiler/io/file/failure.h"
@@ -47,10 +49,30 @@ std::string near_or_all(const std::string& name, std::span<const std::string_vie
   return near.empty() ? "; there are: " + list_of(all) : near;
 }
 
+constexpr const char* kRename = ": give the output another name";
+
+// Of a leaf, without what to do.
+std::optional<std::string> shared_name(const std::string& leaf, const ResultNames& names) {
+  for (const auto& [step, outputs] : names.steps)
+    for (const std::string& output : outputs)
+      if (leaf == ResultName{step, output}.str())
+        return "'" + leaf + "' is a leaf and an output of step '" + step + "'";
+  return std::nullopt;
+}
+
 }  // namespace
 
+std::optional<std::string> shared_name(const ResultNames& names) {
+  for (const std::string& leaf : names.leaves)
+    if (const auto found = shared_name(leaf, names)) return *found + ", and both would be one file of --out" + kRename;
+  return std::nullopt;
+}
+
 Result<ResultName> find_result(const std::string& text, const ResultNames& names) {
-  if (std::ranges::find(names.leaves, text) != names.leaves.end()) return ResultName{"", text};
+  if (std::ranges::find(names.leaves, text) != names.leaves.end()) {
+    if (const auto found = shared_name(text, names)) return Error{*found + kRename};
+    return ResultName{"", text};
+  }
   std::vector<std::string> all = names.leaves, whole, short_names;
   std::vector<ResultName> found;
   for (const auto& [step, outputs] : names.steps)
@@ -79,7 +101,8 @@ std::string unknown_name(const std::string& kind, const std::string& name, const
   return cat("there is no ", kind, " ", in_quotes(name), near_or_all(name, words, all));
 }
 
-Result<void> check_output_file(const std::string& path, std::span<const std::string_view> extensions) {
+Result<void> check_output_file(const std::string& path, std::span<const std::string_view> extensions,
+                               const std::string& out) {
   return guarded(cat("cannot write ", path_in_quotes(path), ": "), [&] {
     const std::string extension = extension_of(path);
     if (std::ranges::find(extensions, extension) == extensions.end()) {
@@ -90,6 +113,9 @@ Result<void> check_output_file(const std::string& path, std::span<const std::str
     }
     const fs::path folder = fs::path(path).parent_path();
     std::error_code error;
+    const auto place = [&](const fs::path& of) { return fs::weakly_canonical(fs::absolute(of / "", error), error); };
+    const bool is_out = !out.empty() && !folder.empty() && place(folder) == place(out);
+    if (is_out && !fs::exists(folder, error)) return;
     if (!folder.empty() && !fs::is_directory(folder, error))
       fail("there is no folder ", path_in_quotes(folder.string()));
     if (::access(folder.empty() ? "." : folder.c_str(), W_OK) != 0)
@@ -98,15 +124,24 @@ Result<void> check_output_file(const std::string& path, std::span<const std::str
   });
 }
 
-Result<void> check_saved(const std::string& path, ElementKind kind, int components) {
+Result<void> check_saved(const std::string& path, ElementKind kind, int components, const std::string& out) {
   constexpr std::string_view kExtensions[] = {".png", ".npy", ".csv"};
-  if (auto checked = check_output_file(path, kExtensions); !checked) return checked;
+  if (auto checked = check_output_file(path, kExtensions, out); !checked) return checked;
   if (extension_of(path) != ".png") return {};
   return guarded(cat("cannot write ", path_in_quotes(path), ": "), [&] {
     if (kind == ElementKind::Int32 || kind == ElementKind::UInt32)
       fail("a PNG holds floats in 0 to 1 or bools, found ", kind_name(kind), "; .npy holds any kind");
     if (components > 4) fail("a PNG holds 1 to 4 components, found ", components);
   });
+}
+
+Result<void> make_results_folder(const std::string& path) {
+  std::error_code error, ignored;
+  fs::create_directories(path, error);
+  if (!fs::is_directory(path, ignored)) return Error{"cannot make the folder '" + path + "': " + error.message()};
+  if (::access(path.c_str(), W_OK) != 0)
+    return Error{"nothing can be written into the folder '" + path + "': " + std::generic_category().message(errno)};
+  return {};
 }
 
 ResultsFolder::ResultsFolder(std::string path) : path_(std::move(path)) {
@@ -130,7 +165,9 @@ Result<void> ResultsFolder::write_list(const std::set<std::string>& names) const
 }
 
 bool ResultsFolder::done(const Result<void>& result) {
-  if (!result) failed_ += (failed_.empty() ? "" : "; ") + result.error();
+  // Files that share their list fail alike.
+  if (!result && failed_.find(result.error()) == std::string::npos)
+    failed_ += (failed_.empty() ? "" : "; ") + result.error();
   return result.ok();
 }
 

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <map>
+#include <optional>
 #include <set>
 #include <string>
 #include <utility>
@@ -24,6 +25,9 @@ struct ResultName {
   std::string str() const { return step.empty() ? name : step + "." + name; }
 };
 
+// The name that a leaf and an output of a step share, in a sentence, if there is one: both would be one file.
+std::optional<std::string> shared_name(const ResultNames& names);
+
 // What a user means by STEP.NAME, or by NAME: a leaf or, where none has the name, the output of the one step that has
 // it.
 Result<ResultName> find_result(const std::string& text, const ResultNames& names);
@@ -32,9 +36,13 @@ Result<ResultName> find_result(const std::string& text, const ResultNames& names
 std::string unknown_name(const std::string& kind, const std::string& name, const std::vector<std::string>& all);
 
 // "name=file" of `--save`. Whether it can be written is known before a run that takes hours: the extension, the folder,
-// and whether a picture can hold such elements.
-Result<void> check_output_file(const std::string& path, std::span<const std::string_view> extensions);
-Result<void> check_saved(const std::string& path, ElementKind kind, int components);
+// and whether a picture can hold such elements. The folder `out` need not be there, as it is made before.
+Result<void> check_output_file(const std::string& path, std::span<const std::string_view> extensions,
+                               const std::string& out = "");
+Result<void> check_saved(const std::string& path, ElementKind kind, int components, const std::string& out = "");
+
+// The folder of `--out`, unless it is there; whether files can be written into it is known before a run, too.
+Result<void> make_results_folder(const std::string& path);
 
 // A folder of results. The files that runs wrote stand in its list, `results.txt`: what the run before left, and this
 // one does not write anew, goes when finish() is called. Until then it stays. Nothing else is touched.

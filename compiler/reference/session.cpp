@@ -191,7 +191,7 @@ std::optional<std::string> Session::assign(uint32_t index, Image data) {
 }
 
 std::optional<std::string> Session::bind_symbol(const std::string& symbol, int64_t value) {
-  if (value < 0) return "'" + symbol + "' is given as " + std::to_string(value) + ", at least 0 is expected";
+  if (value < 1) return "'" + symbol + "' is given as " + std::to_string(value) + ", at least 1 is expected";
   if (symbols_.count(symbol) != 0) {
     if (symbols_.at(symbol) == value) return std::nullopt;
     return told(symbol, symbols_, symbol_origin_) + ", but it is given as " + std::to_string(value);

@@ -3,10 +3,12 @@
 #include "runtime/drun/checkpoint.h"
 
 #include <algorithm>
+#include <cerrno>
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <sstream>
+#include <system_error>
 
 #include "compiler/backend/bundle/bundle.h"
 #include "runtime/drun/out_folder.h"
@@ -63,10 +65,13 @@ void write_text(const std::string& path, const std::string& text) {
   const std::string temporary = path + ".partial";
   std::error_code error;
   try {
+    errno = 0;
     std::ofstream file(temporary, std::ios::binary);
     file << text;
     file.close();
-    if (!file) throw Mistake{"cannot write '" + path + "'"};
+    if (!file)
+      throw Mistake{"cannot write '" + path + "'" +
+                    (errno == 0 ? std::string() : ": " + std::generic_category().message(errno))};
     sync_to_disk(temporary);
     fs::rename(temporary, path, error);
     if (error) throw Mistake{"cannot write '" + path + "': " + error.message()};
@@ -76,13 +81,10 @@ void write_text(const std::string& path, const std::string& text) {
   }
 }
 
-void save_checkpoint(const std::string& out, const Checkpoint& c) {
-  // A folder of another name than the one in use, which stays until the file names the new one.
-  const std::string before = folder_in_use(out);
-  int number = 0;
-  while (fs::exists(fs::path(out) / (std::string(kCheckpoint) + std::to_string(number)))) ++number;
-  const std::string name = std::string(kCheckpoint) + std::to_string(number);
-  fs::create_directories(fs::path(out) / name);
+namespace {
+
+// The folder `name` in `out`, and then the file that names it.
+void save_checkpoint_as(const std::string& out, const std::string& name, const Checkpoint& c) {
   ordered_json json{{"folder", name}, {"steps", c.steps},     {"entry", c.entry}, {"done", c.done},
                     {"runs", c.runs}, {"program", c.program}, {"data", c.data}};
   const auto save = [&](const std::string& what, const Array& data) -> ordered_json {
@@ -104,8 +106,28 @@ void save_checkpoint(const std::string& out, const Checkpoint& c) {
   sync_to_disk(out);
   write_text((fs::path(out) / kFile).string(), json.dump(2) + "\n");
   sync_to_disk(out);
+}
+
+}  // namespace
+
+void save_checkpoint(const std::string& out, const Checkpoint& c) {
+  // A folder of another name than the one in use, which stays until the file names the new one.
+  const std::string before = folder_in_use(out);
+  int number = 0;
+  while (fs::exists(fs::path(out) / (std::string(kCheckpoint) + std::to_string(number)))) ++number;
+  const std::string name = std::string(kCheckpoint) + std::to_string(number);
+  std::error_code error;
+  fs::create_directories(fs::path(out) / name, error);
+  if (error) throw Mistake{"cannot make the folder '" + (fs::path(out) / name).string() + "': " + error.message()};
+  try {
+    save_checkpoint_as(out, name, c);
+  } catch (...) {
+    // A half takes room that the next one may need.
+    if (folder_in_use(out) != name) fs::remove_all(fs::path(out) / name, error);
+    throw;
+  }
   // Nothing but what the file pointed to.
-  if (is_own_folder(before) && before != name) fs::remove_all(fs::path(out) / before);
+  if (is_own_folder(before) && before != name) fs::remove_all(fs::path(out) / before, error);
 }
 
 std::string checkpoint_folder(const std::string& out) {

@@ -2,7 +2,10 @@
 #include "runtime/drun/mesh_material.h"
 
 #include <algorithm>
+#include <cmath>
+#include <cstdio>
 #include <iterator>
+#include <limits>
 #include <optional>
 #include <string_view>
 
@@ -51,14 +54,24 @@ MeshMaterial::MeshMaterial(const std::string& file, const std::map<std::string, 
     left.erase(found);
     return a;
   };
-  const auto factor = [&](const char* part, int components) -> std::optional<std::vector<double>> {
+  // A fit may leave a little more or less than a material takes, and its file may be all that stays: as in a picture,
+  // the nearest number is written. A NaN or Inf is refused.
+  const auto factor = [&](const char* part, int components, double high = 1) -> std::optional<std::vector<double>> {
     const auto name = left.count(part) != 0 ? left.at(part) : "";
     const auto a = take(part, components);
     if (!a) return std::nullopt;
     if (a->size() != 1)
       throw Mistake{"--mesh " + file + ": '" + name + "' is a picture, expected one value for " + part +
                     "; its picture is " + part + "_texture"};
-    return a->to_doubles();
+    std::vector<double> numbers = a->to_doubles();
+    for (double& number : numbers) {
+      const double nearest = std::clamp(number, 0.0, high);
+      if (nearest == number || !std::isfinite(number)) continue;
+      std::fprintf(stderr, "drun: warning: --mesh %s: '%s' is %g, out of the range of %s: %g is written\n",
+                   file.c_str(), name.c_str(), number, part, nearest);
+      number = nearest;
+    }
+    return numbers;
   };
   const auto texture = [&](const char* part) -> const Array* {
     auto a = take(part, 3);
@@ -87,7 +100,8 @@ MeshMaterial::MeshMaterial(const std::string& file, const std::map<std::string, 
   if (const auto f = factor("metallic", 1)) material_.metallic = (*f)[0];
   if (const auto f = factor("roughness", 1)) material_.roughness = (*f)[0];
   if (material_.emission) material_.emissive = {1, 1, 1};
-  if (const auto f = factor("emissive", 3)) std::ranges::copy(*f, material_.emissive.begin());
+  if (const auto f = factor("emissive", 3, std::numeric_limits<double>::max()))
+    std::ranges::copy(*f, material_.emissive.begin());
   if (!left.empty()) components_of(file, left.begin()->first);
 }
 

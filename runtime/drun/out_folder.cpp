@@ -9,7 +9,9 @@
 #include <cerrno>
 #include <filesystem>
 #include <string_view>
+#include <system_error>
 
+#include "compiler/io/results.h"
 #include "runtime/drun/checkpoint.h"
 #include "runtime/drun/target.h"
 
@@ -57,11 +59,10 @@ OutFolder::~OutFolder() {
 
 void OutFolder::take() {
   if (path_.empty() || descriptor_ >= 0) return;
-  std::error_code error;
-  fs::create_directories(path_, error);
-  if (error && !fs::is_directory(path_)) throw Mistake{"cannot make the folder '" + path_ + "': " + error.message()};
+  must(io::make_results_folder(path_));
   descriptor_ = open(path_.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  if (descriptor_ < 0) throw Mistake{"cannot open the folder '" + path_ + "'"};
+  if (descriptor_ < 0)
+    throw Mistake{"cannot open the folder '" + path_ + "': " + std::generic_category().message(errno)};
   if (flock(descriptor_, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK)
     throw Mistake{"another drun writes to '" + path_ + "': wait for it, or give another folder with --out"};
 }
@@ -81,9 +82,10 @@ void sync_to_disk(const std::string& path) {
   const int descriptor = open(path.c_str(), O_RDONLY | O_CLOEXEC);
   if (descriptor < 0) return;
   // A file system that cannot (EINVAL) is no reason to stop; a disk that failed is.
-  const bool failed = fsync(descriptor) != 0 && (errno == EIO || errno == ENOSPC || errno == EDQUOT);
+  const int error = fsync(descriptor) != 0 ? errno : 0;
   close(descriptor);
-  if (failed) throw Mistake{"cannot write '" + path + "' to the disk"};
+  if (error == EIO || error == ENOSPC || error == EDQUOT)
+    throw Mistake{"cannot write '" + path + "' to the disk: " + std::generic_category().message(error)};
 }
 
 }  // namespace dr::drun

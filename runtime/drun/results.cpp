@@ -26,9 +26,9 @@ struct MeshParts {
   std::map<std::string, std::string> material;
 };
 
-MeshParts parse_mesh(const std::string& file, const std::string& what) {
+MeshParts parse_mesh(const std::string& file, const std::string& what, const std::string& out_folder = "") {
   constexpr std::string_view kExtensions[] = {".obj", ".gltf", ".glb"};
-  if (const auto checked = io::check_output_file(file, kExtensions); !checked)
+  if (const auto checked = io::check_output_file(file, kExtensions, out_folder); !checked)
     throw Mistake{"--mesh: " + checked.error()};
   MeshParts out;
   std::stringstream text(what);
@@ -102,12 +102,7 @@ runtime::Program::LeafInfo Results::info(const io::ResultName& name) const {
 
 void Results::check(const Options& options, const std::set<std::string>& steps) const {
   if (!options.out.empty())
-    for (const auto& leaf : names_.leaves())
-      for (const std::string& step : steps)
-        if (leaf.name.starts_with(step + ".") &&
-            std::ranges::count(names_.outputs(step), leaf.name.substr(step.size() + 1)) > 0)
-          throw Mistake{"'" + leaf.name + "' is a leaf and an output of step '" + step +
-                        "', and both would be one file of --out: give the output another name"};
+    if (const auto shared = io::shared_name(names_of(steps))) throw Mistake{*shared};
   std::set<std::filesystem::path> files;
   const auto place = [](const std::string& file) {
     std::error_code error;
@@ -131,11 +126,11 @@ void Results::check(const Options& options, const std::set<std::string>& steps) 
     const auto what = io::find_result(name, names_of(steps));
     if (!what) throw Mistake{"--save " + name + "=" + file + ": " + what.error()};
     const auto type = info(*what);
-    must(io::check_saved(file, type.kind, type.components));
+    must(io::check_saved(file, type.kind, type.components, options.out));
   }
   for (const auto& [file, text] : options.meshes) {
     once("--mesh", file);
-    const MeshParts parts = parse_mesh(file, text);
+    const MeshParts parts = parse_mesh(file, text, options.out);
     for (size_t k = 0; k < std::min<size_t>(parts.names.size(), 4); ++k) {
       const auto what = io::find_result(parts.names[k], names_of(steps));
       if (!what) throw Mistake{"--mesh " + file + ": " + what.error()};
@@ -224,8 +219,9 @@ void Results::write_asked(const Options& options, const std::set<std::string>& r
     if (is_there("--save", file, {name}))
       attempt([&, &name = name, &file = file] { must(io::save_array(file, named(name, ran))); });
   for (const auto& [file, what] : options.meshes)
-    if (is_there("--mesh", file, results_in(parse_mesh(file, what))))
-      attempt([&, &file = file, &what = what] { write_mesh(file, what, ran); });
+    attempt([&, &file = file, &what = what] {
+      if (is_there("--mesh", file, results_in(parse_mesh(file, what)))) write_mesh(file, what, ran);
+    });
   if (first) throw *first;
 }
 

@@ -70,9 +70,11 @@ void Session::process() {
     if (watch_ && !ran_.empty()) watch_->end(steps_[at_.entry].first, at_.done);
   } catch (const Mistake& mistake) {
     // What ran before is not lost.
+    is_cut_short_ = true;
     if (!ran_.empty() && !under_way_) try {
         write_results();
-      } catch (const Mistake&) {
+      } catch (const Mistake& unwritten) {
+        std::fprintf(stderr, "drun: warning: %s\n", unwritten.message.c_str());
       }
     if (!has_saved_ || !under_way_) throw;
     throw Mistake{mistake.message + "; what '" + options_.out + "' has stays: --resume goes on from it"};
@@ -88,6 +90,7 @@ void Session::process() {
   if (!options_.counters.empty()) print_counters();
   // A run that was stopped before it did anything leaves what was there before.
   if (!ran_.empty() || !is_stopping()) write_results();
+  if (!not_finite_.empty()) throw Mistake{not_finite_};
 }
 
 void Session::run_steps() {
@@ -105,6 +108,7 @@ void Session::choose_steps() {
   const std::vector<std::string> all = names_.steps();
   steps_ = options_.steps;
   if (steps_.empty()) {
+    if (all.empty()) throw Mistake{"the program has no step: nothing is to run"};
     if (all.size() != 1)
       throw Mistake{"the program has several steps: choose with --step NAME[=TIMES]; there are " + list(all)};
     steps_.emplace_back(all[0], 1);
@@ -161,12 +165,17 @@ void Session::warn_of_changes(const Checkpoint& before) const {
   std::set<std::string> names;
   for (const auto* data : {&before.data, &at_.data})
     for (const auto& entry : *data) names.insert(entry.first);
-  for (const auto& leaf : before.leaves) names.erase(leaf.first);
-  for (const std::string& name : names) {
+  const auto is_changed = [&](const std::string& name) {
     const auto was = before.data.find(name), now = at_.data.find(name);
-    if (was == before.data.end() || now == at_.data.end() || was->second != now->second)
-      warn("other data of '" + name + "'");
+    return was == before.data.end() || now == at_.data.end() || was->second != now->second;
+  };
+  for (const auto& [leaf, data] : before.leaves) {
+    names.erase(leaf);
+    if (at_.data.contains(leaf) && is_changed(leaf))
+      std::fprintf(stderr, "drun: warning: --resume takes '%s' from the checkpoint, not from --bind\n", leaf.c_str());
   }
+  for (const std::string& name : names)
+    if (is_changed(name)) warn("other data of '" + name + "'");
 }
 
 void Session::resume() {
@@ -255,6 +264,7 @@ void Session::run_step(const std::string& step, int& done, int times) {
     progress.show(done, scalars(step, done, now == line));
     ran_for_ += ms_since(begin);
     look_for_not_finite(step, done, done == times || is_stopping());
+    if (mistake.empty()) mistake = not_finite_;
     if (!mistake.empty()) throw Mistake{mistake};
     checkpoint_when_due(step, 0);
   }
@@ -278,9 +288,14 @@ void Session::checkpoint_when_due(const std::string& step, int more) {
   now.leaves = results.leaves(ran);
   for (const std::string& one : ran)
     if (one != step || over) now.outputs[one] = results.outputs(one);
-  log_.flush();
-  save_checkpoint(options_.out, now);
-  has_saved_ = true;
+  tell_unwritten(unwritten_log_, log_.flush());
+  try {
+    save_checkpoint(options_.out, now);
+    unwritten_checkpoint_.reset();
+    has_saved_ = true;
+  } catch (const Mistake& mistake) {
+    tell_unwritten(unwritten_checkpoint_, "no checkpoint, and the run goes on: " + mistake.message);
+  }
   runs_since_saved_ = 0;
   saved_ = Clock::now();
 }
@@ -301,7 +316,7 @@ void Session::warn_of_open_meshes(const std::string& step) {
 // Runs the step so often, or until somebody interrupts, which is looked at several times a second. Gives how often.
 int Session::run_for(const std::string& step, int times, int before) {
   int done = 0;
-  while (done < times && !(is_stopping() && done > 0)) {
+  while (done < times && !(is_stopping() && done > 0) && not_finite_.empty()) {
     int now = std::min(times - done, together_);
     if (watch_) now = allowed(step, before + done, now);
     if (now == 0) break;
@@ -315,7 +330,7 @@ int Session::run_for(const std::string& step, int times, int before) {
     together_ = static_cast<int>(std::clamp(0.2 * now / std::max(seconds, 1e-6), 1.0, 1e6));
     // The device takes its time to start, and the host to know how much it takes at once.
     if (ran_.count(step) != 0) batches_[step].push_back({seconds, now});
-    if (done < times) checkpoint_when_due(step, done);
+    if (done < times && not_finite_.empty()) checkpoint_when_due(step, done);
   }
   return done;
 }
@@ -426,7 +441,7 @@ std::string Session::scalars(const std::string& step, int done, bool logged) {
   json += "}\n";
   last_lines_[step] = lines;
   if (!logged) return values;
-  log_.add(json, at_.log);
+  tell_unwritten(unwritten_log_, log_.add(json, at_.log));
   at_.log += json;
   return values;
 }
@@ -444,8 +459,16 @@ void Session::tell_not_finite(const std::string& step, const std::string& name, 
   if (!told_.insert(step + "." + name).second) return;
   const std::string message =
       what + ": --check-finite names the pass and line where it begins (with --pack naive, the op)";
-  if (options_.strict_finite) throw Mistake{message};
-  std::fprintf(stderr, "drun: warning: %s\n", message.c_str());
+  if (!options_.strict_finite) {
+    std::fprintf(stderr, "drun: warning: %s\n", message.c_str());
+  } else if (not_finite_.empty()) {
+    not_finite_ = message;
+  }
+}
+
+void Session::tell_unwritten(std::optional<std::string>& told, const std::optional<std::string>& why) const {
+  if (why && told != why) std::fprintf(stderr, "drun: warning: %s\n", why->c_str());
+  told = why;
 }
 
 void Session::hear_of_not_finite(const std::string& step, int done) {
@@ -508,23 +531,33 @@ void Session::write_results() {
 
 void Session::write_results(const Results& results) {
   const std::set<std::string> steps = given();
-  if (options_.out.empty()) return results.write_asked(options_, steps, is_stopping());
+  const bool stopped = is_stopping() || is_cut_short_;
+  if (options_.out.empty()) return results.write_asked(options_, steps, stopped);
   at_.leaves = results.leaves(ran_);
-  log_.flush();
-  try {
-    results.write_outputs(options_.out, steps, at_.leaves, options_.resume || ran_.empty());
-    results.write_asked(options_, steps, is_stopping());
-  } catch (const Mistake& mistake) {
-    // No run is lost by a file that cannot be written: the checkpoint holds what the file would.
-    Checkpoint unwritten = at_;
-    for (const std::string& step : steps) unwritten.outputs[step] = results.outputs(step);
-    save_checkpoint(options_.out, unwritten);
+  std::string failed;
+  const auto fail = [&](const std::string& message) { failed += (failed.empty() ? "" : "; ") + message; };
+  const auto attempt = [&](const auto& write) {
+    try {
+      write();
+    } catch (const Mistake& mistake) {
+      fail(mistake.message);
+    }
+  };
+  if (const auto why = options_.resume ? log_.restore(at_.log) : log_.flush()) fail(*why);
+  attempt([&] { results.write_outputs(options_.out, steps, at_.leaves, options_.resume || ran_.empty()); });
+  attempt([&] { results.write_asked(options_, steps, stopped); });
+  const bool is_whole = failed.empty();
+  // No run is lost by a file that cannot be written: the checkpoint holds what the file would.
+  if (is_whole)
+    at_.outputs.clear();
+  else
+    for (const std::string& step : steps) at_.outputs[step] = results.outputs(step);
+  attempt([&] {
+    save_checkpoint(options_.out, at_);
     has_saved_ = true;
-    throw Mistake{mistake.message + "; --resume writes it without running again"};
-  }
-  at_.outputs.clear();
-  save_checkpoint(options_.out, at_);
-  has_saved_ = true;
+    if (!is_whole) failed += "; --resume writes it without running again";
+  });
+  if (!failed.empty()) throw Mistake{failed};
 }
 
 }  // namespace dr::drun

@@ -5,6 +5,7 @@
 #include <chrono>
 #include <filesystem>
 #include <map>
+#include <optional>
 #include <set>
 #include <span>
 #include <string>
@@ -45,7 +46,7 @@ class Session {
   void choose_steps();
   void bind();
   void resume();
-  // Of a program, or of data, that is not what the run before had. Leaves that it left are its own.
+  // Of a program, or of data, that is not what the run before had, and of leaves that it left and --bind gives.
   void warn_of_changes(const Checkpoint& before) const;
   // From the runs that are `done` to `times`.
   void run_step(const std::string& step, int& done, int times);
@@ -77,9 +78,13 @@ class Session {
   // What the device said of the last runs.
   void hear_of_not_finite(const std::string& step, int done);
   void tell_not_finite(const std::string& step, const std::string& name, const std::string& what);
+  // What could not be written while steps run is no reason to end them: `why`, if there is one, is a warning, once
+  // until it changes.
+  void tell_unwritten(std::optional<std::string>& told, const std::optional<std::string>& why) const;
   // Warns once of each mesh that the step expects to be closed and that is not.
   void warn_of_open_meshes(const std::string& step);
   void print_counters();
+  // Each is written, whatever becomes of the others; throws what could not be.
   void write_results();
   void write_results(const Results& results);
   // The steps whose outputs there are: those that ran, here or before a checkpoint.
@@ -98,15 +103,18 @@ class Session {
   OutFolder folder_;
   std::chrono::steady_clock::time_point saved_ = std::chrono::steady_clock::now();
   int runs_since_saved_ = 0;
-  bool under_way_ = false;  // runs that failed half-way: nobody knows what the leaves hold
-  bool has_saved_ = false;  // a checkpoint, in this run
+  bool under_way_ = false;     // runs that failed half-way: nobody knows what the leaves hold
+  bool is_cut_short_ = false;  // by a mistake: steps may not have run
+  bool has_saved_ = false;     // a checkpoint, in this run
   std::set<std::string> ran_;
   std::set<std::string> warned_;                   // leaves
   std::map<std::string, std::string> last_lines_;  // of each step: STEP.NAME = VALUE
   std::map<std::string, bool> short_;
-  std::set<std::string> told_;       // what is not finite
-  double looked_ = 0, ran_for_ = 0;  // ms for NaN, and in all
-  int together_ = 1;                 // runs of a step between two looks at whether somebody interrupts
+  std::set<std::string> told_;  // what is not finite
+  std::string not_finite_;      // the first of it, where --strict-finite ends the run
+  std::optional<std::string> unwritten_log_, unwritten_checkpoint_;  // why, as it was told
+  double looked_ = 0, ran_for_ = 0;                                  // ms for NaN, and in all
+  int together_ = 1;  // runs of a step between two looks at whether somebody interrupts
   struct Batch {
     double seconds;
     int runs;

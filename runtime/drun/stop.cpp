@@ -28,6 +28,8 @@ void on_signal(int signal) {
 void catch_signals() {
   std::signal(SIGINT, on_signal);
   std::signal(SIGTERM, on_signal);
+  // Its terminal went away; under nohup it is not to hear of it.
+  if (std::signal(SIGHUP, on_signal) == SIG_IGN) std::signal(SIGHUP, SIG_IGN);
 }
 
 void stop_as_wished() {
@@ -47,6 +49,7 @@ const char* reason_of_stop() {
   return now == kTimedOut ? "the time is over"
          : now == kWished ? "stopped on its page"
          : now == SIGTERM ? "terminated"
+         : now == SIGHUP  ? "its terminal is gone"
                           : "interrupted";
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What ends a run before its time: Ctrl-C, SIGTERM, --timeout, the page of --watch.
+// What ends a run before its time: Ctrl-C, SIGTERM, SIGHUP, --timeout, the page of --watch.
 #pragma once
 
 #include <condition_variable>
@@ -8,8 +8,8 @@
 
 namespace dr::drun {
 
-// From now on Ctrl-C and SIGTERM let the step that runs finish, and what there is be written; a second one ends the
-// program.
+// From now on Ctrl-C, SIGTERM and SIGHUP let the step that runs finish, and what there is be written; a second one ends
+// the program.
 void catch_signals();
 // As Ctrl-C, but as a wish of the user's that is no failure: the exit code is 0.
 void stop_as_wished();

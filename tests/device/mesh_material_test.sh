@@ -39,6 +39,31 @@ of() { echo --bind "$1=ball.glb:material:$2"; }
 go read.dr $(of base base_color_texture:rgb) $(of metal metallic_texture) $(of rough roughness_texture) \
   $(of shade occlusion_texture) $(of glow emissive_texture:rgb) $(of shine emissive) > said
 [[ $(grep -c -e '^go.off = 0$' -e '^go.width = 4$' -e '^go.height = 2$' said) == 3 ]] || { cat said; failed=1; }
+# Numbers that no material has become the nearest one.
+cat > over.dr <<'END'
+edition 1;
+let position = [vec3(0.0), vec3(1.0, 0.0, 0.0), vec3(0.0, 1.0, 0.0)][coord(3).x];
+let face = ivec3(0, 1, 2) + 0 * coord(1).x;
+step go { output position, face, tint = vec3(1.75, 0.5, 1.0), rough = -0.25, glow = vec3(2.0, -1.0, 0.0), lost = 0.0 / 0.0; }
+END
+go over.dr --mesh over.glb=position:face:base_color=tint:roughness=rough:emissive=glow > said 2> err
+cat > expected <<'END'
+drun: warning: --mesh over.glb: 'tint' is 1.75, out of the range of base_color: 1 is written
+drun: warning: --mesh over.glb: 'rough' is -0.25, out of the range of roughness: 0 is written
+drun: warning: --mesh over.glb: 'glow' is -1, out of the range of emissive: 0 is written
+END
+grep -v go.lost err | diff expected - || failed=1
+cat > again.dr <<'END'
+edition 1;
+input tint : vec4;
+input rough : float;
+input glow : vec3;
+step go { output tint, rough, glow; }
+END
+go again.dr --bind tint=over.glb:material:base_color --bind rough=over.glb:material:roughness --bind glow=over.glb:material:emissive > said
+printf 'go.%s\n' 'tint = (1, 0.5, 1, 1)' 'rough = 0' 'glow = (2, 0, 0)' | diff - said || failed=1
+go over.dr --mesh lost.glb=position:face:metallic=lost > /dev/null 2> err && { echo 'a NaN is written'; failed=1; }
+grep -q "the material's metallic factor is " err || { cat err; failed=1; }
 refused() {
   if go write.dr --mesh "$1" > /dev/null 2> err || ! grep -qF -- "$2" err; then cat err; echo "not told: $2"; failed=1; fi
 }

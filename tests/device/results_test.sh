@@ -95,6 +95,92 @@ refuses "an OBJ file cannot name 'a b.mtl'" "${go[@]}" --mesh "a b.obj=position:
 refuses "there is no folder 'none'" "${go[@]}" --mesh none/a.glb=position:face
 refuses "unknown extension '.fbx'" "${go[@]}" --mesh a.fbx=position:face
 
+# A leaf and an output of one name are told apart by nobody.
+cat > shared.dr << 'END'
+edition 1;
+struct S { velocity: float; }
+optimizer momentum(rate) { state velocity = 0.0; update(x, g) { velocity <- 0.9 * velocity + g; x - rate * velocity } }
+param p : float = 3.0;
+step go { minimize p * p over p with momentum(rate = 0.1); output p = S(7.0); }
+END
+cat > counted.dr << 'END'
+edition 1;
+param p : float = 3.0;
+step go { p <- p * 0.5; output step_index = 77; }
+step look { output at = step_index of go; }
+END
+printf 'edition 1;\nparam p : float[N] = 3.0;\n' > stepless.dr
+for tool in "$drc eval" "$drun --device reference"; do
+  shares="is a leaf and an output of step 'go', and both would be one file of --out"
+  refuses "'go.p.velocity' $shares" $tool shared.dr --out shared
+  refuses "'go.step_index' $shares" $tool counted.dr --step go --step look --out shared
+  refuses "'go.p.velocity' is a leaf and an output of step 'go': give" $tool shared.dr --save go.p.velocity=v.npy
+done
+refuses 'the program has no step' "$drun" stepless.dr --device reference
+for size in 0 -3; do refuses "'N' is given as $size, at least 1 is expected" "$drc" eval stepless.dr --symbol N=$size; done
+
+# Ctrl-C and SIGTERM leave what there is: the run at hand comes to its end.
+cat > long.dr << 'END'
+edition 1;
+state count : int = 0;
+step go { count <- count + 1; output count; }
+step late { output one = 1.0; }
+END
+for signal in INT TERM; do
+  rm -rf stopped count.csv out
+  "$drc" eval long.dr --step go=1000000000 --step late --out stopped --save count=count.csv --save late.one=one.npy > out 2> err &
+  for ((wait = 0; wait < 240; ++wait)); do [[ -s out ]] && break; sleep 0.05; done
+  kill -$signal $!
+  status=0; wait $! || status=$?
+  [[ $status == $(($(kill -l $signal) + 128)) && -s stopped/count.npy && -s count.csv && ! -e one.npy ]] ||
+    fail "drc eval, SIG$signal: $status $(cat err)"
+  same "drc eval, SIG$signal: words" 2 "$(grep -c "^warning: stopped by a signal\|^warning: --save: 'one.npy' is not written" err)"
+done
+
+# A file that finds no room costs no other one, and no run; what is there is whole lines. Words come once.
+cat > room.dr << 'END'
+edition 1;
+param x : float[N] = 0.0;
+let error = sum((x - 1.0) * (x - 1.0));
+step fit { x <- x - 0.1 * grad(error, x); output error, seen = x; }
+END
+room=("$drun" room.dr --device reference --symbol N=4 --log-every 1)
+rm -rf full x.csv && mkdir full && ln -s /dev/full full/log.jsonl
+status=0; "${room[@]}" --step fit=30 --out full --save x=x.csv > out 2> err || status=$?
+same 'a full disk: the code' 1 "$status"
+same 'a full disk: words' $'drun: warning: cannot write \'full/log.jsonl\': No space left on device\ndrun: error: cannot write \'full/log.jsonl\': No space left on device; --resume writes it without running again' "$(cat err)"
+[[ -s x.csv && -s full/x.npy && -s full/fit.seen.npy ]] || fail "a full disk: $(ls . full)"
+rm full/log.jsonl
+"${room[@]}" --step fit=30 --out full --resume > /dev/null 2> err || fail "a log that found no room: $(cat err)"
+same 'a log that found no room' 30 "$(wc -l < full/log.jsonl)"
+# No file may have more than a kilobyte: the log has that of whole lines, checkpoints are said to be missing once.
+rm -rf small x.csv
+status=0
+(ulimit -f 1; trap '' XFSZ; exec "${room[@]}" --step fit=100 --checkpoint-every 10 --out small --save x=x.csv > out 2> err) || status=$?
+same 'a small disk: the code' 1 "$status"
+same 'a small disk: warnings' 2 "$(grep -c '^drun: warning: ' err)"
+grep -q "^drun: warning: no checkpoint, and the run goes on: cannot write 'small/checkpoint-[01]/log.jsonl': File too large" err || fail "a small disk: $(cat err)"
+lines=$(wc -l < small/log.jsonl)
+same 'a small disk: whole lines' "$lines" "$(grep -c '^{.*}$' small/log.jsonl)"
+[[ $lines -gt 5 && -s x.csv && -s small/x.npy && ! -e small/checkpoint-1 ]] || fail "a small disk: $(ls . small)"
+"${room[@]}" --step fit=100 --out small --resume > /dev/null 2> err || fail "after a small disk: $(cat err)"
+same 'after a small disk' 100 "$(wc -l < small/log.jsonl)"
+rm -rf full n.csv && mkdir -p full/results.txt
+status=0; "$drc" eval room.dr --symbol N=4 --out full --save fit.seen=n.csv > out 2> err || status=$?
+[[ $status == 1 && -s n.csv ]] || fail "drc eval, a full disk: $status $(cat err)"
+same 'drc eval, a full disk: words' "error: cannot write 'full/results.txt': it is a folder" "$(cat err)"
+# A folder that cannot be made, or takes no files, is told before anything runs.
+touch file
+for tool in "$drc eval" "$drun --device reference"; do
+  refuses "cannot make the folder 'file': Not a directory" $tool room.dr --symbol N=4 --out file
+  [[ -w /sys ]] || refuses "nothing can be written into the folder '/sys'" $tool room.dr --symbol N=4 --out /sys
+done
+# The folder of --out is made before files are written into it.
+rm -rf fresh
+"${room[@]}" --out fresh --save x=fresh/mine.csv --mesh fresh/a.glb=x:x > out 2> err && fail 'a mesh of floats is written'
+grep -q "'x' is not made of vec3" err || fail "--out makes the folder: $(cat err)"
+"${room[@]}" --out fresh --save x=fresh/mine.csv > /dev/null && [[ -s fresh/mine.csv ]] || fail '--save into the folder of --out'
+
 # A step that only writes a param does not want it bound; one that reads it first does.
 cat > start.dr << 'END'
 edition 1;
@@ -111,6 +197,13 @@ nan() { # DEVICE
   local status=0
   "$drun" nan.dr --device "$1" --step fit=60 --strict-finite --out strict > out 2> err || status=$?
   [[ $status == 1 ]] && grep -q 'after run [0-9]* of' err || fail "$1: --strict-finite: $status $(cat err)"
+  # It keeps what there is, as every end before the last run does; a step that did not run has nothing.
+  status=0
+  rm -rf strict asked.npy
+  "$drun" kept.dr --device "$1" --step fit=60 --step late --strict-finite --log-every 1 --out strict --save x=asked.npy late.one=late.npy > out 2> err || status=$?
+  [[ $status == 1 && -s strict/checkpoint.json && -s strict/x.npy && -s strict/fit.total.npy && -s asked.npy && ! -e late.npy ]] ||
+    fail "$1: --strict-finite keeps $(ls strict): $(cat err)"
+  same "$1: lines before a NaN" "$(seq -f '{"step": "fit", "run": %g,' 5)" "$(grep -v null strict/log.jsonl | cut -d ' ' -f 1-4)"
   status=0
   "$drun" loss.dr --device "$1" --step fit=60 --strict-finite > out 2> err || status=$?
   # The root is no number from run 7 on. Lines come after run 1 and 11, and between them on a machine that is slow.
@@ -155,6 +248,13 @@ edition 1;
 param x : float[4] = 1.0;
 let i = coord(4).x;
 step fit { x <- if i == 2 { sqrt(x - 0.4) } else { x }; }
+END
+cat > kept.dr << 'END'
+edition 1;
+param x : float[4] = 1.0;
+let i = coord(4).x;
+step fit { x <- if i == 2 { sqrt(x - 0.4) } else { x }; output total = sum(x); }
+step late { output one = 1.0; }
 END
 cat > loss.dr << 'END'
 edition 1;

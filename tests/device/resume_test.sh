@@ -106,12 +106,23 @@ run --step fit=$((done + 5)) --resume --out stopped > /dev/null
 run --step fit=$((done + 5)) --out again > /dev/null
 for leaf in a momentum; do cmp stopped/$leaf.npy again/$leaf.npy || fail "$leaf after an interrupted run"; done
 
-# SIGTERM, which batch systems send, likewise; what ends with a signal is no success.
-"$drun" "${common[@]}" llvmpipe --step fit=900000000 --out terminated > /dev/null 2> err.txt &
+# SIGTERM, which batch systems send, and SIGHUP, of a terminal that is closed, likewise; what ends with a signal is no success.
+for signal in TERM HUP; do
+  rm -rf terminated
+  "$drun" "${common[@]}" llvmpipe --step fit=900000000 --out terminated > /dev/null 2> err.txt &
+  for ((wait = 0; wait < 240; ++wait)); do [[ -s terminated/log.jsonl ]] && break; sleep 0.25; done
+  kill -$signal $!
+  status=0; wait $! || status=$?
+  [[ $status == $(($(kill -l $signal) + 128)) && -s terminated/checkpoint.json ]] && grep -q 'terminated\|its terminal is gone' err.txt ||
+    fail "SIG$signal: $status, $(cat err.txt)"
+done
+# Under nohup nobody asks for an end.
+rm -rf terminated
+nohup "$drun" "${common[@]}" llvmpipe --step fit=900000000 --timeout 3 --out terminated > /dev/null 2> err.txt &
 for ((wait = 0; wait < 240; ++wait)); do [[ -s terminated/log.jsonl ]] && break; sleep 0.25; done
-kill -TERM $!
+kill -HUP $!
 status=0; wait $! || status=$?
-[[ $status == 143 ]] && grep -q terminated err.txt && [[ -s terminated/checkpoint.json ]] || fail "SIGTERM: $status, $(cat err.txt)"
+[[ $status == 124 ]] || fail "SIGHUP under nohup: $status, $(cat err.txt)"
 
 # --timeout likewise; a checkpoint is there before the end, by runs and by seconds.
 for every in 1000 0.5s; do
@@ -188,5 +199,13 @@ words=$("$drun" fit.dr "${brighter[@]}" --step fit=4 --resume --out changed 2>&1
 sed 's/0.9 \* momentum/0.8 * momentum/' fit.dr > slower.dr
 words=$("$drun" slower.dr "${common[@]:1}" llvmpipe --step fit=5 --resume --out changed 2>&1 > /dev/null)
 [[ $words == *"another program"*"other data of 'photo'"* ]] || fail "words for another program: $words"
+# What is bound anew to a leaf that the checkpoint holds is told to be left out; what is bound as before is not.
+run --step fit=2 --bind 'a==[[1, 2, 3], [4, 5, 6]]' --out bound-anew > /dev/null
+words=$(run --step fit=3 --bind 'a==[[1, 2, 3], [4, 5, 6]]' --resume --out bound-anew 2>&1 > /dev/null)
+[[ $words != *'--resume takes'* ]] || fail "words where nothing is bound anew: $words"
+words=$(run --step fit=4 --bind 'a==[[1, 2, 3], [4, 5, 7]]' --bind tone=2 --resume --out bound-anew 2>&1 > /dev/null)
+for leaf in a tone; do
+  [[ $words == *"--resume takes '$leaf' from the checkpoint, not from --bind"* ]] || fail "words for '$leaf': $words"
+done
 
 echo "resume: all as expected"

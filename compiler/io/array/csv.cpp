@@ -1,8 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // .csv: a table of numbers, a line a row. What a spreadsheet or a measuring device writes, so a first line of words is
-// a heading, and a field may stand in quotes.
+// a heading, and a field may stand in quotes. A number with a slip of the pen, or a mark for one that is missing, is no
+// word: a row would be lost.
+#include <algorithm>
 #include <charconv>
+#include <iterator>
 #include <limits>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -26,10 +30,24 @@ bool read_number(std::string_view text, double& value) {
   return error == std::errc() && end == text.data() + text.size() && !text.empty();
 }
 
-// The numbers of a line; what is none goes to `wrong`, if it is asked for.
-std::vector<double> read_row(std::string_view line, std::string_view* wrong, size_t& numbers) {
-  std::vector<double> row;
-  numbers = 0;
+// Whether a field that is no number may stand in a heading; one without a word may, beside others that have one.
+bool is_word(std::string_view field) {
+  constexpr std::string_view kMissing[] = {"N/A", "n/a", "NA", "NULL", "Null", "null", "None", "none", "?"};
+  constexpr std::string_view kMinus = "\u2212";
+  const bool like_number = !field.empty() && std::string_view("0123456789+-.").find(field[0]) != std::string_view::npos;
+  return !like_number && !field.starts_with(kMinus) && std::ranges::find(kMissing, field) == std::end(kMissing);
+}
+
+struct TableLine {
+  std::vector<double> values;
+  std::optional<std::string_view> wrong;  // the first field that is no number; of a line of words one that is no word
+  bool is_heading = false;
+};
+
+TableLine read_row(std::string_view line) {
+  TableLine row;
+  std::optional<std::string_view> no_word;
+  bool has_number = false, has_word = false;
   for (size_t begin = 0; begin <= line.size();) {
     const std::string_view rest = line.substr(begin);
     const size_t quote = rest.find_first_not_of(" \t");
@@ -41,13 +59,17 @@ std::vector<double> read_row(std::string_view line, std::string_view* wrong, siz
       field = trimmed(field.substr(1, field.size() - 2));
     double value = 0;
     if (read_number(field, value)) {
-      ++numbers;
-    } else if (wrong->data() == nullptr) {
-      *wrong = field.data() != nullptr ? field : "";
+      has_number = true;
+    } else {
+      if (!row.wrong) row.wrong = field;
+      if (!no_word && !is_word(field)) no_word = field;
+      has_word = has_word || !field.empty();
     }
-    row.push_back(value);
+    row.values.push_back(value);
     begin = end + 1;
   }
+  row.is_heading = has_word && !has_number && !no_word;
+  if (!has_number && no_word) row.wrong = no_word;
   return row;
 }
 
@@ -65,16 +87,12 @@ Array parse_csv(std::string_view text, int expected_components) {
     begin = end + 1;
     ++line_number;
     if (line.empty() || line.starts_with('#')) continue;
-    std::string_view wrong;
-    size_t numbers = 0;
-    const std::vector<double> row = read_row(line, &wrong, numbers);
-    if (wrong.data() != nullptr) {
-      if (rows == 0 && columns == 0 && numbers == 0) {
-        columns = static_cast<int64_t>(row.size());  // a heading
-        continue;
-      }
-      fail("line ", line_number, ": expected a number, found ", in_quotes(wrong));
+    const auto [row, wrong, is_heading] = read_row(line);
+    if (rows == 0 && columns == 0 && is_heading) {
+      columns = static_cast<int64_t>(row.size());
+      continue;
     }
+    if (wrong) fail("line ", line_number, ": expected a number, found ", in_quotes(*wrong));
     if (columns == 0) columns = static_cast<int64_t>(row.size());
     if (static_cast<int64_t>(row.size()) != columns)
       fail("line ", line_number, ": expected ", counted(columns, "number", "numbers"),

@@ -183,14 +183,17 @@ ImageOptions image_options(std::span<const std::string_view> selectors, ImageOpt
 Array read_images(const std::vector<std::string>& paths, const ImageOptions& options) {
   Array array;
   int first_channels = 0;
+  bool first_curved = false;
   for (size_t layer = 0; layer < paths.size(); ++layer) {
     const auto work = [&] {
       const Picture picture = decode(read_file(paths[layer]), extension_of(paths[layer]));
       const std::vector<ChannelSource> sources = sources_of(picture, options);
       const int components = static_cast<int>(sources.size());
       check_components(components, picture.channels, options);
+      const bool curved = std::ranges::any_of(sources, &ChannelSource::curved);
       if (layer == 0) {
         first_channels = picture.channels;
+        first_curved = curved;
         array = checked_zeros(ElementKind::Float32, components, picture.width, picture.height,
                               static_cast<int64_t>(paths.size()));
       }
@@ -201,6 +204,13 @@ Array read_images(const std::vector<std::string>& paths, const ImageOptions& opt
       if (components != array.components) {
         fail("it stores ", channel_names(picture.channels), ", ", path_in_quotes(paths[0]), " stores ",
              channel_names(first_channels), "; ':r', ':rgb' or ':rgba' make them alike");
+      }
+      // One value would become two numbers.
+      if (curved != first_curved) {
+        fail("it stores ", channel_names(picture.channels), ", ", path_in_quotes(paths[0]), " stores ",
+             channel_names(first_channels),
+             ", and the sRGB curve is undone for the colour alone; ':raw:r' takes all "
+             "as stored, ':rgb' as colours");
       }
       const auto floats = array.as<float>();
       convert(picture, sources, floats.data() + floats.size() / paths.size() * layer);

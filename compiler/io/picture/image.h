@@ -66,7 +66,8 @@ Array to_array(const Picture& picture, const ImageOptions& options);
 // What `:raw`, `:r`, `:rgb`, `:rgba` and `:a` choose, on top of `options`.
 ImageOptions image_options(std::span<const std::string_view> selectors, ImageOptions options);
 
-// Reads the files as the layers of one array; they must agree in size and channels. Precondition: at least one path.
+// Reads the files as the layers of one array; they must agree in size, channels and whether the curve is undone.
+// Precondition: at least one path.
 Array read_images(const std::vector<std::string>& paths, const ImageOptions& options);
 
 // One layer as an 8-bit PNG; the rules are save_array's, but for `raw`, which leaves the curve out.

@@ -9,6 +9,8 @@
 #include <cstring>
 #include <limits>
 #include <memory>
+#include <optional>
+#include <utility>
 
 #include "compiler/io/file/failure.h"
 #include "compiler/io/picture/image.h"
@@ -52,6 +54,10 @@ void* stb_reallocate(void* block, size_t size) {
 namespace dr::io {
 namespace {
 
+// Bytes of the header, and what they say.
+constexpr size_t kBitsAt = 24, kColourTypeAt = 25;
+constexpr uint8_t kGrey = 0, kPaletted = 3;
+
 struct FreeStb {
   void operator()(void* block) const { std::free(block); }
 };
@@ -78,8 +84,8 @@ uint32_t crc32(std::span<const uint8_t> bytes) {
 
 // What a PNG's header says of its samples, as the decoder gives them: a palette becomes a colour, fewer than 8 bits 8.
 PictureSize png_header(std::span<const uint8_t> file) {
-  const uint8_t bits = file[24];
-  const uint8_t colour_type = file[25];
+  const uint8_t bits = file[kBitsAt];
+  const uint8_t colour_type = file[kColourTypeAt];
   PictureSize size = {big_u32(file, 16), big_u32(file, 20)};
   size.channels = colour_type == 0 ? 1 : colour_type == 4 ? 2 : colour_type == 2 ? 3 : 4;
   size.sample_bytes = bits == 16 ? 2 : 1;
@@ -124,15 +130,80 @@ PictureSize check_png(std::span<const uint8_t> file) {
   }
 }
 
+namespace {
+
+// The colours that a picture's indices name.
+struct Palette {
+  std::span<const uint8_t> colours;  // three bytes each
+  std::span<const uint8_t> alphas;   // of the first ones
+  int64_t size() const { return static_cast<int64_t>(colours.size() / 3); }
+};
+
+// The decoder does not compare indices with the palette, and reads what it never wrote behind its end. So it gets the
+// indices as a picture of grey, and the colours are looked up here. `file` is one that check_png() takes; it becomes
+// that picture.
+Palette take_palette(std::span<const uint8_t> file, std::vector<uint8_t>& grey) {
+  Palette palette;
+  if (file[kBitsAt] > 8) fail("byte ", kBitsAt, ": a picture with a palette has at most 8 bits, found ", file[kBitsAt]);
+  grey.assign(file.begin(), file.end());
+  grey[kColourTypeAt] = kGrey;
+  for (size_t at = 8; true;) {
+    const size_t length = big_u32(file, at);
+    const std::string_view name = as_text(file.subspan(at + 4, 4));
+    const auto data = file.subspan(at + 8, length);
+    if (name == "PLTE") {
+      if (length == 0 || length % 3 != 0 || length > 256 * 3)
+        fail("byte ", at, ": a palette of ", length, " bytes, expected 1 to 256 colours of 3");
+      palette.colours = data;
+    }
+    if (name == "tRNS") {
+      if (static_cast<int64_t>(length) > palette.size())
+        fail("byte ", at, ": ", length, " alphas for a palette of ", palette.size());
+      palette.alphas = data;
+      grey[at + 7] = 's';  // what a grey picture says by it is something else; chunks of unknown names are passed over
+    }
+    if (name == "IDAT" || name == "IEND") break;
+    at += 12 + length;
+  }
+  if (palette.colours.empty()) fail("there is no palette before the picture data");
+  return palette;
+}
+
+// Indices, as the decoder scales grey values of so few bits, become colours.
+void apply(const Palette& palette, int bits, Picture& picture) {
+  const int scale = 255 / ((1 << bits) - 1);
+  const std::vector<uint8_t> indices = std::exchange(picture.samples8, {});
+  picture.channels = palette.alphas.empty() ? 3 : 4;
+  picture.samples8.reserve(indices.size() * static_cast<size_t>(picture.channels));
+  for (size_t i = 0; i < indices.size(); ++i) {
+    const int index = indices[i] / scale;
+    if (index >= palette.size()) {
+      const auto width = static_cast<size_t>(picture.width);
+      fail("the pixel at x ", i % width, ", y ", i / width, " has the colour ", index, " of a palette of ",
+           palette.size());
+    }
+    const auto k = static_cast<size_t>(index);
+    picture.samples8.insert(picture.samples8.end(), palette.colours.begin() + 3 * index,
+                            palette.colours.begin() + 3 * index + 3);
+    if (picture.channels == 4) picture.samples8.push_back(k < palette.alphas.size() ? palette.alphas[k] : 255);
+  }
+}
+
+}  // namespace
+
 Picture decode_png(std::span<const uint8_t> file) {
   const PictureSize size = check_png(file);
+  const int bits = file[kBitsAt];
+  std::vector<uint8_t> grey;
+  std::optional<Palette> palette;
+  if (file[kColourTypeAt] == kPaletted) palette = take_palette(file, grey);
 
   // The largest single block: 4 channels of 16 bits, a filter byte a row, doubled because the inflating buffer grows by
   // doubling; and some room for the fixed tables.
   const auto pixels = static_cast<size_t>(size.width * size.height);
   stb_allocation_limit = (pixels * 8 + static_cast<size_t>(size.height)) * 2 + (size_t{1} << 20);
 
-  const auto* data = file.data();
+  const auto* data = palette ? grey.data() : file.data();
   const int length = static_cast<int>(file.size());
   Picture picture;
   int width = 0;
@@ -157,6 +228,7 @@ Picture decode_png(std::span<const uint8_t> file) {
   }
   picture.width = width;
   picture.height = height;
+  if (palette) apply(*palette, bits, picture);
   return picture;
 }
 

@@ -96,6 +96,26 @@ TEST_CASE("a palette gives colours, with alpha where the file has it", "[io][ima
   const std::string alpha = png_chunk("tRNS", std::string("\x00", 1));
   const std::string clear = folder.write("t.png", whole.substr(0, header) + palette + alpha + whole.substr(header));
   CHECK(floats(load_array(clear)) == std::vector<float>{1, linear(128), 0, 1, 0, 0, 0, 0});
+
+  // Of 2 bits: the first four of twelve pixels name the colours 2, 1, 0 and 1.
+  const auto file = [&](uint8_t bits, const std::string& chunks, std::initializer_list<int> bytes) {
+    const std::string plain = png_file(4, 1, bits, 3, row(bytes));
+    return folder.write("b.png", plain.substr(0, header) + chunks + plain.substr(header));
+  };
+  const std::string three = png_chunk("PLTE", std::string("\x00\x00\x00\xff\x80\x00\x01\x02\x03", 9));
+  CHECK(floats(load_array(file(2, three, {0x91}) + ":raw:r")) == std::vector<float>{raw(1), 1, 0, 1});
+  const auto refusal = [&](const std::string& of) { return replaced(load_binding(of).error(), folder.path(), ""); };
+  CHECK(refusal(file(2, three, {0x93})) ==
+        "cannot read '/b.png': the pixel at x 3, y 0 has the colour 3 of a palette of 3");
+  CHECK(refusal(file(8, three, {0, 1, 200, 3})) ==
+        "cannot read '/b.png': the pixel at x 2, y 0 has the colour 200 of a palette of 3");
+  CHECK(refusal(file(8, "", {0, 1, 2, 3})) == "cannot read '/b.png': there is no palette before the picture data");
+  CHECK(refusal(file(8, png_chunk("PLTE", "1234"), {0, 0, 0, 0})) ==
+        "cannot read '/b.png': byte 33: a palette of 4 bytes, expected 1 to 256 colours of 3");
+  CHECK(refusal(file(8, three + png_chunk("tRNS", "1234"), {0, 0, 0, 0})) ==
+        "cannot read '/b.png': byte 54: 4 alphas for a palette of 3");
+  CHECK(refusal(file(16, three, {0, 0, 0, 0, 0, 0, 0, 0})) ==
+        "cannot read '/b.png': byte 24: a picture with a palette has at most 8 bits, found 16");
 }
 
 TEST_CASE("a JPEG is read by content, whatever its extension", "[io][image]") {
@@ -167,6 +187,17 @@ TEST_CASE("a pattern stacks pictures in the order of their names", "[io][image]"
   CHECK(floats(array) == std::vector<float>{0, 0.2f, 1});
   CHECK(load_array(folder / "v/?.png").layers == 2);
   CHECK(load_array(folder / "v/c*0*.png:raw").layers == 1);
+}
+
+TEST_CASE("a stack of grey and colour pictures has one meaning", "[io][image]") {
+  const TemporaryFolder folder;
+  folder.write("m/a.png", png_file(1, 1, 8, 0, row({128})));
+  folder.write("m/b.png", png_file(1, 1, 8, 2, row({128, 128, 128})));
+  CHECK(floats(load_array(folder / "m/*.png:raw:r")) == std::vector<float>{raw(128), raw(128)});
+  CHECK(floats(load_array(folder / "m/*.png:rgb"))[3] == linear(128));
+  CHECK(replaced(load_binding(folder / "m/*.png:r").error(), folder.path(), "") ==
+        "cannot read '/m/*.png:r': '/m/b.png': it stores rgb, '/m/a.png' stores grey, and the sRGB curve is undone for "
+        "the colour alone; ':raw:r' takes all as stored, ':rgb' as colours");
 }
 
 TEST_CASE("a picture survives a PNG file", "[io][image]") {

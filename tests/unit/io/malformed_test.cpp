@@ -440,6 +440,17 @@ TEST_CASE("tables that are none are refused with their line", "[io][malformed]")
   CHECK(error("1,2\n3,four\n") == "cannot read 't.csv': line 2: expected a number, found 'four'");
   CHECK(error("1,2\n3,\n") == "cannot read 't.csv': line 2: expected a number, found ''");
   CHECK(error("\"1\",\"2\"\n3,\"four\"\n") == "cannot read 't.csv': line 2: expected a number, found 'four'");
+  // What is mistyped or missing is no heading.
+  for (const std::string number : {"1.O", "1e5x", "-", "1.0.0", "+x", ".x", "N/A", "null", "\u22121"}) {
+    const std::string expected = "cannot read 't.csv': line 1: expected a number, found '" + number + "'";
+    CHECK(error((number + "\n2\n3\n").c_str()) == expected);
+    CHECK(error(("\"" + number + "\",x\n2,3\n").c_str()) == expected);
+  }
+  CHECK(error("x,1.O\n2,3\n") == "cannot read 't.csv': line 1: expected a number, found '1.O'");
+  CHECK(error(",\n2,3\n") == "cannot read 't.csv': line 1: expected a number, found ''");
+  CHECK(error("x,3\n2,3\n") == "cannot read 't.csv': line 1: expected a number, found 'x'");
+  folder.write("t.csv", ",Na,x-1,N/A rate\n1,2,3,4\n");
+  CHECK(load_binding(folder / "t.csv").value().to_doubles() == std::vector<double>{1, 2, 3, 4});
   folder.write("t.csv", "\"left, right\",\"up\"\n\"1\", 2\n");
   CHECK(load_binding(folder / "t.csv").value().to_doubles() == std::vector<double>{1, 2});
   folder.write("t.csv", "\"1\",\"2\"\n3,4\n");
