@@ -143,7 +143,7 @@ void Parser::parse_item(Module& module) {
   } else if (at_word("step")) {
     item.kind = Item::Kind::Step;
     item.step = parse_step(std::move(doc));
-  } else if (at_word("import") && next_at(TokenKind::Name)) {
+  } else if (at_word("import")) {
     if (!module.items.empty() || module.params_span.valid()) {
       report(Code::E0110, span(token_), "expected imports before all declarations, found one behind them");
     }
