@@ -109,7 +109,7 @@ Array parse_csv(std::string_view text, int expected_components) {
   // A column is a list, as a row is.
   const std::vector<int64_t> shape = columns == 1 ? std::vector<int64_t>{rows} : std::vector<int64_t>{rows, columns};
   const Extent extent = extent_of_shape(shape, expected_components);
-  const Array array = Array::from_doubles(values, extent.components, extent.width, extent.height, extent.layers);
+  Array array = Array::from_doubles(values, extent.components, extent.width, extent.height, extent.layers);
   if (!integers) return array;
   auto whole = array.converted(ElementKind::Int32);
   if (!whole) fail(whole.error());
