@@ -254,8 +254,7 @@ TEST_CASE("messages are lower case, short and without a full stop; every code ha
       "edition 1; let x = \"\\q\";",
       "edition 1; let x = 1.;",
       "edition 1; let x = 1e99;",
-      "edition 1; let "
-      "xxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxx = 1;",
+      "edition 1; let " + repeat("x", 102) + " = 1;",
       "edition 1; let x 1;",
       "edition 1; let x = ;",
       "edition 1; let x : = 1;",
