@@ -38,8 +38,7 @@ void on_signal(int signal) {
 }
 
 void catch_signals() {
-  for (const int signal : {SIGINT, SIGTERM})
-    if (stopped_by == 0) std::signal(signal, on_signal);
+  for (const int signal : {SIGINT, SIGTERM}) std::signal(signal, on_signal);
 }
 
 std::string number_text(double number) {
@@ -180,8 +179,9 @@ class Evaluator {
           print_warning("stopped by a signal: writing what there is");
           return true;
         }
+        const bool is_first = results_.empty();
         if (!run_once(*run.step)) return false;
-        catch_signals();
+        if (is_first) catch_signals();
       }
     return true;
   }

@@ -31,6 +31,13 @@ std::string list(const std::vector<std::string>& names) {
   return out;
 }
 
+// What could not be written while steps run is no reason to end them: `why`, if there is one, is a warning, once until
+// it changes.
+void tell_unwritten(std::optional<std::string>& told, const std::optional<std::string>& why) {
+  if (why && told != why) std::fprintf(stderr, "drun: warning: %s\n", why->c_str());
+  told = why;
+}
+
 }  // namespace
 
 void Session::process() {
@@ -464,11 +471,6 @@ void Session::tell_not_finite(const std::string& step, const std::string& name, 
   } else if (not_finite_.empty()) {
     not_finite_ = message;
   }
-}
-
-void Session::tell_unwritten(std::optional<std::string>& told, const std::optional<std::string>& why) const {
-  if (why && told != why) std::fprintf(stderr, "drun: warning: %s\n", why->c_str());
-  told = why;
 }
 
 void Session::hear_of_not_finite(const std::string& step, int done) {

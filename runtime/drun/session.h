@@ -78,9 +78,6 @@ class Session {
   // What the device said of the last runs.
   void hear_of_not_finite(const std::string& step, int done);
   void tell_not_finite(const std::string& step, const std::string& name, const std::string& what);
-  // What could not be written while steps run is no reason to end them: `why`, if there is one, is a warning, once
-  // until it changes.
-  void tell_unwritten(std::optional<std::string>& told, const std::optional<std::string>& why) const;
   // Warns once of each mesh that the step expects to be closed and that is not.
   void warn_of_open_meshes(const std::string& step);
   void print_counters();

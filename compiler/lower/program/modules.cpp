@@ -113,14 +113,14 @@ void Elaborator::load_import(ModuleInfo& importer, const dsl::ImportDecl& import
 
 namespace {
 
-// Whether an op was emitted although all that it is of is constant: its value is not finite.
-bool is_of_constants(const ir::Builder& b, ir::ValueId v) {
-  const ir::OpId id = b.value(v).op;
-  if (!id.valid()) return false;
-  const ir::Op& op = b.graph().op(id);
-  return op.kind == ir::OpKind::Const || (!op.operands.empty() && std::ranges::all_of(op.operands, [&](ir::ValueId x) {
-           return is_of_constants(b, x);
-         }));
+// Whether a value was emitted although all that it is of is constant: it is not finite.
+bool is_of_constants(const ir::Graph& graph, ir::ValueId v) {
+  const std::vector<bool> live = ir::live_ops(graph, {&v, 1});
+  for (uint32_t k = 0; k < graph.op_count(); ++k) {
+    const ir::Op& op = graph.op(ir::OpId{k});
+    if (live[k] && op.operands.empty() && op.kind != ir::OpKind::Const) return false;
+  }
+  return true;
 }
 
 // The folder of a module's file, for library modules inside the library.
@@ -266,8 +266,8 @@ Value Elaborator::item_value(ModuleInfo& module, std::string_view name, ModuleIt
     if (unknown) {
       value = fail(Code::E0501, decl.value->span,
                    "expected a value known at compile time for the const '" + decl.name.text + "', found " +
-                       (is_of_constants(b_, *unknown) ? "NaN or Inf, which only a run may make"
-                                                      : "one that is computed at run time"));
+                       (is_of_constants(b_.graph(), *unknown) ? "NaN or Inf, which only a run may make"
+                                                              : "one that is computed at run time"));
     }
   }
   item.value = value;
