@@ -487,6 +487,7 @@ class Elaborator {
   Value builtin_fma(BuiltinCall& call);
   Value builtin_any_all(BuiltinCall& call);
   Value builtin_not(BuiltinCall& call);
+  Value builtin_unlikely(BuiltinCall& call);
   Value builtin_compare(BuiltinCall& call);
   Value builtin_transpose(BuiltinCall& call);
   Value builtin_inverse(BuiltinCall& call);

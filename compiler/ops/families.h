@@ -20,7 +20,7 @@ std::vector<OpInfo> vector_ops();      // Splat .. Normalize
 std::vector<OpInfo> image_ops();       // Gather .. Broadcast
 std::vector<OpInfo> region_ops();      // If, Reduce
 std::vector<OpInfo> raster_ops();      // Raster
-std::vector<OpInfo> gradient_ops();    // Grad, Vjp, Cotangent, Detach, Pin
+std::vector<OpInfo> gradient_ops();    // Grad, Vjp, Cotangent, Detach, Pin, Unlikely
 
 // All of them, in the order of ir/op_kinds.def.
 struct Family {

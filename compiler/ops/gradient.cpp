@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Gradients, and the marks that passes respect: Detach stops gradients, Pin asks for storage.
+// Gradients, and the marks that passes respect: Detach stops gradients, Pin asks for storage, Unlikely parts branches.
 #include "compiler/ops/families.h"
 #include "compiler/ops/rules.h"
 
@@ -96,6 +96,15 @@ std::vector<OpInfo> gradient_ops() {
        .glsl = same,
        .adjoint = [](const AdjointInput& in) -> AdjointOutput { return {in.adjoint}; },
        .domains = {{-3, 3}},
+       .ulp_bound = 0},
+      {.kind = OpKind::Unlikely,
+       .shape = Shape::Elementwise,
+       .doc = "x, which the program says seldom holds: branches that it decides may run apart from the rest.",
+       .zero = ZeroWhere::FirstIs,
+       .infer = component_wise<1, kBools>,
+       .eval = copy,
+       .glsl = same,
+       .differentiable = false,
        .ulp_bound = 0},
   };
 }

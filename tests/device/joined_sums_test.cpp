@@ -445,7 +445,7 @@ step run {
       return std::ranges::any_of(bundle.resources, [&](const auto& r) { return r->name.ends_with(end); });
     };
     if (name == std::string("lavapipe")) {
-      CHECK(has("_wrong"));
+      CHECK(has("_groups"));
       CHECK(has("_heavy"));
       CHECK(!has("_active"));
     }

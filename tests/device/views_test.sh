@@ -63,7 +63,7 @@ for profile in lavapipe teams.json; do
     --bind views=view.csv --step fit=3 --out "out_$profile" > said 2>&1 || { cat said; exit 1; }
 done
 "$drc" build views.dr --profile teams.json --emit commands > commands
-reads=$(grep -A 2 "dispatch way" commands | grep reads)
+reads=$(grep -A 2 "dispatch seen_raster_faces" commands | grep reads)
 if grep -q "\[V of N\]" commands || [[ $reads != *" larger"* || $reads == *" clip"* ]]; then
   echo "views are not added up in loops, or faces wait for vertices:" && cat commands && exit 1
 fi

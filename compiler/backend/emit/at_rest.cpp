@@ -141,7 +141,7 @@ std::string Generator::wake(Shader& s, const Target& t, const std::string& added
       s.bind_words(stepped_lists_.at(t.update), "stepped_elements_" + id, bundle::Access::ReadWrite);
   const std::string marks = s.bind_words(woken_.at(t.update), "woken_elements_" + id, bundle::Access::ReadWrite);
   return is_added + " && " + marks + ".d[element] == 0u && atomicExchange(" + marks + ".d[element], 1u) == 0u) " +
-         append(s, list, "element") + ";\n";
+         append(s, list, "element", t.update->domain) + ";\n";
 }
 
 std::string Generator::stepped_index(Shader& s, uint32_t list) {

@@ -65,11 +65,20 @@ void read_beside(Shader& s, const std::vector<Beside>& beside) {
   }
 }
 
+// A statement that counts the rows of workgroups, of `each` elements and one at least; none where all elements of an
+// extent take no more than one row, with some workgroups to spare.
+std::string count_rows(const ir::Extent& extent, int each, const std::string& list, const std::string& rows) {
+  constexpr int64_t kRow = 65535;
+  const auto most = element_count(extent).evaluate({});
+  return most && *most / each + 16 <= kRow ? std::string() : "    atomicMax(" + list + ".d[1], " + rows + ");\n";
+}
+
 }  // namespace
 
 ir::Dim runs_of(const ir::Dim& elements) { return (elements + ir::Dim(kRun - 1)).divided_by(kRun); }
 
-std::string append(Shader& s, const std::string& list, const std::string& element, bool together, int shares) {
+std::string append(Shader& s, const std::string& list, const std::string& element, const ir::Extent& extent,
+                   bool together, int shares) {
   const std::string end = list + ".d[" + std::to_string(kListEnd) + "]";
   // All atomics of a list wait for each other. Workgroups that find nothing to do end at once on a GPU.
   const std::string each = std::to_string(64 / shares) + "u",
@@ -83,8 +92,8 @@ std::string append(Shader& s, const std::string& list, const std::string& elemen
                             "  place = subgroupBroadcastFirst(place) + subgroupBallotExclusiveBitCount(lanes) - 1u;\n"
                       : "  uint place = atomicAdd(" + end + ", 1u) - 1u;\n") +
             "  " + list + ".d[" + std::to_string(kListHead) + "u + place] = uint(element);\n  if (place % " + step +
-            " == 0u) {\n    atomicMax(" + list + ".d[0], min(" + last + " + 1u, 65535u));\n    atomicMax(" + list +
-            ".d[1], " + last + " / 65535u + 1u);\n  }\n  return place;\n}\n");
+            " == 0u) {\n    atomicMax(" + list + ".d[0], min(" + last + " + 1u, 65535u));\n" +
+            count_rows(extent, 64 / shares, list, last + " / 65535u + 1u") + "  }\n  return place;\n}\n");
   return "append_to_" + list + "(" + element + ")";
 }
 
@@ -96,7 +105,7 @@ void index_in_tiles(Shader& s, const ir::Extent& extent) {
 }
 
 ListingLoop::ListingLoop(Shader& shader, const ir::Extent& extent, bool runs, bool tiles, const RunReads& shared)
-    : shader_(shader), count_(element_count(extent)), runs_(runs) {
+    : shader_(shader), extent_(extent), count_(element_count(extent)), runs_(runs) {
   if (!runs_) {
     linear_index(shader_, dim_expression(count_));
     if (tiles) index_in_tiles(shader_, extent);
@@ -120,7 +129,7 @@ int ListingLoop::each() const { return runs_ ? kRun : 1; }
 
 void ListingLoop::add(const std::string& list, bool together, int shares) {
   if (!runs_) {
-    shader_.body().line(append(shader_, list, "index", together, shares) + ";");
+    shader_.body().line(append(shader_, list, "index", extent_, together, shares) + ";");
     return;
   }
   if (std::ranges::find(lists_, list) == lists_.end()) {
@@ -145,10 +154,8 @@ std::string ListingLoop::close() {
                     list + ".d[" + head +
                     "u + place++] = uint(begin + findLSB(members));\n"
                     "  atomicMax(" +
-                    list +
-                    ".d[0], min((place + 63u) / 64u, 65535u));\n"
-                    "  atomicMax(" +
-                    list + ".d[1], ((place + 63u) / 64u + 65534u) / 65535u);\n  }\n}\n");
+                    list + ".d[0], min((place + 63u) / 64u, 65535u));\n" +
+                    count_rows(extent_, 64, list, "((place + 63u) / 64u + 65534u) / 65535u") + "  }\n}\n");
     shader_.body().line("append_run_to_" + list + "(begin, " + members(list) + ");");
   }
   return runs_of(count_).str();

@@ -12,11 +12,11 @@ namespace dr::backend {
 
 using bundle::kListEnd, bundle::kListHead, bundle::kRestingBlock;
 
-// A call that adds an element to a list and gives its place there. Workgroups go on in the next row as those of other
-// dispatches do. `together`: the lanes of a subgroup that are here take their places by one atomic. `shares`: so many
-// invocations have an element, a power of two up to 64.
-std::string append(glsl::Shader& s, const std::string& list, const std::string& element, bool together = false,
-                   int shares = 1);
+// A call that adds an element of `extent` to a list and gives its place there. Workgroups go on in the next row as
+// those of other dispatches do. `together`: the lanes of a subgroup that are here take their places by one atomic.
+// `shares`: so many invocations have an element, a power of two up to 64.
+std::string append(glsl::Shader& s, const std::string& list, const std::string& element, const ir::Extent& extent,
+                   bool together = false, int shares = 1);
 
 // Invocations that have a run of kListedRun elements each, or words that have a bit for each element.
 ir::Dim runs_of(const ir::Dim& elements);
@@ -46,6 +46,7 @@ class ListingLoop {
 
  private:
   glsl::Shader& shader_;
+  const ir::Extent extent_;
   const ir::Dim count_;
   const bool runs_;
   std::vector<std::string> lists_;

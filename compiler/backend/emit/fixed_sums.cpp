@@ -3,6 +3,7 @@
 // a second adds 64-bit fixed point numbers scaled so that the sum cannot overflow (one 64-bit word, or two 32-bit words
 // with carry: the same bits); floats are made of them where they are read. A first run that guesses the scale adds too.
 #include <algorithm>
+#include <bit>
 
 #include "compiler/backend/analysis/bins.h"
 #include "compiler/backend/emit/generator.h"
@@ -20,8 +21,30 @@ namespace {
 
 // Words of an accumulator, of 32 bits or of 64 where the schedule says so: 0 the largest finite magnitude,
 // 1 the number of contributions where it is counted, or, of emptied sums, whether an element has flags, then two (one)
-// for each component, then flags for each element, four bits a component: see special_flag.
+// for each component, then flags, four bits a component, of several elements in a word: see special_flag.
 constexpr int kHead = 2;
+
+// The flags of an element in the words behind all sums: which word, and from which bit on.
+struct Flags {
+  Flags(const ir::Type& type, const ir::Extent& extent, bool wide)
+      : bits(4 * static_cast<int>(std::bit_ceil(static_cast<unsigned>(type.components())))),
+        elements((wide ? 64 : 32) / bits),
+        before(element_count(extent) * ir::Dim((wide ? 1 : 2) * type.components()) + ir::Dim(kHead)),
+        words((element_count(extent) + ir::Dim(elements - 1)).divided_by(elements)) {}
+  std::string word(const std::string& element) const {
+    return dim_expression(before) + " + " + element + " / " + std::to_string(elements);
+  }
+  std::string shift(const std::string& element) const {
+    return "(" + element + " % " + std::to_string(elements) + " * " + std::to_string(bits) + ")";
+  }
+  std::string mask() const { return std::to_string((uint64_t{1} << bits) - 1) + "u"; }
+
+  int bits, elements;
+  ir::Dim before, words;
+};
+
+// Workgroups of an indirect dispatch, in three dimensions.
+constexpr int kDispatchWords = 3;
 
 // Word `k` of the `n` words of an element. Wide ones lie apart, all first words before all second ones: lanes side by
 // side mostly add to elements side by side, and a GPU adds what lies together in one go.
@@ -30,11 +53,6 @@ std::string word_of(const ir::Extent& extent, const std::string& element, int n,
   if (!wide || n == 1) return head + element + " * " + std::to_string(n) + " + " + std::to_string(k);
   const std::string before = k == 0 ? "" : dim_expression(element_count(extent) * ir::Dim(k)) + " + ";
   return head + before + element;
-}
-
-// Rows of a workgroup that have no fewer invocations than look for guesses.
-ir::Dim rows_of_second_run(const ir::Extent& domain) {
-  return looking_for_guesses(domain).divided_by(bundle::kIndirectGroup) + ir::Dim(1);
 }
 
 std::string part(int c) { return "part_" + std::to_string(c); }
@@ -76,7 +94,7 @@ std::string join_lanes(int n, const Part& part) {
 // of which `first` is true, adds what all of them have: each takes what the lane one, two, four beyond it has, while
 // all between belong to its run. On a device with other subgroups, too, lanes that are not there are in no run.
 template <class Part>
-std::string join_run(int n, int lanes, const Part& part) {
+std::string join_run(int n, int lanes, const Part& part, bool flags) {
   const std::string last = std::to_string(lanes - 1) + "u";
   const auto from = [&](const std::string& away) { return "lane & ~" + last + " | lane " + away + " & " + last; };
   std::string out =
@@ -89,7 +107,7 @@ std::string join_run(int n, int lanes, const Part& part) {
     const std::string lane = from("+ " + std::to_string(away) + "u");
     for (int c = 0; c < n; ++c)
       out += "  " + part(c) + " = fixed_add(" + part(c) + ", subgroupShuffle(" + part(c) + ", " + lane + ") & same);\n";
-    out += "  flags |= subgroupShuffle(flags, " + lane + ") & same;\n";
+    if (flags) out += "  flags |= subgroupShuffle(flags, " + lane + ") & same;\n";
     if (2 * away < lanes) out += "  same &= subgroupShuffle(same, " + lane + ");\n";
   }
   return out;
@@ -106,7 +124,8 @@ std::string any_bits(const ir::Type& type, const std::string& value) {
 
 ir::Dim words_of_sums(const ir::Type& type, const ir::Extent& extent, bool wide) {
   if (adds_in_bins(extent)) return words_of_bins(type, extent, wide);
-  const ir::Dim words = element_count(extent) * ir::Dim((wide ? 1 : 2) * type.components() + 1) + kHead;
+  const Flags flags(type, extent, wide);
+  const ir::Dim words = flags.before + flags.words;
   return wide ? words * ir::Dim(2) : words;
 }
 
@@ -136,8 +155,7 @@ Generator::Adding Generator::fixed_adding(Shader& s, const Pass& pass, const Tar
     // The largest only grows: what an invocation reads late is too small, and the atomic decides.
     const std::string larger = "  if (" + guard + "largest_" + id + " > uint(" + buffer + ".d[0])" + elect + ") ",
                       take = "atomicMax(" + buffer + ".d[0], " + sum_word() + "(largest_" + id + "));\n";
-    const bool tells = runs == Runs::First && t.wrong != 0;
-    out.finish += larger + (tells ? "{\n    " + take + tell_guess(s, pass, t) + "  }\n" : take);
+    out.finish += larger + take;
     if (t.most < 0)
       out.finish += "  if (" + guard + "count_" + id + " != 0u) atomicAdd(" + buffer + ".d[1], " +
                     std::string(sum_word()) + "(count_" + id + "));\n";
@@ -157,18 +175,27 @@ Generator::Adding Generator::fixed_adding(Shader& s, const Pass& pass, const Tar
   return out;
 }
 
-std::string Generator::tell_guess(Shader& s, const Pass& pass, const Target& t) {
-  const std::string& id = t.accumulator.name;
-  const std::string wrong = s.bind_words(t.wrong, "wrong" + t.list, bundle::Access::ReadWrite);
-  const auto bit = [](size_t k) { return std::to_string(1u << k) + "u"; };
-  // Of the bits in the number of workgroups, one says for each target that all contributions are smaller than its guess
-  // foresees, and the last one that some are larger. A smaller one that comes late may leave its bit behind: then the
-  // second run finds nothing to do. The rows are those that all elements take.
-  return "    int needed = " + shift_of("largest_" + id, "0", t.most, pass.domain) + ";\n    if (needed > guessed_" +
-         id + ") atomicOr(" + wrong + ".d[0], " + bit(t.told) + ");\n    else atomicAnd(" + wrong + ".d[0], ~" +
-         bit(t.told) + ");\n    if (needed < guessed_" + id + ") atomicOr(" + wrong + ".d[0], " + bit(t.of_told) +
-         ");\n    " + wrong + ".d[1] = uint(" + dim_expression(rows_of_second_run(pass.domain)) + ");\n    " + wrong +
-         ".d[2] = 1u;\n";
+uint32_t Generator::ask_for_guesses(const Pass& pass, const std::vector<Target>& targets, const ir::Dim& invocations) {
+  const uint32_t groups = add_scratch(pass.name + "_groups", std::to_string(kDispatchWords));
+  Shader s = shader();
+  linear_index(s, "1");
+  s.prelude(glsl::kFixedShift);
+  if (wide_atomics()) wide_extensions(s);
+  std::string right = s.read_words(targets.front().special, "special") + "(0) == 0u";
+  for (const Target& t : targets) {
+    const std::string& id = t.accumulator.name;
+    const std::string sums = s.read_words(t.words, "sums_" + id, sum_word());
+    s.prelude(t.most < 0 ? kCountBits : "");
+    right += " && " + shift_of(sums + "(0)", sums + "(1)", t.most, pass.domain) + " == int(" +
+             s.read_words(t.guess, "guess_" + id) + "(0))";
+  }
+  const std::string words = s.bind_words(groups, "groups", bundle::Access::Write);
+  s.body().line(words + ".d[0] = " + right + " ? 0u : uint(" +
+                dim_expression(invocations.divided_by(bundle::kIndirectGroup) + ir::Dim(1)) + ");");
+  s.body().line(words + ".d[1] = 1u;");
+  s.body().line(words + ".d[2] = 1u;");
+  dispatch(pass, " asked", s, "1");
+  return groups;
 }
 
 std::string Generator::find_largest(Shader& s, const Pass& pass, const Target& t, bool lists) {
@@ -179,6 +206,10 @@ std::string Generator::find_largest(Shader& s, const Pass& pass, const Target& t
   if (t.most < 0) out += "    ++count_" + id + ";\n";
   for (int c = 0; c < type.components(); ++c)
     out += "    largest_" + id + " = max(largest_" + id + ", finite_magnitude(" + component(type, "value", c) + "));\n";
+  if (t.special != 0)
+    for (int c = 0; c < type.components(); ++c)
+      out += "    special" + t.list + " = max(special" + t.list + ", floatBitsToUint(" + component(type, "value", c) +
+             ") & 0x7fffffffu);\n";
   if (t.terms != 0) out += keep_term(s, pass, t);
   if (lists) out += "    adds" + t.list + " |= " + any_bits(type, "value") + ";\n";
   return out;
@@ -212,12 +243,13 @@ std::string Generator::fixed(Shader& s, const Target& t, int c, const std::strin
   return s.at_once(ir::vec(2, ir::Scalar::Uint), "fixed_from_float(" + x + ", " + shift + ")");
 }
 
-std::string Generator::fixed_parts(Shader& s, const Target& t) {
+std::string Generator::fixed_parts(Shader& s, const Target& t, bool flags) {
   const std::string& id = t.accumulator.name;
   const ir::Type& type = t.accumulator.type;
-  std::string out = "  uint flags = 0u;\n";
+  std::string out = flags ? "  uint flags = 0u;\n" : "";
   for (int c = 0; c < type.components(); ++c) {
-    out += "  flags |= special_flag(" + component(type, "value", c) + ") << " + std::to_string(4 * c) + ";\n";
+    if (flags)
+      out += "  flags |= special_flag(" + component(type, "value", c) + ") << " + std::to_string(4 * c) + ";\n";
     out += "  uvec2 " + part(c) + " = " + fixed(s, t, c, "shift_" + id) + ";\n";
   }
   return out;
@@ -236,11 +268,10 @@ std::string Generator::add_to_memory(const Target& t, int c, const std::string& 
 }
 
 std::string Generator::set_flags(const Target& t, const std::string& buffer) const {
-  const int words = (wide_atomics() ? 1 : 2) * t.accumulator.type.components();
-  const std::string at = std::to_string(kHead) + " + " +
-                         dim_expression(element_count(t.accumulator.extent) * ir::Dim(words)) + " + element";
+  const Flags flags(t.accumulator.type, t.accumulator.extent, wide_atomics());
   const std::string word = sum_word();
-  const std::string set = "atomicOr(" + buffer + ".d[" + at + "], " + word + "(flags));";
+  const std::string set = "atomicOr(" + buffer + ".d[" + flags.word("element") + "], " + word + "(flags) << " +
+                          flags.shift("element") + ");";
   if (!t.emptied) return "  if (flags != 0u) " + set + "\n";
   return "  if (flags != 0u) {\n    " + set + "\n    atomicOr(" + buffer + ".d[1], " + word + "(1u));\n  }\n";
 }
@@ -248,7 +279,8 @@ std::string Generator::set_flags(const Target& t, const std::string& buffer) con
 std::string Generator::add_fixed(Shader& s, const Target& t, Runs runs, bool joins_lanes, const std::string& buffer) {
   const std::string& id = t.accumulator.name;
   const int n = t.accumulator.type.components();
-  std::string out = fixed_parts(s, t);
+  const bool flags = runs != Runs::First || t.special == 0;
+  std::string out = fixed_parts(s, t, flags);
   if (t.guess != 0 && runs != Runs::First) {
     s.prelude(glsl::kFixedMinus);
     if (runs == Runs::Both) out += "  if (pc.a == 1) {\n";
@@ -261,20 +293,20 @@ std::string Generator::add_fixed(Shader& s, const Target& t, Runs runs, bool joi
     subgroup_extensions(s);
     s.extension("GL_KHR_shader_subgroup_shuffle");
     s.prelude(glsl::kFixedAdd);
-    out += join_run(n, t.run, part) + "  if (first) {\n";
+    out += join_run(n, t.run, part, flags) + "  if (first) {\n";
   }
-  out += add_parts(s, t, buffer);
+  out += add_parts(s, t, buffer, flags);
   if (joins_lanes || t.run > 0) out += "  }\n";
   return out;
 }
 
-std::string Generator::add_parts(Shader& s, const Target& t, const std::string& buffer) {
-  std::string out, added = "flags";
+std::string Generator::add_parts(Shader& s, const Target& t, const std::string& buffer, bool flags) {
+  std::string out, added = flags ? "flags" : "0u";
   for (int c = 0; c < t.accumulator.type.components(); ++c) {
     out += add_to_memory(t, c, part(c), "element", buffer);
     added += " | " + part(c) + ".x | " + part(c) + ".y";
   }
-  out += set_flags(t, buffer);
+  if (flags) out += set_flags(t, buffer);
   return t.update == nullptr ? out : out + wake(s, t, added);
 }
 
@@ -297,8 +329,9 @@ Generator::FloatSums Generator::float_sums(Shader& s, const ir::Type& type, cons
   s.prelude(glsl::kFixedToFloat);
   s.prelude(most < 0 ? kCountBits : "");
   const int n = type.components(), each = wide ? 1 : 2;
-  const std::string flags =
-      word(std::to_string(kHead) + " + " + dim_expression(element_count(extent) * ir::Dim(each * n)) + " + index");
+  const Flags place(type, extent, wide);
+  const std::string flags = word(place.word("index")), shift = place.shift("index");
+  const std::string own = "uint(" + flags + " >> " + shift + ") & " + place.mask();
   FloatSums out;
   std::string& text = out.statements;
   text = "int shift = " + shift_of(word("0"), word("1"), most, domain) + ";";
@@ -322,10 +355,10 @@ Generator::FloatSums Generator::float_sums(Shader& s, const ir::Type& type, cons
   }
   // Behind the loads of the sums, which then wait for nothing.
   if (empties)
-    text += " uint flags = 0u; if (" + word("1") + " != 0u) { flags = uint(" + flags + "); if (flags != 0u) " + flags +
-            " = 0u; }";
+    text += " uint flags = 0u; if (" + word("1") + " != 0u) { flags = " + own + "; if (flags != 0u) atomicAnd(" +
+            flags + ", ~(" + sum_word() + "(" + place.mask() + ") << " + shift + ")); }";
   else
-    text += " uint flags = uint(" + flags + ");";
+    text += " uint flags = " + own + ";";
   // What nothing was added to is zeros already.
   if (empties) text += " if ((" + any + ") != 0u) {" + zeros + " }";
   return out;

@@ -46,6 +46,11 @@ class Generator {
   // What the elements of a run share of a map's reads; see same_in_run.h.
   RunReads reads_in_runs(const Pass& pass, const std::set<ir::ValueId>& but = {}) const;
   void listed_map_pass(const Pass& pass, const HeavyBranches& heavy);
+  // The dispatch of a list's elements. With `rest` it leaves unlikely branches out, and lists there what takes them.
+  void listed_dispatch(const Pass& pass, const HeavyBranches& heavy, const std::string& name, uint32_t list,
+                       std::optional<uint32_t> rest);
+  // The scatters that a map lists elements for, but those that add nothing without these branches.
+  std::vector<const Pass*> listed_without(const Pass& pass, const std::vector<ir::OpId>& branches) const;
   // Elements that do not rest (at_rest.cpp): lists those of an update, given where the rows of its gradient start, or
   // marks their blocks; opens a shader that runs for the list, and gives the number of its element; the update itself.
   // `starts`: of rows; 0: sums that wake elements.
@@ -83,14 +88,15 @@ class Generator {
   struct Target {
     ScatterSum sum;
     glsl::Accumulator accumulator;
-    uint32_t words = 0;            // bundle resource
-    int most = 0;                  // fixed: contributions from an element, negative: unknown
-    bool fixed = false;            // added as fixed point numbers
-    bool binned = false;           // added in bins; neither: as they are
-    uint32_t terms = 0;            // bundle resource: contributions kept, where the pass keeps them
-    uint32_t guess = 0;            // bundle resource: the shift of the run before, where the pass guesses
-    uint32_t wrong = 0;            // bundle resource: the workgroups of the second run, where the first one tells
-    size_t told = 0, of_told = 0;  // the number of the target among those it tells of
+    uint32_t words = 0;   // bundle resource
+    int most = 0;         // fixed: contributions from an element, negative: unknown
+    bool fixed = false;   // added as fixed point numbers
+    bool binned = false;  // added in bins; neither: as they are
+    uint32_t terms = 0;   // bundle resource: contributions kept, where the pass keeps them
+    uint32_t guess = 0;   // bundle resource: the shift of the run before, where the pass guesses
+    // Bundle resource: whether the first run adds a NaN or Inf, where the pass asks whether the second has work. The
+    // second then says of which elements.
+    uint32_t special = 0;
     int group = 0;                 // invocations of a workgroup that joins what they add; 0: none does
     int run = 0;                   // lanes of a subgroup whose runs join what they add; 0: none does
     bool emptied = false;          // the pass that reads the words leaves zeros; of fixed point numbers
@@ -119,15 +125,16 @@ class Generator {
   void choose_shift(glsl::Shader& shader, const Pass& pass, const Target& target, Runs runs, const std::string& buffer);
   std::string add_fixed(glsl::Shader& shader, const Target& target, Runs runs, bool joins_lanes,
                         const std::string& buffer);
-  // Statements behind a larger contribution than any before: they say which workgroups the second run needs.
-  std::string tell_guess(glsl::Shader& shader, const Pass& pass, const Target& target);
-  // Adds an element's fixed point numbers to memory, and its flags.
-  std::string add_parts(glsl::Shader& shader, const Target& target, const std::string& buffer);
+  // A dispatch that says how many workgroups the second run of a scatter has: those of so many invocations if a guess
+  // was wrong, or a contribution no number. Returns where that stands.
+  uint32_t ask_for_guesses(const Pass& pass, const std::vector<Target>& targets, const ir::Dim& invocations);
+  // Adds an element's fixed point numbers to memory, and its flags if it has them.
+  std::string add_parts(glsl::Shader& shader, const Target& target, const std::string& buffer, bool flags = true);
   // A component of `value` in fixed point.
   static std::string fixed(glsl::Shader& shader, const Target& target, int c, const std::string& shift);
   // Statements that make a float's fixed point numbers, `part_0` and so on, and `flags` of what is not finite; that add
   // such a number to component `c` of an element; and that set the flags of an element.
-  std::string fixed_parts(glsl::Shader& shader, const Target& target);
+  std::string fixed_parts(glsl::Shader& shader, const Target& target, bool flags = true);
   std::string add_to_memory(const Target& target, int c, const std::string& part, const std::string& element,
                             const std::string& buffer) const;
   std::string set_flags(const Target& target, const std::string& buffer) const;

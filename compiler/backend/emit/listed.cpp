@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Map passes in two dispatches (lowering/heavy_branches.h): the first gives the elements for which all heavy branches
-// are left out, and lists the others; the second runs those alone.
+// are left out, and lists the others; the second runs those alone. Or in three: the second leaves unlikely branches
+// out, and lists what takes them for the third.
 #include <algorithm>
 #include <set>
 
@@ -30,58 +31,102 @@ void share_by_lanes(Shader& s) {
   s.share_loops("share", "apart", true);
 }
 
+std::set<ValueId> conditions_of(const ir::Graph& graph, const std::vector<ir::OpId>& branches) {
+  std::set<ValueId> out;
+  for (const ir::OpId id : branches) out.insert(graph.op(id).operands[0]);
+  return out;
+}
+
+// Computes elements without some branches. Where no condition of theirs holds, `false` stands for all: nothing is read
+// that only a branch left out needs. Elsewhere what follows a condition that holds is wrong, another condition too, and
+// does not count.
+class LeftOut {
+ public:
+  LeftOut(const ir::Graph& graph, Shader& s, const Pass& pass, const std::vector<ir::OpId>& branches)
+      : graph_(graph), shader_(s), conditions_(conditions_of(graph, branches)) {
+    std::set<ValueId> computed;
+    for (const ir::OpId id : pass.ops) computed.insert(graph.op(id).results.begin(), graph.op(id).results.end());
+    for (const ValueId v : std::set<ValueId>(conditions_))
+      if (computed.count(v) == 0) suppose(v);
+    for (const ir::OpId id : branches) s.leave_out_branch(id);
+  }
+
+  void element_ops(const std::vector<ir::OpId>& ops) {
+    std::vector<ir::OpId> before;
+    for (const ir::OpId id : ops) {
+      before.push_back(id);
+      const auto& results = graph_.op(id).results;
+      if (std::ranges::none_of(results, [&](ValueId v) { return conditions_.contains(v); })) continue;
+      shader_.element_ops(before);
+      before.clear();
+      for (const ValueId v : results) suppose(v);
+    }
+    shader_.element_ops(before);
+  }
+
+  // Whether one of the conditions holds.
+  std::string any() const {
+    std::string out;
+    for (const std::string& condition : found_) out += (out.empty() ? "" : " || ") + condition;
+    return out;
+  }
+
+ private:
+  void suppose(ValueId v) {
+    if (conditions_.erase(v) == 0) return;
+    found_.insert(shader_.use(v));
+    shader_.define(v, "false");
+  }
+
+  const ir::Graph& graph_;
+  Shader& shader_;
+  std::set<ValueId> conditions_;
+  std::set<std::string> found_;
+};
+
 }  // namespace
 
 void Generator::listed_map_pass(const Pass& pass, const HeavyBranches& branches) {
   const MapCode& code = pass.get<MapPass>().code;
-  const std::vector<ir::OpId>& heavy = branches.ops;
   const uint32_t list = add_list(pass, "heavy", bundle::ListKind::Branches);
-  const std::string count = element_count(pass.domain).str();
   {
     Shader s = shader();
-    // Where no condition holds, `false` stands for all: nothing is read that only a branch left out needs. Elsewhere
-    // what follows a condition that holds is wrong, another condition too, and does not count.
-    std::set<ValueId> conditions;
-    for (const ir::OpId id : heavy) conditions.insert(graph_.op(id).operands[0]);
-    const RunReads shared = reads_in_runs(pass, conditions);
+    const RunReads shared = reads_in_runs(pass, conditions_of(graph_, branches.ops));
     ListingLoop loop(s, pass.domain, code.lists_in_runs, false, shared);
-    std::set<std::string> found;
-    const auto suppose = [&](ValueId v) {
-      if (conditions.erase(v) == 0) return;
-      found.insert(s.use(v));
-      s.define(v, "false");
-    };
-    std::set<ValueId> computed;
-    for (const ir::OpId id : pass.ops) computed.insert(graph_.op(id).results.begin(), graph_.op(id).results.end());
-    for (const ValueId v : std::set<ValueId>(conditions))
-      if (computed.count(v) == 0) suppose(v);
-    for (const ir::OpId id : heavy) s.leave_out_branch(id);
+    LeftOut light(graph_, s, pass, branches.ops);
     const Cut cut = this->cut(s, pass, code.cut, loop.element(), loop.each());
     open_cut(s, cut, loop.skip());
-    for (const ir::OpId id : without(pass.ops, shared.ops())) {
-      s.element_ops({id});
-      for (const ValueId v : graph_.op(id).results) suppose(v);
-    }
+    light.element_ops(without(pass.ops, shared.ops()));
     close_cut(s, cut);
-    std::string any;
-    for (const std::string& condition : found) any += (any.empty() ? "" : " || ") + condition;
     const std::string words = s.bind_words(list, "heavy_elements", bundle::Access::ReadWrite);
-    s.body().line("if (" + any + ") {");
+    s.body().line("if (" + light.any() + ") {");
     if (branches.by_subgroups) subgroup_extensions(s);
     loop.add(words, branches.by_subgroups);
     s.body().line(loop.skip());
     s.body().line("}");
-    std::vector<const Pass*> scatters = listed_for(pass);
-    std::erase_if(scatters, [&](const Pass* scatter) {
-      return adds_nothing_without(graph_, scatter->get<ScatterPass>(), heavy);
-    });
-    store_results(s, pass, scatters, &loop);
+    store_results(s, pass, listed_without(pass, branches.ops), &loop);
     end_cut(s, cut);
     const std::string invocations = loop.close();
     set_trips(dispatch(pass, "", s, invocations), cut);
   }
+  if (branches.unlikely.empty()) return listed_dispatch(pass, branches, "_heavy", list, std::nullopt);
+  const uint32_t rest = add_list(pass, "unlikely", bundle::ListKind::Branches);
+  listed_dispatch(pass, branches, "_heavy", list, rest);
+  listed_dispatch(pass, branches, "_unlikely", rest, std::nullopt);
+}
+
+std::vector<const Pass*> Generator::listed_without(const Pass& pass, const std::vector<ir::OpId>& branches) const {
+  std::vector<const Pass*> scatters = listed_for(pass);
+  std::erase_if(scatters, [&](const Pass* scatter) {
+    return adds_nothing_without(graph_, scatter->get<ScatterPass>(), branches);
+  });
+  return scatters;
+}
+
+void Generator::listed_dispatch(const Pass& pass, const HeavyBranches& branches, const std::string& name, uint32_t list,
+                                std::optional<uint32_t> rest) {
   Shader s = shader();
-  const std::string words = s.read_words(list, "heavy_elements");
+  const std::string words = s.read_words(list, "listed_elements");
   const std::string item = std::to_string(kListHead) + " + ",
                     end = "int(" + words + "(" + std::to_string(kListEnd) + ")) - 1";
   const bool walks = branches.apart > 0;
@@ -106,18 +151,27 @@ void Generator::listed_map_pass(const Pass& pass, const HeavyBranches& branches)
   place_from_index(s, pass.domain, "element");
   const Cut cut = this->cut(s, pass, branches.cut, "element");
   open_cut(s, cut, "return;");
-  s.element_ops(pass.ops);
+  const std::vector<ir::OpId> left_out = rest ? branches.unlikely : std::vector<ir::OpId>();
+  LeftOut likely(graph_, s, pass, left_out);
+  likely.element_ops(pass.ops);
   close_cut(s, cut);
   s.share_no_more();
+  if (rest) {
+    s.body().line("if (" + likely.any() + ") {");
+    s.body().line(
+        append(s, s.bind_words(*rest, "unlikely_elements", bundle::Access::ReadWrite), "element", pass.domain) + ";");
+    s.body().line("return;");
+    s.body().line("}");
+  }
   if (branches.shares_loops) s.body().line("if (share == 0) {");
-  store_results(s, pass, listed_for(pass));
+  store_results(s, pass, listed_without(pass, left_out));
   if (branches.shares_loops) s.body().line("}");
   end_cut(s, cut);
   if (walks) {
     s.pop_scope();
     s.body().line("}");
   }
-  auto& c = dispatch(pass, "_heavy", s, walks ? walking : count);
+  auto& c = dispatch(pass, name, s, walks ? walking : element_count(pass.domain).str());
   if (!walks) c.indirect = static_cast<int>(list);
   set_trips(c, cut);
 }

@@ -27,9 +27,6 @@ namespace {
 // Fewer elements than these have no targets to wait for, and joining takes as long as adding.
 constexpr int kWorthJoining = 1 << 14;
 
-// Words of a scratch buffer with the workgroups of an indirect dispatch.
-constexpr int kSizeWords = 3;
-
 // An element only grows: what a lane reads late is too small, and the atomic decides. Lanes that name one element send
 // the largest of theirs.
 std::string add_maximum(const std::string& to, const std::string& x, bool joins) {
@@ -168,7 +165,7 @@ void Generator::store_results(Shader& s, const Pass& pass, const std::vector<con
     if (loop != nullptr)
       loop->add(list, false, shares);
     else
-      s.body().line(append(s, list, Shader::element_index(pass.domain, "at"), false, shares) + ";");
+      s.body().line(append(s, list, Shader::element_index(pass.domain, "at"), pass.domain, false, shares) + ";");
     store_partial(s, pass, *scatter);
     s.body().line("}");
   }
@@ -213,10 +210,10 @@ std::vector<Generator::Target> Generator::scatter_targets(const Pass& pass, size
   for (const ValueId v : pass.writes)
     if (graph_.op(graph_.value(v).op).kind == OpKind::ScatterMax) sums.push_back({v, {v}});
   const PassId id = pass_id(static_cast<size_t>(&pass - step_->passes.data()));
-  uint32_t wrong = 0;
-  if (scatter.tells()) {
-    wrong = add_scratch(pass.name + "_wrong", std::to_string(kSizeWords));
-    fill("clear " + pass.name + " wrong", wrong, 0, std::to_string(kSizeWords));
+  uint32_t special = 0;
+  if (scatter.asks()) {
+    special = add_scratch(pass.name + "_special", "1");
+    fill("clear " + pass.name + " special", special, 0, "1");
   }
   for (const ScatterSum& sum : sums) {
     const Resource& r = resource(sum.value);
@@ -234,9 +231,7 @@ std::vector<Generator::Target> Generator::scatter_targets(const Pass& pass, size
       if (scatter.guesses()) {
         t.guess = guesses_[t.words] = add_scratch(r.name + "_guess", "1");
         bundle_->resources[t.guess]->role = bundle::Role::Guess;
-        t.wrong = wrong;
-        t.told = targets.size();
-        t.of_told = sums.size();
+        t.special = special;
       }
     }
     // The pass that reads emptied sums leaves zeros in all but the head.
@@ -313,6 +308,12 @@ std::string Generator::scatter_where_listed(Shader& s, const Pass& pass, const P
   if (lists_added) s.declare("uint " + adds + " = 0u;\n");
   if (keeps) s.declare("uint " + listed_at + " = 0u;\n");
   std::string finish;
+  if (how.asks()) {
+    const std::string words =
+        s.bind_words(targets_.at(&scatter).front().special, "special_words" + suffix, bundle::Access::ReadWrite);
+    s.declare("uint special" + suffix + " = 0u;\n");
+    finish += "  if (special" + suffix + " >= 0x7f800000u) atomicOr(" + words + ".d[0], 1u);\n";
+  }
   for (const Target& t : targets_.at(&scatter))
     finish += declare_target(s, scatter, t, fixed ? Runs::First : Runs::Second, lists_added);
   if (lists_added) s.body().line(adds + " = 0u;");
@@ -322,7 +323,7 @@ std::string Generator::scatter_where_listed(Shader& s, const Pass& pass, const P
     const std::string words =
         s.bind_words(active_lists_.at(&scatter), "active_elements" + suffix, bundle::Access::ReadWrite);
     if (how.joins_lanes()) subgroup_extensions(s);
-    return append(s, words, Shader::element_index(pass.domain, "at"), how.joins_lanes());
+    return append(s, words, Shader::element_index(pass.domain, "at"), pass.domain, how.joins_lanes());
   };
   if (keeps) {
     s.body().line(listed_at + " = " + list() + ";");
@@ -354,14 +355,15 @@ void Generator::scatter_pass(const Pass& pass) {
   const uint32_t list = !listed ? 0 : scatter.lister() ? active_lists_.at(&pass) : list_active(pass);
   uint32_t adding = 0;
   if (lists) adding = add_list(pass, "adding", bundle::ListKind::Active);
-  const bool tells = scatter.tells();
   const std::vector<Target> targets = joined ? targets_.at(&pass) : scatter_targets(pass);
   const ir::Dim invocations = keeps     ? room_for_terms(pass.domain)
                               : strides ? looking_for_guesses(pass.domain)
                                         : element_count(pass.domain);
+  const bool asks = scatter.asks();
+  const uint32_t groups = asks ? ask_for_guesses(pass, targets, invocations) : 0;
   Shader s = shader();
   // Where elements have several invocations each, the list says where they end.
-  linear_index(s, scatter.shares_loops() || tells ? std::string() : dim_expression(invocations));
+  linear_index(s, scatter.shares_loops() || asks ? std::string() : dim_expression(invocations));
   if (!lists && !listed && !strides) {
     // Pixels of a square share more elements than those of a row do.
     if (joins_parts && !scatter.cut()) index_in_tiles(s, pass.domain);
@@ -376,7 +378,7 @@ void Generator::scatter_pass(const Pass& pass) {
   if (joins_parts) s.declare("bool joins = true;\n");
   const bool one_run = joined || scatter.binned() != nullptr;
   for (const Target& t : targets) finish += declare_target(s, pass, t, one_run ? Runs::Second : Runs::Both, lists);
-  if (scatter.guesses()) s.body().line("if (" + guessed_right(targets) + ") return;");
+  if (scatter.guesses() && !asks) s.body().line("if (" + guessed_right(targets) + ") return;");
   if (listed)
     for (const ValueId v : true_where_listed(graph_, pass)) {
       const ir::OpId by = graph_.value(v).op;
@@ -400,14 +402,11 @@ void Generator::scatter_pass(const Pass& pass) {
     open_cut(s, cut, "return;");
     s.element_ops(ops);
     close_cut(s, cut);
-    s.body().line("if (pc.a == 0 && adds != 0u) " + append(s, again, "element") + ";");
+    s.body().line("if (pc.a == 0 && adds != 0u) " + append(s, again, "element", pass.domain) + ";");
   } else {
-    std::string room = dim_expression(invocations);
-    if (tells) {
-      const std::string wrong = s.read_words(targets.front().wrong, "wrong");
-      s.body().line("int invocations = int(" + wrong + "(0) * " + wrong + "(1) * gl_WorkGroupSize.x);");
-      room = "invocations";
-    }
+    const std::string room =
+        asks ? "int(" + s.read_words(groups, "groups") + "(0)) * " + std::to_string(bundle::kIndirectGroup)
+             : dim_expression(invocations);
     if (strides && !listed) {
       s.body().line("for (int element = index; element < " + dim_expression(element_count(pass.domain)) +
                     "; element += " + room + ") {");
@@ -454,8 +453,8 @@ void Generator::scatter_pass(const Pass& pass) {
   auto& magnitudes = dispatch(pass, joined ? " add" : "", s, invocations.str(), {two_runs ? 0 : 1, 0, 0});
   if (scatter.shares_loops())
     magnitudes.elements = std::to_string(kAtOnce);
-  else if (tells)
-    magnitudes.indirect = static_cast<int>(targets.front().wrong);
+  else if (asks)
+    magnitudes.indirect = static_cast<int>(groups);
   else if (listed && !strides)
     magnitudes.indirect = static_cast<int>(list);
   set_trips(magnitudes, cut);

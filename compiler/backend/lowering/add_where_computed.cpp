@@ -40,7 +40,8 @@ std::optional<StepSchedule> with_added(const ir::Graph& graph, const target::Pro
   Pass& scatter = step.passes[*group.begin()];
   auto& sums = scatter.get<ScatterPass>();
   if (!are_cached(graph, sums.sums)) return std::nullopt;
-  sums.exact()->first_run = JoinedFirstRun{{active_elements(graph, scatter), map}};
+  sums.exact()->first_run =
+      JoinedFirstRun{{active_elements(graph, scatter), map}, false, false, asks_for_guesses(profile)};
   sums.exact()->guesses = true;
   sums.exact()->joins_runs = lanes_in_runs(profile);
   std::set<uint32_t> needless;

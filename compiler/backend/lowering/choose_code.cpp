@@ -161,8 +161,21 @@ class StepCode {
     // An invocation that walks the list takes the trips of many elements.
     heavy.apart = profile_.lanes_in_turn || profile_.loop_trips > 0 ? 0 : profile_.subgroup_size;
     heavy.shares_loops = share_loops(graph_, heavy.ops, profile_);
+    if (!heavy.cut && has_room_for_two_lists(pass, id))
+      heavy.unlikely = unlikely_branches(graph_, pass, heavy.ops, profile_);
     if (heavy.shares_loops) heavy.apart = std::min<uint32_t>(heavy.apart, kLoopShares);
     return heavy;
+  }
+
+  // Whether a shader that reads a list of elements and lists some of them has room for both.
+  bool has_room_for_two_lists(const Pass& pass, PassId id) const {
+    Bindings all = bindings_of(schedule_.resources, resources_of(step_, pass.reads), pass.writes.size());
+    const std::vector<const Pass*> scatters = listed_for(step_, id);
+    for (const Pass* scatter : scatters)
+      if (scatter->get<ScatterPass>().joined_run() != nullptr)
+        all = joined_bindings(schedule_.resources, step_, *scatter);
+    all.more += 2 + lists_bound(scatters.size());
+    return fits(profile_, all);
   }
 
   // What a map stores, and adds where it does so itself.
@@ -220,8 +233,8 @@ class StepCode {
     const std::optional<LoopCut>& cut = code.heavy && code.heavy->cut ? code.heavy->cut : code.cut;
     Bindings all = bindings_of(schedule_.resources, resources_of(step_, pass.reads), writes);
     all.more = 1 + (cut ? 2 : 0) + (cut && cut->watched ? 1 : 0) + (code.heavy ? 1 : 0) +
-               lists_bound(listed_for(step_, id).size()) + (map.rest ? 1 : 0) +
-               static_cast<uint32_t>(guesses_bound(schedule_.resources, step_, pass));
+               (code.heavy && !code.heavy->unlikely.empty() ? 1 : 0) + lists_bound(listed_for(step_, id).size()) +
+               (map.rest ? 1 : 0) + static_cast<uint32_t>(guesses_bound(schedule_.resources, step_, pass));
     if (!fits(profile_, all)) out.clear();
     return out;
   }

@@ -18,11 +18,13 @@ namespace {
 bool may_guess_where_listed(const ir::Graph& graph, const target::Profile& profile, const Schedule& schedule,
                             const StepSchedule& step, const Pass& scatter) {
   Bindings bindings = joined_bindings(schedule.resources, step, scatter);
-  bindings.more += static_cast<uint32_t>(scatter.get<ScatterPass>().sums.size()) + (profile.lanes_in_turn ? 1 : 0);
+  bindings.more += static_cast<uint32_t>(scatter.get<ScatterPass>().sums.size()) + (asks_for_guesses(profile) ? 1 : 0);
   return !needs_cut(trips_of(graph, scatter.ops), profile, kElementsOfGuess) && fits(profile, bindings);
 }
 
 }  // namespace
+
+bool asks_for_guesses(const target::Profile& profile) { return profile.lanes_in_turn; }
 
 bool guesses_have_room(const target::Profile& profile, const Schedule& schedule, const StepSchedule& step) {
   return std::ranges::all_of(step.passes, [&](const Pass& pass) {
@@ -47,12 +49,11 @@ void guess_exponents(const ir::Graph& graph, const target::Profile& profile, Sch
         continue;
       if (joined != nullptr && !may_guess_where_listed(graph, profile, schedule, step, pass)) continue;
       exact.guesses = true;
-      if (joined != nullptr) joined->tells = profile.lanes_in_turn && may_tell(graph, *scatter);
       if (!guesses_have_room(profile, schedule, step)) {
         exact.guesses = false;
-        if (joined != nullptr) joined->tells = false;
       } else if (joined != nullptr) {
         joined->keeps_terms = false;
+        joined->asks = asks_for_guesses(profile);
         exact.joins_pairs = false;
         exact.joins_groups = groups_may_join(graph, profile, step, pass);
       } else {

@@ -128,6 +128,24 @@ std::vector<ir::OpId> heavy_branches(const ir::Graph& graph, const Pass& pass, c
   return saved < kWorthListing ? std::vector<ir::OpId>() : heavy;
 }
 
+std::vector<ir::OpId> unlikely_branches(const ir::Graph& graph, const Pass& pass, std::span<const ir::OpId> heavy,
+                                        const target::Profile& profile) {
+  const auto is_unlikely = [&](ir::OpId id) {
+    const ir::OpId by = graph.value(graph.op(id).operands[0]).op;
+    return by.valid() && graph.op(by).kind == ir::OpKind::Unlikely;
+  };
+  if (!profile.lanes_in_turn || std::ranges::all_of(heavy, is_unlikely)) return {};
+  std::vector<ir::OpId> out;
+  int saved = 0;
+  for (const ir::OpId id : pass.ops) {
+    const ir::Op& op = graph.op(id);
+    if (op.kind != ir::OpKind::If || !is_unlikely(id)) continue;
+    out.push_back(id);
+    saved += region_cost(graph, op.regions[0]);
+  }
+  return saved < kWorthListing ? std::vector<ir::OpId>() : out;
+}
+
 bool share_loops(const ir::Graph& graph, std::span<const ir::OpId> heavy, const target::Profile& profile) {
   return profile.subgroup_shuffle && lanes_join(profile) && profile.loop_trips == 0 &&
          std::ranges::any_of(heavy, [&](ir::OpId id) {

@@ -17,6 +17,11 @@ namespace dr::backend {
 std::vector<ir::OpId> heavy_branches(const ir::Graph& graph, const Pass& pass, const Trips& trips,
                                      const target::Profile& profile);
 
+// Those of a map's heavy `if`s whose condition is unlikely, which it may leave to a third dispatch; empty if all are,
+// or if it is not worth it. Where lanes go in turn, what stands in a branch takes time wherever another one is taken.
+std::vector<ir::OpId> unlikely_branches(const ir::Graph& graph, const Pass& pass, std::span<const ir::OpId> heavy,
+                                        const target::Profile& profile);
+
 // Whether several lanes of a GPU may have an element of such branches, and share its loops: those that combine integers
 // and have loops within. Few elements, whose loops are long, then take as long as the longest part of one.
 bool share_loops(const ir::Graph& graph, std::span<const ir::OpId> heavy, const target::Profile& profile);

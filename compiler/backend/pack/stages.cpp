@@ -74,11 +74,14 @@ class StagePacker {
     if (join) ++next_stage_;
   }
 
-  // Everything that is ready and no fragment pass. Draws of raster are render passes of their own.
+  // Everything that is ready and no fragment pass. Draws of raster are render passes of their own. Others come first:
+  // what they read of their faces may be computed with them (lowering/set_up_in_raster.h), if nothing between waits for
+  // it.
   bool add_run() {
     std::vector<size_t> run, draws;
     for (size_t k = 0; k < step_.passes.size(); ++k)
       if (!done_[k] && !is_fragment(k) && is_ready(k)) (pass(k).is_drawn() ? draws : run).push_back(k);
+    std::ranges::stable_partition(run, [&](size_t k) { return pass(k).is<RasterPass>(); });
     if (!run.empty()) finish(run);
     for (size_t k : draws) finish({k});
     return !run.empty() || !draws.empty();

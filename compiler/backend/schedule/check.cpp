@@ -180,7 +180,7 @@ class StepChecker {
     if (scatter == nullptr) return;
     if (scatter->joins_pairs()) check_pairs(*scatter);
     if (scatter->joins_runs() != 0) check_runs(*scatter);
-    if (scatter->tells() && !may_tell(graph_, *scatter)) unsound("tells of guesses that no map can tell wrong");
+    if (scatter->asks() && !scatter->guesses()) unsound("asks for guesses that it does not make");
     if (!scatter->guesses()) {
       if (scatter->shares_loops()) unsound("shares loops in a run that lists what adds");
       return;

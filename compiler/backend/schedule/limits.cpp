@@ -86,13 +86,6 @@ bool adds_nothing_without(const ir::Graph& graph, const ScatterPass& scatter, st
   });
 }
 
-bool may_tell(const ir::Graph& graph, const ScatterPass& scatter) {
-  return scatter.guesses() && scatter.joined_run() != nullptr && scatter.sums.size() <= kMostTold &&
-         std::ranges::all_of(scatter.sums, [&](const ScatterSum& sum) {
-           return std::ranges::none_of(sum.terms, [&](ir::ValueId term) { return contributions(graph, term) < 0; });
-         });
-}
-
 size_t guesses_bound(const std::vector<Resource>& resources, const StepSchedule& step, const Pass& pass) {
   size_t out = 0;
   for (const Pass& other : step.passes) {
@@ -102,7 +95,7 @@ size_t guesses_bound(const std::vector<Resource>& resources, const StepSchedule&
     const bool adds = &other == &pass || (joined != nullptr && &step.pass(joined->lister) == &pass);
     for (const ScatterSum& sum : scatter->sums)
       if (adds || reads_sums(resources, step, pass, sum)) ++out;
-    if (adds && scatter->tells()) ++out;
+    if (adds && scatter->asks()) ++out;
   }
   return out;
 }

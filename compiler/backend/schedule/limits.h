@@ -53,10 +53,6 @@ std::vector<ir::ValueId> true_where_listed(const ir::Graph& graph, const Pass& p
 // that it adds is zero.
 bool adds_nothing_without(const ir::Graph& graph, const ScatterPass& scatter, std::span<const ir::OpId> heavy);
 
-// Whether a run of a scatter that joins a map can tell whether its guesses were wrong: it knows how many contributions
-// there are at most, and has a bit for each sum.
-bool may_tell(const ir::Graph& graph, const ScatterPass& scatter);
-
 // The guesses that the shader of a pass binds beside what the pass reads and writes.
 size_t guesses_bound(const std::vector<Resource>& resources, const StepSchedule& step, const Pass& pass);
 

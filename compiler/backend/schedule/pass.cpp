@@ -88,9 +88,9 @@ bool ScatterPass::runs_again() const {
   return joined != nullptr && joined->again;
 }
 
-bool ScatterPass::tells() const {
+bool ScatterPass::asks() const {
   const auto* joined = exact() == nullptr ? nullptr : std::get_if<JoinedFirstRun>(&exact()->first_run);
-  return joined != nullptr && joined->tells;
+  return joined != nullptr && joined->asks;
 }
 
 bool ScatterPass::joins_parts() const {

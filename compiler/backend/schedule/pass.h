@@ -67,6 +67,8 @@ struct Block {
 // all of its condition.
 struct HeavyBranches {
   std::vector<ir::OpId> ops;
+  // `if`s whose condition is unlikely: a third dispatch has them, for the elements of the second one that take them.
+  std::vector<ir::OpId> unlikely;
   bool by_subgroups = false;   // lanes of a subgroup take their places on the list together
   uint32_t apart = 0;          // a fixed number of invocations, so many lanes apart, share the list; 0: one an element
   bool shares_loops = false;   // the lanes between share an element's loops that combine integers
@@ -177,11 +179,8 @@ struct JoinedFirstRun : JoinedRun {
   // It keeps what elements add, as far as there is room: the second then need not compute it again.
   bool keeps_terms = false;
   bool again = false;  // the second run computes what the map does again, and needs no list
-  bool tells = false;  // the first run tells whether a guess was wrong: if none was, the second starts no workgroup
+  bool asks = false;   // an invocation between both asks whether a guess was wrong: if none was, the second has none
 };
-
-// Sums whose wrong guesses a scatter may tell of: each has a bit of a number of workgroups.
-inline constexpr size_t kMostTold = 6;
 
 // Invocations that share an element's loops, at most: where many elements are listed, each has one.
 inline constexpr int kLoopShares = 8;
@@ -267,7 +266,7 @@ struct ScatterPass {
   bool relists() const;
   bool keeps_terms() const;
   bool runs_again() const;  // see JoinedFirstRun::again
-  bool tells() const;       // see JoinedFirstRun::tells
+  bool asks() const;        // see JoinedFirstRun::asks
   bool guesses() const { return exact() != nullptr && exact()->guesses; }
   bool joins_lanes() const { return exact() != nullptr && exact()->joins_lanes; }
   bool shares_loops() const { return exact() != nullptr && exact()->shares_loops; }

@@ -189,6 +189,7 @@ bool PassReader::decides(MapPass& map, bool& ok) {
   } else if (take_word("heavy")) {
     HeavyBranches& heavy = map.code.heavy.emplace();
     ok = comma_list([&] { return op(heavy.ops.emplace_back()); });
+    if (ok && take_word("unlikely")) ok = comma_list([&] { return op(heavy.unlikely.emplace_back()); });
     if (ok && take_word("by")) ok = heavy.by_subgroups = expect_word("subgroups");
     if (ok && take_word("apart")) ok = number("a number of lanes", heavy.apart);
     if (ok && take_word("sharing")) ok = heavy.shares_loops = expect_word("loops");
@@ -248,7 +249,7 @@ bool PassReader::decides(ScatterPass& scatter, ExactScatter& exact, bool& ok) {
     own->relists = true;
   } else if (take_word("guesses")) {
     ok = exact.guesses = expect_word("exponents");
-    if (ok && joined != nullptr && take(',')) ok = joined->tells = expect_word("told");
+    if (ok && joined != nullptr && take(',')) ok = joined->asks = expect_word("asked");
   } else if (own != nullptr && take_word("shares")) {
     ok = exact.shares_loops = expect_word("loops");
   } else if (take_word("join")) {

@@ -188,7 +188,7 @@ class Writer {
       out_ += (scatter.joined_run() != nullptr ? "    joins " : "    listed by ") + pass_at(*lister) + "\n";
     if (scatter.keeps_terms()) out_ += "    keeps terms\n";
     if (scatter.runs_again()) out_ += "    again\n";
-    if (scatter.guesses()) out_ += scatter.tells() ? "    guesses exponents, told\n" : "    guesses exponents\n";
+    if (scatter.guesses()) out_ += scatter.asks() ? "    guesses exponents, asked\n" : "    guesses exponents\n";
     if (scatter.shares_loops()) out_ += "    shares loops\n";
     if (scatter.joins_lanes()) out_ += "    join lanes\n";
     if (scatter.joins_parts()) out_ += "    join parts\n";
@@ -243,6 +243,7 @@ class Writer {
 
   void write_heavy(const HeavyBranches& heavy) {
     for (const OpId& id : heavy.ops) out_ += (&id == heavy.ops.data() ? "    heavy " : ", ") + op(id);
+    for (const OpId& id : heavy.unlikely) out_ += (&id == heavy.unlikely.data() ? " unlikely " : ", ") + op(id);
     out_ += std::string(heavy.by_subgroups ? " by subgroups" : "") +
             (heavy.apart > 0 ? " apart " + std::to_string(heavy.apart) : "") +
             (heavy.shares_loops ? " sharing loops" : "") + "\n";

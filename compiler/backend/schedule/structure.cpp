@@ -149,10 +149,13 @@ class StructureChecker {
         map.partial.empty() && !map.rest && !map.block && !map.code.lists_in_runs && !map.code.heavy && !map.code.cut;
     if (map.code.each < 1 || (map.code.each > 1 && !plain)) bad("takes elements in turn and is no plain map");
     if (!map.code.heavy) return;
-    for (const OpId id : map.code.heavy->ops)
-      if (std::ranges::find(pass_->ops, id) == pass_->ops.end() ||
-          (graph_.op(id).kind != OpKind::If && graph_.op(id).kind != OpKind::Select))
-        bad("runs in two dispatches by what is no branch of it");
+    const auto is_branch = [&](OpId id) {
+      return std::ranges::find(pass_->ops, id) != pass_->ops.end() &&
+             (graph_.op(id).kind == OpKind::If || graph_.op(id).kind == OpKind::Select);
+    };
+    if (!std::ranges::all_of(map.code.heavy->ops, is_branch)) bad("runs in two dispatches by what is no branch of it");
+    if (!std::ranges::all_of(map.code.heavy->unlikely, is_branch))
+      bad("runs in three dispatches by what is no branch of it");
     check_cut(map.code.heavy->cut);
   }
 

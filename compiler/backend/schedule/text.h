@@ -32,7 +32,7 @@
 //   listed by seen                              // or: joins seen
 //   set up by clip_pixel, twice where listed
 //   keeps terms                                 // or: again
-//   guesses exponents                           // `guesses exponents, told`: see JoinedFirstRun::tells
+//   guesses exponents                           // `guesses exponents, asked`: see JoinedFirstRun::asks
 //   shares loops
 //   join lanes                                  // and: join parts, join workgroups, join pairs
 //   relist
@@ -42,6 +42,7 @@
 //   lists in runs
 //   in tiles                                    // of a reduction: in teams
 //   heavy if %40, if %41 by subgroups apart 32  // branches of a second dispatch; `apart 8 sharing loops`
+//   heavy if %40 unlikely if %42                // branches of a third dispatch
 //   cut loops 8000, watched                     // trips in a dispatch; `cut heavy loops` in the second one
 //   skips zeros
 //   tells loss                                  // whether it is NaN or Inf

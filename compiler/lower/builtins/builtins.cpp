@@ -83,6 +83,7 @@ struct BuiltinTable {
         {"any", 1, 1, &E::builtin_any_all, OpKind::LogicalOr},
         {"all", 1, 1, &E::builtin_any_all, OpKind::LogicalAnd},
         {"not", 1, 1, &E::builtin_not},
+        {"unlikely", 1, 1, &E::builtin_unlikely},
         {"lessThan", 2, 2, &E::builtin_compare, OpKind::Less},
         {"lessThanEqual", 2, 2, &E::builtin_compare, OpKind::LessEqual},
         {"greaterThan", 2, 2, &E::builtin_compare, OpKind::Less},

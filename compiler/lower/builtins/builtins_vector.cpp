@@ -104,6 +104,11 @@ Value Elaborator::builtin_not(BuiltinCall& call) {
   return apply(OpKind::LogicalNot, {call.args[0]});
 }
 
+Value Elaborator::builtin_unlikely(BuiltinCall& call) {
+  if (!call.args[0].is_numeric() || element_type(call.args[0]) != ir::kBool) return wrong_type(call, 0, "a bool");
+  return apply(OpKind::Unlikely, {call.args[0]});
+}
+
 Value Elaborator::builtin_compare(BuiltinCall& call) {
   const bool equality = call.entry.kind == OpKind::Equal || call.entry.kind == OpKind::NotEqual;
   const bool bools = equality && std::ranges::all_of(call.args, [&](const Value& v) {

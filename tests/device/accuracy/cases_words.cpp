@@ -34,6 +34,7 @@ std::vector<Case> word_cases() {
   for (const OpKind kind : {OpKind::LogicalAnd, OpKind::LogicalOr, OpKind::Equal, OpKind::NotEqual})
     all.push_back(of(kind, kBool, 2));
   all.push_back(of(OpKind::LogicalNot, kBool, 1));
+  all.push_back(of(OpKind::Unlikely, kBool, 1));
 
   Case select = plain(OpKind::Select, {words(kBool), all_floats(), all_floats()});
   select.derivatives = {{1, 0, "moves numbers"}, {2, 0, "moves numbers"}};

@@ -98,6 +98,7 @@ TEST_CASE("float functions take floats, bits take integers, logic takes bools") 
   CHECK(refuses(OpKind::BitAnd, {image(kFloat), image(kFloat)}));
   CHECK(refuses(OpKind::ShiftLeft, {image(kUint), image(kInt)}));
   CHECK(infer(OpKind::LogicalNot, {image(kBool, W)}) == "bool[W]");
+  CHECK(infer(OpKind::Unlikely, {image(kBool, W)}) == "bool[W]");
   CHECK(refuses(OpKind::LogicalAnd, {image(kInt), image(kInt)}));
 }
 

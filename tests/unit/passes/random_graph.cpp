@@ -132,7 +132,7 @@ class Generator {
       case 12: return op(chance(50) ? OpKind::LessEqual : OpKind::NotEqual, {integer(s), integer(s)});
       case 13: return op(OpKind::LogicalAnd, {boolean(s), boolean(s)});
       case 14: return op(OpKind::LogicalOr, {boolean(s), boolean(s)});
-      case 15: return op(OpKind::LogicalNot, {boolean(s)});
+      case 15: return op(chance(50) ? OpKind::LogicalNot : OpKind::Unlikely, {boolean(s)});
       case 16: return op(OpKind::BitNot, {integer(s)});
       case 17: return op(chance(50) ? OpKind::BitXor : OpKind::BitAnd, {integer(s), integer(s)});
       case 18: return op(OpKind::Add, {integer(s), integer(s)});
