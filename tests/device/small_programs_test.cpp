@@ -441,6 +441,17 @@ const Case kCases[] = {
                 even_huge = mesh.edge_variation(1e19 * plain.xyz, one_face), looks = camera.look_at(vec3(1.0, 2.0, 3.0), vec3(0.0), 1e20 * vec3(1.0, 0.3, 0.0)),
                 flat = 1e-7 * splat.precision(vec3(1e-7, 0.0, 2e-7), least = 0.0), sum = sum(a); })",
      {"go"}},
+    {"gradients of matrices in a branch, one with Inf",
+     R"(input a : float[W, H];
+      param few : mat3[5] = mat3(1.0);
+      param many : mat4[1500] = mat4(1.0);
+      let p = coord(W, H).xy;
+      let w = if p.x == 3 && p.y == 2 { 1.0 / (a - a) } else { 1.0 };
+      let y = if a > 0.25 {
+        w * few.at(p.x % 5)[0].x + few.at(p.x % 5)[2].z + w * many.at(p.x)[0].x + many.at(p.x)[3].w
+      } else { 0.0 };
+      step go { output to_few = grad(sum(y), few), to_many = grad(sum(y), many); })",
+     {"go"}},
 };
 
 constexpr int kWidth = 7, kHeight = 5;

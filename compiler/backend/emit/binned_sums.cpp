@@ -14,7 +14,7 @@ using glsl::Shader;
 namespace {
 
 // Words of an accumulator, of 32 bits or of 64: the bins of each component of each element, then flags for each
-// element, four bits a component: see special_flag.
+// element, two bits a component: see special_flag.
 ir::Dim words_before_flags(const ir::Type& type, const ir::Extent& extent, bool wide) {
   return element_count(extent) * ir::Dim((wide ? 1 : 2) * kBins * type.components());
 }
@@ -68,7 +68,7 @@ Generator::Adding Generator::binned_adding(Shader& s, const Pass& pass, const Ta
   if (runs == Runs::Both) out.body += "  if (pc.a != 0) {\n";
   out.body += "  uint flags = 0u;\n";
   for (int c = 0; c < n; ++c)
-    out.body += "  flags |= special_flag(" + component(type, "value", c) + ") << " + std::to_string(4 * c) + ";\n";
+    out.body += "  flags |= special_flag(" + component(type, "value", c) + ") << " + std::to_string(2 * c) + ";\n";
   for (int c = 0; c < n; ++c) {
     const std::string k = std::to_string(c), part = "part_" + k, bin = "bin_" + k, adds = "adds_" + k;
     const std::string x = component(type, "value", c);
@@ -107,7 +107,7 @@ Generator::FloatSums Generator::floats_of_bins(Shader& s, const ir::Type& type, 
   const int n = type.components();
   for (int c = 0; c < n; ++c)
     out.components.push_back(function + "((index * " + std::to_string(n) + " + " + std::to_string(c) + ") * " + count +
-                             ", (flags >> " + std::to_string(4 * c) + ") & 15u)");
+                             ", (flags >> " + std::to_string(2 * c) + ") & 3u)");
   return out;
 }
 

@@ -21,13 +21,13 @@ namespace {
 
 // Words of an accumulator, of 32 bits or of 64 where the schedule says so: 0 the largest finite magnitude,
 // 1 the number of contributions where it is counted, or, of emptied sums, whether an element has flags, then two (one)
-// for each component, then flags, four bits a component, of several elements in a word: see special_flag.
+// for each component, then flags, two bits a component, of several elements in a word: see special_flag.
 constexpr int kHead = 2;
 
 // The flags of an element in the words behind all sums: which word, and from which bit on.
 struct Flags {
   Flags(const ir::Type& type, const ir::Extent& extent, bool wide)
-      : bits(4 * static_cast<int>(std::bit_ceil(static_cast<unsigned>(type.components())))),
+      : bits(2 * static_cast<int>(std::bit_ceil(static_cast<unsigned>(type.components())))),
         elements((wide ? 64 : 32) / bits),
         before(element_count(extent) * ir::Dim((wide ? 1 : 2) * type.components()) + ir::Dim(kHead)),
         words((element_count(extent) + ir::Dim(elements - 1)).divided_by(elements)) {}
@@ -249,7 +249,7 @@ std::string Generator::fixed_parts(Shader& s, const Target& t, bool flags) {
   std::string out = flags ? "  uint flags = 0u;\n" : "";
   for (int c = 0; c < type.components(); ++c) {
     if (flags)
-      out += "  flags |= special_flag(" + component(type, "value", c) + ") << " + std::to_string(4 * c) + ";\n";
+      out += "  flags |= special_flag(" + component(type, "value", c) + ") << " + std::to_string(2 * c) + ";\n";
     out += "  uvec2 " + part(c) + " = " + fixed(s, t, c, "shift_" + id) + ";\n";
   }
   return out;
@@ -351,7 +351,7 @@ Generator::FloatSums Generator::float_sums(Shader& s, const ir::Type& type, cons
       parts += (parts.empty() ? "" : ", ") + part;
     }
     const std::string number = wide ? "words_of(" + parts + ")" : "uvec2(" + parts + ")";
-    out.components.push_back("fixed_to_float(" + number + ", shift, (flags >> " + std::to_string(4 * c) + ") & 15u)");
+    out.components.push_back("fixed_to_float(" + number + ", shift, (flags >> " + std::to_string(2 * c) + ") & 3u)");
   }
   // Behind the loads of the sums, which then wait for nothing.
   if (empties)

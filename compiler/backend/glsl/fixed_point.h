@@ -41,11 +41,11 @@ uvec2 fixed_from_float(float value, int shift) {
   return uvec2(low, high);
 }
 
-// 1 for +Inf, 2 for -Inf, 4 for NaN, 0 for a finite float.
+// 1 for +Inf, 2 for -Inf, 3 for NaN, which is also what both together make; 0 for a finite float.
 uint special_flag(float value) {
   uint bits = floatBitsToUint(value), magnitude = bits & 0x7fffffffu;
   uint infinite = 1u + (bits >> 31);
-  uint flag = magnitude > 0x7f800000u ? 4u : infinite;
+  uint flag = magnitude > 0x7f800000u ? 3u : infinite;
   return magnitude < 0x7f800000u ? 0u : flag;
 }
 )";

@@ -41,6 +41,14 @@ bool one_shader(const StepSchedule& step, const Schedule& schedule, const target
                                    std::set<uint32_t>(written.begin(), written.end()).size() + kOwn));
 }
 
+// Whether another raster reads what a pass computes of its faces, too. A GPU draws both at once if neither waits for
+// the other's first dispatch.
+bool draws_beside(const StepSchedule& step, const target::Profile& profile, const Pass& pass, const Pass& raster) {
+  return profile.is_gpu() && std::ranges::any_of(step.passes, [&](const Pass& other) {
+           return &other != &raster && other.is<RasterPass>() && meet(other.reads, pass.writes);
+         });
+}
+
 // Components that `ops` load: of what they read at other places, and of `stored` values.
 int loaded_by(const ir::Graph& graph, std::span<const ir::OpId> ops, const std::set<ValueId>& stored) {
   std::set<ValueId> here;
@@ -123,6 +131,7 @@ void set_up_in_raster(const ir::Graph& graph, const target::Profile& profile, Sc
         const Pass& pass = step.passes[j];
         const bool fits = pass.is<MapPass>() && pass.domain == faces && pass.steady == raster.steady &&
                           meet(raster.reads, pass.writes) && !is_taken(pass_id(j)) &&
+                          !draws_beside(step, profile, pass, raster) &&
                           one_shader(step, schedule, profile, pass, raster) &&
                           !may_pass_limit(trips_of(graph, pass.ops), profile, kShared);
         if (!fits) continue;

@@ -10,8 +10,9 @@
 namespace dr::backend {
 
 // Fills RasterPass::setup where a raster by 64-bit atomics reads the results of a map pass over its faces and layers,
-// no pass between the two needs any of them or changes what it reads, both run whenever one of them does, and the
-// profile's limits allow one shader for both; and MapPass::partial of the map, which is stored for listed faces.
+// no pass between the two needs any of them or changes what it reads, nor another raster on a GPU, both run whenever
+// one of them does, and the profile's limits allow one shader for both; and MapPass::partial of the map, which is
+// stored for listed faces.
 void set_up_in_raster(const ir::Graph& graph, const target::Profile& profile, Schedule& schedule);
 
 }  // namespace dr::backend
