@@ -410,7 +410,11 @@ let read = if now.x > from {
   let b = glow.at(place.y) * factor.y * (far(now, 3) + far(now.yx, 4) * cos(now.x) * sqrt(1.0 + now.y * now.y));
   dot(a, vec2(1.0, factor.z)) * b
 } else { 0.0 };
-let error = sum(read * read);
+let rare = if unlikely(abs(read) > 0.4) {
+  let c = tone.at(place.y) * far(now, 5) * exp(sin(now.x)) + tone.at(place.x) * far(now.yx, 6) * sqrt(1.0 + now.x * now.x);
+  factor.z * dot(c, vec2(cos(read), exp(-now.x))) * glow.at(place.x) * (far(now, 7) + far(now.yx, 8))
+} else { 0.0 };
+let error = sum(read * read + rare * rare);
 step run {
   runs <- runs + 1;
   output pull = grad(error, tone), share = grad(error, glow);
@@ -447,6 +451,7 @@ step run {
     if (name == std::string("lavapipe")) {
       CHECK(has("_groups"));
       CHECK(has("_heavy"));
+      CHECK(has("_unlikely"));
       CHECK(!has("_active"));
     }
     auto program = must(runtime::Program::load(device, guessing));
