@@ -73,7 +73,7 @@ Value Elaborator::builtin_refract(BuiltinCall& call) {
   const Value k = sub(make_float(1), mul(squared_eta, squared_sine));
   const Value root = apply(OpKind::Sqrt, {k}), scaled_cosine = mul(eta, cosine);
   const Value along = mul(add(scaled_cosine, root), n), kept = mul(eta, i);
-  const Value bent = sub(kept, along);
+  Value bent = sub(kept, along);
   if (bent.is_error()) return bent;
   return select(apply(OpKind::Less, {k, make_float(0)}), splat(make_float(0), element_type(bent)), bent);
 }
@@ -82,7 +82,7 @@ Value Elaborator::builtin_refract(BuiltinCall& call) {
 Value Elaborator::builtin_faceforward(BuiltinCall& call) {
   if (!vectors(call, 3)) return Error{};
   const Value& n = call.args[0];
-  const Value facing = dot(call.args[2], call.args[1]);
+  Value facing = dot(call.args[2], call.args[1]);
   if (facing.is_error()) return facing;
   const Value turned = apply(OpKind::Neg, {n});
   return select(apply(OpKind::Less, {facing, make_float(0)}), n, turned);
