@@ -19,6 +19,7 @@
 #include <vector>
 
 #include "compiler/ir/graph.h"
+#include "compiler/lower/builtins/builtin.h"
 #include "compiler/lower/lower.h"
 #include "compiler/lower/program/observation.h"
 #include "compiler/lower/program/zeros.h"
@@ -49,39 +50,6 @@ inline constexpr int64_t kMaxTrips = 4096;  // of one `for`, or items of one arr
 inline constexpr size_t kMaxCalls = 64;     // calls inside each other
 inline constexpr size_t kMaxDepth = 2000;   // expressions inside each other, through calls
 inline constexpr size_t kMaxCallNotes = 4;  // notes "in the call of 'f' here" of one message
-
-class Elaborator;
-
-struct Argument {
-  const dsl::Name* name = nullptr;  // null: found by its place
-  Value value;
-  Span span;
-};
-
-// A call of a built-in function, as its handler sees it.
-struct BuiltinCall {
-  const Builtin& entry;
-  std::vector<Value> args;       // `self` first, then the positional ones; those of a raw entry are not evaluated
-  std::vector<Span> spans;       // parallel to args
-  std::vector<Argument> named;   // only names that the entry lists
-  const Expr* syntax = nullptr;  // the call; null when a function value is called by another built-in
-  Span span;
-};
-
-struct Builtin {
-  std::string_view name;
-  size_t min_args = 1;
-  size_t max_args = 1;
-  Value (Elaborator::*handler)(BuiltinCall&) = nullptr;
-  OpKind kind = OpKind::Add;                 // for handlers that serve several ops
-  std::vector<std::string_view> named = {};  // names that may be given
-  bool is_method = false;                    // called as x.name(...): the first argument is x
-};
-
-// Arguments after these names are words, not values.
-bool is_word_argument(std::string_view name);
-// What is written after `name =` in the call, or null.
-const Expr* word_argument(const BuiltinCall& call, std::string_view name);
 
 // How a declared type is held against a value.
 struct TypeMatch {

@@ -67,8 +67,7 @@ Generator::Adding Generator::binned_adding(Shader& s, const Pass& pass, const Ta
   if (runs == Runs::Both && lists) out.body += "  if (pc.a == 0) adds |= " + any_bits(type, "value") + ";\n";
   if (runs == Runs::Both) out.body += "  if (pc.a != 0) {\n";
   out.body += "  uint flags = 0u;\n";
-  for (int c = 0; c < n; ++c)
-    out.body += "  flags |= special_flag(" + component(type, "value", c) + ") << " + std::to_string(2 * c) + ";\n";
+  for (int c = 0; c < n; ++c) out.body += "  flags |= " + flag_of(component(type, "value", c), c) + ";\n";
   for (int c = 0; c < n; ++c) {
     const std::string k = std::to_string(c), part = "part_" + k, bin = "bin_" + k, adds = "adds_" + k;
     const std::string x = component(type, "value", c);
@@ -107,7 +106,7 @@ Generator::FloatSums Generator::floats_of_bins(Shader& s, const ir::Type& type, 
   const int n = type.components();
   for (int c = 0; c < n; ++c)
     out.components.push_back(function + "((index * " + std::to_string(n) + " + " + std::to_string(c) + ") * " + count +
-                             ", (flags >> " + std::to_string(2 * c) + ") & 3u)");
+                             ", " + flag_at("flags", std::to_string(kFlagBits * c)) + ")");
   return out;
 }
 

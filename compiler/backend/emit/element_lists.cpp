@@ -105,16 +105,17 @@ void index_in_tiles(Shader& s, const ir::Extent& extent) {
 }
 
 ListingLoop::ListingLoop(Shader& shader, const ir::Extent& extent, bool runs, bool tiles, const RunReads& shared)
-    : shader_(shader), extent_(extent), count_(element_count(extent)), runs_(runs) {
+    : shader_(shader), extent_(extent), runs_(runs) {
+  const ir::Dim count = element_count(extent);
   if (!runs_) {
-    linear_index(shader_, dim_expression(count_));
+    linear_index(shader_, dim_expression(count));
     if (tiles) index_in_tiles(shader_, extent);
     place_from_index(shader_, extent);
     return;
   }
   const std::string run = std::to_string(kRun);
-  linear_index(shader_, dim_expression(runs_of(count_)));
-  shader_.body().line("int begin = index * " + run + ", end = min(begin + " + run + ", " + dim_expression(count_) +
+  linear_index(shader_, dim_expression(runs_of(count)));
+  shader_.body().line("int begin = index * " + run + ", end = min(begin + " + run + ", " + dim_expression(count) +
                       ");");
   if (!shared.same.empty() || !shared.beside.empty()) place_from_index(shader_, extent, "begin");
   shader_.element_ops(shared.same);
@@ -140,7 +141,7 @@ void ListingLoop::add(const std::string& list, bool together, int shares) {
 }
 
 std::string ListingLoop::close() {
-  if (!runs_) return count_.str();
+  if (!runs_) return element_count(extent_).str();
   shader_.pop_scope();
   shader_.body().line("}");
   for (const std::string& list : lists_) {
@@ -158,7 +159,7 @@ std::string ListingLoop::close() {
                     count_rows(extent_, 64, list, "((place + 63u) / 64u + 65534u) / 65535u") + "  }\n}\n");
     shader_.body().line("append_run_to_" + list + "(begin, " + members(list) + ");");
   }
-  return runs_of(count_).str();
+  return runs_of(element_count(extent_)).str();
 }
 
 }  // namespace dr::backend

@@ -47,7 +47,6 @@ class ListingLoop {
  private:
   glsl::Shader& shader_;
   const ir::Extent extent_;
-  const ir::Dim count_;
   const bool runs_;
   std::vector<std::string> lists_;
 };

@@ -27,7 +27,7 @@ constexpr int kHead = 2;
 // The flags of an element in the words behind all sums: which word, and from which bit on.
 struct Flags {
   Flags(const ir::Type& type, const ir::Extent& extent, bool wide)
-      : bits(2 * static_cast<int>(std::bit_ceil(static_cast<unsigned>(type.components())))),
+      : bits(kFlagBits * static_cast<int>(std::bit_ceil(static_cast<unsigned>(type.components())))),
         elements((wide ? 64 : 32) / bits),
         before(element_count(extent) * ir::Dim((wide ? 1 : 2) * type.components()) + ir::Dim(kHead)),
         words((element_count(extent) + ir::Dim(elements - 1)).divided_by(elements)) {}
@@ -122,6 +122,14 @@ std::string any_bits(const ir::Type& type, const std::string& value) {
   return "(" + out + ") & 0x7fffffffu";
 }
 
+std::string flag_of(const std::string& number, int c) {
+  return "special_flag(" + number + ") << " + std::to_string(kFlagBits * c);
+}
+
+std::string flag_at(const std::string& flags, const std::string& shift) {
+  return "(" + flags + " >> " + shift + ") & " + std::to_string((1 << kFlagBits) - 1) + "u";
+}
+
 ir::Dim words_of_sums(const ir::Type& type, const ir::Extent& extent, bool wide) {
   if (adds_in_bins(extent)) return words_of_bins(type, extent, wide);
   const Flags flags(type, extent, wide);
@@ -190,8 +198,9 @@ uint32_t Generator::ask_for_guesses(const Pass& pass, const std::vector<Target>&
              s.read_words(t.guess, "guess_" + id) + "(0))";
   }
   const std::string words = s.bind_words(groups, "groups", bundle::Access::Write);
-  s.body().line(words + ".d[0] = " + right + " ? 0u : uint(" +
-                dim_expression(invocations.divided_by(bundle::kIndirectGroup) + ir::Dim(1)) + ");");
+  // They go over all elements, however few they are.
+  s.body().line(words + ".d[0] = " + right + " ? 0u : min(uint(" +
+                dim_expression(invocations.divided_by(bundle::kIndirectGroup) + ir::Dim(1)) + "), 65535u);");
   s.body().line(words + ".d[1] = 1u;");
   s.body().line(words + ".d[2] = 1u;");
   dispatch(pass, " asked", s, "1");
@@ -248,8 +257,7 @@ std::string Generator::fixed_parts(Shader& s, const Target& t, bool flags) {
   const ir::Type& type = t.accumulator.type;
   std::string out = flags ? "  uint flags = 0u;\n" : "";
   for (int c = 0; c < type.components(); ++c) {
-    if (flags)
-      out += "  flags |= special_flag(" + component(type, "value", c) + ") << " + std::to_string(2 * c) + ";\n";
+    if (flags) out += "  flags |= " + flag_of(component(type, "value", c), c) + ";\n";
     out += "  uvec2 " + part(c) + " = " + fixed(s, t, c, "shift_" + id) + ";\n";
   }
   return out;
@@ -351,7 +359,8 @@ Generator::FloatSums Generator::float_sums(Shader& s, const ir::Type& type, cons
       parts += (parts.empty() ? "" : ", ") + part;
     }
     const std::string number = wide ? "words_of(" + parts + ")" : "uvec2(" + parts + ")";
-    out.components.push_back("fixed_to_float(" + number + ", shift, (flags >> " + std::to_string(2 * c) + ") & 3u)");
+    out.components.push_back("fixed_to_float(" + number + ", shift, " +
+                             flag_at("flags", std::to_string(kFlagBits * c)) + ")");
   }
   // Behind the loads of the sums, which then wait for nothing.
   if (empties)

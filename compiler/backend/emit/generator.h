@@ -327,6 +327,11 @@ std::string any_bits(const ir::Type& type, const std::string& value);
 
 // Words of 32 bits of the sums of values of that type, in fixed point or in bins; `wide`: by 64-bit atomics.
 ir::Dim words_of_sums(const ir::Type& type, const ir::Extent& extent, bool wide);
+// Bits that tell of what is not finite, for each number of an element; see special_flag (glsl/fixed_point.h). Those of
+// number `c` among the element's, as it is a float; and those that begin at bit `shift` of the element's.
+inline constexpr int kFlagBits = 2;
+std::string flag_of(const std::string& number, int c);
+std::string flag_at(const std::string& flags, const std::string& shift);
 ir::Dim words_of_bins(const ir::Type& type, const ir::Extent& extent, bool wide);
 // Those before the first element's, which each run of a step begins with as zeros.
 ir::Dim words_of_head(bool wide);

@@ -336,7 +336,7 @@ class RowsWriter {
     line("} else {");
     for (int c = 0; c < type(k).components(); ++c) {
       std::string part = component(type(k), x, c);
-      line("flags_" + id + " |= special_flag(" + part + ") << " + std::to_string(2 * c) + ";");
+      line("flags_" + id + " |= " + flag_of(part, c) + ";");
       // As in scatter.cpp.
       const std::string limit = "uintBitsToFloat(largest_" + id + ")";
       if (s_.native()) part = "clamp(" + part + ", -" + limit + ", " + limit + ")";
@@ -485,17 +485,17 @@ void Generator::rows_pass(const Pass& pass) {
     const ScatterSum& sum = all[k];
     const std::string out = s.bind(step_->stored.at(sum.value), bundle::Access::Write);
     const int n = writer.type(k).components();
-    const auto put = [&](const std::string& total, const std::string& flags, const std::string& c) {
-      const std::string value = writer.type(k).is_float() ? "fixed_to_float(" + total + ", shift_" + std::to_string(k) +
-                                                                ", (" + flags + ") & 3u)"
-                                                          : total;
+    const auto put = [&](const std::string& total, const std::string& shift, const std::string& c) {
+      const std::string value = writer.type(k).is_float()
+                                    ? "fixed_to_float(" + total + ", shift_" + std::to_string(k) + ", " +
+                                          flag_at("flags_" + std::to_string(k), shift) + ")"
+                                    : total;
       s.body().line(out + ".d[" + target + " * " + std::to_string(n) + " + " + c +
                     "] = " + s.at_once({writer.type(k).scalar, 1, 1}, value) + ";");
     };
-    const std::string flags = "flags_" + std::to_string(k) + " >> ";
     if (lanes < n || n == 1) {
       if (lanes > 1) s.body().line("if (lane == 0) {");
-      for (int c = 0; c < n; ++c) put(RowsWriter::total(k, c), flags + std::to_string(2 * c), std::to_string(c));
+      for (int c = 0; c < n; ++c) put(RowsWriter::total(k, c), std::to_string(kFlagBits * c), std::to_string(c));
       if (lanes > 1) s.body().line("}");
     } else {
       // A component a lane.
@@ -505,7 +505,7 @@ void Generator::rows_pass(const Pass& pass) {
       s.body().line("if (lane < " + std::to_string(n) + ") {");
       s.body().line((writer.type(k).is_float() ? "uvec2" : RowsWriter::scalar_name(writer.type(k))) +
                     std::string(" of_lane = ") + total + ";");
-      put("of_lane", flags + "(2 * lane)", "lane");
+      put("of_lane", "(" + std::to_string(kFlagBits) + " * lane)", "lane");
       s.body().line("}");
     }
   }

@@ -161,9 +161,9 @@ class StepCode {
     // An invocation that walks the list takes the trips of many elements.
     heavy.apart = profile_.lanes_in_turn || profile_.loop_trips > 0 ? 0 : profile_.subgroup_size;
     heavy.shares_loops = share_loops(graph_, heavy.ops, profile_);
+    if (heavy.shares_loops) heavy.apart = std::min<uint32_t>(heavy.apart, kLoopShares);
     if (!heavy.cut && has_room_for_two_lists(pass, id))
       heavy.unlikely = unlikely_branches(graph_, pass, heavy.ops, profile_);
-    if (heavy.shares_loops) heavy.apart = std::min<uint32_t>(heavy.apart, kLoopShares);
     return heavy;
   }
 

@@ -16,11 +16,11 @@
 
 namespace dr::backend {
 
-// Whether the shaders that bind a guess of the step may bind it beside sums and lists.
 // Whether an invocation asks between both runs of a scatter whether guesses were right: where lanes go in turn, those
 // of a second run that has nothing to do still go once through all of its shader.
 bool asks_for_guesses(const target::Profile& profile);
 
+// Whether the shaders that bind a guess of the step may bind it beside sums and lists.
 bool guesses_have_room(const target::Profile& profile, const Schedule& schedule, const StepSchedule& step);
 
 void guess_exponents(const ir::Graph& graph, const target::Profile& profile, Schedule& schedule);

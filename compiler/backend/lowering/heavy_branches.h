@@ -17,8 +17,8 @@ namespace dr::backend {
 std::vector<ir::OpId> heavy_branches(const ir::Graph& graph, const Pass& pass, const Trips& trips,
                                      const target::Profile& profile);
 
-// Those of a map's heavy `if`s whose condition is unlikely, which it may leave to a third dispatch; empty if all are,
-// or if it is not worth it. Where lanes go in turn, what stands in a branch takes time wherever another one is taken.
+// The `if`s of a map whose condition is unlikely, which it may leave to a third dispatch where lanes go in turn; empty
+// if they are all that is `heavy`, or if it is not worth it.
 std::vector<ir::OpId> unlikely_branches(const ir::Graph& graph, const Pass& pass, std::span<const ir::OpId> heavy,
                                         const target::Profile& profile);
 
