@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Raster: which faces does a pixel see. Integers only, so nothing flows back through it.
 //
-//   attrs.ints = {K, fields, corners}      corners is 3 or 6; with a fourth number, 1, faces are listed
+//   attrs.ints = {K, fields, corners}      corners is 3 or 6; with a fourth number, 1, faces are listed, or, 2, their order is given
 //   attrs.dims = {W, H, L, F}              the domain, then the number of faces
 //   operands   = field 0 .. fields-1       any type, extent [F, 1, L] or what broadcasts to it: the record of `setup`
 //                corner 0 .. corners-1     vec2, likewise, in pixels
@@ -10,12 +10,13 @@
 //                                          one float, one bool, one int; they capture values that broadcast to
 //                                          [W, H, L]
 //   results    = face 0, tag 0, .., face K-1, tag K-1     int[W, H, L]; -1 and 0 where there is none
+//                where their order is given, face 0, tag 0, order 0, ..: 2^24 - 1 where there is none
 //                where faces are listed, 16 * face + tag of all ranks, or -1: int[W, H, K * L], those of rank k in
 //                layers from k * L on
 //
 // For pixel (x, y, l) the candidates are the faces that `cull` spares and whose `keep` holds at p = (x + 0.5, y + 0.5);
 // a face with a NaN among its corners has none, and any whose depth is NaN is dropped. They are ordered by
-// (floor(clamp(depth, 0, 1) * (2^24 - 1)), face). `keep` must imply that p lies in the hull of the corners (of either
+// (order, face), where order is floor(clamp(depth, 0, 1) * (2^24 - 1)). `keep` must imply that p lies in the hull of the corners (of either
 // triangle): lowerings enumerate candidates by it.
 //
 // Listed faces are ordered by number alone, and there are fewer than 2^27: `depth` is not called.
@@ -32,7 +33,8 @@ namespace {
 
 InferResult infer_raster(const GraphInferInput& in) {
   const bool listed = ir::lists_faces(in.attrs);
-  if (std::string wrong = expect_ints(in.attrs, listed ? 4 : 3); !wrong.empty()) return wrong;
+  const size_t each = ir::results_a_rank(in.attrs);
+  if (std::string wrong = expect_ints(in.attrs, listed || each == 3 ? 4 : 3); !wrong.empty()) return wrong;
   if (std::string wrong = expect_dims(in.attrs, 4); !wrong.empty()) return wrong;
   const int64_t nearest = in.attrs.ints[0], fields = in.attrs.ints[1], corners = in.attrs.ints[2];
   if (nearest < 1) return "a pixel has at least one result";
@@ -69,7 +71,7 @@ InferResult infer_raster(const GraphInferInput& in) {
       return "a region yields " + yield.type.str() + yield.extent.str() + ", which does not stretch to the domain";
   }
   if (listed) return one(ir::kInt, {pixels.w, pixels.h, pixels.l * ir::Dim(nearest)});
-  return std::vector<ResultType>(static_cast<size_t>(2 * nearest), {.type = ir::kInt, .extent = pixels});
+  return std::vector<ResultType>(each * static_cast<size_t>(nearest), {.type = ir::kInt, .extent = pixels});
 }
 
 }  // namespace
@@ -81,7 +83,7 @@ std::vector<OpInfo> raster_ops() {
        .doc = "Which faces a pixel sees, nearest first, as numbers. No derivative.",
        .reads = Reads::PerFace,
        .runs_as = RunsAs::Raster,
-       .no_gradient = "$ gives faces and tags, and integers have no derivative",
+       .no_gradient = "$ gives faces, tags and orders, and integers have no derivative",
        .infer_in_graph = infer_raster,
        .differentiable = false},
   };

@@ -216,7 +216,7 @@ class Verifier {
         }
       }
     } else if (op.kind == OpKind::Raster) {
-      if (!expect_count(id, "ints", op.attrs.ints.size(), ir::lists_faces(op.attrs) ? 4 : 3) ||
+      if (!expect_count(id, "ints", op.attrs.ints.size(), ir::lists_faces(op.attrs) || ir::results_a_rank(op.attrs) == 3 ? 4 : 3) ||
           !expect_count(id, "dims", op.attrs.dims.size(), 4))
         return false;
       const int64_t nearest = op.attrs.ints[0], fields = op.attrs.ints[1], corners = op.attrs.ints[2];
@@ -226,7 +226,7 @@ class Verifier {
       }
       params = static_cast<size_t>(fields) + 1;
       operands = static_cast<size_t>(fields + corners) + 1;
-      results = ir::lists_faces(op.attrs) ? 1 : static_cast<size_t>(2 * nearest);
+      results = ir::lists_faces(op.attrs) ? 1 : ir::results_a_rank(op.attrs) * static_cast<size_t>(nearest);
     } else if (op.kind == OpKind::Grad) {
       if (op.operands.size() < 3) {
         report(id, "a grad has a value, a seed and at least one target");

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <optional>
 
+#include "compiler/ir/raster.h"
 #include "compiler/ir/pins.h"
 #include "compiler/ir/print.h"
 #include "compiler/ops/op.h"
@@ -259,17 +260,22 @@ class Evaluation {
 
   std::optional<EvalError> raster(const Op& op, const std::vector<Image*>& results) {
     const size_t k = rasters_++;
+    // Orders follow from the faces.
+    std::vector<Image*> decisions;
+    for (size_t r = 0; r < results.size(); ++r)
+      if (ir::lists_faces(op.attrs) || r % ir::results_a_rank(op.attrs) < 2) decisions.push_back(results[r]);
     if (options_.frozen != nullptr) {
-      if (k >= options_.frozen->rasters.size() || options_.frozen->rasters[k].size() != results.size()) {
+      if (k >= options_.frozen->rasters.size() || options_.frozen->rasters[k].size() != decisions.size()) {
         return EvalError{"the frozen decisions do not have the results of raster " + std::to_string(k), op.span};
       }
-      for (size_t r = 0; r < results.size(); ++r) {
+      for (size_t r = 0; r < decisions.size(); ++r) {
         const Image& frozen = options_.frozen->rasters[k][r];
-        if (size_of(frozen) != size_of(*results[r]) || frozen.data.size() != results[r]->data.size()) {
+        if (size_of(frozen) != size_of(*decisions[r]) || frozen.data.size() != decisions[r]->data.size()) {
           return EvalError{"the frozen results of raster " + std::to_string(k) + " have another extent", op.span};
         }
-        results[r]->data = frozen.data;
+        decisions[r]->data = frozen.data;
       }
+      order_faces(context_, op, results);
     } else {
       const RasterFindings findings = run_raster(context_, op, results, workers_);
       note_first(findings.first);
@@ -277,7 +283,7 @@ class Evaluation {
     }
     if (options_.record != nullptr) {
       std::vector<Image>& record = options_.record->rasters.emplace_back();
-      for (const Image* result : results) record.push_back(*result);
+      for (const Image* decision : decisions) record.push_back(*decision);
     }
     return std::nullopt;
   }

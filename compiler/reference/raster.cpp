@@ -81,6 +81,7 @@ class Raster {
   Raster(const Context& context, const Op& op)
       : context_(context),
         ranks_(static_cast<size_t>(op.attrs.ints[0])),
+        each_(ir::results_a_rank(op.attrs)),
         listed_(ir::lists_faces(op.attrs)),
         depth_(context.graph, op.regions[0]),
         keep_(context.graph, op.regions[1]),
@@ -122,6 +123,32 @@ class Raster {
       all.outside = outside;
     }
     return all;
+  }
+
+  // How the faces of the results are ordered.
+  void order(std::span<Image* const> results) const {
+    RegionRunner runner(context_);
+    for (size_t rank = 0; rank < ranks_; ++rank) {
+      const Image& faces = *results[each_ * rank];
+      Image& orders = *results[each_ * rank + 2];
+      std::ranges::fill(orders.data, ir::kLastOrder);
+      Candidates list;
+      const auto flush = [&] {
+        if (list.faces.empty()) return;
+        call(depth_, list, runner, [&](size_t i, double depth) {
+          if (!std::isnan(depth)) orders.at(list.places.x[i], list.places.y[i], list.places.l[i], 0) = key_of(depth);
+        });
+        list.clear();
+      };
+      for (int32_t l = 0; l < size_.l; ++l)
+        for (int32_t y = 0; y < size_.h; ++y)
+          for (int32_t x = 0; x < size_.w; ++x) {
+            const double face = faces.at(x, y, l, 0);
+            if (face >= 0 && face < static_cast<double>(faces_)) list.push(x, y, l, static_cast<int32_t>(face));
+            if (list.faces.size() == kBatch) flush();
+          }
+      flush();
+    }
   }
 
  private:
@@ -244,8 +271,9 @@ class Raster {
             const auto place = static_cast<int64_t>(rank) * size_.l + layer;
             results[0]->at(x, y, place, 0) = entry.face < 0 ? -1 : 16.0 * entry.face + entry.tag;
           } else {
-            results[2 * rank]->at(x, y, layer, 0) = entry.face;
-            results[2 * rank + 1]->at(x, y, layer, 0) = entry.tag;
+            results[each_ * rank]->at(x, y, layer, 0) = entry.face;
+            results[each_ * rank + 1]->at(x, y, layer, 0) = entry.tag;
+            if (each_ == 3) results[each_ * rank + 2]->at(x, y, layer, 0) = entry.face < 0 ? ir::kLastOrder : entry.key;
           }
         }
       }
@@ -279,6 +307,12 @@ class Raster {
     runner.clear(frame);
   }
 
+  int32_t key_of(double depth) const {
+    double key = std::clamp(depth, 0.0, 1.0) * ir::kLastOrder;
+    if (context_.float32) round_to_float(&key, 1);
+    return static_cast<int32_t>(std::floor(key));
+  }
+
   void decide(Candidates& list, int64_t y0, Nearest& nearest, RegionRunner& runner, RasterFindings& findings) const {
     const auto push_from = [](Candidates& to, const Candidates& from, size_t i) {
       to.push(from.places.x[i], from.places.y[i], from.places.l[i], from.faces[i]);
@@ -302,9 +336,7 @@ class Raster {
     call(depth_, kept, runner, [&](size_t i, double depth) {
       if (std::isnan(depth)) return;
       push_from(seen, kept, i);
-      double key = std::clamp(depth, 0.0, 1.0) * 16777215.0;
-      if (context_.float32) round_to_float(&key, 1);
-      keys.push_back(static_cast<int32_t>(std::floor(key)));
+      keys.push_back(key_of(depth));
     });
     if (seen.faces.empty()) return;
     call(tag_, seen, runner, [&](size_t i, double tag) {
@@ -316,7 +348,7 @@ class Raster {
   }
 
   const Context& context_;
-  size_t ranks_;
+  size_t ranks_, each_;
   bool listed_;
   Function depth_, keep_, tag_;
   Size size_;
@@ -326,6 +358,10 @@ class Raster {
 };
 
 }  // namespace
+
+void order_faces(const Context& context, const Op& op, std::span<Image* const> results) {
+  if (ir::results_a_rank(op.attrs) == 3) Raster(context, op).order(results);
+}
 
 RasterFindings run_raster(const Context& context, const Op& op, std::span<Image* const> results, Workers& workers) {
   return Raster(context, op).run(results, workers);

@@ -19,5 +19,7 @@ struct RasterFindings {
 
 // Fills the result images: face 0, tag 0, face 1, ...
 RasterFindings run_raster(const Context& context, const ir::Op& op, std::span<Image* const> results, Workers& workers);
+// Fills those that say how faces are ordered, if there are any, by the faces.
+void order_faces(const Context& context, const ir::Op& op, std::span<Image* const> results);
 
 }  // namespace dr::reference

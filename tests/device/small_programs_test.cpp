@@ -441,6 +441,28 @@ const Case kCases[] = {
                 even_huge = mesh.edge_variation(1e19 * plain.xyz, one_face), looks = camera.look_at(vec3(1.0, 2.0, 3.0), vec3(0.0), 1e20 * vec3(1.0, 0.3, 0.0)),
                 flat = 1e-7 * splat.precision(vec3(1e-7, 0.0, 2e-7), least = 0.0), sum = sum(a); })",
      {"go"}},
+    {"orders of faces, in place and elsewhere, of several ranks and layers",
+     R"(input a : float[W, H];
+      // The last one begins where the others do, and the third is seen nowhere.
+      fn order(const ranks: int) {
+        raster(5, W, H, 2, nearest = ranks) {
+          setup(f) -> vec4 { vec4([0.0, 1.0, 2.0, 0.0, -1.0][f], [0.0, 1.0, 9.0, 0.0, 2.0][f], [0.25, 0.5, 0.0, 0.25, 2.0][f], 0.0) }
+          corner(s, c) -> vec2 { [s.xy, s.xy + vec2(12.0, 0.0), s.xy + vec2(0.0, 12.0)][c] }
+          depth(s, p) -> float { s.z - 0.0625 * floor(p.x) }
+          keep(s, p) -> bool { s.y < 5.0 && p.x > s.x && p.y > s.y && (s.z < 2.0 || p.x < 3.0) && p.x < 6.0 }
+          tag(s, p) -> int { int(p.y) }
+        }
+      }
+      let one = order(1)[0];
+      let three = order(3);
+      let beside = one.order.at(coord(W, H, 2) + ivec3(1, -1, 0));
+      let depth = (float(one.order) + 0.5) / 16777215.0;
+      step go { output orders = array(3, fn(k) { three[k].order }), faces = three[2].face, tags = three[1].tag, nearest = one.order,
+                       apart = one.order - three[0].order; }
+      step read { output beside, near = if three[1].order < 8000000 { three[1].order } else { -three[2].order }, sum = sum(one.order % 1000); }
+      step rounded { output far = depth > 0.99, same = abs(depth - 0.25 + 0.0625 * float(coord(W, H).x)) < 1e-6; })",
+     {"go", "read", "rounded"},
+     true},
     {"gradients of matrices in a branch, one with Inf",
      R"(input a : float[W, H];
       param few : mat3[5] = mat3(1.0);

@@ -178,6 +178,7 @@ bool is_asked_for_presence(const Graph& graph, const Op& op) {
 RasterParts raster_parts(const ir::Op& op) {
   RasterParts p;
   p.count = static_cast<size_t>(op.attrs.ints[0]);
+  p.each = ir::results_a_rank(op.attrs);
   p.listed = ir::lists_faces(op.attrs);
   const auto fields = static_cast<size_t>(op.attrs.ints[1]), corners = static_cast<size_t>(op.attrs.ints[2]);
   p.fields.assign(op.operands.begin(), op.operands.begin() + static_cast<ptrdiff_t>(fields));

@@ -16,6 +16,7 @@ enum RasterRegion : size_t { kDepth, kKeep, kTag };
 
 struct RasterParts {
   size_t count;  // K
+  size_t each;   // results of a rank
   bool listed;   // one result holds the faces of all ranks
   std::vector<ir::ValueId> fields, corners;
   ir::ValueId cull;

@@ -143,7 +143,9 @@ void Generator::step(const StepSchedule& schedule) {
       rasters.push_back(&graph_.op(id));
   for (const ir::Op* op : rasters) {
     auto results = std::make_unique<bundle::RasterResultsT>();
-    for (ValueId v : op->results) results->resources.push_back(resource_index(v));
+    for (const ValueId v : op->results)
+      if (ir::lists_faces(op->attrs) || raster_part(graph_, v).what != ir::RasterResult::Order)
+        results->resources.push_back(resource_index(v));
     if (resource(op->results[0]).is(Resource::Storage::Bits)) results->width = op->attrs.dims[0].str();
     out_->rasters.push_back(std::move(results));
   }

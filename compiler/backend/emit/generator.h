@@ -230,7 +230,7 @@ class Generator {
   void raster_hardware(const Pass& pass, const ir::Op& op);
   void raster_compute(const Pass& pass, const RasterPass& raster, const ir::Op& op);
   void take_out(const Pass& pass, const ir::Op& op, uint32_t slots);
-  void resolve(const Pass& pass, const ir::Op& op, uint32_t ids, bool stay);
+  void resolve(const Pass& pass, const ir::Op& op, uint32_t keys, uint32_t ids, bool stay);
   // Loops of closures that no part of which can be left to a later dispatch: the run fails where they may take too many
   // trips, or, watched, where the driver ends one.
   void tell_unfinished(glsl::Shader& shader, uint32_t watch);

@@ -508,13 +508,13 @@ void Generator::raster_compute(const Pass& pass, const RasterPass& raster, const
       }
 
   if (wide && !stay) take_out(pass, op, keys);
-  if (!at_once) resolve(pass, op, ids, stay);
+  if (!at_once) resolve(pass, op, keys, ids, stay);
 }
 
 // So many ranks a dispatch, which binds two buffers for each.
 constexpr size_t kRanks = 8;
 
-// Takes faces and tags out of the entries of 64 bits that the walks left.
+// Takes faces, tags and orders out of the entries of 64 bits that the walks left.
 void Generator::take_out(const Pass& pass, const ir::Op& op, uint32_t slots) {
   const RasterParts parts = raster_parts(op);
   const Dim pixels = element_count(parts.extent());
@@ -527,18 +527,20 @@ void Generator::take_out(const Pass& pass, const ir::Op& op, uint32_t slots) {
     const std::string read = r.read_words(slots, "slots", "uint64_t");
     for (size_t k = begin; k < std::min(begin + kRanks, parts.count); ++k) {
       const std::string rank = std::to_string(k), entry = "entry_" + rank, none = "none_" + rank;
+      const ValueId* const results = &op.results[parts.each * k];
       r.body().line("uint64_t " + entry + " = " + read + "(" + rank + " * " + n + " + index);");
       r.body().line("bool " + none + " = " + entry + " == 0xfffffffffffffffful;");
-      r.store(op.results[2 * k], "at", "(" + none + " ? -1 : int(uint((" + entry + " >> 4) & 0xfffffffful)))");
-      r.store(op.results[2 * k + 1], "at", "(" + none + " ? 0 : int(" + entry + " & 15ul))");
+      r.store(results[0], "at", "(" + none + " ? -1 : int(uint((" + entry + " >> 4) & 0xfffffffful)))");
+      r.store(results[1], "at", "(" + none + " ? 0 : int(" + entry + " & 15ul))");
+      if (parts.each == 3) r.store(results[2], "at", "int(uint(" + entry + " >> 36) & 0xffffffu)");
     }
     dispatch(pass, "_resolve", r, pixels.str());
   }
 }
 
-// The walks in two rounds of 32 bits leave faces alone: tags are computed here, and both stored, as entries where they
+// The walks in two rounds of 32 bits leave keys and faces: tags are computed here, and all stored, as entries where they
 // `stay` such.
-void Generator::resolve(const Pass& pass, const ir::Op& op, uint32_t ids, bool stay) {
+void Generator::resolve(const Pass& pass, const ir::Op& op, uint32_t keys, uint32_t ids, bool stay) {
   const RasterParts parts = raster_parts(op);
   const Dim pixels = element_count(parts.extent());
   const std::string n = dim_expression(pixels);
@@ -571,8 +573,9 @@ void Generator::resolve(const Pass& pass, const ir::Op& op, uint32_t ids, bool s
     r.body().line("vec2 p = vec2(at.xy) + 0.5;");
     find(r, r.read_words(ids, "faces"), "index", "face", "tag");
     const std::string entries = r.bind_words(resource_index(op.results[0]), "entries", bundle::Access::Write, "uvec2");
+    const std::string key = parts.each == 3 ? "(" + r.read_words(keys, "keys") + "(index) << 4) | " : "";
     r.body().line(entries + ".d[index] = face < 0 ? uvec2(0xffffffffu) : " +
-                  "uvec2((uint(face) << 4) | uint(tag), uint(face) >> 28);");
+                  "uvec2((uint(face) << 4) | uint(tag), " + key + "uint(face) >> 28);");
     dispatch(pass, "_resolve", r, all.str());
     return;
   }
@@ -584,9 +587,12 @@ void Generator::resolve(const Pass& pass, const ir::Op& op, uint32_t ids, bool s
     r.body().line("vec2 p = vec2(at.xy) + 0.5;");
     for (size_t k = begin; k < std::min(begin + kRanks, parts.count); ++k) {
       const std::string rank = std::to_string(k), face = "face_" + rank, tag = "tag_" + rank;
-      find(r, read, rank + " * " + n + " + index", face, tag);
-      r.store(op.results[2 * k], "at", face);
-      r.store(op.results[2 * k + 1], "at", tag);
+      const std::string entry = rank + " * " + n + " + index";
+      const ValueId* const results = &op.results[parts.each * k];
+      find(r, read, entry, face, tag);
+      r.store(results[0], "at", face);
+      r.store(results[1], "at", tag);
+      if (parts.each == 3) r.store(results[2], "at", "int(" + r.read_words(keys, "keys") + "(" + entry + ") & 0xffffffu)");
     }
     dispatch(pass, "_resolve", r, pixels.str());
   }

@@ -56,9 +56,13 @@ void Generator::raster_hardware(const Pass& pass, const ir::Op& op) {
     return static_cast<uint32_t>(bundle_->resources.size() - 1);
   };
   const uint32_t depth = add_image(pass.name + "_depth", bundle::Storage::Depth, ir::kFloat);
+  // The orders are the keys, where they are results.
+  const bool ordered = parts.each == 3;
   std::vector<uint32_t> keys;
   for (size_t k = 0; k < parts.count; ++k)
-    keys.push_back(add_image(pass.name + "_key_" + std::to_string(k), bundle::Storage::Image, ir::kUint));
+    keys.push_back(ordered
+                       ? resource_index(op.results[parts.each * k + 2])
+                       : add_image(pass.name + "_key_" + std::to_string(k), bundle::Storage::Image, ir::kUint));
 
   for (size_t k = 0; k < parts.count; ++k) {
     // Both stages bind one set: what the vertex stage reads comes first in both.
@@ -95,9 +99,8 @@ void Generator::raster_hardware(const Pass& pass, const ir::Op& op) {
     Shader f = strict_shader();
     f.prelude(kIsNan);
     f.declare("layout(location = 0) flat in int in_face;\n");
-    f.declare(
-        "layout(location = 0) out int out_face;\nlayout(location = 1) out int out_tag;\nlayout(location = 2) out uint "
-        "out_key;\n");
+    f.declare("layout(location = 0) out int out_face;\nlayout(location = 1) out int out_tag;\n");
+    f.declare(std::string("layout(location = 2) out ") + (ordered ? "int" : "uint") + " out_key;\n");
     bind_corners(f);
     RasterClosures closures(f, graph_, pass, op);
     f.body().line("int face = in_face;");
@@ -109,17 +112,18 @@ void Generator::raster_hardware(const Pass& pass, const ir::Op& op) {
     closures.leave_unless_kept("discard");
     closures.key_from_depth("discard");
     if (k > 0) {
-      const std::string key = f.bind_image(keys[k - 1], "previous_key", "u");
-      const std::string face = f.bind(step_->stored.at(op.results[2 * (k - 1)]), bundle::Access::Read);
-      f.body().line("uint previous_key_here = texelFetch(" + key + ", at, 0).x;");
+      const std::string key = f.bind_image(keys[k - 1], "previous_key", ordered ? "i" : "u");
+      const std::string face = f.bind(step_->stored.at(op.results[parts.each * (k - 1)]), bundle::Access::Read);
+      f.body().line("uint previous_key_here = " + (ordered ? "uint(texelFetch(" + key + ", at, 0).x);" : "texelFetch(" + key + ", at, 0).x;"));
       f.body().line("int previous_face_here = texelFetch(" + face + ", at, 0).x;");
+      if (ordered) f.body().line("if (previous_face_here < 0) discard;");
       f.body().line(
           "if (key < previous_key_here || (key == previous_key_here && face <= previous_face_here)) discard;");
     }
     f.body().line("out_face = face;");
     f.body().line("out_tag = " + closures.closure(kTag) + " & 15;");
     closures.end_of_candidates();
-    f.body().line("out_key = key;");
+    f.body().line(ordered ? "out_key = int(key);" : "out_key = key;");
     f.body().line("gl_FragDepth = float(key) / 16777216.0;");
 
     const std::string name = pass.name + "_" + std::to_string(k);
@@ -132,8 +136,9 @@ void Generator::raster_hardware(const Pass& pass, const ir::Op& op) {
       DR_ASSERT(b < c.bindings.size() && own[b]->resource == c.bindings[b]->resource);
     c.elements = (parts.faces * Dim(static_cast<int64_t>(parts.corners.size()))).str();
     c.extent = bundle_extent(parts.extent());
-    c.colors = {resource_index(op.results[2 * k]), resource_index(op.results[2 * k + 1]), keys[k]};
-    c.clear = {0xffffffffu, 0u, 0xffffffffu};
+    const ValueId* const results = &op.results[parts.each * k];
+    c.colors = {resource_index(results[0]), resource_index(results[1]), keys[k]};
+    c.clear = {0xffffffffu, 0u, ordered ? static_cast<uint32_t>(ir::kLastOrder) : 0xffffffffu};
     c.depth = static_cast<int>(depth);
     c.push = {0, 0, 0};
   }

@@ -46,6 +46,18 @@ constexpr const char* kEntry = R"(
 int face_of(uvec2 entry) { return int((entry.x >> 4) | (entry.y << 28)); }
 int tag_of(uvec2 entry) { return entry.y == 0xffffffffu ? 0 : int(entry.x & 15u); }
 )";
+constexpr const char* kOrder = R"(
+int order_of(uvec2 entry) { return int((entry.y >> 4) & 0xffffffu); }
+)";
+
+const char* word_of(ir::RasterResult what) {
+  switch (what) {
+    case ir::RasterResult::Face: return "face";
+    case ir::RasterResult::Tag: return "tag";
+    case ir::RasterResult::Order: break;
+  }
+  return "order";
+}
 
 // How many components one fetch can give of an element.
 int texel_of(const Type& type) {
@@ -184,8 +196,8 @@ std::string Shader::load(ValueId value, const std::string& place) {
   if (!r.is_entries()) return call;
   const RasterPart part = raster_part(graph_, value);
   const ir::Dim& layers = graph_.value(value).extent.l;
-  prelude(kEntry);
-  declarations_ += "int " + function + "(ivec3 at) { return " + (part.tag ? "tag_of(" : "face_of(") + whole +
+  prelude(part.what == ir::RasterResult::Order ? kOrder : kEntry);
+  declarations_ += "int " + function + "(ivec3 at) { return " + word_of(part.what) + "_of(" + whole +
                    "(ivec3(at.xy, " + (layers.is_one() ? "0" : "at.z") + " + " + std::to_string(part.rank) + " * " +
                    dim_expression(layers) + "))); }\n";
   return call;
@@ -201,7 +213,7 @@ std::string Shader::part_name(ValueId value) const {
   if (is_bit(value)) return name + "_bit";
   if (!r.is_entries()) return name;
   const RasterPart part = raster_part(graph_, value);
-  return name + (part.tag ? "_tag_" : "_face_") + std::to_string(part.rank);
+  return name + "_" + word_of(part.what) + "_" + std::to_string(part.rank);
 }
 
 std::string Shader::load_function(const Resource& r, const Bound& bound) const {

@@ -61,7 +61,7 @@ void keep_entries(const ir::Graph& graph, const target::Profile& profile, Schedu
         entries.name += "_entries";
         entries.storage = Resource::Storage::Entries;
         entries.type = ir::vec(2, ir::Scalar::Uint);
-        entries.extent.l = entries.extent.l * ir::Dim(static_cast<int64_t>(results.size() / 2));
+        entries.extent.l = entries.extent.l * ir::Dim(op.attrs.ints[0]);
       }
       for (size_t k = 1; k < results.size(); ++k) {
         unused.insert(step.stored.at(results[k]).index);

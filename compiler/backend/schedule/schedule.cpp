@@ -53,9 +53,10 @@ const Pass* set_up_for(const StepSchedule& step, PassId map) {
 }
 
 RasterPart raster_part(const ir::Graph& graph, ValueId value) {
-  const std::vector<ValueId>& results = graph.op(graph.value(value).op).results;
-  const auto k = static_cast<size_t>(std::ranges::find(results, value) - results.begin());
-  return {k / 2, k % 2 == 1};
+  const ir::Op& op = graph.op(graph.value(value).op);
+  const auto k = static_cast<size_t>(std::ranges::find(op.results, value) - op.results.begin());
+  const size_t each = ir::results_a_rank(op.attrs);
+  return {k / each, static_cast<ir::RasterResult>(k % each)};
 }
 
 void remove_resources(Schedule& schedule, std::set<uint32_t> unused) {

@@ -12,6 +12,7 @@
 
 #include "compiler/backend/schedule/pass.h"
 #include "compiler/ir/graph.h"
+#include "compiler/ir/raster.h"
 #include "compiler/target/profile.h"
 
 namespace dr::backend {
@@ -113,7 +114,7 @@ std::vector<ir::ValueId> stage_inputs(const StepSchedule& step, size_t pass);
 // Which result of its raster a value is.
 struct RasterPart {
   size_t rank;
-  bool tag;  // or the face
+  ir::RasterResult what;
 };
 RasterPart raster_part(const ir::Graph& graph, ir::ValueId value);
 

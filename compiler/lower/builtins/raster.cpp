@@ -3,6 +3,7 @@
 // that get the record of the face as parameters. A missing keep is written out here.
 #include <algorithm>
 
+#include "compiler/ir/raster.h"
 #include "compiler/lower/elaborator.h"
 #include "compiler/ops/emit.h"
 
@@ -265,7 +266,7 @@ Value Elaborator::coverage(std::span<const Value> edges, const Value& p) {
 // ---- the op ----
 
 const StructType& Elaborator::fragment_type() {
-  static const StructType kFragment{"fragment", {"face", "tag"}, nullptr, nullptr};
+  static const StructType kFragment{"fragment", {"face", "tag", "order"}, nullptr, nullptr};
   return kFragment;
 }
 
@@ -311,14 +312,16 @@ Value Elaborator::evaluate_raster(const Expr& expr) {
   operands.push_back(materialize(cull));
   ir::Attrs attrs;
   attrs.ints = {call.nearest, static_cast<int64_t>(call.fields.size()), call.corners};
-  if (call.listed) attrs.ints.push_back(1);
+  // Orders that nobody reads are dropped later.
+  attrs.ints.push_back(call.listed ? ir::kListed : ir::kOrdered);
   attrs.dims = {call.domain.w, call.domain.h, call.domain.l, call.faces};
   const std::vector<ValueId> results =
       ops::emit_multi(b_, OpKind::Raster, std::move(operands), std::move(attrs), {*depth, *keep, *tag});
   if (call.listed) return Image{results[0]};
   ArrayValue nearest;
   for (size_t k = 0; k < static_cast<size_t>(call.nearest); ++k) {
-    nearest.items.push_back(StructValue{&fragment_type(), {}, {Image{results[2 * k]}, Image{results[2 * k + 1]}}});
+    nearest.items.push_back(StructValue{
+        &fragment_type(), {}, {Image{results[3 * k]}, Image{results[3 * k + 1]}, Image{results[3 * k + 2]}}});
   }
   return nearest;
 }

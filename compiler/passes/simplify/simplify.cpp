@@ -17,6 +17,7 @@
 #include <algorithm>
 #include <map>
 
+#include "compiler/ir/raster.h"
 #include "compiler/ir/yields.h"
 #include "compiler/ops/op.h"
 #include "compiler/passes/copy_steps.h"
@@ -119,9 +120,18 @@ class Round {
       find_needed(inner);
     }
     const std::vector<bool> fields = needed_fields(op);
-    if (std::ranges::count(fields, false) > 0) is_unfinished_ = true;
+    if (std::ranges::count(fields, false) > 0 || drops_orders(op)) is_unfinished_ = true;
     for (size_t k = 0; k < op.operands.size(); ++k)
       if (k >= fields.size() || fields[k]) need(op.operands[k]);
+  }
+
+  // Whether nobody needs what a raster says of the order of its faces.
+  bool drops_orders(const Op& op) const {
+    const size_t each = ir::results_a_rank(op.attrs);
+    if (each < 3) return false;
+    for (size_t k = 2; k < op.results.size(); k += each)
+      if (needed_[op.results[k].index]) return false;
+    return true;
   }
 
   std::vector<bool> needed_fields(const Op& op) const {
@@ -239,7 +249,7 @@ class Round {
     }
   }
 
-  // A Raster without the fields that nobody needs.
+  // A Raster without the fields and orders that nobody needs.
   void rebuild_raster(const Op& op) {
     std::vector<bool> params = needed_fields(op);
     Attrs attrs = op.attrs;
@@ -251,13 +261,18 @@ class Round {
     std::vector<RegionId> regions;
     for (RegionId region : op.regions) regions.push_back(rebuild_region(op, region, {}, params));
     std::vector<ResultType> types;
+    std::vector<ValueId> results = op.results;
+    if (drops_orders(op)) {
+      attrs.ints.pop_back();
+      for (size_t k = 2; k < results.size(); k += 2) results.erase(results.begin() + static_cast<ptrdiff_t>(k));
+    }
     bool shared = true;
-    for (ValueId result : op.results) {
+    for (const ValueId result : results) {
       types.push_back({from_.value(result).type, from_.value(result).extent});
       if (target_[result.index]) shared = false;
     }
     const OpId now = to_.add(op.kind, std::move(operands), types, std::move(attrs), std::move(regions), op.span);
-    finish(op.results, shared ? emitter_.share(now) : now);
+    finish(results, shared ? emitter_.share(now) : now);
   }
 
   // If and Reduce, without the results that nobody needs.
