@@ -9,7 +9,7 @@ namespace {
 
 // What a point reads of the light, with the map's depths moved by so much.
 std::string lit(const std::string& depth) {
-  return "shadow.lit(shadow.Map(covered, " + depth +
+  return "shadow.lit(shadow.map_of(covered, " + depth +
          "), shadow.point_views(lamp), at, normal, layer = "
          "shadow.point_view(lamp, at))";
 }
