@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Raster: which faces does a pixel see. Integers only, so nothing flows back through it.
 //
-//   attrs.ints = {K, fields, corners}      corners is 3 or 6; with a fourth number, 1, faces are listed, or, 2, their order is given
-//   attrs.dims = {W, H, L, F}              the domain, then the number of faces
-//   operands   = field 0 .. fields-1       any type, extent [F, 1, L] or what broadcasts to it: the record of `setup`
+//   attrs.ints = {K, fields, corners}      corners is 3 or 6; with a fourth number, 1, faces are listed, or, 2, their
+//   order is given attrs.dims = {W, H, L, F}              the domain, then the number of faces operands   = field 0 ..
+//   fields-1       any type, extent [F, 1, L] or what broadcasts to it: the record of `setup`
 //                corner 0 .. corners-1     vec2, likewise, in pixels
 //                cull                      bool, likewise
 //   regions    = depth, keep, tag          each with parameters (field 0, .., field n-1, p : vec2), yielding
@@ -16,8 +16,8 @@
 //
 // For pixel (x, y, l) the candidates are the faces that `cull` spares and whose `keep` holds at p = (x + 0.5, y + 0.5);
 // a face with a NaN among its corners has none, and any whose depth is NaN is dropped. They are ordered by
-// (order, face), where order is floor(clamp(depth, 0, 1) * (2^24 - 1)). `keep` must imply that p lies in the hull of the corners (of either
-// triangle): lowerings enumerate candidates by it.
+// (order, face), where order is floor(clamp(depth, 0, 1) * (2^24 - 1)). `keep` must imply that p lies in the hull of
+// the corners (of either triangle): lowerings enumerate candidates by it.
 //
 // Listed faces are ordered by number alone, and there are fewer than 2^27: `depth` is not called.
 #include "compiler/ir/raster.h"

@@ -216,7 +216,8 @@ class Verifier {
         }
       }
     } else if (op.kind == OpKind::Raster) {
-      if (!expect_count(id, "ints", op.attrs.ints.size(), ir::lists_faces(op.attrs) || ir::results_a_rank(op.attrs) == 3 ? 4 : 3) ||
+      if (!expect_count(id, "ints", op.attrs.ints.size(),
+                        ir::lists_faces(op.attrs) || ir::results_a_rank(op.attrs) == 3 ? 4 : 3) ||
           !expect_count(id, "dims", op.attrs.dims.size(), 4))
         return false;
       const int64_t nearest = op.attrs.ints[0], fields = op.attrs.ints[1], corners = op.attrs.ints[2];

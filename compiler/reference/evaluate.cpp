@@ -5,9 +5,9 @@
 #include <cmath>
 #include <optional>
 
-#include "compiler/ir/raster.h"
 #include "compiler/ir/pins.h"
 #include "compiler/ir/print.h"
+#include "compiler/ir/raster.h"
 #include "compiler/ops/op.h"
 #include "compiler/reference/evaluation.h"
 #include "compiler/reference/image_ops.h"
@@ -263,7 +263,7 @@ class Evaluation {
     // Orders follow from the faces.
     std::vector<Image*> decisions;
     for (size_t r = 0; r < results.size(); ++r)
-      if (ir::lists_faces(op.attrs) || r % ir::results_a_rank(op.attrs) < 2) decisions.push_back(results[r]);
+      if (r % ir::results_a_rank(op.attrs) < 2) decisions.push_back(results[r]);
     if (options_.frozen != nullptr) {
       if (k >= options_.frozen->rasters.size() || options_.frozen->rasters[k].size() != decisions.size()) {
         return EvalError{"the frozen decisions do not have the results of raster " + std::to_string(k), op.span};

@@ -95,7 +95,8 @@ const std::vector<Without>& without_derivative() {
         "texture.sobol_jitter"}},
       {"what a step does, which has no derivative",
        {"optim.adam", "optim.adamw", "optim.smooth_adam", "optim.momentum", "optim.sgd", "solve.levenberg_marquardt"}},
-      {"rows of what it is made of ask", {"hair.shade", "shadow.map", "shadow.map_of", "shadow.plain_map", "strands.interpolate"}},
+      {"rows of what it is made of ask",
+       {"hair.shade", "shadow.map", "shadow.map_of", "shadow.plain_map", "strands.interpolate"}},
   };
   return kAll;
 }

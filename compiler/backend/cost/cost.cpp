@@ -104,7 +104,8 @@ struct Model {
     const Resource& r = schedule.resources[step.stored.at(v).index];
     // A face and its tag are read at once.
     if (r.is(Resource::Storage::Bits)) return 4.0 * elements(r.extent);
-    if (r.is_entries()) return raster_part(graph, v).what != ir::RasterResult::Face ? 0 : 8.0 * elements(graph.value(v).extent);
+    if (r.is_entries())
+      return raster_part(graph, v).what != ir::RasterResult::Face ? 0 : 8.0 * elements(graph.value(v).extent);
     const int words = !r.is_buffer() && r.type.rows == 3 ? 4 : r.words();
     return 4.0 * words * elements(r.extent);
   }

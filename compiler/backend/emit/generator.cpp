@@ -144,8 +144,7 @@ void Generator::step(const StepSchedule& schedule) {
   for (const ir::Op* op : rasters) {
     auto results = std::make_unique<bundle::RasterResultsT>();
     for (const ValueId v : op->results)
-      if (ir::lists_faces(op->attrs) || raster_part(graph_, v).what != ir::RasterResult::Order)
-        results->resources.push_back(resource_index(v));
+      if (raster_part(graph_, v).what != ir::RasterResult::Order) results->resources.push_back(resource_index(v));
     if (resource(op->results[0]).is(Resource::Storage::Bits)) results->width = op->attrs.dims[0].str();
     out_->rasters.push_back(std::move(results));
   }

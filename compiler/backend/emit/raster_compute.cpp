@@ -538,8 +538,8 @@ void Generator::take_out(const Pass& pass, const ir::Op& op, uint32_t slots) {
   }
 }
 
-// The walks in two rounds of 32 bits leave keys and faces: tags are computed here, and all stored, as entries where they
-// `stay` such.
+// The walks in two rounds of 32 bits leave keys and faces: tags are computed here, and all stored, as entries where
+// they `stay` such.
 void Generator::resolve(const Pass& pass, const ir::Op& op, uint32_t keys, uint32_t ids, bool stay) {
   const RasterParts parts = raster_parts(op);
   const Dim pixels = element_count(parts.extent());
@@ -574,8 +574,8 @@ void Generator::resolve(const Pass& pass, const ir::Op& op, uint32_t keys, uint3
     find(r, r.read_words(ids, "faces"), "index", "face", "tag");
     const std::string entries = r.bind_words(resource_index(op.results[0]), "entries", bundle::Access::Write, "uvec2");
     const std::string key = parts.each == 3 ? "(" + r.read_words(keys, "keys") + "(index) << 4) | " : "";
-    r.body().line(entries + ".d[index] = face < 0 ? uvec2(0xffffffffu) : " +
-                  "uvec2((uint(face) << 4) | uint(tag), " + key + "uint(face) >> 28);");
+    r.body().line(entries + ".d[index] = face < 0 ? uvec2(0xffffffffu) : " + "uvec2((uint(face) << 4) | uint(tag), " +
+                  key + "uint(face) >> 28);");
     dispatch(pass, "_resolve", r, all.str());
     return;
   }
@@ -592,7 +592,8 @@ void Generator::resolve(const Pass& pass, const ir::Op& op, uint32_t keys, uint3
       find(r, read, entry, face, tag);
       r.store(results[0], "at", face);
       r.store(results[1], "at", tag);
-      if (parts.each == 3) r.store(results[2], "at", "int(" + r.read_words(keys, "keys") + "(" + entry + ") & 0xffffffu)");
+      if (parts.each == 3)
+        r.store(results[2], "at", "int(" + r.read_words(keys, "keys") + "(" + entry + ") & 0xffffffu)");
     }
     dispatch(pass, "_resolve", r, pixels.str());
   }

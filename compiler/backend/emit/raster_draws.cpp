@@ -60,9 +60,8 @@ void Generator::raster_hardware(const Pass& pass, const ir::Op& op) {
   const bool ordered = parts.each == 3;
   std::vector<uint32_t> keys;
   for (size_t k = 0; k < parts.count; ++k)
-    keys.push_back(ordered
-                       ? resource_index(op.results[parts.each * k + 2])
-                       : add_image(pass.name + "_key_" + std::to_string(k), bundle::Storage::Image, ir::kUint));
+    keys.push_back(ordered ? resource_index(op.results[parts.each * k + 2])
+                           : add_image(pass.name + "_key_" + std::to_string(k), bundle::Storage::Image, ir::kUint));
 
   for (size_t k = 0; k < parts.count; ++k) {
     // Both stages bind one set: what the vertex stage reads comes first in both.
@@ -114,7 +113,8 @@ void Generator::raster_hardware(const Pass& pass, const ir::Op& op) {
     if (k > 0) {
       const std::string key = f.bind_image(keys[k - 1], "previous_key", ordered ? "i" : "u");
       const std::string face = f.bind(step_->stored.at(op.results[parts.each * (k - 1)]), bundle::Access::Read);
-      f.body().line("uint previous_key_here = " + (ordered ? "uint(texelFetch(" + key + ", at, 0).x);" : "texelFetch(" + key + ", at, 0).x;"));
+      f.body().line("uint previous_key_here = " +
+                    (ordered ? "uint(texelFetch(" + key + ", at, 0).x);" : "texelFetch(" + key + ", at, 0).x;"));
       f.body().line("int previous_face_here = texelFetch(" + face + ", at, 0).x;");
       if (ordered) f.body().line("if (previous_face_here < 0) discard;");
       f.body().line(

@@ -197,8 +197,8 @@ std::string Shader::load(ValueId value, const std::string& place) {
   const RasterPart part = raster_part(graph_, value);
   const ir::Dim& layers = graph_.value(value).extent.l;
   prelude(part.what == ir::RasterResult::Order ? kOrder : kEntry);
-  declarations_ += "int " + function + "(ivec3 at) { return " + word_of(part.what) + "_of(" + whole +
-                   "(ivec3(at.xy, " + (layers.is_one() ? "0" : "at.z") + " + " + std::to_string(part.rank) + " * " +
+  declarations_ += "int " + function + "(ivec3 at) { return " + word_of(part.what) + "_of(" + whole + "(ivec3(at.xy, " +
+                   (layers.is_one() ? "0" : "at.z") + " + " + std::to_string(part.rank) + " * " +
                    dim_expression(layers) + "))); }\n";
   return call;
 }

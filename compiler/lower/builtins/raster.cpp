@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // `raster`: setup, corners and cull are ordinary arithmetic on an axis of faces; depth, keep and tag become regions
 // that get the record of the face as parameters. A missing keep is written out here.
+#include "compiler/ir/raster.h"
+
 #include <algorithm>
 
-#include "compiler/ir/raster.h"
 #include "compiler/lower/elaborator.h"
 #include "compiler/ops/emit.h"
 

@@ -29,7 +29,8 @@ std::vector<Elsewhere> elsewhere() {
       {"shadow.map",
        "`raster.rasterize` and `coverage.silhouette`, which have rows; a golden test holds their shadows to closed "
        "forms"},
-      {"raster.nearest", "integers; `raster.rasterize` is made of it, and orders are compared in `small_programs_test`"},
+      {"raster.nearest",
+       "integers; `raster.rasterize` is made of it, and orders are compared in `small_programs_test`"},
       {"shadow.map_of", "a map of given numbers; `shadow.lit` reads it in its row"},
       {"shadow.plain_map", "`raster.rasterize`, which has rows; a golden test holds its shadows to those of `map`"},
       {"random.directions", "numbers known when a program is compiled; `combined` reads them"},
