@@ -46,7 +46,7 @@ runtime/cache            BUNDLE
 runtime/vk               BUNDLE compiler/io/ compiler/ir/dim.h compiler/target/ runtime/runtime.h runtime/data/ runtime/cache/
 runtime/watch            compiler/io/
 runtime/jit              runtime/ compiler/ dsl/
-runtime/c                runtime/ compiler/backend/bundle/ compiler/backend/plan/ compiler/ir/initial_step.h compiler/ir/internal_error.h compiler/target/
+runtime/c                runtime/ compiler/backend/bundle/ compiler/backend/plan/ compiler/ir/initial_step.h compiler/ir/internal_error.h compiler/target/ dsl/source/utf8.h
 '
 # Short names: B is the back end, BUNDLE its contract with the runtime, GRAPH what all that read a graph may use, PASSES what passes share.
 rules=${rules//PASSES/compiler/passes/passes.h compiler/passes/copy_steps.h}

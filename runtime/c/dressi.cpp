@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // The C interface over the C++ API: handles are objects, exceptions and Results become dressi_error().
 #include <algorithm>
+#include <charconv>
 #include <cstdio>
 #include <map>
 #include <nlohmann/json.hpp>
 
 #include "compiler/ir/initial_step.h"
 #include "compiler/target/profile.h"
+#include "dsl/source/utf8.h"
 #include "runtime/c/handles.h"
 #include "runtime/jit/compile_text.h"
 #include "runtime/jit/explain_gradient.h"
@@ -59,7 +61,7 @@ bool has_initial(const dr::bundle::BundleT& bundle, const dr::bundle::LeafT& lea
 }
 
 std::string info_of(const dr::bundle::BundleT& bundle) {
-  Json out;
+  Json out = {{"leaves", Json::array()}, {"steps", Json::array()}};
   for (const auto& leaf : bundle.leaves) {
     if (!leaf->table.empty()) continue;  // the runtime makes it
     out["leaves"].push_back({{"name", leaf->name},
@@ -91,6 +93,15 @@ std::string info_of(const dr::bundle::BundleT& bundle) {
   out["symbols"] = bundle.symbols;
   out["profile"] = bundle.profile;
   return out.dump();
+}
+
+// Of memory, at least one.
+int64_t bytes_of(const std::string& key, const std::string& value) {
+  int64_t bytes = 0;
+  const auto [end, error] = std::from_chars(value.data(), value.data() + value.size(), bytes);
+  if (error != std::errc{} || end != value.data() + value.size() || bytes < 1)
+    fail("expected a number of bytes, from 1 on, for '" + key + "', as 536870912, found '" + value + "'");
+  return bytes;
 }
 
 std::string known_options() {
@@ -131,6 +142,21 @@ dr::jit::Options compile_options(const char* const* options) {
   return chosen;
 }
 
+// What stands for a program's file, in messages, bundles and JSON.
+std::string file_name(const char* text) {
+  const std::string name = word(text, "the name");
+  for (size_t at = 0; at < name.size();) {
+    const size_t length = dr::dsl::utf8_length(name, at);
+    if (length == 0) fail("the name of the program is not UTF-8, from byte " + std::to_string(at) + " on");
+    const auto c = static_cast<unsigned char>(name[at]);
+    const bool is_control = c < ' ' || c == 0x7f || (c == 0xc2 && static_cast<unsigned char>(name[at + 1]) < 0xa0);
+    if (is_control)
+      fail("the name of the program has a line break or another control character, at byte " + std::to_string(at));
+    at += length;
+  }
+  return name;
+}
+
 std::unique_ptr<dressi_bundle> bundle_of(std::vector<uint8_t> bytes) {
   auto tables = dr::bundle::read(bytes);
   if (const auto* problem = std::get_if<std::string>(&tables)) fail(*problem);
@@ -150,7 +176,9 @@ dressi_error_kind dressi_error_kind_of_last(void) { return last_kind; }
 
 void dressi_array_free(dressi_array* array) {
   if (array == nullptr) return;
-  delete static_cast<Owner*>(array->owner);
+  auto* const owner = static_cast<Owner*>(array->owner);
+  // What only a view keeps alive of a device of the process before is left as it is.
+  if (owner != nullptr && (owner->program == nullptr || owner->maker.is_this_process())) delete owner;
   array->owner = array->data = nullptr;
 }
 
@@ -187,7 +215,9 @@ dressi_device* dressi_device_open(const char* name, int validation) {
   });
 }
 
-void dressi_device_free(dressi_device* device) { delete device; }
+void dressi_device_free(dressi_device* device) {
+  if (device != nullptr && (!device->device || device->maker.is_this_process())) delete device;
+}
 const char* dressi_device_info(dressi_device* device) {
   return guarded(static_cast<const char*>(nullptr), [&] { return given(device, "the device").info.c_str(); });
 }
@@ -195,16 +225,16 @@ const char* dressi_device_info(dressi_device* device) {
 dressi_bundle* dressi_compile(const char* name, const char* text, dressi_device* device, const char* const* options) {
   return guarded(static_cast<dressi_bundle*>(nullptr), [&] {
     dr::jit::Options chosen = compile_options(options);
+    if (device != nullptr) opened_here(device, "the device");
     if (chosen.profile.empty() && device != nullptr && device->device) chosen.profile = device->device->profile_name();
     if (chosen.profile.empty()) chosen.profile = "lavapipe";  // what runs on the evaluator is the graph alone
     const auto profile = dr::target::load_profile(chosen.profile);
     if (const auto* problem = std::get_if<std::string>(&profile)) fail(*problem);
     dr::jit::Told told;
-    auto bytes = dr::jit::compile_text(word(name, "the name"), word(text, "the text"),
-                                       std::get<dr::target::Profile>(profile), chosen, &told);
-    if (auto* messages = std::get_if<std::string>(&bytes)) fail(std::move(*messages));
+    auto bytes = must(dr::jit::compile_text(file_name(name), word(text, "the text"),
+                                            std::get<dr::target::Profile>(profile), chosen, &told));
     std::fputs(told.warnings.c_str(), stderr);
-    auto out = bundle_of(std::get<std::vector<uint8_t>>(std::move(bytes)));
+    auto out = bundle_of(std::move(bytes));
     out->options = std::move(chosen);
     return out.release();
   });
@@ -214,7 +244,7 @@ const char* dressi_explain_gradient(const char* name, const char* text, const ch
                                     const char* with_respect_to) {
   thread_local std::string answer;
   return guarded(static_cast<const char*>(nullptr), [&] {
-    auto explained = dr::jit::explain_gradient(word(name, "the name"), word(text, "the text"), compile_options(options),
+    auto explained = dr::jit::explain_gradient(file_name(name), word(text, "the text"), compile_options(options),
                                                word(loss, "the loss"), word(with_respect_to, "the leaf"));
     if (auto* problem = std::get_if<std::string>(&explained)) fail(std::move(*problem));
     answer = std::get<dr::jit::Explanation>(std::move(explained)).json;
@@ -233,9 +263,11 @@ dressi_bundle* dressi_bundle_read(const void* bytes, size_t size) {
 void dressi_bundle_free(dressi_bundle* bundle) { delete bundle; }
 
 const void* dressi_bundle_bytes(dressi_bundle* bundle, size_t* size) {
-  if (bundle == nullptr || size == nullptr) return nullptr;
-  *size = bundle->bytes.size();
-  return bundle->bytes.data();
+  return guarded(static_cast<const void*>(nullptr), [&] {
+    const auto& bytes = given(bundle, "the bundle").bytes;
+    given(size, "where to say how many bytes there are") = bytes.size();
+    return static_cast<const void*>(bytes.data());
+  });
 }
 
 const char* dressi_bundle_info(dressi_bundle* bundle) {
@@ -244,7 +276,7 @@ const char* dressi_bundle_info(dressi_bundle* bundle) {
 
 dressi_run* dressi_run_open(dressi_device* device, dressi_bundle* bundle, const char* const* options) {
   return guarded(static_cast<dressi_run*>(nullptr), [&]() -> dressi_run* {
-    given(device, "the device");
+    opened_here(device, "the device");
     given(bundle, "the bundle");
     auto run = std::make_unique<dressi_run>();
     for (const auto& step : bundle->tables.steps)
@@ -271,9 +303,8 @@ dressi_run* dressi_run_open(dressi_device* device, dressi_bundle* bundle, const 
         load.share = is_on(key, value);
       else if (key == "rebuild")
         rebuild = is_on(key, value);
-      else if (key == "memory" && !value.empty() && value.size() < 19 &&
-               value.find_first_not_of("0123456789") == std::string::npos)
-        load.memory_limit = std::stoll(value);
+      else if (key == "memory")
+        load.memory_limit = bytes_of(key, value);
       else
         fail("unknown option '" + key + "' = '" + value +
              "' of a run; there are cache, rebuild, store_all, share (on, off) and memory (bytes)");
@@ -290,7 +321,13 @@ dressi_run* dressi_run_open(dressi_device* device, dressi_bundle* bundle, const 
   });
 }
 
-void dressi_run_free(dressi_run* run) { delete run; }
+void dressi_run_free(dressi_run* run) {
+  if (run == nullptr || !run->maker.is_this_process()) return;
+  if (run->caller == std::this_thread::get_id())
+    run->is_freed = true;
+  else
+    delete run;
+}
 
 int dressi_on_warning(dressi_run* run, dressi_warn warn, void* context) {
   return with_program(0, run, [&](auto&, dressi_run& here) {

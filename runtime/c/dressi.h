@@ -10,9 +10,18 @@
  *   dressi_output(run, "fit", "alpha", &alpha);
  *
  * Functions that can fail return NULL or 0; dressi_error() then says why, in one sentence or, of a program, as its
- * diagnostics. Nothing is thrown through this interface. A run is used by one thread at a time (calls wait for each
- * other); different runs of one device may be used by different threads. Strings that are passed in are UTF-8 and are
- * copied. What a function returns lives until the object it was asked of is freed, or is asked again.
+ * diagnostics. Nothing is thrown through this interface. Strings that are passed in are UTF-8 and are copied. What a
+ * function returns lives until the object it was asked of is freed, or is asked again.
+ *
+ * Threads: calls on one run wait for each other; different runs of one device may be used by different threads. One
+ * device or bundle may be given to functions that make others by several threads at a time, and so may
+ * dressi_device_info(), dressi_bundle_bytes() and dressi_bundle_info() be called, whose answers stay. Answers that are
+ * made anew, those of dressi_schedule() and of a run, are read by one thread before another one asks. Nothing is freed
+ * while another thread uses it.
+ *
+ * Processes: after a fork, devices and runs that were opened before are an error in the child (DRESSI_DEVICE_ERROR), at
+ * once. It may free them, which does nothing, use bundles, copies of arrays and views that it does not write to, and
+ * open devices and runs of its own.
  */
 #ifndef DRESSI_H
 #define DRESSI_H
@@ -38,9 +47,9 @@ DRESSI_API const char* dressi_version(void);
 /* What went wrong in the last call of this thread that failed, and whose mistake it is. */
 typedef enum dressi_error_kind {
   DRESSI_NO_ERROR = 0,
-  DRESSI_USER_ERROR = 1,     /* the program, the data, or a call */
-  DRESSI_DEVICE_ERROR = 2,   /* no such device, no memory, the device lost, a limit that it has */
-  DRESSI_INTERNAL_ERROR = 3, /* a mistake of Dressi */
+  DRESSI_USER_ERROR = 1,    /* the program, the data, or a call */
+  DRESSI_DEVICE_ERROR = 2,  /* no such device, no memory, the device lost, a limit that it has */
+  DRESSI_INTERNAL_ERROR = 3 /* a mistake of Dressi */
 } dressi_error_kind;
 DRESSI_API const char* dressi_error(void);
 DRESSI_API dressi_error_kind dressi_error_kind_of_last(void);
@@ -73,11 +82,12 @@ DRESSI_API void dressi_device_free(dressi_device* device);
 DRESSI_API const char* dressi_device_info(dressi_device* device);
 
 /* Compiles the text of a program; `name` stands for its file in messages, and its folder is where imports are looked
- * for. `options` are pairs of words that end in NULL, as of drc's command line: "profile", "lower", "raster", "pack",
- * "scatter", "float", "ablate", "include", "define:K" for a const K, and "known:X" for an input X. Without "profile"
- * the device's own is used. "adjoint" with STEP:LEAF,...:OUTPUT,... adds a step STEP.adjoint: its outputs, named as the
- * leaves, are the gradients of the sum over the outputs, each times an input STEP.adjoint.OUTPUT of its type and
- * extent. It counts its own runs: dressi_set_runs() gives it the step_index of the run whose gradient it is to be. */
+ * for; it has no control characters. `options` are pairs of words that end in NULL, as of drc's command line:
+ * "profile", "lower", "raster", "pack", "scatter", "float", "ablate", "include", "define:K" for a const K, and
+ * "known:X" for an input X. Without "profile" the device's own is used. "adjoint" with STEP:LEAF,...:OUTPUT,... adds a
+ * step STEP.adjoint: its outputs, named as the leaves, are the gradients of the sum over the outputs, each times an
+ * input STEP.adjoint.OUTPUT of its type and extent. It counts its own runs: dressi_set_runs() gives it the step_index
+ * of the run whose gradient it is to be. */
 DRESSI_API dressi_bundle* dressi_compile(const char* name, const char* text, dressi_device* device,
                                          const char* const* options);
 /* Why the gradient of an output or `let` with respect to a leaf or `let` is what it is, of the program of this text, as
@@ -100,12 +110,15 @@ DRESSI_API const char* dressi_bundle_info(dressi_bundle* bundle);
  * changes in each run and is never left out. */
 DRESSI_API const char* dressi_schedule(dressi_bundle* bundle, const char* step);
 
-/* `options`: pairs as above, "cache", "rebuild", "store_all" and "share" with "on" or "off", "memory" with bytes. The
- * bundle may be freed while the run lives, the device may not be used for anything else then but other runs. */
+/* `options`: pairs as above, "cache", "rebuild", "store_all" and "share" with "on" or "off", "memory" with bytes,
+ * at least 1. The bundle may be freed while the run lives, the device may not be used for anything else then but other
+ * runs. */
 DRESSI_API dressi_run* dressi_run_open(dressi_device* device, dressi_bundle* bundle, const char* const* options);
 DRESSI_API void dressi_run_free(dressi_run* run);
 /* Who is told, once of each, of outputs and leaves that are read and hold a NaN or Inf, and of passes that left one; a
- * line on stderr for NULL, as at first. It is called within the call that reads or runs, by its thread. */
+ * line on stderr for NULL, as at first. It is called within the call that reads or runs, by its thread, so that calls
+ * on the same run from there are an error. dressi_run_free() frees the run when that call ends, and the call's answer
+ * with it. */
 typedef void (*dressi_warn)(const char* warning, void* context);
 DRESSI_API int dressi_on_warning(dressi_run* run, dressi_warn warn, void* context);
 DRESSI_API int dressi_bind(dressi_run* run, const char* leaf, const dressi_array* data);
@@ -119,7 +132,8 @@ DRESSI_API int dressi_leaf(dressi_run* run, const char* name, dressi_array* out)
  * They give 1 for such a view, 2 for a copy, 0 where they fail. dressi_array_free gives either back; memory of a view
  * lives until then, also when its run is freed. What is written to a leaf counts in the next run, and while a view of
  * it is held nothing that depends on it is skipped, nor anything while one of an output is, which the next run of any
- * step overwrites. Of an output that is a leaf there is a copy alone. */
+ * step overwrites. What is written to an output changes no leaf: of one whose memory is a leaf's, as of an input
+ * that is given out as it is, there is a copy alone. */
 DRESSI_API int dressi_leaf_view(dressi_run* run, const char* name, dressi_array* out);
 DRESSI_API int dressi_output_view(dressi_run* run, const char* step, const char* name, dressi_array* out);
 

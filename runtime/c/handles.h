@@ -2,11 +2,15 @@
 // What the files of the C interface share: handles, errors, arrays. Private to them.
 #pragma once
 
+#include <unistd.h>
+
+#include <atomic>
 #include <map>
 #include <memory>
 #include <mutex>
 #include <optional>
 #include <string>
+#include <thread>
 #include <utility>
 #include <variant>
 #include <vector>
@@ -19,7 +23,15 @@
 #include "runtime/runtime.h"
 #include "runtime/watch/watch.h"
 
+// Who made an object. After a fork the child has the memory of a device and none of its threads: a call would wait for
+// them for ever, and so would freeing it.
+struct Maker {
+  pid_t process = ::getpid();
+  bool is_this_process() const { return process == ::getpid(); }
+};
+
 struct dressi_device {
+  Maker maker;
   std::optional<dr::runtime::Device> device;  // none: the reference
   std::string info;
 };
@@ -32,8 +44,11 @@ struct dressi_bundle {
 };
 
 struct dressi_run {
+  Maker maker;
   std::mutex mutex;
-  dressi_warn warn = nullptr;  // none: stderr
+  std::atomic<std::thread::id> caller;  // whose call has the mutex
+  bool is_freed = false;                // by a warning within a call, which deletes it in the end
+  dressi_warn warn = nullptr;           // none: stderr
   void* warn_context = nullptr;
   // Shared with views of its memory.
   std::variant<std::shared_ptr<dr::runtime::Program>, std::shared_ptr<dr::jit::ReferenceProgram>> program;
@@ -60,7 +75,7 @@ struct Mistake {
 
 template <typename T>
 T must(dr::io::Result<T> result, dressi_error_kind kind = DRESSI_USER_ERROR) {
-  if (!result) fail(result.error(), kind);
+  if (!result) fail(result.error(), result.blame() == dr::io::Blame::Device ? DRESSI_DEVICE_ERROR : kind);
   if constexpr (!std::is_void_v<T>) return std::move(result).value();
 }
 
@@ -111,6 +126,7 @@ inline dr::runtime::HostArray array_of(const dressi_array& from) {
 struct Owner {
   dr::io::Array copy;
   std::shared_ptr<void> view, program;  // destroyed from the last on
+  Maker maker;
 };
 
 template <typename From>
@@ -141,12 +157,46 @@ inline int give_view(const dr::runtime::HostArray& array, std::shared_ptr<void> 
   return 1;
 }
 
+template <typename T>
+T& opened_here(T* pointer, const char* what) {
+  T& object = given(pointer, what);
+  if (!object.maker.is_this_process())
+    fail(std::string(what) +
+             " was opened before this process was forked; open it again here, or start processes by spawn",
+         DRESSI_DEVICE_ERROR);
+  return object;
+}
+
+// A call that is alone with a run. What a warning calls within it would wait for itself.
+class Turn {
+ public:
+  explicit Turn(dressi_run& run) : run_(run) {
+    if (run.caller == std::this_thread::get_id())
+      fail(
+          "a warning's function called the run that the warning is of; keep the warning, and call when it has "
+          "returned");
+    run.mutex.lock();
+    run.caller = std::this_thread::get_id();
+  }
+  Turn(const Turn&) = delete;
+  Turn& operator=(const Turn&) = delete;
+  ~Turn() {
+    run_.caller = std::thread::id();
+    const bool is_freed = run_.is_freed;
+    run_.mutex.unlock();
+    if (is_freed) delete &run_;
+  }
+
+ private:
+  dressi_run& run_;
+};
+
 // Calls `use` with the program of the run, alone with it.
 template <typename T, typename Use>
 T with_program(T failed, dressi_run* run, const Use& use) {
   return guarded(failed, [&]() -> T {
-    dressi_run& here = given(run, "the run");
-    const std::lock_guard lock(here.mutex);
+    dressi_run& here = opened_here(run, "the run");
+    const Turn turn(here);
     return std::visit([&](auto& program) { return use(*program, here); }, here.program);
   });
 }

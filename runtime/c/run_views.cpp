@@ -98,21 +98,21 @@ void* dressi_dlpack(dressi_array* array, int device_type, int device_id, int dim
 
 int dressi_cuda_device(dressi_device* device) {
   return guarded(0, [&] {
-    if (!given(device, "the device").device) fail("the evaluator shares no memory with CUDA");
-    return must(device->device->cuda_device(), DRESSI_DEVICE_ERROR) + 1;
+    if (!opened_here(device, "the device").device) fail("the evaluator shares no memory with CUDA");
+    return must(device->device->cuda_device()) + 1;
   });
 }
 
 int dressi_cuda_stream(dressi_run* run, void* stream) {
   return with_program(0, run, [&](auto&, dressi_run& here) {
-    must(on_device(here).cuda_stream(stream), DRESSI_DEVICE_ERROR);
+    must(on_device(here).cuda_stream(stream));
     return 1;
   });
 }
 
 int dressi_cuda_wait(dressi_run* run, void* stream) {
   return with_program(0, run, [&](auto&, dressi_run& here) {
-    must(on_device(here).cuda_wait(stream), DRESSI_DEVICE_ERROR);
+    must(on_device(here).cuda_wait(stream));
     return 1;
   });
 }
@@ -134,7 +134,7 @@ int dressi_cuda_run(dressi_run* run, void* stream, const char* step, const dress
                     size_t leaf_count, const dressi_named_array* outputs, size_t output_count) {
   return with_program(0, run, [&](auto&, dressi_run& here) {
     auto& program = on_device(here);
-    must(program.cuda_stream(stream), DRESSI_DEVICE_ERROR);
+    must(program.cuda_stream(stream));
     must(program.cuda_run(step == nullptr ? "" : step, named(leaves, leaf_count), named(outputs, output_count)));
     return 1;
   });

@@ -75,13 +75,13 @@ std::vector<uint8_t> load_or_compile(const Options& options, const std::string& 
   compile.bound = zeros_bound(options);
   jit::Told told;
   auto bundle = jit::compile_file(options.file, compile, &told);
-  if (auto* messages = std::get_if<std::string>(&bundle)) {
-    std::fputs(messages->c_str(), stderr);
+  if (!bundle) {
+    std::fputs(bundle.error().c_str(), stderr);
     throw Mistake{};
   }
   std::fputs(told.warnings.c_str(), stderr);
   skips = std::move(told.skips);
-  return std::move(std::get<std::vector<uint8_t>>(bundle));
+  return std::move(bundle).value();
 }
 
 }  // namespace

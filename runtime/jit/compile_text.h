@@ -8,8 +8,8 @@
 namespace dr::jit {
 
 // As compile_file(); `name` stands for the file in messages, and the options' own profile for nothing.
-std::variant<std::vector<uint8_t>, std::string> compile_text(const std::string& name, const std::string& text,
-                                                             const target::Profile& profile, const Options& options,
-                                                             Told* told = nullptr);
+io::Result<std::vector<uint8_t>> compile_text(const std::string& name, const std::string& text,
+                                              const target::Profile& profile, const Options& options,
+                                              Told* told = nullptr);
 
 }  // namespace dr::jit

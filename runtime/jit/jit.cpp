@@ -14,13 +14,12 @@ namespace dr::jit {
 
 std::vector<std::string> skip_names() { return {std::begin(backend::kSkips), std::end(backend::kSkips)}; }
 
-std::variant<std::vector<uint8_t>, std::string> compile_text(const std::string& name, const std::string& text,
-                                                             const target::Profile& profile, const Options& options,
-                                                             Told* told) {
+io::Result<std::vector<uint8_t>> compile_text(const std::string& name, const std::string& text,
+                                              const target::Profile& profile, const Options& options, Told* told) {
   driver::Compilation program(name, text, options);
   program.use_profile(profile);
   const backend::Compiled* done = program.compiled();
-  if (!done) return program.messages();
+  if (!done) return io::Error{program.messages()};
   if (told) {
     if (!program.diagnostics().all().empty()) told->warnings = program.messages();
     std::vector<Skip>& skips = told->skips;
@@ -36,12 +35,11 @@ std::variant<std::vector<uint8_t>, std::string> compile_text(const std::string& 
   return bundle::write(done->bundle);
 }
 
-std::variant<std::vector<uint8_t>, std::string> compile_file(const std::string& path, const Options& options,
-                                                             Told* told) {
+io::Result<std::vector<uint8_t>> compile_file(const std::string& path, const Options& options, Told* told) {
   const auto text = io::program_text(path);
-  if (!text) return "error: " + text.error() + "\n";
+  if (!text) return io::Error{"error: " + text.error() + "\n"};
   const auto profile = target::load_profile(options.profile);
-  if (const auto* problem = std::get_if<std::string>(&profile)) return *problem + "\n";
+  if (const auto* problem = std::get_if<std::string>(&profile)) return io::Error{*problem + "\n"};
   return compile_text(path, *text, std::get<target::Profile>(profile), options, told);
 }
 

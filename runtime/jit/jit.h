@@ -5,10 +5,10 @@
 #include <cstdint>
 #include <map>
 #include <string>
-#include <variant>
 #include <vector>
 
 #include "compiler/driver/options.h"
+#include "compiler/io/file/result.h"
 
 namespace dr::jit {
 
@@ -29,9 +29,8 @@ struct Told {
   std::vector<Skip> skips;
 };
 
-// The bundle, or the diagnostics as they are to be printed.
-std::variant<std::vector<uint8_t>, std::string> compile_file(const std::string& path, const Options& options,
-                                                             Told* told = nullptr);
+// The bundle; an error has the diagnostics as they are to be printed, with a line break behind each.
+io::Result<std::vector<uint8_t>> compile_file(const std::string& path, const Options& options, Told* told = nullptr);
 
 // Where compiled things are kept between runs: DRC_CACHE_DIR and so on (compiler/backend/spirv/shader_cache.h); may be
 // empty.

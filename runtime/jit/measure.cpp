@@ -159,8 +159,8 @@ class Measurement {
   // ---- Times, in ns.
   runtime::Program load(const std::string& text, int size, const Options& options) {
     auto bundle = compile_text("measurement.dr", text, profile_, options);
-    if (const auto* problem = std::get_if<std::string>(&bundle)) throw Problem{*problem};
-    runtime::Program program = must(runtime::Program::load(device_, std::get<std::vector<uint8_t>>(bundle)));
+    if (!bundle) throw Problem{bundle.error()};
+    runtime::Program program = must(runtime::Program::load(device_, *bundle));
     must(program.bind(
         "a", io::Array::from_floats(std::vector<float>(static_cast<size_t>(size) * static_cast<size_t>(size) * 4, 0.5f),
                                     4, size, size)));

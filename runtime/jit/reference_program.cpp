@@ -25,7 +25,7 @@ auto guarded(const F& f) -> decltype(f()) {
   try {
     return f();
   } catch (const std::bad_alloc&) {
-    return io::Error{"this machine has not enough memory for the program's data"};
+    return io::Error{"this machine has not enough memory for the program's data", io::Blame::Device};
   } catch (const std::exception& e) {
     return io::Error{e.what()};
   }

@@ -24,19 +24,19 @@ auto guarded(F&& f, Broken&& broken) -> Result<decltype(f())> {
       return f();
     }
   } catch (const Failure& failure) {
-    return io::Error{failure.message};
+    return failure.error();
   } catch (const vk::DeviceLostError&) {
     broken();
-    return io::Error{"the device was lost while it ran a step; open it and load the program again"};
+    return io::Error{"the device was lost while it ran a step; open it and load the program again", io::Blame::Device};
   } catch (const vk::SystemError& e) {
     broken();
-    return io::Error{std::string("Vulkan reports: ") + e.what()};
+    return io::Error{std::string("Vulkan reports: ") + e.what(), io::Blame::Device};
   } catch (const std::bad_alloc&) {
     broken();
-    return io::Error{"this machine has not enough memory for the program's data"};
+    return io::Error{"this machine has not enough memory for the program's data", io::Blame::Device};
   } catch (const std::exception& e) {
     broken();
-    return io::Error{e.what()};
+    return io::Error{e.what(), io::Blame::Device};
   }
 }
 template <class F>
@@ -153,7 +153,8 @@ PipelineCounters& PipelineCounters::operator+=(const PipelineCounters& other) {
 Program::State& Program::state() {
   if (!state_) throw Failure{"the program is empty: it was moved from"};
   if (state_->broken)
-    throw Failure{"the program cannot go on: the device or the machine failed while it was changed; load it again"};
+    throw DeviceFailure{
+        "the program cannot go on: the device or the machine failed while it was changed; load it again"};
   return *state_;
 }
 const Program::State& Program::known() const { return state_ ? *state_ : kNothing; }
@@ -181,9 +182,9 @@ std::unique_ptr<Program::State> Program::State::load(std::shared_ptr<DeviceState
   if (!state->device) return state;
   for (const bundle::Feature feature : state->bundle.features)
     if (!has(*state->device, feature))
-      throw Failure{"the bundle was built for profile '" + state->bundle.profile + "' and needs the feature '" +
-                    bundle::word(EnumNameFeature(feature)) +
-                    "', which the device lacks; build it for the device's own profile"};
+      throw DeviceFailure{"the bundle was built for profile '" + state->bundle.profile + "' and needs the feature '" +
+                          bundle::word(EnumNameFeature(feature)) +
+                          "', which the device lacks; build it for the device's own profile"};
   if (!options.trusted) {
     const DeviceState& d = *state->device;
     const bundle::ShaderLimits limits{.shared_bytes = d.properties.limits.maxComputeSharedMemorySize,
@@ -205,7 +206,7 @@ Result<Program> Program::load(const Device& device, std::span<const uint8_t> byt
     Program program;
     if (!device.state()) throw Failure{"the device is empty: it was moved from"};
     program.state_ = State::load(device.state(), bytes, options);
-    if (const auto problem = check_trips(program.state_->bundle, device.profile_name())) throw Failure{*problem};
+    if (const auto problem = check_trips(program.state_->bundle, device.profile_name())) throw DeviceFailure{*problem};
     if (options.cache && options.rebuild && options.memory_limit == 0) program.state_->rebuilder.emplace();
     return program;
   });

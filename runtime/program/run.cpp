@@ -281,9 +281,10 @@ void Program::State::require_whole_loops(size_t index) {
   if (early == nullptr) return;
   spoiled.insert(step.changes.begin(), step.changes.end());
   on_device->steps[index].ended_early = on_device->steps[index].whole = true;
-  throw Failure{"a loop of pass " + named(bundle, *early) +
-                " takes more trips than this device gives one whose range depends on data: say how many it takes at "
-                "most, as in reduce(sum, i in a..b, max = 1000000)"};
+  throw DeviceFailure{
+      "a loop of pass " + named(bundle, *early) +
+      " takes more trips than this device gives one whose range depends on data: say how many it takes at "
+      "most, as in reduce(sum, i in a..b, max = 1000000)"};
 }
 
 void Program::State::require_whole(size_t leaf) const {

@@ -43,7 +43,7 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
   StepState& step = prepared_step(index);
   require_counts(index, 1);
   const uint32_t bits = on_device->queue.timestamp_bits();
-  if (bits == 0) throw Failure{"the device's queue takes no times"};
+  if (bits == 0) throw DeviceFailure{"the device's queue takes no times"};
   const std::vector<bool> dirty = must_run(step);
   const Variant& variant = recorded(step, dirty);
   const std::vector<const Primitive*> chosen = step.chosen(dirty);
@@ -104,7 +104,7 @@ std::vector<CommandTime> Program::State::timed_run(const std::string& name) {
   count_run(index, dirty, variant.run, variant.skipped);
   const auto read = pool.getResults<uint64_t>(0, stamps, stamps * sizeof(uint64_t), sizeof(uint64_t),
                                               vk::QueryResultFlagBits::e64 | vk::QueryResultFlagBits::eWait);
-  if (read.first != vk::Result::eSuccess) throw Failure{"the device gave no times"};
+  if (read.first != vk::Result::eSuccess) throw DeviceFailure{"the device gave no times"};
   const std::vector<uint64_t>& ticks = read.second;
   const uint64_t mask = bits >= 64 ? UINT64_MAX : (uint64_t{1} << bits) - 1;
   const auto nanoseconds = [&](uint32_t from, uint32_t to) {

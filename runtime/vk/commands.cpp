@@ -174,18 +174,19 @@ int64_t Commands::parts_of(const bundle::CommandT& c) const {
   // What data decides on may promise any number: the shader tells where so many were not enough.
   constexpr int64_t kMaxWatchedParts = 1 << 13;
   if (trips && c.part_trips == 0)
-    throw Failure{"the loops of pass '" + c.label + "' may take " + std::to_string(*trips) +
-                  " trips in an invocation, the device lets them have " + std::to_string(c.most_trips) +
-                  ", and those of a sum by rows or in a function of a 'raster' cannot be taken in parts: promise fewer "
-                  "trips with 'max', or sum with '--scatter exact'"};
+    throw DeviceFailure{
+        "the loops of pass '" + c.label + "' may take " + std::to_string(*trips) +
+        " trips in an invocation, the device lets them have " + std::to_string(c.most_trips) +
+        ", and those of a sum by rows or in a function of a 'raster' cannot be taken in parts: promise fewer "
+        "trips with 'max', or sum with '--scatter exact'"};
   if (c.watch >= 0) {
     if (!trips || *trips > kMaxWatchedParts * c.part_trips) return kMaxWatchedParts;
     *trips += c.most_trips;  // for loops that are not among them
   }
   if (!trips || *trips > kMaxParts * c.part_trips)
-    throw Failure{"the loops of pass '" + c.label + "' may take " + (trips ? std::to_string(*trips) : "over 2^63") +
-                  " trips in an invocation, the device is given " + std::to_string(kMaxParts * c.part_trips) +
-                  " at most"};
+    throw DeviceFailure{
+        "the loops of pass '" + c.label + "' may take " + (trips ? std::to_string(*trips) : "over 2^63") +
+        " trips in an invocation, the device is given " + std::to_string(kMaxParts * c.part_trips) + " at most"};
   return (*trips + c.part_trips - 1) / c.part_trips;
 }
 

@@ -92,18 +92,18 @@ struct Cuda::Api {
     if (result == 0) return;
     const char* text = nullptr;
     get_error(result, &text);
-    throw Failure{std::string("CUDA cannot ") + what + ": " +
-                  (text != nullptr ? text : "error " + std::to_string(result))};
+    throw DeviceFailure{std::string("CUDA cannot ") + what + ": " +
+                        (text != nullptr ? text : "error " + std::to_string(result))};
   }
 };
 
 Cuda::Api::Api() : library(dlopen("libcuda.so.1", RTLD_NOW | RTLD_LOCAL)) {
-  if (library == nullptr) throw Failure{"there is no CUDA here: libcuda.so.1 cannot be loaded"};
+  if (library == nullptr) throw DeviceFailure{"there is no CUDA here: libcuda.so.1 cannot be loaded"};
   const auto load = [this](auto& function, const char* name) {
     void* const found = dlsym(library, name);
     if (found == nullptr) {
       dlclose(library);
-      throw Failure{std::string("the CUDA driver is too old: it has no ") + name};
+      throw DeviceFailure{std::string("the CUDA driver is too old: it has no ") + name};
     }
     std::memcpy(&function, &found, sizeof(found));
   };
@@ -156,8 +156,8 @@ std::shared_ptr<Cuda> Cuda::of(DeviceState& device) {
   const std::lock_guard lock(device.cuda_lock);
   if (device.cuda) return device.cuda;
   if (!device.shares_memory)
-    throw Failure{"the device '" + std::string(device.properties.deviceName.data()) +
-                  "' does not share its memory with CUDA"};
+    throw DeviceFailure{"the device '" + std::string(device.properties.deviceName.data()) +
+                        "' does not share its memory with CUDA"};
   std::shared_ptr<Cuda> cuda(new Cuda);
   cuda->api_ = std::make_unique<Api>();
   const Api& api = *cuda->api_;
@@ -173,7 +173,7 @@ std::shared_ptr<Cuda> Cuda::of(DeviceState& device) {
     cuda->ordinal_ = k;
   }
   if (cuda->context_ == nullptr)
-    throw Failure{"CUDA does not see the device '" + std::string(device.properties.deviceName.data()) + "'"};
+    throw DeviceFailure{"CUDA does not see the device '" + std::string(device.properties.deviceName.data()) + "'"};
   return device.cuda = cuda;
 }
 

@@ -69,7 +69,7 @@ void make_instance(DeviceState& state, bool validation) {
   }
   if (validation) {
     if (!has_layer(kValidationLayer))
-      throw Failure{"the Vulkan validation layer is not installed (Debian: vulkan-validationlayers)"};
+      throw DeviceFailure{"the Vulkan validation layer is not installed (Debian: vulkan-validationlayers)"};
     layers.push_back(kValidationLayer);
     info.pNext = &features;
   }
@@ -80,7 +80,7 @@ void make_instance(DeviceState& state, bool validation) {
   const VkResult made =
       calls.vkCreateInstance(reinterpret_cast<const VkInstanceCreateInfo*>(&info), nullptr, &instance);
   if (made == VK_ERROR_INCOMPATIBLE_DRIVER)
-    throw Failure{
+    throw DeviceFailure{
         "there is no Vulkan driver (Debian: mesa-vulkan-drivers), or VK_DRIVER_FILES or VK_ICD_FILENAMES names none"};
   expect_success(made, "vkCreateInstance");
   state.instance =
@@ -170,7 +170,7 @@ uint32_t DeviceState::memory_type(uint32_t allowed, vk::MemoryPropertyFlags want
   for (const vk::MemoryPropertyFlags flags : {wanted | preferred, wanted})
     for (uint32_t t = 0; t < memory.memoryTypeCount; ++t)
       if ((allowed & (1u << t)) != 0 && (memory.memoryTypes[t].propertyFlags & flags) == flags) return t;
-  throw Failure{"the device offers no memory of the kind " + vk::to_string(wanted)};
+  throw DeviceFailure{"the device offers no memory of the kind " + vk::to_string(wanted)};
 }
 
 bool DeviceState::has_lazy_memory(uint32_t allowed) const {
@@ -201,7 +201,7 @@ void choose_families(DeviceState& state) {
   };
   constexpr auto kBoth = vk::QueueFlagBits::eGraphics | vk::QueueFlagBits::eCompute;
   const auto graphics = first([&](const auto& f) { return (f.queueFlags & kBoth) == kBoth; });
-  if (!graphics) throw Failure{"the device has no queue for graphics and compute"};
+  if (!graphics) throw DeviceFailure{"the device has no queue for graphics and compute"};
   state.graphics.family = *graphics;
   state.compute.family = first([&](const auto& f) {
                            return (f.queueFlags & kBoth) == vk::QueueFlagBits::eCompute && f.timestampValidBits > 0;
@@ -223,13 +223,13 @@ std::shared_ptr<DeviceState> open_device(const DeviceOptions& options) {
     found = true;
   }
   if (!found)
-    throw Failure{names.empty() ? "there is no Vulkan device"
-                                : "no Vulkan device matches '" + options.name + "'; there are: " + names};
+    throw DeviceFailure{names.empty() ? "there is no Vulkan device"
+                                      : "no Vulkan device matches '" + options.name + "'; there are: " + names};
   state->properties = state->physical.getProperties();
   state->memory = state->physical.getMemoryProperties();
   if (state->properties.apiVersion < VK_API_VERSION_1_1)
-    throw Failure{"device '" + std::string(state->properties.deviceName.data()) + "' has Vulkan " +
-                  version_text(state->properties.apiVersion) + ", 1.1 is needed"};
+    throw DeviceFailure{"device '" + std::string(state->properties.deviceName.data()) + "' has Vulkan " +
+                        version_text(state->properties.apiVersion) + ", 1.1 is needed"};
   state->largest_block =
       state->physical.getProperties2<vk::PhysicalDeviceProperties2, vk::PhysicalDeviceMaintenance3Properties>()
           .get<vk::PhysicalDeviceMaintenance3Properties>()
@@ -346,9 +346,9 @@ Result<std::vector<DeviceInfo>> Device::list() {
     for (const auto& d : devices) out.push_back(describe(d));
     return out;
   } catch (const Failure& failure) {
-    return io::Error{failure.message};
+    return failure.error();
   } catch (const std::exception& e) {
-    return io::Error{std::string("cannot list Vulkan devices: ") + e.what()};
+    return io::Error{std::string("cannot list Vulkan devices: ") + e.what(), io::Blame::Device};
   }
 }
 
@@ -358,9 +358,9 @@ Result<Device> Device::open(const DeviceOptions& options) {
     device.state_ = open_device(options);
     return device;
   } catch (const Failure& failure) {
-    return io::Error{failure.message};
+    return failure.error();
   } catch (const std::exception& e) {
-    return io::Error{std::string("cannot open a Vulkan device: ") + e.what()};
+    return io::Error{std::string("cannot open a Vulkan device: ") + e.what(), io::Blame::Device};
   }
 }
 
@@ -435,7 +435,7 @@ Result<int> Device::cuda_device() const {
   try {
     return Cuda::of(*state_)->ordinal();
   } catch (const Failure& failure) {
-    return io::Error{failure.message};
+    return failure.error();
   }
 }
 

@@ -93,8 +93,8 @@ vk::DeviceSize Memory::buffer_bytes(uint32_t k) const {
   const vk::DeviceSize most =
       whole_.contains(k) ? std::min(kMostBytes, std::max(most_, device_->largest_block)) : kMostBytes;
   if (bytes > most)
-    throw Failure{"'" + r.name + "' takes " + std::to_string(bytes) + " bytes, the device allows " +
-                  std::to_string(most) + " for one value"};
+    throw DeviceFailure{"'" + r.name + "' takes " + std::to_string(bytes) + " bytes, the device allows " +
+                        std::to_string(most) + " for one value"};
   return bytes;
 }
 
@@ -104,7 +104,7 @@ void Memory::check_sizes(const std::vector<uint32_t>& resources) const {
     try {
       buffer_bytes(k);
     } catch (const Failure& failure) {
-      throw Failure{failure.message + made_at(k)};
+      throw Failure{failure.message + made_at(k), failure.blame};
     }
   }
 }
@@ -145,8 +145,8 @@ std::vector<vk::MemoryRequirements> Memory::create_buffer(uint32_t k) {
     try {
       object.buffers.emplace_back(d, info);
     } catch (const vk::SystemError&) {
-      throw Failure{"'" + r.name + "' takes " + std::to_string(info.size) +
-                    " bytes, more than the device has in one buffer"};
+      throw DeviceFailure{"'" + r.name + "' takes " + std::to_string(info.size) +
+                          " bytes, more than the device has in one buffer"};
     }
     device_->name(object.buffers.back(), r.name);
     needs.push_back(object.buffers.back().getMemoryRequirements());
@@ -161,8 +161,8 @@ vk::MemoryRequirements Memory::create_image(uint32_t k) {
   const Size s = sizes_.size_of(*r.extent, "'" + r.name + "'");
   const auto limit = static_cast<int64_t>(device_->properties.limits.maxImageDimension2D);
   if (s.w > limit || s.h > limit || s.l > static_cast<int64_t>(device_->properties.limits.maxImageArrayLayers))
-    throw Failure{"'" + r.name + "' is an image of " + std::to_string(s.w) + " x " + std::to_string(s.h) + " x " +
-                  std::to_string(s.l) + ", the device allows " + std::to_string(limit) + " on a side"};
+    throw DeviceFailure{"'" + r.name + "' is an image of " + std::to_string(s.w) + " x " + std::to_string(s.h) + " x " +
+                        std::to_string(s.l) + ", the device allows " + std::to_string(limit) + " on a side"};
   vk::ImageCreateInfo info;
   info.imageType = vk::ImageType::e2D;
   const bool depth = r.storage == Storage::Depth;
@@ -251,8 +251,8 @@ void Memory::place(std::map<SlotId, Slot>& slots, const std::vector<uint32_t>& r
     try {
       blocks_.emplace_back(*device_, bytes, type, tally_, shared);
     } catch (const vk::SystemError&) {
-      throw Failure{"the device has no memory for " + std::to_string(bytes) + " bytes; the largest values are " +
-                    largest(resources)};
+      throw DeviceFailure{"the device has no memory for " + std::to_string(bytes) + " bytes; the largest values are " +
+                          largest(resources)};
     }
     of_host_.push_back(of_host);
   }
@@ -318,8 +318,9 @@ void Memory::make_room(std::map<SlotId, Slot>& slots, std::vector<SlotId>& added
     if (moves) on_host_.push_back(c.resource);
   }
   if (missing > 0 && limit_ > 0)
-    throw Failure{"the program needs " + std::to_string(missing) + " bytes of device memory more than the limit of " +
-                  std::to_string(limit_) + "; the largest values are " + largest(resources)};
+    throw DeviceFailure{"the program needs " + std::to_string(missing) +
+                        " bytes of device memory more than the limit of " + std::to_string(limit_) +
+                        "; the largest values are " + largest(resources)};
 }
 
 void Memory::bind(uint32_t k, const std::map<SlotId, Slot>& slots) {

@@ -53,7 +53,7 @@ size_t Pipelines::module_of(int shader, const std::vector<bundle::Split>& splits
   const bundle::ShaderT& s = *bundle_.shaders[static_cast<size_t>(shader)];
   const auto split = bundle::split_buffers(s.spirv, splits);
   if (const auto* why = std::get_if<std::string>(&split))
-    throw Failure{"shader '" + s.name + "' cannot have buffers that are bound in parts: it " + *why};
+    throw DeviceFailure{"shader '" + s.name + "' cannot have buffers that are bound in parts: it " + *why};
   vk::ShaderModuleCreateInfo info;
   info.setCode(std::get<std::vector<uint32_t>>(split));
   modules_.emplace_back(device_->device, info);
@@ -103,9 +103,10 @@ vk::DeviceSize Pipelines::most_of(const Descriptor& descriptor) const {
   const bundle::ResourceT& r = *bundle_.resources[descriptor.resource];
   const auto features = device_->physical.getFormatProperties(texel_format(r, descriptor.texel)).bufferFeatures;
   if (!(features & vk::FormatFeatureFlagBits::eUniformTexelBuffer))
-    throw Failure{"'" + r.name + "' is read as texels of " + std::to_string(descriptor.texel) +
-                  " words, which the device has none of; compile it for this device (a profile with \"lanes_in_turn\": "
-                  "false)"};
+    throw DeviceFailure{
+        "'" + r.name + "' is read as texels of " + std::to_string(descriptor.texel) +
+        " words, which the device has none of; compile it for this device (a profile with \"lanes_in_turn\": "
+        "false)"};
   return std::min<vk::DeviceSize>(l.maxTexelBufferElements, given / (descriptor.texel * 4));
 }
 
@@ -231,7 +232,7 @@ void Pipelines::must_fit(const std::vector<vk::DescriptorSetLayoutBinding>& bind
              {"resources", static_cast<uint32_t>(bindings.size()), l.maxPerStageResources}};
   for (const auto& [what, found, most] : all)
     if (found > most)
-      throw Failure{
+      throw DeviceFailure{
           "a shader binds " + std::to_string(found) + " " + what + ", the device allows " + std::to_string(most) +
           (in_parts ? "; buffers beyond its limit of bytes are bound in parts: bind less data, or allow larger buffers"
                     : "; compile the program for this device")};

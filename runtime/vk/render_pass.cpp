@@ -169,13 +169,13 @@ void Commands::render_pass(Draws draws, std::vector<Primitive>& out) {
   const vk::Rect2D area({0, 0}, {static_cast<uint32_t>(size.w), static_cast<uint32_t>(size.h)});
   const vk::PhysicalDeviceLimits& limits = device_->properties.limits;
   if (size.w > limits.maxFramebufferWidth || size.h > limits.maxFramebufferHeight)
-    throw Failure{what + " draws " + std::to_string(size.w) + " x " + std::to_string(size.h) +
-                  " pixels, the device allows " + std::to_string(limits.maxFramebufferWidth) + " x " +
-                  std::to_string(limits.maxFramebufferHeight)};
+    throw DeviceFailure{what + " draws " + std::to_string(size.w) + " x " + std::to_string(size.h) +
+                        " pixels, the device allows " + std::to_string(limits.maxFramebufferWidth) + " x " +
+                        std::to_string(limits.maxFramebufferHeight)};
   for (const bundle::CommandT* c : draws)
     if (c->colors.size() > limits.maxColorAttachments)
-      throw Failure{what + " writes " + std::to_string(c->colors.size()) + " colour attachments, the device allows " +
-                    std::to_string(limits.maxColorAttachments)};
+      throw DeviceFailure{what + " writes " + std::to_string(c->colors.size()) +
+                          " colour attachments, the device allows " + std::to_string(limits.maxColorAttachments)};
   const Attachments attachments = attachments_of(bundle_, draws);
 
   Primitive p;

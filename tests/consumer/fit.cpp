@@ -35,12 +35,12 @@ int main(int argc, char** argv) {
   jit::Options options;
   options.profile = device.profile_name();
   const auto bundle = jit::compile_file(argv[2], options);
-  if (const auto* messages = std::get_if<std::string>(&bundle)) {
-    std::fputs(messages->c_str(), stderr);
+  if (!bundle) {
+    std::fputs(bundle.error().c_str(), stderr);
     return 1;
   }
-  auto program = must(runtime::Program::load(device, std::get<0>(bundle)));
-  auto reference = must(jit::ReferenceProgram::load(std::get<0>(bundle)));
+  auto program = must(runtime::Program::load(device, *bundle));
+  auto reference = must(jit::ReferenceProgram::load(*bundle));
   const double found = error_of(program), expected = error_of(reference);
   std::printf("error = %g, of the reference %g\n", found, expected);
   // (8² + 16² + 32² + 1²) / 2, a 64th after three halvings of the way.

@@ -16,8 +16,8 @@ namespace dr::test {
 // The bundle of a file; an error fails the test.
 inline std::vector<uint8_t> compile(const std::string& path, const jit::Options& options) {
   auto result = jit::compile_file(path, options);
-  if (const auto* messages = std::get_if<std::string>(&result)) FAIL(*messages);
-  return std::get<std::vector<uint8_t>>(std::move(result));
+  if (!result) FAIL(result.error());
+  return std::move(result).value();
 }
 
 // The bundle of a program for a profile. `file`, in the build folder, is where the text is written to.

@@ -372,6 +372,15 @@ def test_new_arrays_every_step_do_not_pile_up():
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 4096  # KiB
 
 
+@pytest.mark.skipif(not os.environ.get("DR_LAVAPIPE_ICD"), reason="no lavapipe")
+def test_a_limit_of_the_device_is_an_error_of_the_device():
+    program = dressi.compile("edition 1;\nparam x : mat4[V] = mat4(1.0);\nstep s { x <- x * 2.0; output x; }\n", device="lavapipe")
+    run = program.bind(symbols={"V": 2_000_000_000})
+    for call in (run.step, run.timing, lambda: run.step(times=2), lambda: run["x"]):
+        with pytest.raises(dressi.DeviceError, match="the device allows"):
+            call()
+
+
 def test_a_fork_is_told_about_the_device(device):
     run = dressi.compile(FIT, device=device).bind(position=cloud(), target=cloud(), offset=np.zeros(3))
     run.step()

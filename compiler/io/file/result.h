@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cassert>
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <utility>
@@ -11,9 +12,14 @@
 
 namespace dr::io {
 
+// What an error is about: what was given and asked for, or the device or machine that is to do it (there is none, it
+// has no memory, it was lost, it has a limit).
+enum class Blame : uint8_t { Given, Device };
+
 // Lower case, one sentence, no full stop; it opens with the file or the text it speaks of.
 struct Error {
   std::string message;
+  Blame blame = Blame::Given;
 };
 
 template <class T>
@@ -25,7 +31,7 @@ class [[nodiscard]] Result {
   bool ok() const { return state_.index() == 0; }
   explicit operator bool() const { return ok(); }
 
-  // Preconditions: value() needs ok(), error() needs !ok().
+  // Preconditions: value() needs ok(), error() and blame() need !ok().
   const T& value() const& { return assert(ok()), std::get<0>(state_); }
   T& value() & { return assert(ok()), std::get<0>(state_); }
   T&& value() && { return assert(ok()), std::move(std::get<0>(state_)); }
@@ -35,6 +41,7 @@ class [[nodiscard]] Result {
   const T* operator->() const { return &value(); }
   T* operator->() { return &value(); }
   const std::string& error() const { return assert(!ok()), std::get<1>(state_).message; }
+  Blame blame() const { return assert(!ok()), std::get<1>(state_).blame; }
 
  private:
   std::variant<T, Error> state_;
@@ -49,6 +56,7 @@ class [[nodiscard]] Result<void> {
   bool ok() const { return !error_.has_value(); }
   explicit operator bool() const { return ok(); }
   const std::string& error() const { return assert(!ok()), error_->message; }
+  Blame blame() const { return assert(!ok()), error_->blame; }
 
  private:
   std::optional<Error> error_;

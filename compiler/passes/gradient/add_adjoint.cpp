@@ -26,6 +26,13 @@ const T* find(const std::vector<T>& all, const std::string& name) {
   return it == all.end() ? nullptr : &*it;
 }
 
+// The first name that stands there again.
+const std::string* repeated(const std::vector<std::string>& names) {
+  for (auto it = names.begin(); it != names.end(); ++it)
+    if (std::find(names.begin(), it, *it) != it) return &*it;
+  return nullptr;
+}
+
 ValueId read(ir::Builder& b, const std::string& leaf) {
   ir::Attrs attrs;
   attrs.text = leaf;
@@ -62,6 +69,9 @@ std::string problem_of(const Graph& graph, const Adjoint& adjoint) {
     if (!leaf) return "there is no leaf '" + name + "'; there are " + names_of(graph.leaves);
     if (!leaf->type.is_float()) return "leaf '" + name + "' is made of " + leaf->type.str() + ": it has no gradient";
   }
+  const std::string of = "the adjoint of step '" + adjoint.step + "' ";
+  if (const std::string* name = repeated(adjoint.leaves)) return of + "names leaf '" + *name + "' twice";
+  if (const std::string* name = repeated(adjoint.outputs)) return of + "names output '" + *name + "' twice";
   return {};
 }
 

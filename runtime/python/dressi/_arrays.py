@@ -7,7 +7,6 @@
 from __future__ import annotations
 
 import ctypes
-import os
 import re
 from typing import TYPE_CHECKING, Any, Mapping, Sequence
 
@@ -178,16 +177,14 @@ def to_dense(name: str, type_: Type, value: Any, exact: bool = False) -> tuple[c
 class _Memory:
     """Memory that an array of NumPy shows: given back when no array does any more."""
 
-    __slots__ = ("_owned", "_process", "__array_interface__")
+    __slots__ = ("_owned", "__array_interface__")
 
     def __init__(self, owned: c.Array, interface: dict[str, Any]) -> None:
         self._owned = owned
-        self._process = os.getpid()
         self.__array_interface__ = interface
 
-    def __del__(self, free: Any = c.library.dressi_array_free, byref: Any = ctypes.byref, process: Any = os.getpid) -> None:
-        if self._process == process():  # a device is not to be touched in a process that was forked since
-            free(byref(self._owned))
+    def __del__(self, free: Any = c.library.dressi_array_free, byref: Any = ctypes.byref) -> None:
+        free(byref(self._owned))
 
 
 TYPESTR = ["<f4", "<f8", "<i4", "<u4", "|b1"]

@@ -151,13 +151,8 @@ def checked(result: Any, mistake: type[Error] = Error) -> Any:
 
 
 def freed_with(owner: Any, free: Any, handle: Any) -> None:
-    """Frees a handle when its owner is gone; not in a process that was forked since, where its device is not to be touched."""
-
-    def free_here(process: int) -> None:
-        if process == os.getpid():
-            free(handle)
-
-    weakref.finalize(owner, free_here, os.getpid()).atexit = False
+    """Frees a handle when its owner is gone."""
+    weakref.finalize(owner, free, handle).atexit = False
 
 
 def encoded(text: str, what: str, kind: type[Error] = CompileError) -> bytes:

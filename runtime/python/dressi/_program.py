@@ -44,7 +44,6 @@ class Device:
         self._handle = c.checked(c.library.dressi_device_open(c.encoded(str(name), "the name of a device", c.DeviceError), validation), c.DeviceError)
         c.freed_with(self, c.library.dressi_device_free, self._handle)
         self.info: DeviceInfo = json.loads(c.library.dressi_device_info(self._handle))
-        self._process = os.getpid()
 
     @property
     def name(self) -> str:
@@ -67,13 +66,6 @@ class Device:
     def __reduce__(self) -> Any:
         raise TypeError("a device cannot be pickled; open it again in the other process by its name")
 
-    def _check_process(self) -> None:
-        if self._process != os.getpid():
-            raise c.DeviceError(
-                f"the device '{self.name}' was opened before this process was forked; open it again here, "
-                "or start processes by spawn"
-            )
-
 
 def devices() -> list[dict[str, str]]:
     """The Vulkan devices of this machine: name, kind, api_version, driver."""
@@ -87,7 +79,6 @@ def _open_by_name(name: str, process: int) -> Device:
 
 def _device(device: Device | str | int | None) -> Device:
     if isinstance(device, Device):
-        device._check_process()
         return device
     return _open_by_name("" if device is None else str(device), os.getpid())
 
@@ -260,7 +251,6 @@ class Run:
 
     def bind(self, arrays: Mapping[str, Any] | None = None, /, *, symbols: Mapping[str, SupportsIndex] | None = None, **more: Any) -> Run:
         """Gives leaves their data, which is copied, and symbols that no leaf determines their values. Returns the run."""
-        self.device._check_process()
         if symbols is not None and not isinstance(symbols, Mapping):
             raise TypeError(f"symbols: expected a dict of names and counts, found {symbols!r}; a leaf of that name goes into a dict: bind({{'symbols': …}})")
         for symbol, value in (symbols or {}).items():
@@ -309,7 +299,6 @@ class Run:
     def empty(self, leaf: str, shape: Sequence[SupportsIndex] | None = None) -> Any:
         """Memory of Dressi for a leaf, to be written to: zeros of that shape, or of the one that is known. What is written to it is
         what the leaf holds, without a copy: on a processor it is an array of NumPy, on an NVIDIA GPU one for CUDA."""
-        self.device._check_process()
         import numpy as np
 
         type_ = self.program._leaf_type(leaf)
@@ -343,7 +332,6 @@ class Run:
         Ctrl-C ends it between two runs of the step; leaves then hold what those runs made. `progress` writes a line to
         stderr now and then, with the outputs that are one number.
         """
-        self.device._check_process()
         name = self.program._step(name)
         times = _whole("times", times)
         if times < 1:
@@ -399,7 +387,6 @@ class Run:
         """Serves a page about this run on the loopback address, at `port` or any that is free: numbers that steps give as curves,
         outputs as pictures, speed, what was left out, and buttons to pause, step and stop. Stop raises `Stopped` from `step`.
         While nobody looks it costs next to nothing. The page ends with `close`, with `with`, or with the run."""
-        self.device._check_process()
         number = _whole("port", port)
         if not 0 <= number < 1 << 16:
             raise c.Error(f"expected a port from 1 to 65535, or 0 for any, found {number}")
@@ -415,7 +402,6 @@ class Run:
 
     def _copy(self, name: str, step: str | None) -> np.ndarray:
         """Of a leaf, or of an output."""
-        self.device._check_process()
         dense = c.Array()
         if self._stream is not None:
             self._use_stream(current_stream(self.device))
@@ -430,8 +416,7 @@ class Run:
     def output(self, name: str, *, step: str | None = None) -> Any:
         """An output of the last run of a step. On a device that is the processor it is the memory that the device
         computes in: the next run of any step overwrites it, with what is written to it. So it is on an NVIDIA GPU, as a
-        `CudaArray`. Elsewhere, and of an output that is a leaf, it is a copy; NumPy's cannot be written to."""
-        self.device._check_process()
+        `CudaArray`. Elsewhere, and where its memory is a leaf's, it is a copy; NumPy's cannot be written to."""
         step = self.program._step(step)
         type_ = self.program._output_type(step, name)
         if self._shares and type_.scalar != "bool":
@@ -446,7 +431,6 @@ class Run:
         what is written to it counts in the next run. So it is on an NVIDIA GPU, as a `CudaArray`. Elsewhere, and of bools and
         faces that tables are made of, it is a copy that is not writable.
         """
-        self.device._check_process()
         value = self._leaf(leaf)
         self._tell()
         return value
@@ -460,28 +444,23 @@ class Run:
         return from_dense(type_, dense, writable=found == _VIEW)
 
     def __setitem__(self, leaf: str, value: Any) -> None:
-        self.device._check_process()
         self._bind(leaf, value)
 
     def set_runs(self, step: str, runs: SupportsIndex) -> None:
         """How often the step counts as having run: its `step_index` in the next run."""
-        self.device._check_process()
         c.checked(c.library.dressi_set_runs(self._handle, self.program._step(step).encode(), _whole("runs", runs)), c.Error)
 
     def counters(self, step: str | None = None) -> Counters:
         """What the runs of a step did, and what they left out."""
-        self.device._check_process()
         return Counters(json.loads(c.checked(c.library.dressi_counters(self._handle, self.program._step(step).encode()))))
 
     def timing(self, step: str | None = None) -> Timing:
         """Runs a step once, and says how many nanoseconds each of its commands took on the device, with their lines."""
-        self.device._check_process()
         return Timing(json.loads(c.checked(c.library.dressi_timed_step(self._handle, self.program._step(step).encode()))))
 
     def check_finite(self, step: str | None = None) -> NotFinite | None:
         """The first NaN or Inf that the next run of a step would store, with the lines of the program that make it; None where all
         is finite. A second run beside this one looks: this one stays as it is."""
-        self.device._check_process()
         step = self.program._step(step)
         runs = self.counters(step)["runs"]
         other = Run(self.program, self.device, store_all=True)

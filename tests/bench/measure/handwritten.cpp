@@ -446,8 +446,8 @@ int bench(int argc, char** argv) {
   options.profile = device.profile_name().empty() ? "lavapipe" : device.profile_name();
   options.scatter = exact ? "auto" : "atomic";
   auto bundle = jit::compile_file(program_file, options);
-  if (const auto* problem = std::get_if<std::string>(&bundle)) stop(*problem);
-  auto program = must(runtime::Program::load(device, std::get<std::vector<uint8_t>>(bundle)));
+  if (!bundle) stop(bundle.error());
+  auto program = must(runtime::Program::load(device, *bundle));
   Leaves leaves;
   for (const auto& [leaf, source] : bindings) {
     for (const auto& info : program.leaves())

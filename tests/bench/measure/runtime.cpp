@@ -77,11 +77,11 @@ std::vector<uint8_t> compile(const std::string& profile) {
   options.profile = profile;
   auto bundle = jit::compile_file(path.string(), options);
   std::filesystem::remove(path);
-  if (const auto* problem = std::get_if<std::string>(&bundle)) {
-    std::fputs(problem->c_str(), stderr);
+  if (!bundle) {
+    std::fputs(bundle.error().c_str(), stderr);
     std::exit(1);
   }
-  return std::get<std::vector<uint8_t>>(bundle);
+  return std::move(bundle).value();
 }
 
 // The commands of so many steps in one command buffer: what the device takes when no host stands between steps.

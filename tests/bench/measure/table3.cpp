@@ -101,9 +101,9 @@ int main(int argc, char** argv) {
     options.pack = way.pack;
     options.ablate = way.ablate;
     auto bundle = jit::compile_file(argv[2], options);
-    if (const auto* problem = std::get_if<std::string>(&bundle)) stop(*problem);
-    runners.push_back({way, must(runtime::Program::load(device, std::get<std::vector<uint8_t>>(bundle),
-                                                        {.cache = way.cache, .pipeline_folder = {}}))});
+    if (!bundle) stop(bundle.error());
+    runners.push_back(
+        {way, must(runtime::Program::load(device, *bundle, {.cache = way.cache, .pipeline_folder = {}}))});
     runtime::Program& program = runners.back().program;
     for (const std::string& binding : bindings) {
       const size_t at = binding.find('=');
