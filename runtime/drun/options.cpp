@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cctype>
 #include <charconv>
+#include <filesystem>
 #include <limits>
 #include <string_view>
 
@@ -82,14 +83,25 @@ int port_of(const std::string& text) {
   throw CLI::ValidationError("--watch", "expected a port from 1 to 65535, or 0 for any, found '" + text + "'");
 }
 
+// Whether a word behind --watch is meant as its port, right or wrong: -1, 80.5 and abc are, a file that is there and
+// what may be the name of one are not.
+bool is_meant_as_port(const std::string& word) {
+  std::error_code none;
+  if (word.empty() || std::filesystem::exists(word, none)) return false;
+  const bool is_signed = word[0] == '-' || word[0] == '+';
+  const std::string rest = word.substr(is_signed ? 1 : 0);
+  if (rest.empty()) return false;
+  if (rest.find_first_not_of("0123456789.") == std::string::npos) return true;
+  return !is_signed && rest.find_first_of("./") == std::string::npos;
+}
+
 // `--watch 8000` as `--watch=8000`: what else follows an option that needs no value is not its own. The last word
 // first, as the parser takes them.
 std::vector<std::string> with_port_attached(int argc, char** argv) {
   std::vector<std::string> words;
   for (int i = 1; i < argc; ++i) {
     const std::string word = argv[i];
-    const bool is_port = !word.empty() && word.find_first_not_of("0123456789") == std::string::npos;
-    if (is_port && !words.empty() && words.back() == "--watch") {
+    if (!words.empty() && words.back() == "--watch" && is_meant_as_port(word)) {
       words.back() += "=" + word;
     } else {
       words.push_back(word);

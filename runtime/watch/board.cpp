@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/watch/board.h"
 
+#include <algorithm>
 #include <cmath>
 #include <ctime>
 #include <nlohmann/json.hpp>
@@ -16,6 +17,7 @@ using std::chrono::milliseconds;
 constexpr std::string_view kPage =
 #include "page.inc"
     ;
+constexpr int kMostSteps = 1000;             // that pressing a button asks for ahead
 constexpr milliseconds kStillWatched{6000};  // after the last look; pages look more often
 
 int64_t now_ms() { return std::chrono::duration_cast<milliseconds>(Clock::now().time_since_epoch()).count(); }
@@ -99,7 +101,9 @@ Response Board::answer(const Request& request) {
 Response Board::act(const Request& request) {
   const auto wish = [&](Wish next) -> Response {
     const std::lock_guard lock(mutex_);
-    if (wish_ != Wish::Stop) wish_ = next;
+    if (wish_ == Wish::Stop) return {.body = "ok\n"};
+    steps_ = next == Wish::Step ? std::min(steps_ + 1, kMostSteps) : 0;
+    wish_ = next;
     changed_.notify_all();
     return {.body = "ok\n"};
   };
@@ -154,26 +158,28 @@ Board::Wish Board::wait(milliseconds patience) {
 }
 
 void Board::stepped() {
-  Wish step = Wish::Step;
-  wish_.compare_exchange_strong(step, Wish::Pause);
+  const std::lock_guard lock(mutex_);
+  if (wish_ == Wish::Step && --steps_ < 1) wish_ = Wish::Pause;
 }
 
-void Board::add(const std::string& name, int64_t run, double value) {
-  const std::lock_guard lock(mutex_);
-  curves_[name].add(run, value);
-}
-
-void Board::show(const std::string& step, int64_t done, double runs_per_second, std::vector<Left> left) {
-  const std::lock_guard lock(mutex_);
+// With the mutex: a page never sees points of a run that is not counted yet.
+void Board::count(const std::string& step, int64_t done, const std::vector<std::pair<std::string, double>>& numbers) {
   step_ = step;
   done_ = done;
-  runs_per_second_ = runs_per_second;
-  left_ = std::move(left);
+  for (const auto& [name, value] : numbers) curves_[name].add(done, value);
 }
 
-void Board::show(const std::string& name, Picture picture) {
+void Board::add(const std::string& step, int64_t done, const std::vector<std::pair<std::string, double>>& numbers) {
   const std::lock_guard lock(mutex_);
-  pictures_[name] = {std::move(picture), ++numbers_};
+  count(step, done, numbers);
+}
+
+void Board::show(Look look) {
+  const std::lock_guard lock(mutex_);
+  count(look.step, look.done, look.numbers);
+  runs_per_second_ = look.runs_per_second;
+  left_ = std::move(look.left_out);
+  for (auto& [name, picture] : look.pictures) pictures_[name] = {std::move(picture), ++numbers_};
 }
 
 void Board::end() {

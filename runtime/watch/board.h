@@ -10,6 +10,7 @@
 #include <map>
 #include <mutex>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "runtime/watch/curves.h"
@@ -24,6 +25,16 @@ struct Left {
   int64_t done = 0, left_out = 0;
 };
 
+// What a look at a step that has run `done` times found.
+struct Look {
+  std::string step;
+  int64_t done = 0;
+  double runs_per_second = 0;
+  std::vector<std::pair<std::string, double>> numbers = {};
+  std::vector<std::pair<std::string, Picture>> pictures = {};
+  std::vector<Left> left_out = {};
+};
+
 class Board {
  public:
   Board();
@@ -34,12 +45,12 @@ class Board {
   enum class Wish : uint8_t { Run, Pause, Step, Stop };
   Wish wish() const { return wish_; }
   Wish wait(std::chrono::milliseconds patience);  // until it is not Pause, or so long
-  void stepped();                                 // a wished step was made: pause again
+  void stepped();                                 // a wished step was made: pause again, unless there are more
   bool is_watched() const;
   int layer() const { return layer_; }
-  void add(const std::string& name, int64_t run, double value);
-  void show(const std::string& step, int64_t done, double runs_per_second, std::vector<Left> left);
-  void show(const std::string& name, Picture picture);
+  // Numbers of a step that has run `done` times, for their curves.
+  void add(const std::string& step, int64_t done, const std::vector<std::pair<std::string, double>>& numbers);
+  void show(Look look);
   void end();  // the run is over: waits a moment, so that a page that looks sees how it ended
   // Seconds of processor time that answering took so far.
   double seconds() const { return seconds_; }
@@ -47,6 +58,7 @@ class Board {
 
  private:
   Response state_of_run();
+  void count(const std::string& step, int64_t done, const std::vector<std::pair<std::string, double>>& numbers);
   Response act(const Request& request);
   bool is_allowed(const Request& request) const;
 
@@ -57,6 +69,7 @@ class Board {
   std::atomic<int64_t> last_look_ = -1'000'000;  // milliseconds of the steady clock
   std::mutex mutex_;                             // of what follows
   std::condition_variable changed_;
+  int steps_ = 0;  // that are wished for, while wish_ is Step
   std::map<std::string, Curve> curves_;
   std::map<std::string, std::pair<Picture, int>> pictures_;  // and their numbers
   std::string step_;

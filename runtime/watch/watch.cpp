@@ -14,6 +14,14 @@ constexpr double kShare = 100;            // of what the run takes, the page tak
 constexpr milliseconds kBetween{250};     // looks, at least
 constexpr int kSoon = 500, kLate = 4000;  // milliseconds between two looks of a page
 
+using Numbers = std::vector<std::pair<std::string, double>>;
+
+// Those of a vector by their places: "fit.pair.0".
+void add_numbers(const std::string& name, const std::vector<double>& numbers, Numbers& to) {
+  for (size_t i = 0; i < numbers.size(); ++i)
+    to.emplace_back(name + (numbers.size() > 1 ? "." + std::to_string(i) : ""), numbers[i]);
+}
+
 double process_seconds() {
   timespec time{};
   ::clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &time);
@@ -68,6 +76,7 @@ void Watch::look(const std::string& step, int64_t done) {
   shown_ = done;
   shown_step_ = step;
   shown_layer_ = board_.layer();
+  Look found{.step = step, .done = done};
   // Before its first run a step has given nothing yet.
   for (const std::string& name : done > 0 ? reader_.outputs(step) : std::vector<std::string>()) {
     const std::string full = step + "." + name;
@@ -75,14 +84,16 @@ void Watch::look(const std::string& step, int64_t done) {
     const auto array = reader_.output(step, name);
     if (!array) continue;
     if (array.value().size() == 1 && array.value().components <= 4) {
-      add(step, name, done, array.value().to_doubles());
+      add_numbers(full, array.value().to_doubles(), found.numbers);
     } else if (is_picture(array.value())) {
-      board_.show(full, picture_of(array.value(), shown_layer_, kMostPixels));
+      found.pictures.emplace_back(full, picture_of(array.value(), shown_layer_, kMostPixels));
     } else {
       large_.insert(full);
     }
   }
-  board_.show(step, done, pace(step, done), reader_.left_out ? reader_.left_out(step) : std::vector<Left>());
+  found.runs_per_second = pace(step, done);
+  if (reader_.left_out) found.left_out = reader_.left_out(step);
+  board_.show(std::move(found));
   const std::chrono::duration<double> took = Clock::now() - begin;
   seconds_ += took.count();
   next_ =
@@ -107,8 +118,9 @@ double Watch::pace(const std::string& step, int64_t done) {
 }
 
 void Watch::add(const std::string& step, const std::string& name, int64_t run, const std::vector<double>& numbers) {
-  for (size_t i = 0; i < numbers.size(); ++i)
-    board_.add(step + "." + name + (numbers.size() > 1 ? "." + std::to_string(i) : ""), run, numbers[i]);
+  Numbers named;
+  add_numbers(step + "." + name, numbers, named);
+  board_.add(step, run, named);
 }
 
 void Watch::end(const std::string& step, int64_t done) {

@@ -45,6 +45,7 @@ class Page(unittest.TestCase):
         with Run() as run:
             run.wait(lambda state: state["done"] > 0)
             run.press("pause")
+            time.sleep(0.5)  # the runs under way end
             paused = run.wait(lambda state: state["status"] == "paused" and state["curves"]["fit.error"][-1][0] == state["done"])
             time.sleep(0.5)
             self.assertEqual(run.state()["done"], paused["done"])
@@ -53,6 +54,11 @@ class Page(unittest.TestCase):
                 after = run.wait(lambda state: state["done"] > paused["done"] + more - 1 and state["status"] == "paused")
                 self.assertEqual(after["done"], paused["done"] + more)
             self.assertEqual(after["curves"]["fit.error"][-1][0], after["done"])
+            for _ in range(10):  # each press is a run, however fast they come
+                run.press("step")
+            run.wait(lambda state: state["done"] == after["done"] + 10 and state["status"] == "paused")
+            time.sleep(0.3)
+            self.assertEqual(run.state()["done"], after["done"] + 10)
             run.press("resume")
             run.wait(lambda state: state["done"] > after["done"] + 10)
             run.press("stop")
@@ -62,6 +68,17 @@ class Page(unittest.TestCase):
             self.assertRegex(out, r"fit\.error = ")
             self.assertLessEqual({"x.npy", "log.jsonl"}, set(os.listdir(run.folder / "out")))
             self.assertTrue(any("color" in name for name in os.listdir(run.folder / "out")))
+
+    def test_a_page_counts_the_runs_that_its_curves_show(self):
+        with Run() as run:
+            time.sleep(1.5)  # numbers for the log are there before anybody looks
+            for k in range(200):
+                state = run.state()
+                points = [curve[-1][0] for curve in state["curves"].values() if curve]
+                if points:
+                    self.assertEqual((state["step"], state["done"]), ("fit", max(points)), f"answer {k}")
+                time.sleep(0.005)
+            self.assertTrue(points)
 
     def test_stop_while_paused_and_before_the_first_run(self):
         with Run() as run:
@@ -134,8 +151,17 @@ class Door(unittest.TestCase):
             self.assertIn(f"port {run.port} of 127.0.0.1 is taken", second.first_line)
             self.assertEqual(second.finish()[0], 1)
             self.assertEqual(run.state()["status"], "running")
-        for bad in ("70000", "99999999999"):
-            self.assertEqual(subprocess.run([watched.DRUN, "--watch", bad, "fit.dr"], capture_output=True).returncode, 2)
+        for bad in ("70000", "99999999999", "-1", "8765.5", "abc", "80port"):
+            ended = subprocess.run([watched.DRUN, "--watch", bad, "fit.dr"], capture_output=True, text=True)
+            self.assertEqual(ended.returncode, 2)
+            self.assertIn(f"expected a port from 1 to 65535, or 0 for any, found '{bad}'", ended.stderr)
+        # A program's file is one, whatever it is called.
+        with Run() as run:
+            (run.folder / "8000").write_text("edition 1;\n")
+            for file in ("fit.dr", "8000", "none.dr"):
+                ended = subprocess.run([watched.DRUN, "--watch", file, "--step", "none"], cwd=run.folder, capture_output=True, text=True)
+                self.assertNotIn("expected a port", ended.stderr)
+                self.assertEqual(ended.returncode, 1, ended.stderr)
 
     def test_strange_clients(self):
         with Run() as run:
