@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # `cmake --install`: the commands, and for C++ hosts the headers, the static libraries and a package:
-# find_package(dressi), then link dressi::runtime (bundles) or dressi::jit (program text, too).
+# find_package(dressi), then link dressi::runtime (bundles), dressi::jit (program text, too) or dressi::c.
 include(GNUInstallDirs)
 include(CMakePackageConfigHelpers)
 
@@ -31,6 +31,10 @@ endforeach()
 
 set(package ${CMAKE_INSTALL_LIBDIR}/cmake/dressi)
 install(EXPORT dressi NAMESPACE dressi:: FILE dressi-targets.cmake DESTINATION ${package})
+# The shared library of the C interface has all in it: who links dressi::c needs none of what the static ones do.
+if(NOT SKBUILD)
+  install(EXPORT dressi-c NAMESPACE dressi:: FILE dressi-c-targets.cmake DESTINATION ${package})
+endif()
 configure_package_config_file(${CMAKE_CURRENT_LIST_DIR}/dressi-config.cmake.in
   ${PROJECT_BINARY_DIR}/dressi-config.cmake INSTALL_DESTINATION ${package})
 write_basic_package_version_file(${PROJECT_BINARY_DIR}/dressi-config-version.cmake COMPATIBILITY SameMinorVersion)

@@ -15,6 +15,10 @@ cp -r "$here" source
 "$cmake" -G Ninja -S source -B consumer -DCMAKE_PREFIX_PATH="$work/moved" -DCMAKE_CXX_COMPILER="$cxx" -DCMAKE_BUILD_TYPE=Release \
   > configure.txt 2>&1 || { cat configure.txt; exit 1; }
 "$cmake" --build consumer > build.txt 2>&1 || { cat build.txt; exit 1; }
+"$cmake" -G Ninja -S source/c -B consumer_in_c -DCMAKE_PREFIX_PATH="$work/moved" -DCMAKE_BUILD_TYPE=Release > configure.txt 2>&1 ||
+  { cat configure.txt; exit 1; }
+"$cmake" --build consumer_in_c > build.txt 2>&1 || { cat build.txt; exit 1; }
+consumer_in_c/fit_in_c
 # Nothing of the package points back to where it was built.
 if grep -rlF -e "$build/" -e "$(realpath "$here/../..")/" moved/lib*/cmake moved/include; then
   echo "these files name folders of the build"
@@ -32,3 +36,4 @@ fi
 export VK_ICD_FILENAMES=$DR_LAVAPIPE_ICD VK_DRIVER_FILES=$DR_LAVAPIPE_ICD DRC_CACHE_DIR=$work/cache
 consumer/play lavapipe fit.drb
 consumer/fit lavapipe source/fit.dr
+consumer_in_c/fit_in_c llvmpipe
