@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <exception>
 
+#include "compiler/language_server/words.h"
 #include "compiler/lower/lower.h"
 
 namespace dr::language_server {
@@ -11,9 +12,22 @@ namespace dr::language_server {
 using dsl::Token;
 using dsl::TokenKind;
 
-Analysis::Analysis(const std::string& path, std::string text, const AnalysisOptions& options)
-    : root_(sources_.add(path, std::move(text))), lines_(std::make_unique<Lines>(sources_.text(root_))) {
-  observation_.read = options.read;
+Analysis::Analysis(std::string uri, std::string text, const AnalysisOptions& options)
+    : uri_(std::move(uri)),
+      root_(sources_.add(path_of_uri(uri_), std::move(text))),
+      lines_(std::make_unique<Lines>(sources_.text(root_))) {
+  lower_text(options);
+  for (const lower::Observation::File& file : observation_.files)
+    declared_.push_back(declarations(file.syntax, sources_));
+  tokenize();
+}
+
+void Analysis::lower_text(const AnalysisOptions& options) {
+  observation_.read = [&](const std::string& path) {
+    const std::string whole = whole_path(path);
+    looked_for_.insert(whole);
+    return options.read ? options.read(whole) : std::nullopt;
+  };
   observation_.stop = options.stop;
   observation_.members_at = options.members_at;
   lower::Options lowering;
@@ -25,21 +39,26 @@ Analysis::Analysis(const std::string& path, std::string text, const AnalysisOpti
   } catch (const std::exception& error) {
     internal_error_ = error.what();
   }
+  observation_.read = nullptr;
   shown_ = observation_.messages_of_text.value_or(diagnostics_.all().size());
-  for (const lower::Observation::File& file : observation_.files)
-    declared_.push_back(declarations(file.syntax, sources_));
-  tokenize();
 }
 
 void Analysis::tokenize() {
   dsl::DiagnosticList ignored;
   dsl::Lexer lexer(sources_, root_, ignored);
   for (Token token = lexer.next(); token.kind != TokenKind::End; token = lexer.next()) tokens_.push_back(token);
+  roles_ = roles({tokens_, text()}, [&](size_t token) {
+    const std::string_view name = text(tokens_[token]);
+    const Word* word = find_word(name);
+    const bool behind_dot = token > 0 && tokens_[token - 1].kind == TokenKind::Dot;
+    const bool hidden = !declared_.empty() && find_visible(declared_[0], name, tokens_[token].begin);
+    return word && word->is_function && !behind_dot && !hidden;
+  });
 }
 
-bool Analysis::read_file(std::string_view path) const {
-  return std::ranges::any_of(observation_.files,
-                             [&](const lower::Observation::File& file) { return sources_.name(file.file) == path; });
+const Role* Analysis::role_of(size_t token) const {
+  const auto found = roles_.find(token);
+  return found == roles_.end() ? nullptr : &found->second;
 }
 
 size_t Analysis::token_at(uint32_t offset) const {
@@ -90,6 +109,24 @@ const Declaration* Analysis::struct_of(const Declaration& declaration) const {
   return found && found->kind == Declaration::Kind::Struct ? found : nullptr;
 }
 
+// The parameter or field that an argument is for: what the lowering found, or what the callee is as written.
+dsl::Span Analysis::declared_as_argument(size_t token, const Role& role) const {
+  const dsl::Span here{root_, tokens_[token].begin, tokens_[token].end};
+  if (find_declared(declared_[0], here)) return here;  // of a function with generics, a parameter and its default value
+  const auto known = observation_.names.find(here.begin);
+  if (known != observation_.names.end() && known->second.declared.valid()) return known->second.declared;
+  if (role.callee == Role::kNone) return {};
+  const dsl::Span callee = declaration_of(role.callee);
+  const Declaration* declaration = find(callee);
+  const std::vector<dsl::Param>* params = declaration ? declaration->params : nullptr;
+  const auto module = callee.valid() && callee.end == 0 ? place_of(callee.file) : std::nullopt;
+  if (module) params = &observation_.files[*module].syntax.params;
+  if (!params) return {};
+  const auto param =
+      std::ranges::find(*params, text(tokens_[token]), [](const dsl::Param& one) { return one.name.text; });
+  return param == params->end() ? dsl::Span{} : param->name.span;
+}
+
 dsl::Span Analysis::declaration_of(size_t token) const {
   if (token >= tokens_.size() || tokens_[token].kind != TokenKind::Name || observation_.files.empty()) return {};
   const std::string_view name = text(tokens_[token]);
@@ -99,6 +136,14 @@ dsl::Span Analysis::declaration_of(size_t token) const {
     if (begin < import.span.begin || begin >= import.span.end) continue;
     const auto module = root.imports.find((import.alias ? *import.alias : import.path.back()).text);
     return module == root.imports.end() ? dsl::Span{} : dsl::Span{observation_.files[module->second].file, 0, 0};
+  }
+  if (const Role* role = role_of(token); role && role->kind == Role::Kind::Argument)
+    return declared_as_argument(token, *role);
+  if (const Role* role = role_of(token)) {
+    if (role->kind != Role::Kind::Step) return {};
+    const auto step = std::ranges::find_if(
+        declared_[0], [&](const Declaration& one) { return one.kind == Declaration::Kind::Step && one.name == name; });
+    return step == declared_[0].end() ? dsl::Span{} : step->span;
   }
   if (const auto module = module_before(token)) {
     const Declaration* found = find_visible(declared_[*module], name, 0);

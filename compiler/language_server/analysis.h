@@ -7,12 +7,14 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "compiler/language_server/declarations.h"
 #include "compiler/language_server/positions.h"
+#include "compiler/language_server/roles.h"
 #include "compiler/lower/program/observation.h"
 #include "dsl/diagnostic/diagnostic.h"
 #include "dsl/source/source.h"
@@ -23,15 +25,17 @@ namespace dr::language_server {
 struct AnalysisOptions {
   std::vector<std::string> include_dirs;
   std::map<std::string, std::string, std::less<>> defines;
-  std::function<std::optional<std::string>(const std::string& path)> read;  // texts that are open in the editor
+  // Texts that are open in the editor, by the whole path.
+  std::function<std::optional<std::string>(const std::string& path)> read;
   std::function<bool()> stop;
   uint32_t members_at = UINT32_MAX;  // see lower::Observation
 };
 
 class Analysis {
  public:
-  Analysis(const std::string& path, std::string text, const AnalysisOptions& options);
+  Analysis(std::string uri, std::string text, const AnalysisOptions& options);
 
+  const std::string& uri() const { return uri_; }
   std::string_view text() const { return sources_.text(root_); }
   const Lines& lines() const { return *lines_; }
   dsl::FileId root() const { return root_; }
@@ -42,13 +46,17 @@ class Analysis {
   const lower::Observation& observation() const { return observation_; }
   bool is_whole() const { return !observation_.stopped; }
   const std::string& internal_error() const { return internal_error_; }
-  bool read_file(std::string_view path) const;  // whether it is one of the files that were read
+  // Whether a file of this whole path was looked for, and so would be read.
+  bool looked_for(const std::string& path) const { return looked_for_.contains(path); }
 
   const std::vector<dsl::Token>& tokens() const { return tokens_; }
   std::string_view text(const dsl::Token& token) const { return text().substr(token.begin, token.end - token.begin); }
   // The token that an offset is in or, where there are two, the name or number that ends there. `tokens().size()`
   // where there is none.
   size_t token_at(uint32_t offset) const;
+
+  // Null where the place of a name says nothing of what it is.
+  const Role* role_of(size_t token) const;
 
   const std::vector<Declaration>& declared(size_t file) const { return declared_[file]; }
   // The place in `observation().files`; nothing for a file that is not there.
@@ -64,8 +72,11 @@ class Analysis {
   std::optional<size_t> module_before(size_t token) const;
 
  private:
+  void lower_text(const AnalysisOptions& options);
   void tokenize();
+  dsl::Span declared_as_argument(size_t token, const Role& role) const;
 
+  std::string uri_;
   dsl::SourceManager sources_;
   dsl::FileId root_;
   dsl::DiagnosticList diagnostics_;
@@ -75,6 +86,8 @@ class Analysis {
   std::vector<dsl::Token> tokens_;
   std::vector<std::vector<Declaration>> declared_;
   std::unique_ptr<Lines> lines_;
+  std::map<size_t, Role> roles_;  // by the token
+  std::set<std::string> looked_for_;
 };
 
 }  // namespace dr::language_server

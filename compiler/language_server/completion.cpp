@@ -53,6 +53,7 @@ ItemKind kind_of(Member::Kind kind) {
     case Member::Kind::Constant: return ItemKind::Constant;
     case Member::Kind::Type: return ItemKind::Struct;
     case Member::Kind::Module: return ItemKind::Module;
+    case Member::Kind::Step: return ItemKind::Event;
     case Member::Kind::Field: break;
   }
   return ItemKind::Field;
@@ -82,7 +83,12 @@ class Items {
   std::set<std::string, std::less<>> seen_;
 };
 
+bool is_digit(char c) { return std::isdigit(static_cast<unsigned char>(c)) != 0; }
 bool is_word(char c) { return std::isalnum(static_cast<unsigned char>(c)) != 0 || c == '_'; }
+
+bool is_name(std::string_view text) {
+  return !text.empty() && !is_digit(text[0]) && std::ranges::all_of(text, is_word);
+}
 
 // Whether a place is in a comment or a string.
 bool is_prose(const Analysis& analysis, uint32_t offset) {
@@ -119,10 +125,28 @@ std::optional<Json> import_items(const Analysis& analysis, uint32_t begin, const
   namespace fs = std::filesystem;
   for (const std::string& folder : folders) {
     std::error_code error;
-    for (fs::directory_iterator at(fs::path(folder) / prefix, error), end; !error && at != end; at.increment(error))
-      add_path(prefix + at->path().filename().string());
+    for (fs::directory_iterator at(fs::path(folder) / prefix, error), end; !error && at != end; at.increment(error)) {
+      const std::string name = at->path().filename().string();
+      std::error_code ignored;
+      if (is_name(name) && at->is_directory(ignored)) items.add(name, ItemKind::Module, "", "");
+      add_path(prefix + name);
+    }
   }
   return items.take();
+}
+
+// What is known of a name that the lowering has not met, by its type as it is written.
+void add_members_as_written(const Analysis& analysis, const Declaration& base, Items& items) {
+  const auto add = [&](const dsl::Name& name) {
+    if (const Declaration* one = analysis.find(name.span)) items.add(*one);
+  };
+  if (const Declaration* structure = analysis.struct_of(base)) {
+    for (const dsl::Param& field : structure->structure->fields) add(field.name);
+    for (const dsl::FnDecl& method : structure->structure->methods) add(method.name);
+  } else if (base.type && base.type->path.size() == 1) {
+    for (const Member& member : lower::members_of_type(base.type->path[0].text))
+      items.add_word(member.name, kind_of(member.kind));
+  }
 }
 
 // What follows a dot. The text is read once more with a word there, so that it is a field.
@@ -148,16 +172,31 @@ Json member_items(const Analysis& analysis, uint32_t begin, uint32_t end, const 
       if (!one.is_local && !one.is_private && one.from != one.to) items.add(one);
     return items.take();
   }
-  const dsl::Span before = patched.declaration_of(token - 2);
-  const Declaration* base = patched.find(before);
-  const Declaration* structure = base ? patched.struct_of(*base) : nullptr;
-  if (structure) {
-    for (const dsl::Param& field : structure->structure->fields)
-      if (const Declaration* one = patched.find(field.name.span)) items.add(*one);
-    for (const dsl::FnDecl& method : structure->structure->methods)
-      if (const Declaration* one = patched.find(method.name.span)) items.add(*one);
-  }
+  const Declaration* base = patched.find(patched.declaration_of(token - 2));
+  if (base) add_members_as_written(patched, *base, items);
   return items.take();
+}
+
+// `step_index of `: steps, and what may be an instance that has some.
+std::optional<Json> step_items(const Analysis& analysis, uint32_t begin) {
+  const std::vector<dsl::Token>& tokens = analysis.tokens();
+  const auto behind = std::ranges::lower_bound(tokens, begin, {}, &dsl::Token::begin);
+  const auto at = static_cast<size_t>(behind - tokens.begin());
+  if (analysis.observation().files.empty() || at < 2) return std::nullopt;
+  if (analysis.text(tokens[at - 1]) != "of" || analysis.text(tokens[at - 2]) != "step_index") return std::nullopt;
+  Items items;
+  for (const Declaration& one : analysis.declared(0))
+    if (one.kind == Declaration::Kind::Step || (one.kind == Declaration::Kind::Let && !one.is_local)) items.add(one);
+  return items.take();
+}
+
+void add_symbols(const dsl::Expr* extent, Items& items) {
+  if (!extent) return;
+  if (extent->kind == dsl::Expr::Kind::NameRef && extent->name != "_")
+    items.add(extent->name, ItemKind::TypeParameter, "int", "");
+  if (extent->kind != dsl::Expr::Kind::Binary && extent->kind != dsl::Expr::Kind::Unary) return;
+  add_symbols(extent->a.get(), items);
+  add_symbols(extent->b.get(), items);
 }
 
 Json name_items(const Analysis& analysis, uint32_t offset) {
@@ -176,6 +215,11 @@ Json name_items(const Analysis& analysis, uint32_t offset) {
       if (!one.is_local && one.from != one.to) items.add(one, type_of(one));
     for (const auto& [name, file] : analysis.observation().files[0].imports)
       items.add(name, ItemKind::Module, "", analysis.observation().files[file].syntax.doc);
+    for (const Declaration& one : declared) {
+      const bool is_seen = one.kind == Declaration::Kind::Leaf || (offset >= one.from && offset < one.to);
+      for (size_t i = 0; is_seen && one.type && i < one.type->extents.size(); ++i)
+        add_symbols(one.type->extents[i].get(), items);
+    }
   }
   for (const Word& word : words()) {
     if (word.name != "at" && word.name != "layer")
@@ -183,6 +227,13 @@ Json name_items(const Analysis& analysis, uint32_t offset) {
   }
   for (const std::string& name : lower::type_names()) items.add(name, ItemKind::Struct, "", "");
   return items.take();
+}
+
+// Of `2.`: no value with fields to show. The item of a tuple, as in `pair.0.`, has some.
+bool is_number_before(std::string_view text, size_t dot) {
+  size_t begin = dot;
+  while (begin > 0 && is_word(text[begin - 1])) --begin;
+  return begin < dot && is_digit(text[begin]) && (begin == 0 || text[begin - 1] != '.');
 }
 
 }  // namespace
@@ -195,12 +246,13 @@ Json completion(const Analysis& analysis, uint32_t offset, const std::vector<std
   while (begin > 0 && is_word(text[begin - 1])) --begin;
   while (end < text.size() && is_word(text[end])) ++end;
   if (auto items = import_items(analysis, begin, folders)) return *std::move(items);
-  // A number: `2.` is no value with fields to show.
-  if (begin < offset && std::isdigit(static_cast<unsigned char>(text[begin])) != 0) return Items().take();
+  if (begin < offset && is_digit(text[begin])) return Items().take();
   uint32_t before = begin;
   while (before > 0 && std::isspace(static_cast<unsigned char>(text[before - 1])) != 0) --before;
   const bool behind_dot = before > 0 && text[before - 1] == '.' && (before < 2 || text[before - 2] != '.');
+  if (behind_dot && is_number_before(text, before - 1)) return Items().take();
   if (behind_dot) return member_items(analysis, begin, end, analyse);
+  if (auto items = step_items(analysis, begin)) return *std::move(items);
   return name_items(analysis, offset);
 }
 

@@ -18,6 +18,10 @@ class Collector {
       : module_(module), text_(sources.text(module.file)) {}
 
   std::vector<Declaration> run() {
+    for (const dsl::Param& param : module_.params) {
+      add(Kind::Parameter, param.name, with_type(param)).type = param.type.get();
+      walk(param.default_value.get());
+    }
     for (const dsl::Item& item : module_.items) add_item(item);
     return std::move(found_);
   }
@@ -32,6 +36,10 @@ class Collector {
   }
   // Of a tree with holes, a part may have no place.
   std::string slice(const Span& span) const { return span.valid() ? slice(span.begin, span.end) : ""; }
+
+  std::string with_type(const dsl::Param& param) const {
+    return param.name.text + (param.type ? ": " + slice(param.type->span) : "");
+  }
 
   Declaration& add(Kind kind, const dsl::Name& name, std::string signature, const std::string& doc = "") {
     Declaration& declaration = found_.emplace_back();
@@ -97,6 +105,7 @@ class Collector {
   void add_fn(Kind kind, const dsl::FnDecl& fn) {
     const uint32_t end = fn.body.span.valid() ? fn.body.span.begin : fn.span.end;
     Declaration& declaration = add(kind, fn.name, slice(fn.span.begin, end), fn.doc);
+    declaration.params = &fn.params;
     if (kind == Kind::Method) declaration.from = declaration.to;
     add_inside(fn);
   }
@@ -116,10 +125,12 @@ class Collector {
     std::string signature = "struct " + decl.name.text + " {";
     for (const dsl::Param& field : decl.fields)
       signature += "\n  " + field.name.text + ": " + (field.type ? slice(field.type->span) : "?") + ";";
-    add(Kind::Struct, decl.name, signature + (decl.fields.empty() ? "}" : "\n}"), decl.doc).structure = &decl;
+    Declaration& structure = add(Kind::Struct, decl.name, signature + (decl.fields.empty() ? "}" : "\n}"), decl.doc);
+    structure.structure = &decl;
+    structure.params = &decl.fields;
     for (const dsl::Param& field : decl.fields) {
-      Declaration& declaration =
-          add(Kind::Field, field.name, field.name.text + ": " + (field.type ? slice(field.type->span) : "?"));
+      Declaration& declaration = add(Kind::Field, field.name,
+                                     field.name.text + ": " + (field.type ? slice(field.type->span) : "?"), field.doc);
       declaration.from = declaration.to;
       declaration.type = field.type.get();
     }
@@ -128,7 +139,8 @@ class Collector {
 
   void add_optimizer(const dsl::OptimizerDecl& decl) {
     const uint32_t end = static_cast<uint32_t>(std::min(text_.find('{', decl.name.span.end), text_.size()));
-    add(Kind::Optimizer, decl.name, slice(decl.name.span.begin, end), decl.doc).signature.insert(0, "optimizer ");
+    const std::string signature = "optimizer " + slice(decl.name.span.begin, end);
+    add(Kind::Optimizer, decl.name, signature, decl.doc).params = &decl.params;
     const uint32_t begin = decl.name.span.end;
     const uint32_t last = decl.span.valid() ? decl.span.end : static_cast<uint32_t>(text_.size());
     for (const dsl::Param& param : decl.params)

@@ -39,6 +39,7 @@ struct Declaration {
   uint32_t from = 0, to = UINT32_MAX;          // where it may be used; nowhere by its name alone: fields and methods
   const dsl::TypeExpr* type = nullptr;         // as written, if it is
   const dsl::StructDecl* structure = nullptr;  // of a struct
+  const std::vector<dsl::Param>* params = nullptr;  // what a call of it gives: parameters or fields
 };
 
 // In the order written. The module's tree must outlive the result.

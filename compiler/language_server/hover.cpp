@@ -23,13 +23,17 @@ std::string module_words(const Analysis& analysis, size_t file) {
   return code_block("import " + std::string(analysis.sources().name(module.file))) + "\n" + module.syntax.doc;
 }
 
+std::string words_of(const Word* word) {
+  return word ? code_block(word->signature) + "\n" + std::string(word->text) : "";
+}
+
 // A name that has no declaration in any text: the language's own.
 std::string own_words(const Analysis& analysis, size_t token, const std::string& type) {
   const std::string_view name = analysis.text(analysis.tokens()[token]);
   const bool behind_dot = token > 0 && analysis.tokens()[token - 1].kind == dsl::TokenKind::Dot;
   if (const Word* word = find_word(name);
       word && (type.empty() || word->is_function) && (!behind_dot || name == "at" || name == "layer"))
-    return code_block(word->signature) + "\n" + std::string(word->text);
+    return words_of(word);
   return type.empty() ? "" : code_block(std::string(name) + ": " + type);
 }
 
@@ -50,6 +54,8 @@ Json hover(const Analysis& analysis, uint32_t offset) {
   } else if (const auto file =
                  declared.valid() && declared.end == 0 ? analysis.place_of(declared.file) : std::nullopt) {
     text = module_words(analysis, *file);
+  } else if (const Role* role = analysis.role_of(token)) {
+    text = words_of(role->kind == Role::Kind::Keyword ? find_keyword(role->help) : find_word(role->help));
   } else {
     text = own_words(analysis, token, type);
   }

@@ -56,13 +56,14 @@ Json location_json(const Analysis& analysis, const dsl::Span& span, const std::f
   const auto place = analysis.place_of(span.file);
   if (!place) return nullptr;
   std::string path(analysis.sources().name(span.file));
+  const bool is_root = span.file == analysis.root();
   if (analysis.observation().files[*place].is_library) {
     const auto file = library_file(library, path);
     if (!file) return nullptr;
     path = *file;
   }
   const Lines lines(analysis.sources().text(span.file));
-  return {{"uri", uri_of_path(path)}, {"range", range_json(lines, span.begin, span.end)}};
+  return {{"uri", is_root ? analysis.uri() : uri_of_path(path)}, {"range", range_json(lines, span.begin, span.end)}};
 }
 
 Json diagnostics(const Analysis& analysis, const std::filesystem::path& library) {

@@ -50,31 +50,50 @@ Place Lines::place(uint32_t offset) const {
   return place;
 }
 
-std::string path_of_uri(std::string_view uri) {
-  constexpr std::string_view kScheme = "file://";
-  if (!uri.starts_with(kScheme)) return std::string(uri);
-  std::string_view rest = uri.substr(kScheme.size());
-  rest.remove_prefix(std::min(rest.find('/'), rest.size()));  // the host
-  std::string path;
-  for (size_t i = 0; i < rest.size(); ++i) {
+namespace {
+
+constexpr std::string_view kFile = "file://";
+
+std::string decoded(std::string_view text) {
+  std::string out;
+  for (size_t i = 0; i < text.size(); ++i) {
     unsigned byte = 0;
-    if (rest[i] == '%' && i + 2 < rest.size() &&
-        std::from_chars(&rest[i + 1], &rest[i + 1] + 2, byte, 16).ptr == &rest[i + 1] + 2) {
-      path += static_cast<char>(byte);
+    if (text[i] == '%' && i + 2 < text.size() &&
+        std::from_chars(&text[i + 1], &text[i + 1] + 2, byte, 16).ptr == &text[i + 1] + 2) {
+      out += static_cast<char>(byte);
       i += 2;
     } else {
-      path += rest[i];
+      out += text[i];
     }
   }
-  return path;
+  return out;
+}
+
+}  // namespace
+
+bool is_file_uri(std::string_view uri) { return uri.starts_with(kFile); }
+
+std::string path_of_uri(std::string_view uri) {
+  if (!is_file_uri(uri)) return std::string(uri.substr(uri.rfind('/') + 1));
+  const std::string_view rest = uri.substr(kFile.size());
+  const size_t path = std::min(rest.find('/'), rest.size());
+  const std::string_view host = rest.substr(0, path);
+  const bool is_here = host.empty() || host == "localhost";
+  return (is_here ? "" : "//" + std::string(host)) + decoded(rest.substr(path));
+}
+
+std::string whole_path(std::string_view path) {
+  // Of another host: the standard library would drop a slash.
+  const bool has_host = path.starts_with("//") && !path.starts_with("///");
+  std::error_code error;
+  const std::string whole = std::filesystem::absolute(path, error).lexically_normal().string();
+  return has_host && !whole.starts_with("//") ? "/" + whole : whole;
 }
 
 std::string uri_of_path(std::string_view path) {
-  if (path.find("://") != std::string_view::npos) return std::string(path);
-  std::error_code error;
-  const std::string full = std::filesystem::absolute(path, error).lexically_normal().string();
-  std::string uri = "file://";
-  for (const char c : full) {
+  const std::string whole = whole_path(path);
+  std::string uri(whole.starts_with("//") ? kFile.substr(0, kFile.size() - 2) : kFile);
+  for (const char c : whole) {
     if (std::isalnum(static_cast<unsigned char>(c)) != 0 ||
         std::string_view("/-_.~").find(c) != std::string_view::npos) {
       uri += c;

@@ -30,8 +30,12 @@ class Lines {
   std::vector<uint32_t> starts_;
 };
 
-// file:///a%20b.dr <-> /a b.dr. A URI of another scheme stands for itself.
+// file:///a%20b.dr <-> /a b.dr, file://host/a.dr <-> //host/a.dr. What is no file, as `untitled:Untitled-1` and what
+// stands in a repository, has its last part as a name: it lies in no folder.
+bool is_file_uri(std::string_view uri);
 std::string path_of_uri(std::string_view uri);
 std::string uri_of_path(std::string_view path);
+// From the root on, without `.` and `..`.
+std::string whole_path(std::string_view path);
 
 }  // namespace dr::language_server

@@ -22,6 +22,25 @@ std::optional<std::string> read_line(std::istream& in) {
   return std::nullopt;
 }
 
+// Whether brackets lie inside each other so deep that reading them would take a stack of any size.
+bool is_too_deep(std::string_view json) {
+  constexpr int kMostBrackets = 1000;
+  int depth = 0;
+  bool in_string = false;
+  for (size_t i = 0; i < json.size(); ++i) {
+    if (json[i] == '\\' && in_string) {
+      ++i;
+    } else if (json[i] == '"') {
+      in_string = !in_string;
+    } else if (!in_string && (json[i] == '[' || json[i] == '{')) {
+      if (++depth > kMostBrackets) return true;
+    } else if (!in_string && (json[i] == ']' || json[i] == '}')) {
+      --depth;
+    }
+  }
+  return false;
+}
+
 std::optional<size_t> content_length(std::string_view line) {
   constexpr std::string_view kName = "content-length:";
   if (line.size() < kName.size()) return std::nullopt;
@@ -89,7 +108,8 @@ void Inbox::read_all(std::istream& in) {
   while (!exit) {
     const auto text = read_message(in);
     if (!text) break;
-    Json message = Json::parse(with_whole_characters(*text), nullptr, false);
+    Json message =
+        is_too_deep(*text) ? Json(Json::value_t::discarded) : Json::parse(with_whole_characters(*text), nullptr, false);
     const Json method = message.is_object() ? message.value("method", Json()) : Json();
     exit = method == "exit";
     const std::lock_guard lock(mutex_);

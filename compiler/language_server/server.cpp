@@ -154,7 +154,8 @@ class Server {
         if (folder.is_string()) include_dirs_.push_back(folder.get<std::string>());
       const Json defines = wishes.value("defines", Json::object());
       for (const auto& [name, value] : defines.items())
-        if (value.is_string()) defines_[name] = value.get<std::string>();
+        if (value.is_string() || value.is_number() || value.is_boolean())
+          defines_[name] = value.is_string() ? value.get<std::string>() : value.dump();
     }
     return {{"capabilities",
              {{"textDocumentSync", {{"openClose", true}, {"change", 2}, {"save", true}}},
@@ -203,11 +204,11 @@ class Server {
     changed(uri);
   }
 
-  // The texts that have to be read again: this one, and those that read it.
+  // The texts that have to be read again: this one, and those that read it or would have.
   void changed(const std::string& uri) {
-    const std::string path = path_of_uri(uri);
+    const std::string path = is_file_uri(uri) ? whole_path(path_of_uri(uri)) : "";
     for (auto& [other, document] : documents_) {
-      if (other != uri && document.analysis && !document.analysis->read_file(path)) continue;
+      if (other != uri && document.analysis && !document.analysis->looked_for(path)) continue;
       document.analysis = nullptr;
       document.is_checked = false;
     }
@@ -220,8 +221,9 @@ class Server {
     options.defines = defines_;
     options.stop = std::move(stop);
     options.read = [this](const std::string& path) -> std::optional<std::string> {
-      const auto found = documents_.find(uri_of_path(path));
-      return found == documents_.end() ? std::nullopt : std::optional(found->second.text);
+      for (const auto& [uri, document] : documents_)
+        if (is_file_uri(uri) && whole_path(path_of_uri(uri)) == path) return document.text;
+      return std::nullopt;
     };
     return options;
   }
@@ -232,8 +234,7 @@ class Server {
 
   std::shared_ptr<const Analysis> analysed(const std::string& uri, Document& document) {
     if (!document.analysis)
-      document.analysis =
-          std::make_shared<Analysis>(path_of_uri(uri), document.text, analysis_options(until_answer_is_due()));
+      document.analysis = std::make_shared<Analysis>(uri, document.text, analysis_options(until_answer_is_due()));
     return document.analysis;
   }
 
@@ -261,7 +262,7 @@ class Server {
     const bool is_library = module_of_file(options_.library_folder, path).has_value();
     if (!document.analysis || !document.analysis->is_whole()) {
       document.analysis =
-          std::make_shared<Analysis>(path, document.text, analysis_options([this] { return inbox_.waiting(); }));
+          std::make_shared<Analysis>(uri, document.text, analysis_options([this] { return inbox_.waiting(); }));
     }
     // Something came in: it goes first, and this again when nothing comes.
     if (!document.analysis->is_whole()) {
@@ -276,13 +277,13 @@ class Server {
   // ---- answers ----
 
   Json complete(const std::string& uri, const Analysis& analysis, uint32_t offset) {
-    const std::string path = path_of_uri(uri);
     std::vector<std::string> folders = include_dirs_;
-    folders.insert(folders.begin(), std::filesystem::path(path).parent_path().string());
+    const std::string own = std::filesystem::path(path_of_uri(uri)).parent_path().string();
+    folders.insert(folders.begin(), own.empty() ? "." : own);
     return completion(analysis, offset, folders, [&](std::string text, uint32_t members_at) {
       AnalysisOptions options = analysis_options(until_answer_is_due());
       options.members_at = members_at;
-      return Analysis(path, std::move(text), options);
+      return Analysis(uri, std::move(text), options);
     });
   }
 

@@ -44,7 +44,8 @@ std::vector<Word> read_words() {
     const size_t end = line.find_first_of("( ");
     Word word{line.substr(0, end), line.substr(0, bar), line.substr(bar + 3)};
     if (line[end] == ' ') word.signature.remove_prefix(end + 1);
-    word.is_function = std::ranges::find(functions, word.name) != functions.end();
+    const bool is_called = line[end] == '(' || word.signature.starts_with("x.");
+    word.is_function = is_called && std::ranges::find(functions, word.name) != functions.end();
     all.push_back(word);
   }
   return all;
@@ -59,6 +60,12 @@ const std::vector<Word>& words() {
 
 const Word* find_word(std::string_view name) {
   const auto found = std::ranges::find(words(), name, &Word::name);
+  return found == words().end() ? nullptr : &*found;
+}
+
+const Word* find_keyword(std::string_view name) {
+  const auto found =
+      std::ranges::find_if(words(), [&](const Word& word) { return word.name == name && !word.is_function; });
   return found == words().end() ? nullptr : &*found;
 }
 

@@ -18,5 +18,7 @@ struct Word {
 const std::vector<Word>& words();
 // Null where the language gives the word no meaning.
 const Word* find_word(std::string_view name);
+// Of a word that is a function, too: what it is where it is none.
+const Word* find_keyword(std::string_view name);
 
 }  // namespace dr::language_server

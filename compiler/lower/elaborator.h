@@ -196,6 +196,8 @@ class Elaborator {
   ModuleInfo* module_of(const Expr& path) const;
   Scope* new_scope(Scope* parent);
   void define(Scope& scope, const dsl::Name& name, Value value, Binding::Kind kind = Binding::Kind::Let);
+  void define_inner(Scope& scope, std::string_view name, Value value, const Span& declared,
+                    Binding::Kind kind = Binding::Kind::Var);
 
   // What to write instead of a name that is not known (unknown_names.cpp).
   std::vector<std::string> visible_names() const;
@@ -209,6 +211,7 @@ class Elaborator {
   void observe(const Span& span, const Value& value, const Span& declared);
   void observe_field(const Value& base, const std::string& name, const Span& span, const Value& value);
   void observe_members(const Value& base);
+  void observe_step(const Expr& path, const ModuleInfo& module);
   void give_files();
 
   // What values are, in words (emission.cpp).

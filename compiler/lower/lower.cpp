@@ -258,6 +258,21 @@ void Elaborator::warn_of_shared_counts() {
   }
 }
 
+namespace {
+
+bool is_const_of_library(const std::string& path, std::string_view name) {
+  const auto text = library_module(path);
+  if (!text) return false;
+  dsl::SourceManager sources;
+  dsl::DiagnosticList ignored;
+  const dsl::Module module = dsl::parse(sources, sources.add(path, std::string(*text)), ignored);
+  return std::ranges::any_of(module.items, [&](const dsl::Item& item) {
+    return item.kind == dsl::Item::Kind::Const && item.constant->name.text == name;
+  });
+}
+
+}  // namespace
+
 // A number of a const that declares no type is of the type that it has as written: -D RATE=4 is 4.0 for `const RATE =
 // 0.5;`.
 void Elaborator::apply_defines(ModuleInfo& root) {
@@ -272,7 +287,7 @@ void Elaborator::apply_defines(ModuleInfo& root) {
   for (const auto& [name, text] : options_.defines) {
     const dsl::FileId file = sources_.add("-D " + name, text);
     const Span all{file, 0, static_cast<uint32_t>(text.size())};
-    // Those of the library by their module's name, std.loss.weight; one that is not imported has none to give.
+    // Those of the library by their module's name, std.loss.weight; what one that is not imported has is of no effect.
     ModuleInfo* module = &root;
     std::string item_name = name;
     if (const size_t dot = name.rfind('.'); dot != std::string::npos) {
@@ -280,7 +295,7 @@ void Elaborator::apply_defines(ModuleInfo& root) {
       std::ranges::replace(path, '.', '/');
       path += ".dr";
       const auto imported = std::ranges::find(modules_, "library:" + path, &ModuleInfo::path);
-      if (imported == modules_.end() && library_module(path)) continue;
+      if (imported == modules_.end() && is_const_of_library(path, name.substr(dot + 1))) continue;
       if (imported != modules_.end()) {
         module = &*imported;
         item_name = name.substr(dot + 1);
@@ -302,6 +317,7 @@ void Elaborator::apply_defines(ModuleInfo& root) {
   for (ModuleInfo& module : modules_)
     for (auto& [name, item] : module.items)
       if (item.constant != nullptr) item.state = ModuleItem::State::Waiting;
+  if (observation_) observation_->names.clear();  // and so is what they are shown as
   for (const Define& define : defines) {
     const dsl::ExprPtr expr = dsl::parse_expression(sources_, define.file, diagnostics_);
     if (diagnostics_.has_errors()) return;
@@ -317,6 +333,7 @@ void Elaborator::apply_defines(ModuleInfo& root) {
     }
     define.item->value = value;
     define.item->state = ModuleItem::State::Done;
+    observe(define.item->span, value, define.item->span);
   }
 }
 

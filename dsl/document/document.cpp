@@ -2,6 +2,7 @@
 // Declarations are shown as they stand in the source, without bodies.
 #include "dsl/document/document.h"
 
+#include <algorithm>
 #include <string_view>
 
 namespace dr::dsl {
@@ -70,13 +71,24 @@ class Documenter {
     add_entry(level, fn.name, slice({fn.span.file, fn.span.begin, fn.body.span.begin}), fn.doc);
   }
 
+  // A text as the `///` lines that it was.
+  static std::string with_slashes(std::string_view doc, std::string_view indent) {
+    std::string lines;
+    while (!doc.empty()) {
+      const std::string_view line = doc.substr(0, doc.find('\n'));
+      doc.remove_prefix(std::min(line.size() + 1, doc.size()));
+      lines += std::string(indent) + "///" + (line.empty() ? "" : " ") + std::string(line) + "\n";
+    }
+    return lines;
+  }
+
   // The fields as written; methods follow on their own.
   void add_struct(const StructDecl& decl) {
     std::string code(slice(decl.span));
     if (!decl.methods.empty()) {
       code = std::string(before_brace(decl.span)) + "{\n";
       for (const Param& field : decl.fields) {
-        code += "  " + field.name.text + ": " + std::string(slice(field.type->span));
+        code += with_slashes(field.doc, "  ") + "  " + field.name.text + ": " + std::string(slice(field.type->span));
         if (field.default_value) code += " = " + std::string(slice(field.default_value->span));
         code += ";\n";
       }

@@ -9,7 +9,7 @@ exports.activate = () => {
   const settings = workspace.getConfiguration('dressi');
   const server = { command: settings.get('drc'), args: ['lsp'] };
   client = new LanguageClient('dressi', 'Dressi', server, {
-    documentSelector: [{ language: 'dressi' }],
+    documentSelector: [{ scheme: 'file', language: 'dressi' }, { scheme: 'untitled', language: 'dressi' }],
     initializationOptions: { includeDirs: settings.get('includeDirs'), defines: settings.get('defines') },
   });
   return client.start();

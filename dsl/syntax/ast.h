@@ -50,6 +50,7 @@ struct Param {
   TypePtr type;           // null: any type, inferred from the argument
   ExprPtr default_value;  // null: required
   bool is_const = false;  // `const K : int`: the argument must be known at compile time
+  std::string doc;        // of a field: `///` lines above
 };
 
 // `{ statements; value }`: the last expression without `;` is the block's value.

@@ -238,6 +238,7 @@ std::unique_ptr<StructDecl> Parser::parse_struct(std::string doc) {
       }
     } else if (at(TokenKind::Name) && !at_item_boundary()) {
       Param field;
+      field.doc = lexer_.doc(token_);
       field.name = take_name_token();
       expect(TokenKind::Colon, {"the field", field.name.text});
       if (!broken()) field.type = parse_type();

@@ -158,7 +158,7 @@ class Parser {
   bool at_foreign_statement() const;
   void parse_expression_statement(Block& block);
   void finish_expression_statement(Block& block, ExprPtr expr, uint32_t begin);
-  void check_returns(const Block& block, BlockKind kind);
+  void check_returns(Block& block, BlockKind kind);
   std::optional<Pattern> parse_pattern();
 
   // Expressions (parser_expr.cpp).

@@ -102,7 +102,9 @@ Block Parser::parse_block(BlockKind kind, const After& after) {
   return block;
 }
 
-void Parser::check_returns(const Block& block, BlockKind kind) {
+// A misplaced one is a value that nobody uses from then on: what reads a tree with errors meets a 'return' only where
+// one may stand.
+void Parser::check_returns(Block& block, BlockKind kind) {
   for (size_t i = 0; i < block.statements.size(); ++i) {
     if (block.statements[i]->kind != Stmt::Kind::Return) continue;
     const bool last = i + 1 == block.statements.size() && !block.value;
@@ -110,6 +112,10 @@ void Parser::check_returns(const Block& block, BlockKind kind) {
     report(Code::E0121, block.statements[i]->span,
            std::string("expected 'return' only as the last statement of a function, found it ") +
                (last ? "in another block" : "before other statements"));
+    Stmt& stmt = *block.statements[i];
+    stmt.kind = Stmt::Kind::Let;
+    stmt.pattern.span = stmt.span;
+    stmt.pattern.names.push_back({"_", stmt.span});
   }
 }
 

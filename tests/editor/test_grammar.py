@@ -96,6 +96,7 @@ class Grammar(unittest.TestCase):
             ("step fit { minimize e over x with adam(rate = 0.1); }", {
                 "step": "storage.type", "fit": "entity.name.function", "minimize": "keyword.control", "over": "keyword.control",
                 "with": "keyword.control", "adam": "entity.name.function.call"}),
+            ("let k = step_index of fit;", {"step_index": "variable.language", "of": "keyword.control"}),
             ("mean(x, over = layers)", {"mean": "support.function", "over": None}),
             ("fn project(p: vec3) -> vec2 {", {"fn": "storage.type", "project": "entity.name.function", "vec3": "support.type"}),
             ("step(0.5, ray.input)", {"step": "support.function", "input": None}),
@@ -120,6 +121,11 @@ class Grammar(unittest.TestCase):
         for file in (package["main"], package["contributes"]["grammars"][0]["path"],
                      package["contributes"]["languages"][0]["configuration"]):
             self.assertTrue((editor.ROOT / "dsl/editors" / file).is_file(), file)
+        # The client of the server needs as new an editor: its releases of number 9 say 1.82.
+        self.assertEqual(package["dependencies"]["vscode-languageclient"], "^9.0.0")
+        self.assertEqual(package["engines"]["vscode"], "^1.82.0")
+        extension = (editor.ROOT / "dsl/editors/extension.js").read_text()
+        self.assertEqual(re.findall(r"scheme: '(\w+)', language: 'dressi'", extension), ["file", "untitled"])
         self.assertEqual(package["contributes"]["grammars"][0]["scopeName"], load("dressi.tmLanguage.json")["scopeName"])
         self.assertEqual(load("language-configuration.json")["comments"], {"lineComment": "//"})
         settings = set(package["contributes"]["configuration"]["properties"])

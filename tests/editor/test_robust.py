@@ -2,8 +2,10 @@
 """That `drc lsp` goes on whatever it is sent: broken texts, long texts, broken messages."""
 import json
 import random
+import tempfile
 import time
 import unittest
+from pathlib import Path
 
 import client as editor
 from client import Client, main
@@ -24,6 +26,12 @@ class Robust(unittest.TestCase):
                         b"Content-Length: 99999999999999999999\r\n\r\n", b"a" * 100000 + b"\r\n",
                         b"Content-Length: 200000\r\n\r\n" + b"[" * 200000, b"Content-Length: 2\r\n\r\n\xff\xfe"):
                 client.send_bytes(bad)
+            # Brackets that are closed, too: a tree that deep would take a stack of any size.
+            deep = b'{"jsonrpc": "2.0", "id": 3, "method": "x", "params": ' + b"[" * 60000 + b"]" * 60000 + b"}"
+            client.kept.clear()
+            client.send_bytes(b"Content-Length: %d\r\n\r\n" % len(deep) + deep)
+            self.alive(client)
+            self.assertIn(-32700, [message.get("error", {}).get("code") for message in client.kept])
             self.alive(client)
             for message in ({"id": None, "method": "x"}, {"id": {"a": [1]}, "method": "shutdown"}, {"id": "seven"}, {"id": 1.5, "method": 3},
                             {"method": "textDocument/didOpen"}, {"method": "textDocument/didOpen", "params": [1]},
@@ -35,6 +43,31 @@ class Robust(unittest.TestCase):
             for params in (None, [], {}, {"textDocument": 3}, {"textDocument": {"uri": "file:///alive.dr"}, "position": {"line": "x"}}):
                 for method in REQUESTS:
                     self.assertEqual(client.error("textDocument/" + method, params), -32602)
+            self.alive(client)
+
+    def test_statements_where_none_may_stand(self):
+        """A tree with errors is elaborated as far as it goes: whatever a block holds that it may not."""
+        blocks = ("step s { %s }", "param p : float;\nstep s { output p; %s }", "step s { for k in 0..3 { %s } }",
+                  "step s { for k in 0..3, max = 2 { %s } }", "step s { if true { %s } }", "param p : float;\nstep s { if p > 0.0 { %s } }",
+                  "let a = { %s };", "let a = if true { %s } else { 2.0 };", "let a = reduce(sum, k in 0..3) { %s };",
+                  "let a = fold(k in 0..3, c = 1.0) { %s };", "let f = fn(x) { %s 1.0 };\nlet a = f(1.0);",
+                  "fn f(x) { const if true { %s } x }\nlet a = f(1.0);",
+                  "optimizer o(rate) { update(x, g) { %s x } }\nparam p : float;\nstep s { minimize p over p with o(0.1); }")
+        statements = ("return 1.0;", "return;", "return", "return fn(x) { x };", "break;", "output a = 1.0;", "let (a, b) = ;", "x <- ;",
+                      "minimize 1.0 over;", "{ return 1.0; }", "if true { return 1.0; } else { 2.0 }", "step q { }", "for k in 0.. { }")
+        with Client() as client, tempfile.TemporaryDirectory() as folder:
+            for block in blocks:
+                for statement in statements:
+                    with self.subTest(block=block, statement=statement):
+                        client.open("file:///broken.dr", "edition 1;\n" + block % statement + "\n")
+                        client.hover("file:///broken.dr", (1, 5))
+            client.open("file:///return.dr", "edition 1;\nstep s { return 1.0; }\n")
+            self.assertEqual([one["code"] for one in client.diagnostics("file:///return.dr")], ["E0121"])
+            # In a module, where an instance of it runs the step.
+            Path(folder, "rig.dr").write_text("edition 1;\nparam q : float = 1.0;\nstep s { return 1.0; }\n")
+            uri = Path(folder, "main.dr").as_uri()
+            client.open(uri, "edition 1;\nimport rig;\nlet left = rig();\n")
+            self.assertEqual([one["code"] for one in client.diagnostics(uri)], ["E0121"])
             self.alive(client)
 
     def test_lines_end_by_carriage_returns_alone(self):

@@ -107,6 +107,7 @@ std::optional<std::vector<std::optional<Argument>>> Elaborator::order_arguments(
              "expected one argument for '" + params[at].name.text + "', found a second", notes());
       return std::nullopt;
     }
+    if (arg.name) observe(arg.name->span, arg.value, params[at].name.span);
     ordered[at] = std::move(arg);
   }
   for (size_t i = 0; i < params.size(); ++i) {

@@ -105,7 +105,10 @@ void Elaborator::run_branches(const Value& condition, const Span& span, const st
   const std::vector<std::string> names = variables_of(assigned);
   const auto branch = [&](const std::function<void()>& run) -> Value {
     const Switched<Scope*> inside(scope_, new_scope(scope_));
-    for (const std::string& name : names) define(*scope_, {name, span}, find_binding(name)->value, Binding::Kind::Var);
+    for (const std::string& name : names) {
+      const Binding outer = *find_binding(name);
+      define_inner(*scope_, name, outer.value, outer.span);
+    }
     run();
     TupleValue values;
     for (const std::string& name : names) values.items.push_back(scope_->find(name)->value);
@@ -378,8 +381,8 @@ Value Elaborator::evaluate_fold(const Expr& expr) {
       define(*scope_, *expr.args[k].name, states[k], Binding::Kind::Carried);
       set_name(states[k], expr.args[k].name->text);
     }
-    define(*scope_, {std::string(kBreak), expr.span}, make_bool(false), Binding::Kind::Var);
-    define(*scope_, {std::string(kFold), expr.span}, packed(states), Binding::Kind::Var);
+    define_inner(*scope_, kBreak, make_bool(false), expr.span);
+    define_inner(*scope_, kFold, packed(states), expr.span);
     Scope* const own = scope_;
     run_breakable(block.statements, [&] {
       const Span at = block.value ? block.value->span : block.span;
@@ -418,10 +421,10 @@ void Elaborator::run_loop(const dsl::Stmt& stmt) {
     const Switched<Scope*> outside(scope_, new_scope(scope_));
     Scope* const own = scope_;
     for (size_t k = 0; k < names.size(); ++k) {
-      define(*scope_, {names[k], stmt.span}, states[k], Binding::Kind::Var);
+      define_inner(*scope_, names[k], states[k], find_binding(names[k])->span);
       set_name(states[k], names[k]);
     }
-    define(*scope_, {std::string(kBreak), stmt.span}, make_bool(false), Binding::Kind::Var);
+    define_inner(*scope_, kBreak, make_bool(false), stmt.span);
     const Switched<Scope*> inside(scope_, new_scope(scope_));
     define(*scope_, stmt.loop_var, i, Binding::Kind::Index);
     set_name(i, stmt.loop_var.text);

@@ -82,6 +82,7 @@ Value Elaborator::step_count(const Expr& expr) {
   const Expr& path = *expr.a;
   const ModuleInfo* module = path.kind == Expr::Kind::NameRef ? scope_->module : module_of(*path.a);
   if (!module && evaluate(*path.a).is_error()) return Error{};
+  if (module) observe_step(path, *module);
   std::vector<std::string> known;
   bool found = false;
   if (module && module->runs()) {

@@ -312,6 +312,18 @@ void Elaborator::define(Scope& scope, const dsl::Name& name, Value value, Bindin
   scope.names.emplace_back(name.text, std::move(binding));
 }
 
+// A name from outside with a value of its own inside, as a branch or a loop has variables: declared where it was.
+void Elaborator::define_inner(Scope& scope, std::string_view name, Value value, const Span& declared,
+                              Binding::Kind kind) {
+  Binding binding;
+  binding.value = std::move(value);
+  binding.span = declared;
+  binding.kind = kind;
+  binding.frame = frames_.size();
+  binding.region = regions_.size();
+  scope.names.emplace_back(name, std::move(binding));
+}
+
 const Binding* Elaborator::find_binding(std::string_view name) const {
   for (Scope* scope = scope_; scope; scope = scope->parent) {
     if (const Binding* binding = scope->find(name)) return binding;
@@ -330,10 +342,12 @@ std::optional<uint32_t> Elaborator::find_leaf(std::string_view name) const {
 // Of an instance's too: `studio.light`.
 std::optional<uint32_t> Elaborator::find_leaf(const Expr& path) {
   if (path.kind == Expr::Kind::NameRef) return find_leaf(path.name);
-  const ModuleInfo* module = path.kind == Expr::Kind::Field ? module_of(*path.a) : nullptr;
+  ModuleInfo* const module = path.kind == Expr::Kind::Field ? module_of(*path.a) : nullptr;
   if (!module) return std::nullopt;
   const auto found = module->items.find(path.name);
-  return found == module->items.end() ? std::nullopt : found->second.leaf;
+  const bool is_there = found != module->items.end();
+  observe_field(ModuleValue{module}, path.name, path.span, is_there ? found->second.value : Value(Error{}));
+  return is_there ? found->second.leaf : std::nullopt;
 }
 
 // The module that an expression of names stands for, if it does; says nothing.

@@ -19,12 +19,15 @@ namespace dr::lower {
 
 // What may stand behind the dot after a value.
 struct Member {
-  enum class Kind : uint8_t { Field, Method, Function, Constant, Type, Module };
+  enum class Kind : uint8_t { Field, Method, Function, Constant, Type, Module, Step };
   std::string name;
   Kind kind = Kind::Field;
   std::string type;    // in words, or empty
   dsl::Span declared;  // need not be there
 };
+
+// Of a number or an image of an element type: "vec3". None where that is no such type.
+std::vector<Member> members_of_type(std::string_view type);
 
 struct Observation {
   // Asked before lowering.

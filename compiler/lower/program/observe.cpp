@@ -24,7 +24,21 @@ Member::Kind kind_of(const ModuleItem& item) {
   DR_ICE("an item of no kind");
 }
 
+std::vector<Member> members_of(const Type& type) {
+  std::vector<Member> members;
+  for (int i = 0; type.rows > 1 && !type.is_matrix() && i < type.rows; ++i)
+    members.push_back({std::string(1, "xyzw"[i]), Member::Kind::Field, Type{type.scalar}.str(), {}});
+  for (const char* name : {"width", "height", "layers"}) members.push_back({name, Member::Kind::Field, "int", {}});
+  for (const char* name : {"at", "layer"}) members.push_back({name, Member::Kind::Method, "", {}});
+  return members;
+}
+
 }  // namespace
+
+std::vector<Member> members_of_type(std::string_view type) {
+  const auto parsed = Type::parse(type);
+  return parsed ? members_of(*parsed) : std::vector<Member>{};
+}
 
 // The words for a value that has some: its type and, of a number known at compile time, the number.
 std::string Elaborator::words_for_reader(const Value& value) const {
@@ -88,11 +102,21 @@ void Elaborator::observe_members(const Value& base) {
     for (size_t i = 0; i < parts_of(base).size(); ++i)
       members.push_back({part_name(base, i), Member::Kind::Field, words_for_reader(parts_of(base)[i]), {}});
   } else if (base.is_numeric()) {
-    const Type type = element_type(base);
-    for (int i = 0; type.rows > 1 && !type.is_matrix() && i < type.rows; ++i)
-      members.push_back({std::string(1, "xyzw"[i]), Member::Kind::Field, Type{type.scalar}.str(), {}});
-    for (const char* name : {"width", "height", "layers"}) members.push_back({name, Member::Kind::Field, "int", {}});
-    for (const char* name : {"at", "layer"}) members.push_back({name, Member::Kind::Method, "", {}});
+    members = members_of(element_type(base));
+  }
+}
+
+// `step_index of rig.fit`: where the step is declared, and which ones there are.
+void Elaborator::observe_step(const Expr& path, const ModuleInfo& module) {
+  if (!observation_ || !root_ || path.span.file != root_->syntax->file) return;
+  const auto length = static_cast<uint32_t>(path.name.size());
+  const Span place{path.span.file, path.span.end - std::min(length, path.span.end - path.span.begin), path.span.end};
+  const bool wants_members = place.begin == observation_->members_at && observation_->members.empty();
+  for (const dsl::Item& item : module.syntax->items) {
+    if (item.kind != dsl::Item::Kind::Step) continue;
+    const dsl::Name& step = item.step->name;
+    if (step.text == path.name) observe(place, Nothing{}, step.span);
+    if (wants_members) observation_->members.push_back({step.text, Member::Kind::Step, "", step.span});
   }
 }
 

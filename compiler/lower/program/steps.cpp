@@ -154,7 +154,7 @@ void Elaborator::run_update(const dsl::Stmt& stmt) {
   const Value next = Image{step_->step->updates[place].value};
   const ModuleInfo* module = path.kind == Expr::Kind::NameRef ? nullptr : module_of(*path.a);
   Scope* scope = new_scope(scope_);
-  if (!module) define(*scope, {name, path.span}, next);
+  if (!module) define_inner(*scope, name, next, scope_->module->items.find(name)->second.span, Binding::Kind::Let);
   const ModuleItem* item = module ? &module->items.find(name)->second : nullptr;
   const Switched<std::pair<const ModuleItem*, Value>> projected(projected_, {item, next});
   const Switched<Scope*> inside(scope_, scope);
