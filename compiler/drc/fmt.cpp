@@ -12,6 +12,18 @@
 namespace dr::drc {
 namespace {
 
+// Where the `///` lines right above a place begin: they are about what stands there.
+size_t begin_of_doc(std::string_view text, size_t place) {
+  size_t begin = place == 0 ? 0 : text.rfind('\n', place - 1) + 1;
+  while (begin > 0) {
+    const size_t above = begin < 2 ? 0 : text.rfind('\n', begin - 2) + 1;
+    const std::string_view line = text.substr(above, begin - above);
+    if (!line.substr(std::min(line.find_first_not_of(" \t"), line.size())).starts_with("///")) break;
+    place = begin = above;
+  }
+  return place;
+}
+
 // With the edition's line above the first declaration, where there is none.
 std::string with_edition(const std::string& file, const std::string& text) {
   dsl::SourceManager sources;
@@ -19,7 +31,8 @@ std::string with_edition(const std::string& file, const std::string& text) {
   dsl::parse(sources, sources.add(shown_name(file), text), diagnostics);
   for (const dsl::Diagnostic& found : diagnostics.all())
     if (found.code == dsl::Code::E0108)
-      return std::string(text).insert(found.span.begin, "edition " + std::to_string(dsl::kEdition) + ";\n\n");
+      return std::string(text).insert(begin_of_doc(text, found.span.begin),
+                                      "edition " + std::to_string(dsl::kEdition) + ";\n\n");
   return text;
 }
 
@@ -40,7 +53,7 @@ bool format_file(const std::string& file, const FormatOptions& options, bool& wo
     return true;
   }
   if (!options.in_place) return write_product("-", result.text);
-  return result.text == *text || write_product(file, result.text);
+  return result.text == *text || rewrite_file(file, *text, result.text);
 }
 
 }  // namespace

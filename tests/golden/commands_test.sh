@@ -88,6 +88,11 @@ cp bad.dr input
 expect 1 err '<stdin>:2:7: error' check -
 expect 1 err '<stdin>:2:7: error' fmt -
 
+# doc: what is written about a field stands above it, also where methods follow.
+printf 'edition 1;\nstruct Lens {\n  /// Of its middle,\n  ///\n  /// in mm.\n  width: float;\n  fn half(self) { self.width }\n}\n' > lens.dr
+expect 0 out '  /// Of its middle,' doc lens.dr
+[[ $(grep -A3 'Of its' out) == $'  /// Of its middle,\n  ///\n  /// in mm.\n  width: float;' ]] || { echo "doc: $(cat out)"; failed=1; }
+
 # fmt
 expect 0 out 'let x = 1.0;' fmt ugly.dr
 expect 1 out ugly.dr fmt --check tidy.dr ugly.dr
@@ -107,6 +112,30 @@ expect 0 none '' check old.dr
 expect 0 none '' fmt --edition 1 --check old.dr tidy.dr
 expect 2 err 'edition' fmt --edition 2 old.dr
 expect 0 out '--edition' fmt --help
+# What is written about a declaration stays with it.
+printf '// Light.\n/// What a is.\n/// And why.\nlet a = 1.0;\n' > old.dr
+expect 0 none '' fmt --edition 1 --in-place old.dr
+[[ $(cat old.dr) == $'// Light.\nedition 1;\n\n/// What a is.\n/// And why.\nlet a = 1.0;' ]] || { echo "fmt --edition: $(cat old.dr)"; failed=1; }
+# A file keeps its mode and its other names.
+printf 'edition 1;\nlet  x=1.0;\n' > private.dr
+chmod 640 private.dr
+expect 0 none '' fmt --in-place private.dr
+[[ $(stat -c %a private.dr) == 640 ]] || { echo "fmt --in-place: mode $(stat -c %a private.dr)"; failed=1; }
+cmp private.dr tidy.dr || failed=1
+printf 'edition 1;\nlet  x=1.0;   // a text that gets shorter\n\n\n\n' > linked.dr
+ln linked.dr other.dr
+expect 0 none '' fmt --in-place linked.dr
+[[ linked.dr -ef other.dr ]] || { echo 'fmt --in-place parts two names of a file'; failed=1; }
+[[ $(cat other.dr) == $'edition 1;\nlet x = 1.0;  // a text that gets shorter' ]] || { echo "fmt --in-place: $(cat other.dr)"; failed=1; }
+# On a full disk, the text stays.
+if mkdir full && unshare -rm true 2> /dev/null; then
+  unshare -rm bash -c 'mount -t tmpfs -o size=64k tmpfs full || exit 0
+    { printf "edition 1;\n"; for i in {1..1500}; do printf "let x%d=1;\n" $i; done; } > full/a.dr
+    ln full/a.dr full/b.dr
+    cp full/a.dr before.dr
+    head -c 100000 /dev/zero > full/rest 2> /dev/null
+    ! "$1" fmt --in-place full/a.dr 2> err && grep -q "cannot write" err && cmp full/a.dr before.dr && [[ $(ls full) == $'"'"'a.dr\nb.dr\nrest'"'"' ]]' _ "$drc" || { echo "fmt --in-place on a full disk: $(cat err)"; failed=1; }
+fi
 # A pass that leaves an unsound schedule is a mistake of the compiler: code 3, the pass, the place, and a file that shows it again.
 expect 3 err 'schedule fails verification after pass keep-sums' build good.dr --emit=bundle -o b.drb --no-cache --break-after=keep-sums
 expect 3 err "step s: output 'a' is never stored" build good.dr --emit=bundle -o b.drb --no-cache --break-after=keep-sums
