@@ -463,6 +463,18 @@ const Case kCases[] = {
       step rounded { output far = depth > 0.99, same = abs(depth - 0.25 + 0.0625 * float(coord(W, H).x)) < 1e-6; })",
      {"go", "read", "rounded"},
      true},
+    {"large faces that a step moves, as they were before",
+     R"(input a : float[W, H];
+      param shift : vec2[50] = 2.0;
+      struct T { at: vec2; size: float; }
+      let seen = raster(50, 64, 32, 1) {
+        setup(f) -> T { T(vec2(8.0, 0.0) + shift, 14.25) }
+        corner(s, c) -> vec2 { [s.at, s.at + vec2(s.size, 0.25), s.at + vec2(0.25, s.size)][c] }
+        depth(s, p) -> float { 0.5 }
+      }[0];
+      step go { shift <- shift + 1.5; output s = sum(if seen.face >= 0 { 1 } else { 0 }), o = seen.order, b = sum(a * 0.0); })",
+     {"go", "go", "go"},
+     true},
     {"gradients of matrices in a branch, one with Inf",
      R"(input a : float[W, H];
       param few : mat3[5] = mat3(1.0);

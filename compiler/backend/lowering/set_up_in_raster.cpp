@@ -64,17 +64,33 @@ int loaded_by(const ir::Graph& graph, std::span<const ir::OpId> ops, const std::
   return loaded;
 }
 
+// Whether ops read what a pass writes over, as a leaf that it moves: who computes them behind it finds the new value.
+bool reads_what_changes(const ir::Graph& graph, const StepSchedule& step, const Pass& pass,
+                        std::span<const ir::OpId> ops) {
+  const auto changes = [&](ValueId v) {
+    const auto at = step.stored.find(v);
+    return at != step.stored.end() && std::ranges::any_of(pass.writes, [&](ValueId written) {
+             return written != v && step.stored.at(written) == at->second;
+           });
+  };
+  return std::ranges::any_of(ops, [&](ir::OpId id) {
+    const Uses uses = uses_of(graph, graph.op(id));
+    return std::ranges::any_of(uses.elsewhere, changes) || std::ranges::any_of(uses.at_element, changes);
+  });
+}
+
 // Whether those who walk listed faces compute `values` of their record again, else stored for them: where that loads no
 // more components than to store the values and to load them. What it computes is cheap beside either, a few hundred
 // operations, but for loops on a processor, which takes them again for one lane of a face's team after the other. There
 // each team also loads for all its lanes, and a store is for the face alone.
-bool cheap_again(const ir::Graph& graph, const target::Profile& profile, const Pass& raster, const Pass& setup,
-                 KeptPixels kept, const std::set<ValueId>& record, const std::set<ValueId>& values) {
+bool cheap_again(const ir::Graph& graph, const target::Profile& profile, const StepSchedule& step, const Pass& raster,
+                 const Pass& setup, KeptPixels kept, const std::set<ValueId>& record, const std::set<ValueId>& values) {
   std::set<ValueId> stored;
   for (const Pass* pass : {&setup, &raster})
     for (const auto* some : {&pass->reads, &pass->writes}) stored.insert(some->begin(), some->end());
   for (ValueId v : record) stored.erase(v);  // is loaded anyway
   const std::vector<ir::OpId> ops = set_up_again(graph, raster, &setup, kept, values);
+  if (reads_what_changes(graph, step, setup, ops)) return false;
   if (profile.lanes_in_turn && trips_of(graph, ops).loops > 0) return false;
   int components = 0;
   for (ValueId v : values) components += graph.value(v).type.components();
@@ -104,10 +120,10 @@ void forget_cheap(const ir::Graph& graph, const target::Profile& profile, StepSc
   std::set<ValueId> needless, needed;
   for (const ValueId v : setup.get<MapPass>().partial) (record.contains(v) ? needed : needless).insert(v);
   forget(step, setup, raster, needless, unused);
-  if (cheap_again(graph, profile, raster, setup, kept, record, needed))
+  if (cheap_again(graph, profile, step, raster, setup, kept, record, needed))
     return forget(step, setup, raster, needed, unused);
   for (const ValueId v : std::vector(needed.rbegin(), needed.rend()))
-    if (cheap_again(graph, profile, raster, setup, kept, record, {v})) forget(step, setup, raster, {v}, unused);
+    if (cheap_again(graph, profile, step, raster, setup, kept, record, {v})) forget(step, setup, raster, {v}, unused);
 }
 
 }  // namespace
