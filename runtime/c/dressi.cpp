@@ -144,7 +144,7 @@ dr::jit::Options compile_options(const char* const* options) {
 
 // What stands for a program's file, in messages, bundles and JSON.
 std::string file_name(const char* text) {
-  const std::string name = word(text, "the name");
+  std::string name = word(text, "the name");
   for (size_t at = 0; at < name.size();) {
     const size_t length = dr::dsl::utf8_length(name, at);
     if (length == 0) fail("the name of the program is not UTF-8, from byte " + std::to_string(at) + " on");

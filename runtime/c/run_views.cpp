@@ -10,7 +10,7 @@ namespace {
 
 constexpr int kCopy = 2;
 
-int give_cuda(dr::runtime::CudaArray from, dressi_run& here, dressi_array& out, int64_t* stride) {
+int give_cuda(const dr::runtime::CudaArray& from, dressi_run& here, dressi_array& out, int64_t* stride) {
   if (stride != nullptr) *stride = from.stride;
   return give_view(from.array, device_program(here), out);
 }

@@ -17,7 +17,10 @@ struct Failure {
 
 // Of the device or the machine: what was asked for is right, and another one may do it.
 struct DeviceFailure : Failure {
-  explicit DeviceFailure(std::string what) : Failure{std::move(what), io::Blame::Device} {}
+  explicit DeviceFailure(std::string what) {
+    message = std::move(what);
+    blame = io::Blame::Device;
+  }
 };
 
 }  // namespace dr::runtime

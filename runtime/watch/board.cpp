@@ -74,7 +74,7 @@ bool Board::is_allowed(const Request& request) const {
 }
 
 Response Board::answer(const Request& request) {
-  const Response response = [&]() -> Response {
+  Response response = [&]() -> Response {
     if (!is_allowed(request)) return {.status = 403, .body = "open the address that the run printed: it has a token\n"};
     if (request.method == "POST") return act(request);
     last_look_ = now_ms();

@@ -149,7 +149,7 @@ int in_fork(const std::function<bool()>& call) {
 }  // namespace
 
 TEST_CASE("what the device or the machine has too little of is no mistake of the user") {
-  constexpr const char* kLarge = "edition 1; param x : mat4[V] = mat4(1.0); step t { x <- x * 2.0; output x; }";
+  static const char* const kLarge = "edition 1; param x : mat4[V] = mat4(1.0); step t { x <- x * 2.0; output x; }";
   everywhere([&](Host& host, bool is_device) {
     dressi_run* large = host.run_of(kLarge);
     REQUIRE(dressi_bind_symbol(large, "V", 20'000'000) == 1);

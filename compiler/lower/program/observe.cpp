@@ -44,7 +44,7 @@ std::vector<Member> members_of_type(std::string_view type) {
 std::string Elaborator::words_for_reader(const Value& value) const {
   if (!value.is_numeric() && !value.is_composite()) return "";
   if (value.is_composite() && contains_error(value)) return "";
-  const std::string type = describe(value);
+  std::string type = describe(value);
   if (const auto* dim = value.get<Dim>()) return type + " = " + dim->str();
   const auto components = known_components(value);
   if (!components || components->size() != 1) return type;

@@ -6,6 +6,7 @@
 //   bench_table3 FILE PROGRAM DEVICE ROUNDS STEP=TIMES... -- LEAF=SOURCE...    a table on stdout, JSON in FILE
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <ctime>
@@ -59,7 +60,7 @@ double processor_ms() {
 
 double quantile(std::vector<double> values, double q) {
   std::sort(values.begin(), values.end());
-  return values[static_cast<size_t>(q * static_cast<double>(values.size() - 1) + 0.5)];
+  return values[static_cast<size_t>(std::lround(q * static_cast<double>(values.size() - 1)))];
 }
 
 void start_over(Runner& r, const std::string& step) {
