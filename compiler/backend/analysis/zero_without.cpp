@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <map>
 #include <optional>
 #include <set>
@@ -117,6 +118,17 @@ class Zeros {
 
 bool is_zero_without(const ir::Graph& graph, ValueId value, std::span<const ir::OpId> branches) {
   return Zeros(graph, branches).has(value);
+}
+
+std::vector<ir::OpId> zeros_without(const ir::Graph& graph, std::span<const ir::OpId> ops,
+                                    std::span<const ir::OpId> branches) {
+  Zeros zeros(graph, branches);
+  std::vector<ir::OpId> out;
+  std::ranges::copy_if(ops, std::back_inserter(out), [&](ir::OpId id) {
+    return std::ranges::all_of(graph.op(id).results,
+                               [&](ValueId v) { return graph.value(v).type.is_float() && zeros.has(v); });
+  });
+  return out;
 }
 
 }  // namespace dr::backend

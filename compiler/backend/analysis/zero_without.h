@@ -4,6 +4,7 @@
 #pragma once
 
 #include <span>
+#include <vector>
 
 #include "compiler/ir/graph.h"
 
@@ -11,5 +12,9 @@ namespace dr::backend {
 
 // Whether a value is zero at each element for which the conditions of all these `if`s and selects are false.
 bool is_zero_without(const ir::Graph& graph, ir::ValueId value, std::span<const ir::OpId> branches);
+
+// Those of `ops` whose results all are float zeros there, of either sign.
+std::vector<ir::OpId> zeros_without(const ir::Graph& graph, std::span<const ir::OpId> ops,
+                                    std::span<const ir::OpId> branches);
 
 }  // namespace dr::backend

@@ -153,7 +153,7 @@ class Generator {
   static std::string guessed_right(const std::vector<Target>& targets);
   const char* sum_word() const { return wide_atomics() ? "uint64_t" : "uint"; }
   // What a map pass does for a scatter that joins it (JoinedRun); gives what the shader does at its end.
-  std::string scatter_where_listed(glsl::Shader& shader, const Pass& pass, const Pass& scatter);
+  std::string scatter_where_listed(glsl::Shader& shader, const Pass& pass, const Pass& scatter, bool apart);
   // Contributions that the first run of exact sums keeps for the second (JoinedFirstRun), by their place in the list
   // of active elements: words of the buffer; what scatter_<name> does with one, its `value` for `element` at `site`;
   // that an element has none yet; and the add_<name> of them all, a part of which each invocation takes.
@@ -193,9 +193,9 @@ class Generator {
   // A condition: whether an element is active.
   std::string active_condition(glsl::Shader& shader, const Clauses& clauses) const;
   // Stores what a map pass writes at an element and lists it for these scatters; `loop`: that the shader runs, if it
-  // does.
+  // does. `apart`: elements beside each other are few, so lanes do not join what they add.
   void store_results(glsl::Shader& shader, const Pass& pass, const std::vector<const Pass*>& scatters = {},
-                     ListingLoop* loop = nullptr);
+                     ListingLoop* loop = nullptr, bool apart = false);
   // Those that are stored where the scatter is active, and that it reads.
   void store_partial(glsl::Shader& shader, const Pass& pass, const Pass& scatter);
   void store_changed(glsl::Shader& shader, const Pass& pass, ir::ValueId value);

@@ -7,6 +7,7 @@
 
 #include "compiler/backend/analysis/same_in_run.h"
 #include "compiler/backend/analysis/uses.h"
+#include "compiler/backend/analysis/zero_without.h"
 #include "compiler/backend/emit/generator.h"
 #include "compiler/backend/schedule/limits.h"
 
@@ -51,9 +52,17 @@ class LeftOut {
     for (const ir::OpId id : branches) s.leave_out_branch(id);
   }
 
+  // These stand for zero.
+  void suppose_zero(const std::vector<ir::OpId>& ops) {
+    for (const ir::OpId id : ops)
+      for (const ValueId v : graph_.op(id).results) shader_.define(v, shader_.hidden_zero(graph_.value(v).type));
+    zeros_.insert(ops.begin(), ops.end());
+  }
+
   void element_ops(const std::vector<ir::OpId>& ops) {
     std::vector<ir::OpId> before;
     for (const ir::OpId id : ops) {
+      if (zeros_.contains(id)) continue;
       before.push_back(id);
       const auto& results = graph_.op(id).results;
       if (std::ranges::none_of(results, [&](ValueId v) { return conditions_.contains(v); })) continue;
@@ -81,8 +90,20 @@ class LeftOut {
   const ir::Graph& graph_;
   Shader& shader_;
   std::set<ValueId> conditions_;
+  std::set<ir::OpId> zeros_;
   std::set<std::string> found_;
 };
+
+// What is zero without some branches, but for what is stored or compared, where a zero's sign may be seen: sums do not
+// see it.
+std::vector<ir::OpId> unseen_zeros(const ir::Graph& graph, const Pass& pass, const std::vector<const Pass*>& scatters,
+                                   const std::vector<ir::OpId>& branches) {
+  std::vector<ValueId> seen(pass.writes.begin(), pass.writes.end());
+  for (const Pass* scatter : scatters)
+    for (const ir::OpId id : scatter->ops)
+      if (const ir::Op& op = graph.op(id); op.kind == ir::OpKind::ScatterMax) seen.push_back(op.operands[1]);
+  return zeros_without(graph, without(pass.ops, ops_of(graph, pass.ops, seen)), branches);
+}
 
 }  // namespace
 
@@ -152,7 +173,9 @@ void Generator::listed_dispatch(const Pass& pass, const HeavyBranches& branches,
   const Cut cut = this->cut(s, pass, branches.cut, "element");
   open_cut(s, cut, "return;");
   const std::vector<ir::OpId> left_out = rest ? branches.unlikely : std::vector<ir::OpId>();
+  const std::vector<const Pass*> scatters = listed_without(pass, left_out);
   LeftOut likely(graph_, s, pass, left_out);
+  if (rest) likely.suppose_zero(unseen_zeros(graph_, pass, scatters, left_out));
   likely.element_ops(pass.ops);
   close_cut(s, cut);
   s.share_no_more();
@@ -164,7 +187,7 @@ void Generator::listed_dispatch(const Pass& pass, const HeavyBranches& branches,
     s.body().line("}");
   }
   if (branches.shares_loops) s.body().line("if (share == 0) {");
-  store_results(s, pass, listed_without(pass, left_out));
+  store_results(s, pass, scatters, nullptr, !branches.unlikely.empty() && !rest);
   if (branches.shares_loops) s.body().line("}");
   end_cut(s, cut);
   if (walks) {

@@ -140,7 +140,7 @@ std::string Generator::list_suffix(const Pass& scatter) const {
 }
 
 void Generator::store_results(Shader& s, const Pass& pass, const std::vector<const Pass*>& scatters,
-                              ListingLoop* loop) {
+                              ListingLoop* loop, bool apart) {
   const std::vector<ValueId>& partial = pass.get<MapPass>().partial;
   const auto is_partial = [&](ValueId v) { return std::ranges::find(partial, v) != partial.end(); };
   for (const ValueId v : pass.writes)
@@ -155,7 +155,7 @@ void Generator::store_results(Shader& s, const Pass& pass, const std::vector<con
   for (const Pass* scatter : scatters) {
     const auto& how = scatter->get<ScatterPass>();
     if (how.joined_run() != nullptr) {
-      finish += scatter_where_listed(s, pass, *scatter);
+      finish += scatter_where_listed(s, pass, *scatter, apart);
       continue;
     }
     const std::string list =
@@ -300,7 +300,7 @@ Generator::Adding Generator::plain_adding(Shader& s, const Pass& pass, const Tar
   return out;
 }
 
-std::string Generator::scatter_where_listed(Shader& s, const Pass& pass, const Pass& scatter) {
+std::string Generator::scatter_where_listed(Shader& s, const Pass& pass, const Pass& scatter, bool apart) {
   const auto& how = scatter.get<ScatterPass>();
   const bool fixed = how.lowering() == ScatterLowering::Exact, keeps = how.keeps_terms();
   const bool lists_added = fixed && !keeps && !how.runs_again();
@@ -314,8 +314,10 @@ std::string Generator::scatter_where_listed(Shader& s, const Pass& pass, const P
     s.declare("uint special" + suffix + " = 0u;\n");
     finish += "  if (special" + suffix + " >= 0x7f800000u) atomicOr(" + words + ".d[0], 1u);\n";
   }
-  for (const Target& t : targets_.at(&scatter))
+  for (Target t : targets_.at(&scatter)) {
+    if (apart) t.run = 0;
     finish += declare_target(s, scatter, t, fixed ? Runs::First : Runs::Second, lists_added);
+  }
   if (lists_added) s.body().line(adds + " = 0u;");
   s.body().line("if (" + active_condition(s, how.clauses()) + ") {");
   s.push_scope();
