@@ -114,6 +114,39 @@ class Zeros {
   std::map<ValueId, bool> known_;
 };
 
+// Ops that give the same for a zero of either sign, or zeros of either sign. Of Div that holds for the first operand.
+constexpr OpKind kBlindToSigns[] = {
+    OpKind::Add,        OpKind::Sub,    OpKind::Mul,  OpKind::SMul,    OpKind::Div,      OpKind::Neg,
+    OpKind::Abs,        OpKind::Dot,    OpKind::Less, OpKind::Equal,   OpKind::NotEqual, OpKind::LessEqual,
+    OpKind::Select,     OpKind::Splat,  OpKind::Pin,  OpKind::Compose, OpKind::Extract,  OpKind::Broadcast,
+    OpKind::ScatterAdd, OpKind::Detach, OpKind::If,   OpKind::Reduce,  OpKind::Fold};
+
+// Adds the values of which the sign of a zero may show, given those of which it does, to the end of `ops`.
+void find_signs(const ir::Graph& graph, std::span<const ir::OpId> ops, std::set<ValueId>& signs) {
+  for (size_t k = ops.size(); k-- > 0;) {
+    const Op& op = graph.op(ops[k]);
+    const auto all = [&] {
+      signs.insert(op.operands.begin(), op.operands.end());
+      for (const ir::RegionId region : op.regions) {
+        const std::vector<ValueId> captured = ir::captures(graph, region);
+        signs.insert(captured.begin(), captured.end());
+      }
+    };
+    if (std::ranges::any_of(op.results, [&](ValueId v) { return signs.contains(v); })) {
+      all();
+    } else if (std::ranges::find(kBlindToSigns, op.kind) == std::end(kBlindToSigns)) {
+      signs.insert(op.operands.begin(), op.operands.end());
+    } else if (op.kind == OpKind::Div) {
+      signs.insert(op.operands[1]);
+    }
+    for (const ir::RegionId region : op.regions) {
+      find_signs(graph, graph.region(region).ops, signs);
+      // What a loop carries on comes from all that it is made of.
+      if (std::ranges::any_of(graph.region(region).params, [&](ValueId v) { return signs.contains(v); })) all();
+    }
+  }
+}
+
 }  // namespace
 
 bool is_zero_without(const ir::Graph& graph, ValueId value, std::span<const ir::OpId> branches) {
@@ -121,12 +154,15 @@ bool is_zero_without(const ir::Graph& graph, ValueId value, std::span<const ir::
 }
 
 std::vector<ir::OpId> zeros_without(const ir::Graph& graph, std::span<const ir::OpId> ops,
-                                    std::span<const ir::OpId> branches) {
+                                    std::span<const ir::OpId> branches, std::span<const ir::ValueId> shown) {
+  std::set<ValueId> signs(shown.begin(), shown.end());
+  find_signs(graph, ops, signs);
   Zeros zeros(graph, branches);
   std::vector<ir::OpId> out;
   std::ranges::copy_if(ops, std::back_inserter(out), [&](ir::OpId id) {
-    return std::ranges::all_of(graph.op(id).results,
-                               [&](ValueId v) { return graph.value(v).type.is_float() && zeros.has(v); });
+    return std::ranges::all_of(graph.op(id).results, [&](ValueId v) {
+      return graph.value(v).type.is_float() && !signs.contains(v) && zeros.has(v);
+    });
   });
   return out;
 }

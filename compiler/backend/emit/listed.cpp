@@ -94,15 +94,15 @@ class LeftOut {
   std::set<std::string> found_;
 };
 
-// What is zero without some branches, but for what is stored or compared, where a zero's sign may be seen: sums do not
-// see it.
-std::vector<ir::OpId> unseen_zeros(const ir::Graph& graph, const Pass& pass, const std::vector<const Pass*>& scatters,
-                                   const std::vector<ir::OpId>& branches) {
-  std::vector<ValueId> seen(pass.writes.begin(), pass.writes.end());
-  for (const Pass* scatter : scatters)
-    for (const ir::OpId id : scatter->ops)
-      if (const ir::Op& op = graph.op(id); op.kind == ir::OpKind::ScatterMax) seen.push_back(op.operands[1]);
-  return zeros_without(graph, without(pass.ops, ops_of(graph, pass.ops, seen)), branches);
+// What a pass need not compute without some branches.
+std::vector<ir::OpId> unshown_zeros(const ir::Graph& graph, const Pass& pass, const std::vector<const Pass*>& scatters,
+                                    const std::vector<ir::OpId>& branches) {
+  std::vector<ir::OpId> ops = pass.ops;
+  for (const Pass* scatter : scatters) ops.insert(ops.end(), scatter->ops.begin(), scatter->ops.end());
+  const std::vector<ValueId> stored(pass.writes.begin(), pass.writes.end());
+  std::vector<ir::OpId> zeros = zeros_without(graph, ops, branches, stored);
+  std::erase_if(zeros, [&](ir::OpId id) { return std::ranges::find(pass.ops, id) == pass.ops.end(); });
+  return zeros;
 }
 
 }  // namespace
@@ -175,7 +175,7 @@ void Generator::listed_dispatch(const Pass& pass, const HeavyBranches& branches,
   const std::vector<ir::OpId> left_out = rest ? branches.unlikely : std::vector<ir::OpId>();
   const std::vector<const Pass*> scatters = listed_without(pass, left_out);
   LeftOut likely(graph_, s, pass, left_out);
-  if (rest) likely.suppose_zero(unseen_zeros(graph_, pass, scatters, left_out));
+  if (rest) likely.suppose_zero(unshown_zeros(graph_, pass, scatters, left_out));
   likely.element_ops(pass.ops);
   close_cut(s, cut);
   s.share_no_more();

@@ -139,8 +139,8 @@ std::string Generator::list_suffix(const Pass& scatter) const {
   return place == 0 ? std::string() : "_" + std::to_string(place + 1);
 }
 
-void Generator::store_results(Shader& s, const Pass& pass, const std::vector<const Pass*>& scatters,
-                              ListingLoop* loop, bool apart) {
+void Generator::store_results(Shader& s, const Pass& pass, const std::vector<const Pass*>& scatters, ListingLoop* loop,
+                              bool apart) {
   const std::vector<ValueId>& partial = pass.get<MapPass>().partial;
   const auto is_partial = [&](ValueId v) { return std::ranges::find(partial, v) != partial.end(); };
   for (const ValueId v : pass.writes)
