@@ -238,14 +238,23 @@ ValueId AtPlaces::compute(ValueId v) {
 }
 
 void AtPlaces::prepare(ValueId v, Variables known) {
-  if ((depends(v) & ~known) == 0) {
-    at(v);
-    return;
+  std::set<ValueId> seen;  // one value is an operand of many
+  std::vector<ValueId> open = {v};
+  while (!open.empty()) {
+    const ValueId next = open.back();
+    open.pop_back();
+    if (!seen.insert(next).second) continue;
+    if ((depends(next) & ~known) == 0) {
+      at(next);
+      continue;
+    }
+    const Op* op = maker(next);
+    if (!op || variable(next) || (is_root(next) && !is_computed(next))) continue;
+    if (op->kind == OpKind::Gather)
+      open.push_back(op->operands[1]);
+    else
+      open.insert(open.end(), op->operands.rbegin(), op->operands.rend());
   }
-  const Op* op = maker(v);
-  if (!op || variable(v) || (is_root(v) && !is_computed(v))) return;
-  if (op->kind == OpKind::Gather) return prepare(op->operands[1], known);
-  for (const ValueId operand : op->operands) prepare(operand, known);
 }
 
 }  // namespace dr::passes
