@@ -57,6 +57,7 @@ const std::vector<Without>& without_derivative() {
         "mesh.icosphere_cell",
         "mesh.icosphere_face",
         "mesh.icosphere_uv_face",
+        "mesh.inside_out",
         "mesh.neighbours",
         "mesh.neighbours_of",
         "mesh.rhomb_vertex",

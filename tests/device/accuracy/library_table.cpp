@@ -19,6 +19,7 @@ std::vector<Elsewhere> elsewhere() {
       {"strands.segments", "integers"},
       {"strands.strand_of", "integers"},
       {"strands.interpolate", "the row of strands.blend draws with it"},
+      {"mesh.inside_out", "another sign of an integer"},
       {"mesh.neighbours", "integers of `topology`"},
       {"mesh.neighbours_of", "integers; a golden test holds them to those of `topology`"},
       {"mesh.beyond", "integers of `topology`"},
