@@ -111,7 +111,8 @@ class Hoister {
       if (step.live[id.index]) of_if_.push_back(&step);
     if (!is_dirty(op.results[0])) return false;
     for (const RegionId region : op.regions) find_dirty(region);
-    return has_clean_indices(op);
+    std::set<OpId> clean;
+    return has_clean_indices(op, clean);
   }
 
   bool is_dirty(ValueId v) const {
@@ -130,15 +131,18 @@ class Hoister {
     }
   }
 
-  bool has_clean_indices(const Op& op) const {
+  // `clean`: inner ops of which that is known, as they have several results.
+  bool has_clean_indices(const Op& op, std::set<OpId>& clean) const {
     for (const RegionId region : op.regions) {
       const std::vector<Yielded> parts = yielded(from_, op, region);
       for (size_t k = 0; k < parts.size(); ++k) {
         if (op.attrs.yields[k] != Yield::Scatter) continue;
         if (parts[k].index.valid() && is_dirty(parts[k].index)) return false;
         if (parts[k].index.valid()) continue;
-        const Op& inner = from_.op(from_.value(parts[k].value).op);
-        if (inner.kind != OpKind::If || !has_clean_indices(inner)) return false;
+        const OpId by = from_.value(parts[k].value).op;
+        if (clean.contains(by)) continue;
+        if (from_.op(by).kind != OpKind::If || !has_clean_indices(from_.op(by), clean)) return false;
+        clean.insert(by);
       }
     }
     return true;

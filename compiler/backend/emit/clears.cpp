@@ -25,6 +25,8 @@ namespace {
 constexpr int64_t kWordsEach = 16, kCopiedEach = 4;
 // Of what is seldom cleared.
 constexpr int64_t kSeldomEach = 256;
+// A command's name goes on until it is so long.
+constexpr size_t kMostNamed = 2000;
 // The most words of a target, when all symbols are as large as the side of a picture.
 constexpr int64_t kMostWords = 1 << 23;
 constexpr int64_t kSide = 1024;
@@ -151,6 +153,7 @@ void Generator::clear_by_dispatch(const std::vector<size_t>& fills) {
   Shader s = strict_shader();
   linear_index(s, stride);
   clear->label = "clear";
+  size_t named = 0;
   std::set<std::pair<uint32_t, uint32_t>> lines;
   for (size_t k = 0; k < fills.size(); ++k) {
     const CommandT& fill = *out_->commands[fills[k]];
@@ -170,9 +173,13 @@ void Generator::clear_by_dispatch(const std::vector<size_t>& fills) {
     } else {
       s.body().line(loop);
     }
-    clear->label += (k == 0 ? "" : ",") + fill.label.substr(std::string("clear").size());
+    if (clear->label.size() < kMostNamed) {
+      clear->label += (k == 0 ? "" : ",") + fill.label.substr(std::string("clear").size());
+      ++named;
+    }
     for (const bundle::Line& line : fill.lines) lines.emplace(line.file(), line.line());
   }
+  if (named < fills.size()) clear->label += " and " + std::to_string(fills.size() - named) + " more";
   clear->kind = CommandKind::Dispatch;
   clear->target = -1;
   clear->value = 0;
