@@ -198,6 +198,15 @@ std::vector<ValueId> captures(const Graph& graph, RegionId region) {
   return uses;
 }
 
+std::vector<ValueId> needs_of(const Graph& graph, const Op& op) {
+  std::vector<ValueId> out = op.operands;
+  for (const RegionId region : op.regions) {
+    const std::vector<ValueId> more = captures(graph, region);
+    out.insert(out.end(), more.begin(), more.end());
+  }
+  return out;
+}
+
 std::vector<bool> live_ops(const Graph& graph, std::span<const ValueId> roots) {
   std::vector<bool> live(graph.op_count());
   std::vector<bool> wanted(graph.value_count());

@@ -237,6 +237,8 @@ void copy_op(const Graph& from, OpId op, Builder& to, ValueMap& map);
 
 // Values that a region (and regions inside it) uses but does not define, in id order.
 std::vector<ValueId> captures(const Graph& graph, RegionId region);
+// What an op uses of the region that it stands in, and of those around it: its operands, and what its regions capture.
+std::vector<ValueId> needs_of(const Graph& graph, const Op& op);
 
 // Which ops of the root region are needed for these roots (all steps when empty), by OpId index.
 std::vector<bool> live_ops(const Graph& graph, std::span<const ValueId> roots);

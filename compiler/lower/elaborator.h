@@ -152,7 +152,7 @@ class Elaborator {
   Error fail(Code code, const Span& span, std::string message, std::vector<dsl::Note> notes = {},
              std::string help = {});
   void set_span(const Span& span);
-  bool over_budget(const Span& span);
+  bool over_budget(const Span& span, size_t cost = 1);
   bool has_room(const Value& part, size_t& parts, const Span& span);
   static std::string suggestion(std::string_view name, const std::vector<std::string>& known);
   // "x, y or z"

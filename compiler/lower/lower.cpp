@@ -43,17 +43,19 @@ void Elaborator::set_span(const Span& span) {
 }
 
 // Whether elaboration has to end. Unrolling can multiply without bound: each limit below is a message, not a hang.
-bool Elaborator::over_budget(const Span& span) {
+bool Elaborator::over_budget(const Span& span, size_t cost) {
   if (exhausted_ || diagnostics_.full()) return true;
   constexpr size_t kStopEvery = 64;
-  if (observation_ && observation_->stop && steps_ % kStopEvery == 0 && observation_->stop())
+  const size_t before = steps_;
+  steps_ += cost;
+  if (observation_ && observation_->stop && before / kStopEvery != steps_ / kStopEvery && observation_->stop())
     return observation_->stopped = exhausted_ = true;
   if (b_.graph().op_count() > options_.max_ops) {
     report(Code::E0503, span,
            "expected a program of at most " + std::to_string(options_.max_ops) +
                " operations after unrolling, found more");
     exhausted_ = true;
-  } else if (++steps_ > options_.max_expressions) {
+  } else if (steps_ > options_.max_expressions) {
     report(Code::E0503, span,
            "expected at most " + std::to_string(options_.max_expressions) + " expressions after unrolling, found more");
     exhausted_ = true;

@@ -37,16 +37,6 @@ bool is_inline(const Op& op) {
   return op.kind == OpKind::Const || op.kind == OpKind::DimValue || op.kind == OpKind::Coord;
 }
 
-// What an op uses of the region that it stands in, and of those around it.
-std::vector<ValueId> needs_of(const Graph& graph, const Op& op) {
-  std::vector<ValueId> out = op.operands;
-  for (const RegionId region : op.regions) {
-    const std::vector<ValueId> more = captures(graph, region);
-    out.insert(out.end(), more.begin(), more.end());
-  }
-  return out;
-}
-
 // Root ops of a step that depend on what it changes, and those that it needs.
 struct StepOps {
   std::vector<bool> dirty, live;  // by OpId index

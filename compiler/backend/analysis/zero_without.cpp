@@ -126,11 +126,8 @@ void find_signs(const ir::Graph& graph, std::span<const ir::OpId> ops, std::set<
   for (size_t k = ops.size(); k-- > 0;) {
     const Op& op = graph.op(ops[k]);
     const auto all = [&] {
-      signs.insert(op.operands.begin(), op.operands.end());
-      for (const ir::RegionId region : op.regions) {
-        const std::vector<ValueId> captured = ir::captures(graph, region);
-        signs.insert(captured.begin(), captured.end());
-      }
+      const std::vector<ValueId> needs = ir::needs_of(graph, op);
+      signs.insert(needs.begin(), needs.end());
     };
     if (std::ranges::any_of(op.results, [&](ValueId v) { return signs.contains(v); })) {
       all();

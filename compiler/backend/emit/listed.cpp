@@ -94,15 +94,13 @@ class LeftOut {
   std::set<std::string> found_;
 };
 
-// What a pass need not compute without some branches.
+// What a pass, and the scatters that join it, need not compute without some branches.
 std::vector<ir::OpId> unshown_zeros(const ir::Graph& graph, const Pass& pass, const std::vector<const Pass*>& scatters,
                                     const std::vector<ir::OpId>& branches) {
   std::vector<ir::OpId> ops = pass.ops;
   for (const Pass* scatter : scatters) ops.insert(ops.end(), scatter->ops.begin(), scatter->ops.end());
   const std::vector<ValueId> stored(pass.writes.begin(), pass.writes.end());
-  std::vector<ir::OpId> zeros = zeros_without(graph, ops, branches, stored);
-  std::erase_if(zeros, [&](ir::OpId id) { return std::ranges::find(pass.ops, id) == pass.ops.end(); });
-  return zeros;
+  return zeros_without(graph, ops, branches, stored);
 }
 
 }  // namespace

@@ -278,16 +278,14 @@ void Elaborator::run_for(const dsl::Stmt& stmt) {
            {}, "add ', max = " + std::to_string(trips) + "' for a loop at run time");
     return;
   }
-  // A trip's names stay in memory, also where its body is empty: it counts as so many expressions more. Together with
-  // its own one that is odd, so that over_budget() asks now and then whether to stop.
-  constexpr size_t kTripCounts = 24;
+  // A trip's names stay in memory, also where its body is empty: it counts as so many expressions.
+  constexpr size_t kTripCost = 25;
   const size_t mistakes = mistakes_;
   for (int64_t i = *begin; i < *end; ++i) {
-    steps_ += kTripCounts;
     const Switched<Scope*> inside(scope_, new_scope(scope_));
     define(*scope_, stmt.loop_var, Dim(i), Binding::Kind::Index);
     // Further trips would only make the same mistake again.
-    if (over_budget(stmt.span) || mistakes_ > mistakes) return;
+    if (over_budget(stmt.span, kTripCost) || mistakes_ > mistakes) return;
     if (const Value value = run_statements(stmt.body); !value.is<Nothing>() && !contains_error(value)) {
       report(Code::E0509, stmt.body.value->span,
              "expected statements in the body of 'for', found a value that is not used", {}, "");
