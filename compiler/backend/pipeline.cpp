@@ -12,6 +12,7 @@
 #include "compiler/backend/lowering/block_loops.h"
 #include "compiler/backend/lowering/choose_code.h"
 #include "compiler/backend/lowering/clear_by_epochs.h"
+#include "compiler/backend/lowering/clear_where_listed.h"
 #include "compiler/backend/lowering/empty_sums.h"
 #include "compiler/backend/lowering/guess_exponents.h"
 #include "compiler/backend/lowering/keep_in_tiles.h"
@@ -109,6 +110,11 @@ Outcome run_guess_exponents(Compilation& c) {
 
 Outcome run_recompute_second_run(Compilation& c) {
   recompute_second_run(c.graph(), c.profile, c.out.schedule);
+  return std::nullopt;
+}
+
+Outcome run_clear_where_listed(Compilation& c) {
+  if (c.options.empty_sums) clear_where_listed(c.graph(), c.profile, c.out.schedule);
   return std::nullopt;
 }
 
@@ -231,6 +237,7 @@ constexpr BackendPass kPasses[] = {
     {"keep-sums", run_keep_sums, Fact::Packed | Fact::SumsChosen, 0, only(Fact::Lowered)},
     {"guess-exponents", run_guess_exponents, Fact::Packed | Fact::SumsChosen, 0, only(Fact::Lowered)},
     {"recompute-second-run", run_recompute_second_run, Fact::Packed | Fact::SumsChosen, 0, only(Fact::Lowered)},
+    {"clear-where-listed", run_clear_where_listed, Fact::Packed | Fact::SumsChosen, 0, only(Fact::Lowered)},
     {"set-up-in-raster", run_set_up_in_raster, Fact::Packed | Fact::EntriesKept, only(Fact::PlacesFixed),
      only(Fact::Lowered)},
     {"block-loops", run_block_loops, Fact::Packed | Fact::SumsChosen | Fact::PlacesFixed, 0, only(Fact::Lowered)},

@@ -361,6 +361,90 @@ step run { tone <- tone - 0.01 * pull; few <- few - 0.01 * share; }
   }
 }
 
+// Sums that a scatter reads at listed elements alone are cleared there: every run finds them so, whichever elements the
+// runs before listed, and whatever was added to the others, Inf and NaN among it.
+TEST_CASE("sums that are cleared where elements are listed are those of cleared memory") {
+  const auto path = (std::filesystem::path(DR_BUILD_DIR) / "scatter_listed_sums_test.dr").string();
+  std::ofstream(path) << R"(edition 1;
+param edge : vec2[V];
+param shift : float = 0.0;
+input at : float[P];
+input scale : float[P];
+input factor : float;
+input each : int;
+let p = coord(64, 64).y * 64 + coord(64, 64).x;
+let first = (p + int(shift)) % edge.width;
+let crossed = p % each == 0;
+let covered = if crossed {
+  fold(i in 0..2 + p % 2, s = vec2(1.0), max = 3) { s * edge.at((first + i) % edge.width) }
+} else {
+  vec2(1.0)
+};
+let q = int(at + shift);
+let near = covered.at(ivec2(q % 64, q / 64));
+let loss = sum(factor * scale * near.x * exp(near.y) * sqrt(covered.at(ivec2((q + 1) % 64, q / 64)).x + 2.0));
+let pull = grad(loss, edge);
+step run { edge <- edge - 0.01 * pull; shift <- shift + 1.0; output loss, pull; }
+)";
+  const auto bind = [&](auto& program) {
+    std::mt19937 random(5);
+    std::uniform_real_distribution<float> share(0.0F, 1.0F);
+    std::vector<float> edge(2 * 97), at(3000), scale(3000);
+    for (float& x : edge) x = 0.5F + share(random);
+    for (float& x : at) x = std::floor(4000.0F * share(random));
+    for (float& x : scale) x = share(random) - 0.5F;
+    must(program.bind("edge", Array::from_floats(edge, 2)));
+    must(program.bind("at", Array::from_floats(at)));
+    must(program.bind("scale", Array::from_floats(scale)));
+  };
+  const auto once = [&](auto& program, float factor, int each) {
+    must(program.bind("factor", Array::from_floats(std::span(&factor, 1))));
+    must(program.bind("each", Array::from_ints(std::span(&each, 1))));
+    must(program.run("run"));
+    return std::vector<Array>{must(program.output("run", "loss")), must(program.output("run", "pull"))};
+  };
+  const auto words_cleared = [](const std::vector<uint8_t>& bytes) {
+    const auto bundle = std::get<bundle::BundleT>(bundle::read(bytes));
+    for (const auto& c : bundle.steps[0]->commands)
+      if (c->kind == bundle::CommandKind::Fill && c->label == "clear scatter_add") return c->elements;
+    FAIL("no such sums");
+    return std::string();
+  };
+  auto in_turn = std::get<target::Profile>(target::load_profile(narrow()));
+  in_turn.lanes_in_turn = true;
+  for (const auto& [name, device] : test::devices())
+    for (const std::string& profile : {written(in_turn, "in_turn"), std::string("lavapipe")}) {
+      if (profile == "lavapipe" && name != "lavapipe") continue;
+      jit::Options options;
+      options.profile = profile, options.scatter = "exact";
+      const auto listed = compile(path, options);
+      CHECK(words_cleared(listed) == (profile == "lavapipe" ? "4" : "2"));
+      options.ablate = {"emptying"};
+      const auto whole = compile(path, options);
+      CHECK(words_cleared(whole).empty());
+      auto program = must(runtime::Program::load(device, listed)),
+           cleared = must(runtime::Program::load(device, whole));
+      auto reference = must(jit::ReferenceProgram::load(listed));
+      bind(program);
+      bind(cleared);
+      bind(reference);
+      // Inf and NaN stay in what is sought: what follows begins anew.
+      for (const float factor : {1.0F, 3e4F, 1e-7F, 0.0F, 2.5F, INFINITY, 1.0F, NAN, 2.0F})
+        for (const int each : {5, 3, 7}) {
+          INFO(name << ", profile " << profile << ", factor " << factor << ", each " << each);
+          if (factor == 1.0F || factor == 2.0F) {
+            bind(program);
+            bind(cleared);
+            bind(reference);
+          }
+          const std::vector<Array> found = once(program, factor, each);
+          CHECK(same_bits(found, once(cleared, factor, each)));
+          const std::vector<Array> truth = once(reference, factor, each);
+          if (factor == 1.0F) CHECK(distance(found[1], truth[1]) <= kTolerance);
+        }
+    }
+}
+
 TEST_CASE("rows follow an index that is bound anew") {
   const auto path = (std::filesystem::path(DR_BUILD_DIR) / "scatter_test.dr").string();
   const auto sets = data_sets();

@@ -144,6 +144,22 @@ ir::Dim looking_for_guesses(const ir::Extent& domain) {
 
 ir::Dim words_of_head(bool wide) { return wide ? 2 * kHead : kHead; }
 
+void Generator::clear_listed(Shader& s, const Pass& map, const Pass& scatter) {
+  const bool wide = wide_atomics();
+  for (const ValueId v : sums_where_listed(schedule_.resources, *step_, scatter)) {
+    const Resource& r = resource(v);
+    if (wide) wide_extensions(s);
+    const std::string words = s.bind_words(resource_index(v), "cleared_" + std::to_string(resource_index(v)),
+                                           bundle::Access::Write, sum_word()),
+                      element = Shader::element_index(map.domain, "at");
+    const int n = r.type.components() * (wide ? 1 : 2);
+    for (int k = 0; k < n; ++k)
+      s.body().line(words + ".d[" + word_of(r.extent, element, n, k, wide) + "] = " + std::string(sum_word()) + "(0);");
+    s.body().line(words + ".d[" + Flags(r.type, r.extent, wide).word(element) + "] = " + std::string(sum_word()) +
+                  "(0);");
+  }
+}
+
 Generator::Adding Generator::fixed_adding(Shader& s, const Pass& pass, const Target& t, Runs runs, bool lists) {
   const bool joins_lanes = pass.get<ScatterPass>().joins_lanes(), guesses = t.guess != 0;
   const std::string& id = t.accumulator.name;

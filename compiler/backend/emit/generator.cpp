@@ -75,7 +75,8 @@ void Generator::process(bundle::BundleT& bundle, std::vector<GlslShader>& shader
       case Resource::Storage::Halves: out->type = bundle_type(ir::vec(r.words(), ir::Scalar::Uint)); break;
       case Resource::Storage::Sums:
       case Resource::Storage::EmptiedSums:
-        out->role = r.is(Resource::Storage::Sums) ? bundle::Role::Scratch : bundle::Role::Zeros;
+      case Resource::Storage::ListedSums:
+        out->role = r.is(Resource::Storage::EmptiedSums) ? bundle::Role::Zeros : bundle::Role::Scratch;
         out->type = bundle_type(ir::kUint);
         out->extent = bundle_extent({words_of_sums(r.type, r.extent, wide_atomics()), 1, 1});
         break;

@@ -198,6 +198,8 @@ class Generator {
                      ListingLoop* loop = nullptr, bool apart = false);
   // Those that are stored where the scatter is active, and that it reads.
   void store_partial(glsl::Shader& shader, const Pass& pass, const Pass& scatter);
+  // Zeros in the sums that a scatter reads at an element which the map lists for it.
+  void clear_listed(glsl::Shader& shader, const Pass& map, const Pass& scatter);
   void store_changed(glsl::Shader& shader, const Pass& pass, ir::ValueId value);
   // The largest of those that a map tells of, as the bits of a float without its sign; and a statement that says in a
   // word of the pass that it is NaN or Inf.

@@ -167,6 +167,7 @@ void Generator::store_results(Shader& s, const Pass& pass, const std::vector<con
     else
       s.body().line(append(s, list, Shader::element_index(pass.domain, "at"), pass.domain, false, shares) + ";");
     store_partial(s, pass, *scatter);
+    clear_listed(s, pass, *scatter);
     s.body().line("}");
   }
   if (!finish.empty()) {
@@ -240,9 +241,10 @@ std::vector<Generator::Target> Generator::scatter_targets(const Pass& pass, size
     if (scatter.joined_run() != nullptr) t.list = list_suffix(pass);
     t.run = scatter.joins_runs();
     if (scatter.joins_groups()) t.group = step_->pass(*scatter.lister()).get<MapPass>().code.joining_group;
+    const bool head = t.emptied || r.is(Resource::Storage::ListedSums);
     if (!r.is(Resource::Storage::Emptied))
       fill("clear " + r.name, t.words, maximum ? 0x80000000u : 0u,
-           t.emptied ? words_of_head(wide_atomics()).str() : std::string());
+           head ? words_of_head(wide_atomics()).str() : std::string());
     targets.push_back(std::move(t));
   }
   return targets;

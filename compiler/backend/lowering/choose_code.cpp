@@ -174,7 +174,7 @@ class StepCode {
     for (const Pass* scatter : scatters)
       if (scatter->get<ScatterPass>().joined_run() != nullptr)
         all = joined_bindings(schedule_.resources, step_, *scatter);
-    all.more += 2 + lists_bound(scatters.size());
+    all.more += 2 + lists_bound(scatters.size()) + cleared_bound(schedule_.resources, step_, id);
     return fits(profile_, all);
   }
 
@@ -234,7 +234,8 @@ class StepCode {
     Bindings all = bindings_of(schedule_.resources, resources_of(step_, pass.reads), writes);
     all.more = 1 + (cut ? 2 : 0) + (cut && cut->watched ? 1 : 0) + (code.heavy ? 1 : 0) +
                (code.heavy && !code.heavy->unlikely.empty() ? 1 : 0) + lists_bound(listed_for(step_, id).size()) +
-               (map.rest ? 1 : 0) + static_cast<uint32_t>(guesses_bound(schedule_.resources, step_, pass));
+               cleared_bound(schedule_.resources, step_, id) + (map.rest ? 1 : 0) +
+               static_cast<uint32_t>(guesses_bound(schedule_.resources, step_, pass));
     if (!fits(profile_, all)) out.clear();
     return out;
   }

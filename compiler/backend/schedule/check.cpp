@@ -219,6 +219,7 @@ class StepChecker {
     const auto* scatter = pass().as<ScatterPass>();
     for (ValueId v : pass().writes) {
       const Resource* r = resource_of(v);
+      if (r != nullptr && r->is(Resource::Storage::ListedSums)) check_cleared_where_listed(v);
       if (!r || !r->is_emptied()) continue;
       const bool floats = r->is(Resource::Storage::Emptied);
       const auto is_sum = [&](const ScatterSum& sum) {
@@ -228,6 +229,15 @@ class StepChecker {
       if (scatter == nullptr || std::ranges::none_of(scatter->sums, is_sum))
         unsound("adds to sums that their reader may not leave empty");
     }
+  }
+
+  void check_cleared_where_listed(ValueId v) {
+    const auto* scatter = pass().as<ScatterPass>();
+    const auto is_sum = [&](const ScatterSum& sum) {
+      return sum.value == v && may_clear_where_listed(graph_, step_, pass(), sum).has_value();
+    };
+    if (scatter == nullptr || std::ranges::none_of(scatter->sums, is_sum))
+      unsound("adds to sums that no pass may clear where it lists elements");
   }
 
   void check_rows() {

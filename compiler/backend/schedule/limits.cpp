@@ -118,6 +118,34 @@ bool may_empty(const ir::Graph& graph, const StepSchedule& step, const Pass& pas
   return true;
 }
 
+std::optional<PassId> may_clear_where_listed(const ir::Graph& graph, const StepSchedule& step, const Pass& pass,
+                                             const ScatterSum& sum) {
+  if (!pass.steady || adds_in_bins(graph, sum.value, sum.terms) || !is_read_in_place(graph, step, sum.value)) return {};
+  const auto reader = std::ranges::find_if(
+      step.passes, [&](const Pass& p) { return std::ranges::find(p.reads, sum.value) != p.reads.end(); });
+  const auto* scatter = reader->as<ScatterPass>();
+  if (scatter == nullptr || !reader->steady || scatter->own_run() == nullptr || !scatter->lister()) return {};
+  const PassId by = *scatter->lister();
+  const auto own = static_cast<size_t>(&pass - step.passes.data());
+  const auto& adds = pass.get<ScatterPass>();
+  const size_t first = adds.joined_run() != nullptr ? adds.lister()->index : own;
+  return step.pass(by).steady && by.index < first ? std::optional(by) : std::nullopt;
+}
+
+std::vector<ir::ValueId> sums_where_listed(const std::vector<Resource>& resources, const StepSchedule& step,
+                                           const Pass& scatter) {
+  std::vector<ir::ValueId> out = scatter.reads;
+  std::erase_if(out,
+                [&](ir::ValueId v) { return !resources[step.stored.at(v).index].is(Resource::Storage::ListedSums); });
+  return out;
+}
+
+uint32_t cleared_bound(const std::vector<Resource>& resources, const StepSchedule& step, PassId map) {
+  size_t out = 0;
+  for (const Pass* scatter : listed_for(step, map)) out += sums_where_listed(resources, step, *scatter).size();
+  return static_cast<uint32_t>(out);
+}
+
 bool may_empty_floats(const ir::Graph& graph, const std::vector<Resource>& resources, const StepSchedule& step,
                       const Pass& pass, const ScatterSum& sum) {
   const Resource& r = resources[step.stored.at(sum.value).index];

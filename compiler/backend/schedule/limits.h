@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -59,6 +60,15 @@ size_t guesses_bound(const std::vector<Resource>& resources, const StepSchedule&
 // Whether the pass that reads a sum as it was added up may leave zeros: both run in every run of the step, and the
 // reader's one dispatch takes each element once.
 bool may_empty(const ir::Graph& graph, const StepSchedule& step, const Pass& pass, const ScatterSum& sum);
+
+// The map that may clear a sum at the elements that it lists, before anything is added: a scatter alone reads the sum,
+// in dispatches of its own for these elements, and all of them run in every run of the step.
+std::optional<PassId> may_clear_where_listed(const ir::Graph& graph, const StepSchedule& step, const Pass& pass,
+                                             const ScatterSum& sum);
+// The sums that a scatter reads so, and those that a map clears, which its shader binds.
+std::vector<ir::ValueId> sums_where_listed(const std::vector<Resource>& resources, const StepSchedule& step,
+                                           const Pass& scatter);
+uint32_t cleared_bound(const std::vector<Resource>& resources, const StepSchedule& step, PassId map);
 
 // Whether a sum by float atomics may be left zeros: one map alone reads it, in place, likewise.
 bool may_empty_floats(const ir::Graph& graph, const std::vector<Resource>& resources, const StepSchedule& step,

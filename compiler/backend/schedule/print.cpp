@@ -25,6 +25,7 @@ std::string_view storage_words(Resource::Storage storage) {
     case Resource::Storage::Bits: return "bits buffer";
     case Resource::Storage::Sums: return "sums buffer";
     case Resource::Storage::EmptiedSums: return "emptied sums buffer";
+    case Resource::Storage::ListedSums: return "listed sums buffer";
     case Resource::Storage::Emptied: return "emptied buffer";
     case Resource::Storage::Image: return "image";
     case Resource::Storage::Tile: return "tile";

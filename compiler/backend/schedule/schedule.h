@@ -21,7 +21,7 @@ using ResourceId = ir::Id<struct ResourceTag>;
 
 // A value that is stored. See compiler/backend/bundle/bundle.fbs for the layouts.
 struct Resource {
-  // What it is: a buffer of one of ten kinds, or an image.
+  // What it is: a buffer of one of eleven kinds, or an image.
   enum class Storage : uint8_t {
     Leaf,          // the memory of the leaf with its number
     StepIndex,     // the counter of a step's runs
@@ -32,6 +32,7 @@ struct Resource {
     Bits,          // of a raster, whether pixels see a face, 32 of a row in a word; see lowering/raster_entries.h
     Sums,          // fixed point sums; see lowering/keep_sums.h
     EmptiedSums,   // that their reader leaves zeros; see lowering/empty_sums.h
+    ListedSums,    // that the map which lists what reads them clears there; see lowering/clear_where_listed.h
     Emptied,       // sums by float atomics, a word a component, that their reader leaves zeros
     Image,
     Tile,  // an image that never leaves its render pass
@@ -43,7 +44,7 @@ struct Resource {
 
   bool is(Storage one) const { return storage == one; }
   bool is_entries() const { return is(Storage::Entries) || is(Storage::EpochEntries); }
-  bool is_sums() const { return is(Storage::Sums) || is(Storage::EmptiedSums); }
+  bool is_sums() const { return is(Storage::Sums) || is(Storage::EmptiedSums) || is(Storage::ListedSums); }
   bool is_emptied() const { return is(Storage::EmptiedSums) || is(Storage::Emptied); }
   bool is_buffer() const { return storage != Storage::Image && storage != Storage::Tile; }
   // Of 32 bits, of an element in a buffer.

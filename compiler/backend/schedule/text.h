@@ -69,10 +69,11 @@ namespace dr::backend {
 
 // Every storage, and the words of it: "half buffer".
 inline constexpr std::array kStorages = {
-    Resource::Storage::Leaf,    Resource::Storage::StepIndex, Resource::Storage::Buffer,
-    Resource::Storage::Halves,  Resource::Storage::Entries,   Resource::Storage::EpochEntries,
-    Resource::Storage::Bits,    Resource::Storage::Sums,      Resource::Storage::EmptiedSums,
-    Resource::Storage::Emptied, Resource::Storage::Image,     Resource::Storage::Tile};
+    Resource::Storage::Leaf,       Resource::Storage::StepIndex, Resource::Storage::Buffer,
+    Resource::Storage::Halves,     Resource::Storage::Entries,   Resource::Storage::EpochEntries,
+    Resource::Storage::Bits,       Resource::Storage::Sums,      Resource::Storage::EmptiedSums,
+    Resource::Storage::ListedSums, Resource::Storage::Emptied,   Resource::Storage::Image,
+    Resource::Storage::Tile};
 std::string_view storage_words(Resource::Storage storage);
 
 // The graph's text and the schedule's.

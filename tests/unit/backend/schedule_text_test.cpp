@@ -176,7 +176,8 @@ TEST_CASE("what is wrong with a schedule's text is said with its line") {
   CHECK(error_of(changed("buffer exp :", "bufer exp :")) ==
         "14: expected a storage (leaf, step_index buffer, buffer, half buffer, entries buffer, epoch entries buffer, "
         "bits "
-        "buffer, sums buffer, emptied sums buffer, emptied buffer, image, tile) and a resource's name before ':', "
+        "buffer, sums buffer, emptied sums buffer, listed sums buffer, emptied buffer, image, tile) and a resource's "
+        "name before ':', "
         "found 'bufer'");
   CHECK(error_of(changed("buffer sum :", "buffer exp :")) == "15: resource 'exp' is defined twice");
   CHECK(error_of(changed("%2 in exp", "%9 in exp")) == "19: the graph has no value %9");
