@@ -291,6 +291,7 @@ std::vector<OpInfo> arithmetic_ops() {
        .cost = 1,
        .recompute = Recompute::Always,
        .folds = Folds::Moves,
+       .zero = ZeroWhere::FirstIs,
        .infer = component_wise<1, kNumbers>,
        .eval =
            [](const EvalBatch& e) {

@@ -445,6 +445,73 @@ step run { edge <- edge - 0.01 * pull; shift <- shift + 1.0; output loss, pull; 
     }
 }
 
+// Listed elements with an adjoint of zero are left out before the first run: the sums are those of a scatter that runs
+// for all elements, whichever adjoints are zero, and whatever the others are.
+TEST_CASE("listed elements without an adjoint change no bit") {
+  const auto path = (std::filesystem::path(DR_BUILD_DIR) / "scatter_nonzero_test.dr").string();
+  std::ofstream(path) << R"(edition 1;
+param edge : vec2[V];
+param shift : float = 0.0;
+input at : float[P];
+input pull : vec2[P];
+let p = coord(64, 64).y * 64 + coord(64, 64).x;
+let first = (p + int(shift)) % edge.width;
+let crossed = if p % 3 == 0 {
+  reduce(sum, i in 0..40) { exp(sin(edge.at((first + i) % edge.width).x * float(i))) } > 40.0
+} else {
+  false
+};
+let covered = if crossed {
+  fold(i in 0..2 + p % 2, s = vec2(0.0), max = 3) { s + sin(edge.at((first + i) % edge.width)).yx }
+} else {
+  vec2(1.0)
+};
+let q = int(at + shift);
+let loss = sum(dot(pull, covered.at(ivec2(q % 64, q / 64))));
+let to_edge = grad(loss, edge);
+step run { shift <- shift + 1.0; edge <- edge + 0.0 * shift; output to_edge; }
+)";
+  std::mt19937 random(9);
+  std::uniform_real_distribution<float> share(0.0F, 1.0F);
+  std::vector<float> edge(2 * 97), at(2000), pull(2 * 2000);
+  for (float& x : edge) x = 3.0F * share(random);
+  for (float& x : at) x = std::floor(4000.0F * share(random));
+  for (float& x : pull) x = share(random) - 0.5F;
+  const auto once = [&](auto& program, float few, float factor) {
+    std::vector<float> pulls(pull);
+    for (size_t k = 0; k < pulls.size(); ++k) pulls[k] = pulls[k] > few ? 0.0F * pulls[k] : factor * pulls[k];
+    must(program.bind("edge", Array::from_floats(edge, 2)));
+    must(program.bind("at", Array::from_floats(at)));
+    must(program.bind("pull", Array::from_floats(pulls, 2)));
+    must(program.run("run"));
+    return std::vector<Array>{must(program.output("run", "to_edge"))};
+  };
+  auto in_turn = std::get<target::Profile>(target::load_profile(narrow()));
+  in_turn.lanes_in_turn = true;
+  for (const auto& [name, device] : test::devices())
+    for (const std::string& profile : {written(in_turn, "nonzero"), std::string("lavapipe")}) {
+      if (profile == "lavapipe" && name != "lavapipe") continue;
+      jit::Options options;
+      options.profile = profile, options.scatter = "exact";
+      const auto listed = compile(path, options);
+      const auto bundle = std::get<bundle::BundleT>(bundle::read(listed));
+      CHECK(
+          std::ranges::any_of(bundle.steps[0]->commands, [](const auto& c) { return c->label.ends_with(" nonzero"); }));
+      options.ablate = {"active"};
+      auto program = must(runtime::Program::load(device, listed)),
+           all = must(runtime::Program::load(device, compile(path, options)));
+      auto reference = must(jit::ReferenceProgram::load(listed));
+      for (const float few : {0.5F, -0.4F, -0.6F, 0.0F})
+        for (const float factor : {1.0F, 1e25F, 1e-30F, INFINITY, NAN, -2.0F}) {
+          INFO(name << ", profile " << profile << ", pulls up to " << few << ", factor " << factor);
+          const std::vector<Array> found = once(program, few, factor);
+          CHECK(same_bits(found, once(all, few, factor)));
+          const std::vector<Array> truth = once(reference, few, factor);
+          if (std::abs(factor) <= 2.0F && factor != 1e-30F) CHECK(distance(found[0], truth[0]) <= kTolerance);
+        }
+    }
+}
+
 TEST_CASE("rows follow an index that is bound anew") {
   const auto path = (std::filesystem::path(DR_BUILD_DIR) / "scatter_test.dr").string();
   const auto sets = data_sets();

@@ -126,6 +126,19 @@ ListingLoop::ListingLoop(Shader& shader, const ir::Extent& extent, bool runs, bo
   read_beside(shader_, beside);
 }
 
+ListingLoop::ListingLoop(Shader& shader, const ir::Extent& extent, const std::string& listed)
+    : shader_(shader), extent_(extent), runs_(true), listed_(listed) {
+  const std::string run = std::to_string(kRun);
+  linear_index(shader_,
+               "(int(" + listed + "(" + std::to_string(kListEnd) + ")) + " + std::to_string(kRun - 2) + ") / " + run);
+  shader_.body().line("int begin = index * " + run + ", end = min(begin + " + run + ", int(" + listed + "(" +
+                      std::to_string(kListEnd) + ")) - 1);");
+  shader_.body().line("for (int item = begin; item < end; ++item) {");
+  shader_.push_scope();
+  shader_.body().line("int element = int(" + listed + "(" + std::to_string(kListHead) + " + item));");
+  place_from_index(shader_, extent, "element");
+}
+
 int ListingLoop::each() const { return runs_ ? kRun : 1; }
 
 void ListingLoop::add(const std::string& list, bool together, int shares) {
@@ -137,13 +150,16 @@ void ListingLoop::add(const std::string& list, bool together, int shares) {
     lists_.push_back(list);
     shader_.declare("uint " + members(list) + " = 0u;\n");
   }
-  shader_.body().line(members(list) + " |= 1u << uint(element - begin);");
+  shader_.body().line(members(list) + " |= 1u << uint(" + (listed_.empty() ? "element" : "item") + " - begin);");
 }
 
 std::string ListingLoop::close() {
   if (!runs_) return element_count(extent_).str();
   shader_.pop_scope();
   shader_.body().line("}");
+  const std::string item = "begin + findLSB(members)",
+                    element = listed_.empty() ? "uint(" + item + ")"
+                                              : listed_ + "(" + std::to_string(kListHead) + " + " + item + ")";
   for (const std::string& list : lists_) {
     const std::string end = std::to_string(kListEnd), head = std::to_string(kListHead);
     shader_.declare("void append_run_to_" + list + "(int begin, uint members) {\n" +
@@ -152,8 +168,8 @@ std::string ListingLoop::close() {
                     list + ".d[" + end +
                     "], uint(bitCount(members))) - 1u;\n"
                     "  for (; members != 0u; members &= members - 1u) " +
-                    list + ".d[" + head +
-                    "u + place++] = uint(begin + findLSB(members));\n"
+                    list + ".d[" + head + "u + place++] = " + element +
+                    ";\n"
                     "  atomicMax(" +
                     list + ".d[0], min((place + 63u) / 64u, 65535u));\n" +
                     count_rows(extent_, 64, list, "((place + 63u) / 64u + 65534u) / 65535u") + "  }\n}\n");

@@ -34,6 +34,8 @@ class ListingLoop {
   // Opens it: behind, `at` is an element's place.
   ListingLoop(glsl::Shader& shader, const ir::Extent& extent, bool runs, bool tiles = false,
               const RunReads& shared = {});
+  // Of the elements of an extent that stand on a list already, whose words this function reads, in runs.
+  ListingLoop(glsl::Shader& shader, const ir::Extent& extent, const std::string& listed);
   // Adds the element to a list, whose words are bound. `together`, `shares`: see append().
   void add(const std::string& list, bool together = false, int shares = 1);
   // A statement: is done with the element.
@@ -48,6 +50,7 @@ class ListingLoop {
   glsl::Shader& shader_;
   const ir::Extent extent_;
   const bool runs_;
+  const std::string listed_;
   std::vector<std::string> lists_;
 };
 

@@ -144,6 +144,21 @@ ir::Dim looking_for_guesses(const ir::Extent& domain) {
 
 ir::Dim words_of_head(bool wide) { return wide ? 2 * kHead : kHead; }
 
+std::string Generator::anything_added(Shader& s, ValueId sum, const std::string& element) const {
+  const Resource& r = resource(sum);
+  const bool wide = wide_atomics();
+  if (wide) wide_extensions(s);
+  const uint32_t words = resource_index(sum);
+  const std::string word = s.read_words(words, "sums_" + std::to_string(words), sum_word());
+  const Flags flags(r.type, r.extent, wide);
+  std::string out =
+      "(uint(" + word + "(" + flags.word(element) + ") >> " + flags.shift(element) + ") & " + flags.mask() + ") != 0u";
+  const int n = r.type.components() * (wide ? 1 : 2);
+  for (int k = 0; k < n; ++k)
+    out += " || " + word + "(" + word_of(r.extent, element, n, k, wide) + ") != " + std::string(sum_word()) + "(0)";
+  return out;
+}
+
 void Generator::clear_listed(Shader& s, const Pass& map, const Pass& scatter) {
   const bool wide = wide_atomics();
   for (const ValueId v : sums_where_listed(schedule_.resources, *step_, scatter)) {
@@ -228,7 +243,8 @@ std::string Generator::find_largest(Shader& s, const Pass& pass, const Target& t
   const ir::Type& type = t.accumulator.type;
   s.declare("uint largest_" + id + " = 0u" + (t.most < 0 ? ", count_" + id + " = 0u" : "") + ";\n");
   std::string out;
-  if (t.most < 0) out += "    ++count_" + id + ";\n";
+  // A zero is none, so that the exponent does not depend on which elements run that add nothing.
+  if (t.most < 0) out += "    if ((" + any_bits(type, "value") + ") != 0u) ++count_" + id + ";\n";
   for (int c = 0; c < type.components(); ++c)
     out += "    largest_" + id + " = max(largest_" + id + ", finite_magnitude(" + component(type, "value", c) + "));\n";
   if (t.special != 0)

@@ -190,6 +190,8 @@ class Generator {
   std::vector<const Pass*> listed_for(const Pass& pass) const;
   // What lies behind the names of the list of a scatter where a map makes it.
   std::string list_suffix(const Pass& scatter) const;
+  // Of a list, the elements that may add something by values which were not there yet when that was made.
+  uint32_t list_nonzero(const Pass& pass, uint32_t listed);
   // A condition: whether an element is active.
   std::string active_condition(glsl::Shader& shader, const Clauses& clauses) const;
   // Stores what a map pass writes at an element and lists it for these scatters; `loop`: that the shader runs, if it
@@ -198,6 +200,8 @@ class Generator {
                      ListingLoop* loop = nullptr, bool apart = false);
   // Those that are stored where the scatter is active, and that it reads.
   void store_partial(glsl::Shader& shader, const Pass& pass, const Pass& scatter);
+  // Whether a sum in fixed point got anything but zeros.
+  std::string anything_added(glsl::Shader& shader, ir::ValueId sum, const std::string& element) const;
   // Zeros in the sums that a scatter reads at an element which the map lists for it.
   void clear_listed(glsl::Shader& shader, const Pass& map, const Pass& scatter);
   void store_changed(glsl::Shader& shader, const Pass& pass, ir::ValueId value);

@@ -115,6 +115,27 @@ uint32_t Generator::list_active(const Pass& pass) {
   return list;
 }
 
+uint32_t Generator::list_nonzero(const Pass& pass, uint32_t listed) {
+  const uint32_t list = add_list(pass, "nonzero", bundle::ListKind::Active);
+  Shader s = shader();
+  ListingLoop loop(s, pass.domain, s.read_words(listed, "listed_elements"));
+  // Words tell it of exact sums; a float of them takes as long as ten of these questions.
+  std::string nonzero;
+  for (const ValueId v : pass.get<ScatterPass>().nonzero()) {
+    const ir::Type& type = graph_.value(v).type;
+    const bool exact = resource(v).is_sums() && !adds_in_bins(resource(v).extent);
+    nonzero +=
+        (nonzero.empty() ? "(" : ") && (") + (exact ? anything_added(s, v, "element") : is_not_zero(type, s.use(v)));
+  }
+  s.body().line("if (" + nonzero + ")) {");
+  loop.add(s.bind_words(list, "nonzero_elements", bundle::Access::ReadWrite));
+  s.body().line("}");
+  loop.close();
+  leave_guesses(s, pass);
+  dispatch(pass, " nonzero", s, element_count(pass.domain).str()).indirect = static_cast<int>(listed);
+  return list;
+}
+
 std::string Generator::active_condition(Shader& s, const Clauses& clauses) const {
   std::string active;
   for (const auto& clause : clauses) {
@@ -356,7 +377,9 @@ void Generator::scatter_pass(const Pass& pass) {
     for (const Target& t : targets_.at(&pass)) resolve_apart(pass, t);
     return;
   }
-  const uint32_t list = !listed ? 0 : scatter.lister() ? active_lists_.at(&pass) : list_active(pass);
+  uint32_t list = !listed ? 0 : scatter.lister() ? active_lists_.at(&pass) : list_active(pass);
+  const bool sifts = !scatter.nonzero().empty();
+  if (sifts) list = list_nonzero(pass, list);
   uint32_t adding = 0;
   if (lists) adding = add_list(pass, "adding", bundle::ListKind::Active);
   const std::vector<Target> targets = joined ? targets_.at(&pass) : scatter_targets(pass);
@@ -373,7 +396,7 @@ void Generator::scatter_pass(const Pass& pass) {
     if (joins_parts && !scatter.cut()) index_in_tiles(s, pass.domain);
     place_from_index(s, pass.domain);
   }
-  if (listed) leave_guesses(s, pass);
+  if (listed && !sifts) leave_guesses(s, pass);
   std::string finish;
   std::vector<ir::OpId> ops = element_ops(pass);
   const Cut cut = this->cut(s, pass, scatter.cut(), lists || listed ? "element" : "index");

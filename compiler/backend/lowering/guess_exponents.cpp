@@ -57,7 +57,9 @@ void guess_exponents(const ir::Graph& graph, const target::Profile& profile, Sch
         exact.joins_pairs = false;
         exact.joins_groups = groups_may_join(graph, profile, step, pass);
       } else {
-        std::get<OwnFirstRun>(exact.first_run).relists = false;
+        auto& own = std::get<OwnFirstRun>(exact.first_run);
+        own.relists = false;
+        own.nonzero.clear();
         exact.shares_loops = scatter->active_list() != nullptr && have_loop_that_only_scatters(graph, pass.ops) &&
                              !needs_cut(trips_of(graph, pass.ops), profile);
       }

@@ -6,6 +6,7 @@
 #include "compiler/backend/analysis/bins.h"
 #include "compiler/backend/analysis/scatter_leaves.h"
 #include "compiler/backend/analysis/uses.h"
+#include "compiler/backend/analysis/zero_without.h"
 #include "compiler/backend/lowering/heavy_branches.h"
 #include "compiler/backend/lowering/scatter_active.h"
 #include "compiler/backend/lowering/scatter_costs.h"
@@ -87,6 +88,48 @@ void forget_conditions(const ir::Graph& graph, StepSchedule& step, Pass& lister,
   }
 }
 
+// What a map may list before an adjoint is there: elements that take one of its heavy branches, which are few.
+struct Listing {
+  PassId by;
+  Clauses clauses;
+  std::vector<ValueId> zeros;  // of those left out of the clauses: where one is zero, the element adds nothing
+};
+
+bool computes(const ir::Graph& graph, const Pass& pass, ValueId v) {
+  return std::ranges::find(pass.ops, graph.value(v).op) != pass.ops.end();
+}
+
+// The values of clauses that a map computes, if each clause keeps one, and one at least is false without the branches.
+std::optional<Clauses> computed_clauses(const ir::Graph& graph, const Pass& map, const Clauses& clauses,
+                                        std::span<const ir::OpId> heavy) {
+  Clauses out;
+  for (std::vector<ValueId> clause : clauses) {
+    std::erase_if(clause, [&](ValueId v) { return !computes(graph, map, v); });
+    if (std::ranges::none_of(clause, [&](ValueId v) { return is_zero_without(graph, v, heavy); })) return {};
+    if (std::ranges::find(out, clause) == out.end()) out.push_back(std::move(clause));
+  }
+  return out;
+}
+
+std::optional<Listing> list_early(const ir::Graph& graph, const target::Profile& profile, const StepSchedule& step,
+                                  size_t scatter, const Clauses& clauses) {
+  for (size_t k = scatter; k-- > 0;) {
+    const Pass& map = step.passes[k];
+    if (!map.is<MapPass>() || map.domain != step.passes[scatter].domain) continue;
+    const auto heavy = heavy_branches(graph, map, trips_of(graph, map.ops), profile);
+    if (heavy.empty()) continue;
+    auto computed = computed_clauses(graph, map, clauses, heavy);
+    if (!computed) continue;
+    std::vector<ValueId> zeros = clauses[0];
+    std::erase_if(zeros, [&](ValueId v) {
+      return !contains(step.passes[scatter].reads, v) || computes(graph, map, v) ||
+             std::ranges::any_of(clauses, [&](const std::vector<ValueId>& c) { return !contains(c, v); });
+    });
+    return Listing{pass_id(k), std::move(*computed), std::move(zeros)};
+  }
+  return std::nullopt;
+}
+
 void choose_listers(const ir::Graph& graph, const target::Profile& profile, const Schedule& schedule,
                     StepSchedule& step) {
   for (size_t k = 0; k < step.passes.size(); ++k) {
@@ -94,8 +137,13 @@ void choose_listers(const ir::Graph& graph, const target::Profile& profile, cons
     auto* sums = step.passes[k].as<ScatterPass>();
     ActiveList* active = sums == nullptr ? nullptr : sums->active_list();
     if (active == nullptr) continue;
-    const auto by = find_lister(graph, step, k, active->clauses);
-    if (!by) continue;
+    std::optional<Listing> early;
+    auto by = find_lister(graph, step, k, active->clauses);
+    if (!by) {
+      early = list_early(graph, profile, step, k, active->clauses);
+      if (!early) continue;
+      by = early->by;
+    }
     const Pass& pass = step.pass(*by);
     // Both run whenever the step does: else one could be left out without the other.
     if (!pass.steady || !scatter.steady) continue;
@@ -105,7 +153,13 @@ void choose_listers(const ir::Graph& graph, const target::Profile& profile, cons
     for (const Pass* other : others)
       if (const auto& sums_of = other->get<ScatterPass>(); sums_of.joined_run() != nullptr)
         own.more += static_cast<uint32_t>(sums_of.sums.size());
-    if (fits(profile, own)) active->listed_by = *by;
+    if (!fits(profile, own)) continue;
+    active->listed_by = *by;
+    if (!early) continue;
+    active->clauses = std::move(early->clauses);
+    // A GPU's dispatch takes longer than what it would save.
+    if (ExactScatter* exact = sums->exact(); exact != nullptr && profile.lanes_in_turn)
+      std::get<OwnFirstRun>(exact->first_run).nonzero = std::move(early->zeros);
   }
 }
 

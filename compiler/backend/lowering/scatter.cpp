@@ -365,7 +365,7 @@ class StepLegalizer {
     if (Clauses clauses = active_elements(graph_, pass); !clauses.empty())
       run.active = ActiveList{std::move(clauses), OwnList{}};
     std::visit(Overloaded{[&](ExactScatter& exact) {
-                            exact.first_run = OwnFirstRun{std::move(run), true};
+                            exact.first_run = OwnFirstRun{std::move(run), true, {}};
                           },
                           [](RowsScatter&) {}, [&](auto& by) { by.run = std::move(run); }},
                scatter.how);

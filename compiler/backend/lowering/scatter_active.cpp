@@ -109,16 +109,37 @@ class ActiveElements {
         for (const size_t k : {0u, 1u})
           if (finite_constant(op.operands[1 - k])) return with_self(zero_with(op.operands[k]));
         break;
-      case ops::ZeroWhere::BothSidesAre: return with_self(both(zero_with(op.operands[1]), zero_with(op.operands[2])));
+      case ops::ZeroWhere::BothSidesAre: {
+        const ValueId yes = op.operands[1], no = op.operands[2];
+        return with_self(or_asked(both(zero_with(yes), zero_with(no)), op.operands[0], yes, no));
+      }
       case ops::ZeroWhere::BranchesAre: {
         Zeros zeros;
         if (op.attrs.yields[info.result_index] != ir::Yield::Element) break;
         for (const ir::RegionId region : op.regions)
           zeros = both(zeros, zero_with(ir::yielded(graph_, op, region)[info.result_index].value));
+        if (op.kind == OpKind::If)
+          zeros = or_asked(std::move(zeros), op.operands[0],
+                           ir::yielded(graph_, op, op.regions[0])[info.result_index].value,
+                           ir::yielded(graph_, op, op.regions[1])[info.result_index].value);
         return with_self(zeros);
       }
     }
     return self;
+  }
+
+  // Of a choice that asks whether a value is zero, and then is zero itself, those with which that one is, too:
+  // if g != 0 { g * x } else { 0 }
+  Zeros or_asked(Zeros zeros, ValueId condition, ValueId yes, ValueId no) const {
+    const ir::OpId by = graph_.value(condition).op;
+    if (!zeros || !by.valid()) return zeros;
+    const Op& asks = graph_.op(by);
+    if (asks.kind != OpKind::Equal && asks.kind != OpKind::NotEqual) return zeros;
+    if (zero_with(asks.kind == OpKind::Equal ? yes : no)) return zeros;
+    for (const size_t k : {0u, 1u})
+      if (!zero_with(asks.operands[1 - k]))
+        if (const Zeros& asked = zero_with(asks.operands[k])) zeros->insert(asked->begin(), asked->end());
+    return zeros;
   }
 
   const Graph& graph_;

@@ -78,6 +78,12 @@ bool ScatterPass::relists() const {
   return own != nullptr && own->relists;
 }
 
+const std::vector<ir::ValueId>& ScatterPass::nonzero() const {
+  static const std::vector<ir::ValueId> kNone;
+  const auto* own = exact() == nullptr ? nullptr : std::get_if<OwnFirstRun>(&exact()->first_run);
+  return own == nullptr ? kNone : own->nonzero;
+}
+
 bool ScatterPass::keeps_terms() const {
   const auto* joined = exact() == nullptr ? nullptr : std::get_if<JoinedFirstRun>(&exact()->first_run);
   return joined != nullptr && joined->keeps_terms;

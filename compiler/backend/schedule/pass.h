@@ -174,6 +174,8 @@ inline constexpr uint32_t kMaxJoinedLanes = 128;
 
 struct OwnFirstRun : OwnRun {
   bool relists = false;  // it lists what adds something for the second
+  // Listed elements where one of these is zero add nothing. A dispatch lists the others for it.
+  std::vector<ir::ValueId> nonzero;
 };
 struct JoinedFirstRun : JoinedRun {
   // It keeps what elements add, as far as there is room: the second then need not compute it again.
@@ -264,6 +266,7 @@ struct ScatterPass {
   void join_lister();
 
   bool relists() const;
+  const std::vector<ir::ValueId>& nonzero() const;  // see OwnFirstRun
   bool keeps_terms() const;
   bool runs_again() const;  // see JoinedFirstRun::again
   bool asks() const;        // see JoinedFirstRun::asks

@@ -247,6 +247,8 @@ bool PassReader::decides(ScatterPass& scatter, ExactScatter& exact, bool& ok) {
     joined->again = true;
   } else if (own != nullptr && take_word("relist")) {
     own->relists = true;
+  } else if (own != nullptr && own->relists && take_word("if")) {
+    ok = expect_word("not") && expect_word("zero") && values(own->nonzero);
   } else if (take_word("guesses")) {
     ok = exact.guesses = expect_word("exponents");
     if (ok && joined != nullptr && take(',')) ok = joined->asks = expect_word("asked");

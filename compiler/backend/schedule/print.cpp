@@ -197,6 +197,7 @@ class Writer {
     if (scatter.joins_pairs()) out_ += "    join pairs\n";
     if (scatter.joins_runs() > 0) out_ += "    join runs of " + std::to_string(scatter.joins_runs()) + "\n";
     if (scatter.relists()) out_ += "    relist\n";
+    write_values("    if not zero", scatter.nonzero());
     if (!scatter.no_rows().empty()) out_ += "    no rows " + ir::quoted_text(scatter.no_rows()) + "\n";
     if (const auto* rows = std::get_if<RowsScatter>(&scatter.how)) write_rows(*rows);
     const ActiveList* list = scatter.active_list();

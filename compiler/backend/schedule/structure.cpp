@@ -261,6 +261,8 @@ class StructureChecker {
     for (const std::vector<ValueId>& clause : scatter.clauses())
       if (clause.empty() || !std::ranges::all_of(clause, [&](ValueId v) { return is_root(v); }))
         bad("is active by a value of a region");
+    for (const ValueId v : scatter.nonzero())
+      if (!holds(pass_->reads, v)) bad("runs if what it does not read is not zero");
     check_cut(scatter.cut());
     if (const auto* rows = std::get_if<RowsScatter>(&scatter.how)) check_rows(*rows);
   }

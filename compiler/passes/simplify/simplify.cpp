@@ -39,7 +39,8 @@ class Round {
  public:
   Round(const Graph& from, const Skips& skips)
       : from_(from),
-        emitter_(to_, skips, !has_gradients(from)),
+        differentiates_(has_gradients(from)),
+        emitter_(to_, skips, !differentiates_),
         map_(from.value_count()),
         needed_(from.value_count(), !skips.dead),
         target_(from.value_count()) {
@@ -145,7 +146,7 @@ class Round {
   // A state is needed where a result that it becomes is, or where what is needed is made of it.
   void find_needed_of_fold(const Op& op) {
     const FoldUse use = fold_use(from_, op, [&](ValueId id) { return static_cast<bool>(needed_[id.index]); });
-    if (use.drops(op) || hands_on(op)) is_unfinished_ = true;
+    if (use.drops(op) || hands_on(op) || keeps_a_state(op)) is_unfinished_ = true;
     need(op.operands[0]);
     need(op.operands[1]);
     for (size_t sweep = 0; sweep < fold_sweeps(op); ++sweep) {
@@ -328,6 +329,24 @@ class Round {
     return true;
   }
 
+  // Whether no trip changes a state, which then is what it starts from, for what is within the loop and for its result.
+  // An adjoint that loops hand on is such a state:  fold(x = g) { ... x * y ...; x }  =>  ... g * y ... Gradients that
+  // are still to come would add up in another order.
+  bool is_kept(const Op& op, size_t sweep, size_t k) const {
+    const ValueId start = fold_starts(op, sweep)[k], param = fold_params(from_, op, sweep, sweep)[k];
+    const auto alike = [&](ValueId v) {
+      return from_.value(v).type == from_.value(start).type && from_.value(v).extent == from_.value(start).extent;
+    };
+    if (differentiates_ || fold_next(from_, op, sweep)[k] != param || !alike(param)) return false;
+    return sweep + 1 < fold_sweeps(op) || alike(op.results[k]);
+  }
+  bool keeps_a_state(const Op& op) const {
+    for (size_t sweep = 0; sweep < fold_sweeps(op); ++sweep)
+      for (size_t k = 0; k < fold_starts(op, sweep).size(); ++k)
+        if (is_kept(op, sweep, k)) return true;
+    return false;
+  }
+
   // A Fold without the states and results that nobody needs. Sweeps that are left in one direction, where the one
   // between them carries nothing, become one: its region does at each trip what theirs do.
   void rebuild_fold(const Op& op) {
@@ -379,6 +398,9 @@ class Round {
     }
     const OpId now = to_.add(op.kind, std::move(operands), types, std::move(attrs), std::move(regions), op.span);
     finish(results, shared ? emitter_.share(now) : now, joined);
+    const size_t last = fold_sweeps(op) - 1;
+    for (size_t k = 0; k < fold_states(op, last); ++k)
+      if (use.results[k] && is_kept(op, last, k)) map_.set(op.results[k], map_[fold_starts(op, last)[k]]);
   }
 
   // The region of sweeps that are one now; `before` are all sweeps up to them that are left.
@@ -401,8 +423,11 @@ class Round {
       for (const size_t of : before) {
         if (of > sweep) break;
         const std::span<const ValueId> states = fold_params(from_, op, sweep, of);
-        for (size_t k = 0; k < states.size(); ++k)
-          if (use.states[of][k]) enter(states[k], to_.graph().region(now).params[at++], true);
+        for (size_t k = 0; k < states.size(); ++k) {
+          if (!use.states[of][k]) continue;
+          enter(states[k], to_.graph().region(now).params[at++], true);
+          if (is_kept(op, of, k)) map_.set(states[k], map_[fold_starts(op, of)[k]]);
+        }
       }
       for (OpId inner : from_.region(op.regions[sweep]).ops) rebuild(inner);
       for (ValueId yield : use.yields[sweep]) append_yield(yield, yields);
@@ -552,6 +577,7 @@ class Round {
   }
 
   const Graph& from_;
+  const bool differentiates_;  // there are gradients to come
   Builder to_;
   Emitter emitter_;
   ValueMap map_;
