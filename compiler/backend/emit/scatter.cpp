@@ -123,9 +123,10 @@ uint32_t Generator::list_nonzero(const Pass& pass, uint32_t listed) {
   std::string nonzero;
   for (const ValueId v : pass.get<ScatterPass>().nonzero()) {
     const ir::Type& type = graph_.value(v).type;
-    const bool exact = resource(v).is_sums() && !adds_in_bins(resource(v).extent);
-    nonzero +=
-        (nonzero.empty() ? "(" : ") && (") + (exact ? anything_added(s, v, "element") : is_not_zero(type, s.use(v)));
+    const ir::Extent& extent = resource(v).extent;
+    const bool exact = resource(v).is_sums() && !adds_in_bins(extent);
+    const std::string at = extent == pass.domain ? "element" : Shader::element_index(extent, "at");
+    nonzero += (nonzero.empty() ? "(" : ") && (") + (exact ? anything_added(s, v, at) : is_not_zero(type, s.use(v)));
   }
   s.body().line("if (" + nonzero + ")) {");
   loop.add(s.bind_words(list, "nonzero_elements", bundle::Access::ReadWrite));
