@@ -162,19 +162,14 @@ class StepCode {
     heavy.apart = profile_.lanes_in_turn || profile_.loop_trips > 0 ? 0 : profile_.subgroup_size;
     heavy.shares_loops = share_loops(graph_, heavy.ops, profile_);
     if (heavy.shares_loops) heavy.apart = std::min<uint32_t>(heavy.apart, kLoopShares);
-    if (!heavy.cut && has_room_for_two_lists(pass, id))
-      heavy.unlikely = unlikely_branches(graph_, pass, heavy.ops, profile_);
+    if (!heavy.cut && has_room_for_two_lists(id)) heavy.unlikely = unlikely_branches(graph_, pass, heavy.ops, profile_);
     return heavy;
   }
 
   // Whether a shader that reads a list of elements and lists some of them has room for both.
-  bool has_room_for_two_lists(const Pass& pass, PassId id) const {
-    Bindings all = bindings_of(schedule_.resources, resources_of(step_, pass.reads), pass.writes.size());
-    const std::vector<const Pass*> scatters = listed_for(step_, id);
-    for (const Pass* scatter : scatters)
-      if (scatter->get<ScatterPass>().joined_run() != nullptr)
-        all = joined_bindings(schedule_.resources, step_, *scatter);
-    all.more += 2 + lists_bound(scatters.size()) + cleared_bound(schedule_.resources, step_, id);
+  bool has_room_for_two_lists(PassId id) const {
+    Bindings all = listing_bindings(schedule_.resources, step_, id);
+    all.more += 2;
     return fits(profile_, all);
   }
 

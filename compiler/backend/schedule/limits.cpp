@@ -146,6 +146,16 @@ uint32_t cleared_bound(const std::vector<Resource>& resources, const StepSchedul
   return static_cast<uint32_t>(out);
 }
 
+Bindings listing_bindings(const std::vector<Resource>& resources, const StepSchedule& step, PassId map) {
+  const Pass& pass = step.pass(map);
+  Bindings out = bindings_of(resources, resources_of(step, pass.reads), pass.writes.size());
+  const std::vector<const Pass*> scatters = listed_for(step, map);
+  for (const Pass* scatter : scatters)
+    if (scatter->get<ScatterPass>().joined_run() != nullptr) out = joined_bindings(resources, step, *scatter);
+  out.more += lists_bound(scatters.size()) + cleared_bound(resources, step, map);
+  return out;
+}
+
 bool may_empty_floats(const ir::Graph& graph, const std::vector<Resource>& resources, const StepSchedule& step,
                       const Pass& pass, const ScatterSum& sum) {
   const Resource& r = resources[step.stored.at(sum.value).index];

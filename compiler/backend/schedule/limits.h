@@ -69,6 +69,8 @@ std::optional<PassId> may_clear_where_listed(const ir::Graph& graph, const StepS
 std::vector<ir::ValueId> sums_where_listed(const std::vector<Resource>& resources, const StepSchedule& step,
                                            const Pass& scatter);
 uint32_t cleared_bound(const std::vector<Resource>& resources, const StepSchedule& step, PassId map);
+// What the shader of a map binds with all that it lists, adds and clears for scatters.
+Bindings listing_bindings(const std::vector<Resource>& resources, const StepSchedule& step, PassId map);
 
 // Whether a sum by float atomics may be left zeros: one map alone reads it, in place, likewise.
 bool may_empty_floats(const ir::Graph& graph, const std::vector<Resource>& resources, const StepSchedule& step,
